@@ -1,0 +1,171 @@
+"""Candidate models side by side: rungs of a ladder, and the table of all subsets with the one-standard-error choice."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .criteria import aicc, bic, log_evidence, weights
+from .design import Model
+from .errors import NotEstimable
+from .fit import Fit, fit
+from .folds import cross_validate, fold, held_out_residuals
+from .measurements import Index
+from .rigid import Array
+from .scene import Scene
+from .screws import Mechanism
+from .search import all_subsets, single_f
+from .validate import Errors, errors
+
+MOST = 12      # mechanisms in the table of all subsets
+SHOWN = 12     # rows of it that are fitted exactly and listed
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """One scene, split: `estimation` and `held_out` row masks, `outlying` rows, folds of the estimation rows."""
+
+    scene: Scene
+    estimation: NDArray[np.bool_]
+    outlying: NDArray[np.bool_]
+    folds: Index                                    # (m,) −1 where a row is not used to fit
+    known_sigma: bool
+
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """Rows that fit: estimation without outliers."""
+        return self.estimation & ~self.outlying
+
+    def training(self) -> Scene:
+        """The scene of the rows that fit."""
+        return self.scene.take(self.used)
+
+    def training_folds(self) -> Index:
+        """Folds of the rows that fit, numbered without gaps."""
+        return np.asarray(np.unique(self.folds[self.used], return_inverse=True)[1].reshape(-1), dtype=np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """One model, measured: exact fit, errors on both sides of the split, cross-validation, criteria."""
+
+    names: tuple[str, ...]
+    parameters: int
+    rank: int
+    estimation: Errors
+    held_out: Errors
+    cv_rms_mm: float | None
+    cv_mean_mm: float | None
+    aicc: float | None
+    bic: float | None
+    fit: Fit | None = field(repr=False)
+    residual: Array = field(repr=False)             # (m, c) of every row
+    weight: float | None = None
+    note: str = ""
+
+
+def rung(data: Data, model: Model, names: Sequence[str], precision: Array | None = None, fitted: Fit | None = None) -> Rung:
+    """Fit a model on the estimation rows, exactly, and measure it everywhere."""
+    training, folds_of = data.training(), data.training_folds()
+    if fitted is None:
+        fitted = fit(training, model, precision=precision)
+    residual = fitted.residuals(data.scene)
+    held, n = ~data.estimation, fitted.rows
+    note, mean, rms = "", None, None
+    if fitted.theta.size and fitted.precision is None:
+        try:
+            cv = cross_validate(fold(training, model.terms, folds_of, fitted.at()), fitted.found.kept)
+            left = np.linalg.norm(held_out_residuals(training, model.terms, folds_of, cv.without, fitted.at()), axis=1)
+            mean, rms = float(left.mean()), float(np.sqrt(np.square(left).mean()))
+        except NotEstimable:
+            note = "not estimable without one of the folds"
+    elif not fitted.theta.size:
+        size = np.linalg.norm(residual[data.used][:, :3], axis=1)
+        mean, rms = float(size.mean()), float(np.sqrt(np.square(size).mean()))
+    sigma, rank = 1.0 if data.known_sigma else None, n - fitted.freedom
+    corrected = float(aicc(fitted.rss, n, rank, sigma))
+    return Rung(tuple(names), len(fitted.theta), fitted.rank, errors(residual[data.estimation], data.outlying[data.estimation]),
+                errors(residual[held], data.outlying[held]), rms, mean, corrected if np.isfinite(corrected) else None,
+                float(bic(fitted.rss, n, rank, sigma)), fitted, residual, note=note)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The table of subsets: how many were compared, the best by cross-validation, the one-standard-error choice."""
+
+    compared: int
+    best: tuple[Rung, ...]
+    choice: tuple[str, ...]
+    considered: tuple[str, ...]
+    set_aside: tuple[str, ...]
+
+
+def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechanism], base_names: Sequence[str]) -> Comparison:
+    """All subsets of at most twelve candidates (those of largest single F) on the base, linear about the base's fit."""
+    training, folds_of = data.training(), data.training_folds()
+    everything = base + tuple(candidates)
+    terms = everything.terms
+    folded = fold(training, terms, folds_of, base_fit.at())
+    place = {t.screws: k for k, t in enumerate(terms)}
+    kept_base = list(base_fit.found.kept)
+    groups = [[place[t.screws] for t in c.terms if place[t.screws] >= len(base.terms)] for c in candidates]
+    usable = [g for g, columns in enumerate(groups) if columns]
+    F = single_f(folded, kept_base, [groups[g] for g in usable])
+    ranked = [usable[k] for k in np.argsort(-F, kind="stable") if F[k] > 0]
+    chosen = sorted(ranked[:MOST])
+    aside = tuple(candidates[g].name for g in range(len(candidates)) if g not in chosen)
+    subsets = all_subsets(folded, kept_base, _disjoint([groups[g] for g in chosen]))
+    total, n = subsets.held_out.sum(1), int(folded.rows.sum())
+    saturated = n - subsets.rank < 2
+    best = int(np.argmin(np.where(saturated, np.inf, total)))
+    spread = np.sqrt(subsets.held_out.shape[1] * (subsets.held_out - subsets.held_out[best]).var(1, ddof=1))
+    within = (total - total[best] <= spread) & ~saturated
+    least = np.flatnonzero(within & (subsets.rank == subsets.rank[within].min()))
+    pick = int(least[np.argmin(total[least])])
+    evidence = log_evidence(subsets.rss, float(subsets.rss[0]), n, int(subsets.rank[0]), subsets.rank - subsets.rank[0])
+    weight = weights(-2 * (evidence + _multiplicity(subsets.members)))
+    by_bic, by_aicc = (int(np.argmin(c(subsets.rss, n, subsets.rank))) for c in (bic, aicc))
+    rows = list(dict.fromkeys([pick, *np.argsort(total, kind="stable")[:SHOWN].tolist(), by_bic, by_aicc]))[:SHOWN]
+    out = []
+    for s in rows:
+        some = [candidates[chosen[g]] for g in np.flatnonzero(subsets.members[s])]
+        notes = [text for text, true in (
+            ("one-standard-error choice", s == pick), ("lowest CV", s == best),
+            ("not distinguishable from the lowest CV", s != best and total[s] - total[best] < 2 * spread[s]),
+            ("lowest BIC: criteria disagree", s == by_bic != best), ("lowest AICc: criteria disagree", s == by_aicc != best),
+            ("saturated", bool(saturated[s])),
+            ("alias group: some columns depend on others", subsets.rank[s] - len(kept_base) < sum(
+                len(groups[chosen[g]]) for g in np.flatnonzero(subsets.members[s])))) if true]
+        try:
+            one = rung(data, base + tuple(some), (*base_names, *(m.name for m in some)))
+        except NotEstimable:
+            continue
+        out.append(replace(one, weight=float(weight[s]), note="; ".join([*notes, *([one.note] if one.note else [])])))
+    choice = tuple(candidates[chosen[g]].name for g in np.flatnonzero(subsets.members[pick]))
+    return Comparison(len(subsets.rss), tuple(out), (*base_names, *choice), tuple(candidates[g].name for g in chosen), aside)
+
+
+def _disjoint(groups: list[list[int]]) -> list[list[int]]:
+    """A column that two mechanisms share enters with each: the sweep finds the second copy dependent and skips it."""
+    return [list(dict.fromkeys(columns)) for columns in groups]
+
+
+def _multiplicity(members: NDArray[np.bool_]) -> Array:
+    """ln of the Beta-binomial(1, 1) model prior: 1 / [(G+1) C(G, s)] (Scott & Berger 2010)."""
+    from scipy.special import gammaln
+    G, s = members.shape[1], members.sum(1)
+    return np.asarray(gammaln(s + 1) + gammaln(G - s + 1) - gammaln(G + 2))
+
+
+def applicable(scene: Scene, base: Model, mechanisms: Sequence[Mechanism]) -> tuple[Mechanism, ...]:
+    """Those whose causes the data carry, that are not in the base, and whose columns the base does not already span."""
+    names, inside = scene.names(), {t.screws for t in base.terms}
+    out = []
+    for mechanism in mechanisms:
+        if mechanism.names() <= names.keys() and not {t.screws for t in mechanism.terms} <= inside:
+            out.append(mechanism)
+    return tuple(out)
+
+

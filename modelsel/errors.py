@@ -1,0 +1,63 @@
+"""Named errors: each carries its data, says the remedy, and knows its exit status."""
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+
+
+class ModelselError(Exception):
+    """Anything modelsel says to a user; `exit_code` is the command's exit status."""
+
+    exit_code = 1
+
+
+class StudyError(ModelselError):
+    """The study, the robot file or the command line is wrong: every problem, each with its place."""
+
+    exit_code = 2
+
+    def __init__(self, *problems: str):
+        self.problems = problems
+        super().__init__("\n".join(problems))
+
+
+class DataError(ModelselError):
+    """The measurements are wrong: what, where (file, line, column; the header is line 1), what to do."""
+
+    exit_code = 3
+
+    def __init__(self, what: str, *, file: str = "", line: int | None = None, column: str | None = None,
+                 remedy: str = ""):
+        self.file, self.line, self.column, self.remedy = file, line, column, remedy
+        place = ", ".join(part for part in (file, f"line {line}" if line else "", f"column {column}" if column else "")
+                          if part)
+        super().__init__(f"{place}: {what}" + (f" {remedy}" if remedy else "") if place else f"{what} {remedy}".strip())
+
+
+class NotEstimable(ModelselError):
+    """The data cannot carry the model: how many parameters, how many they can carry, and which."""
+
+    exit_code = 4
+
+    def __init__(self, what: str, *, parameters: Sequence[str] = ()):
+        self.parameters = tuple(parameters)
+        super().__init__(what)
+
+
+class Interrupted(ModelselError):
+    """Stopped by the user; `resume` is the command that goes on."""
+
+    exit_code = 130
+
+    def __init__(self, resume: str):
+        self.resume = resume
+        super().__init__(f"Interrupted. To go on: {resume}")
+
+
+def suggest(word: str, known: Iterable[str]) -> str:
+    """`Did you mean "x"?`, or the known words where they are few, or nothing."""
+    known = sorted(known)
+    near = get_close_matches(word, known, n=1, cutoff=0.6)
+    if near:
+        return f'Did you mean "{near[0]}"?'
+    return f"Known: {', '.join(known)}." if 0 < len(known) <= 60 else ""

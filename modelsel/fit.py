@@ -1,0 +1,156 @@
+"""Weighted, rank-revealing least squares, re-linearised on the exact chain until the step is below 0.1 µm."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .design import Model, residuals
+from .errors import NotEstimable
+from .identify import FAINT_MM, Identified, identify, solve, usual_sizes
+from .reduce import Reduction, reduce, reduce_scene
+from .rigid import Array
+from .scene import Scene
+from .screws import Term
+
+STEP_MM = 1e-4     # 0.1 µm
+ITERATIONS = 25
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted model: theta (p,) in the terms' units, nought where a term is not estimable; `factor` (p, rank) with
+    covariance = sigma² factor factorᵀ; rss and rows in whitened coordinates; `reduction` linearised at theta."""
+
+    model: Model
+    theta: Array
+    found: Identified
+    factor: Array = field(repr=False)
+    rss: float
+    rows: int
+    iterations: int
+    step_mm: float
+    reduction: Reduction = field(repr=False)
+    precision: Array | None = field(default=None, repr=False)
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The model's terms, in the order of theta."""
+        return self.model.terms
+
+    @property
+    def rank(self) -> int:
+        """Estimable parameters."""
+        return self.found.rank
+
+    @property
+    def freedom(self) -> float:
+        """Rows minus what the fit has used: the rank, or the trace of the hat matrix where terms are shrunk."""
+        if self.precision is None:
+            return float(self.rows - self.rank)
+        inner = self.reduction.R[:-1, list(self.found.kept)] @ self.factor[list(self.found.kept)]
+        return float(self.rows - (inner ** 2).sum())
+
+    @property
+    def sigma(self) -> float:
+        """Residual standard deviation of one whitened coordinate."""
+        return float(np.sqrt(self.rss / self.freedom)) if self.freedom > 0 else float("nan")
+
+    @property
+    def standard_errors(self) -> Array:
+        """(p,) from the residual variance; nought where a term is not estimable."""
+        return np.asarray(np.sqrt((self.factor ** 2).sum(1)) * self.sigma)
+
+    @property
+    def covariance(self) -> Array:
+        """(p, p) from the residual variance."""
+        return np.asarray(self.factor @ self.factor.T * self.sigma ** 2)
+
+    def at(self) -> tuple[Sequence[Term], Array]:
+        """The point to linearise other models at."""
+        return self.terms, self.theta
+
+    def residuals(self, scene: Scene) -> Array:
+        """Exact residuals (m, c) [mm, rad] of a scene under this fit."""
+        return residuals(scene, self.terms, self.theta)
+
+
+def _with_prior(reduction: Reduction, precision: Array | None, theta: Array) -> Reduction:
+    """The reduction with a row per shrunk term: sqrt(precision) (theta + delta) = 0."""
+    if precision is None or not precision.any():
+        return reduction
+    root = np.sqrt(precision)
+    return Reduction(reduction.add(np.column_stack([np.diag(root), -root * theta])[root > 0]).R, reduction.rows)
+
+
+def fit(scene: Scene, model: Model, *, precision: Array | None = None, iterations: int = ITERATIONS,
+        start: Array | None = None) -> Fit:
+    """Least squares of a model on a scene. precision (p,): prior 1/variance of each term in whitened units, about zero.
+
+    Gauss-Newton on the exact chain; `iterations=1` is the linear fit at `start` (zero). Raises NotEstimable where the
+    data have no more coordinates than the model has estimable parameters, or the iteration does not settle.
+    """
+    terms = model.terms
+    theta = np.zeros(len(terms)) if start is None else start.copy()
+    weight = scene.whiten if isinstance(scene.whiten, float) else float(np.median(np.diagonal(scene.whiten, 0, 1, 2)[:, :3]))
+    found, step, done, delta, before = None, np.inf, 0, np.zeros(len(terms)), np.inf
+    while True:
+        reduction = reduce_scene(scene, terms, (terms, theta))
+        full = _with_prior(reduction, precision, theta)
+        if found is None:
+            found = identify(full, usual_sizes(terms), FAINT_MM * weight * np.sqrt(len(scene)))
+            if reduction.rows <= found.rank and precision is None:
+                raise NotEstimable(f"{reduction.rows} measured coordinates cannot determine the {found.rank} estimable "
+                                   f"parameters of {' + '.join(model.names) or 'the model'}: measure more configurations.",
+                                   parameters=[t.symbol for t in terms])
+            kept = list(found.kept)
+        cost = float(np.square(full.R[:, -1]).sum())
+        if done < iterations and cost > before * (1 + 1e-6) and step > STEP_MM:    # overshot: half the way back
+            delta, step, done = delta / 2, step / 2, done + 1
+            theta = theta - delta
+            continue
+        solved, inner, _ = solve(full, kept)
+        if done >= iterations or step < STEP_MM:
+            break
+        before, delta = cost, np.zeros(len(terms))
+        delta[kept] = solved
+        theta = theta + delta
+        step = float(np.linalg.norm(reduction.R[:-1, kept] @ solved)) / weight
+        done += 1
+    if iterations == ITERATIONS and step > 1e3 * STEP_MM:
+        raise NotEstimable(f"the fit of {' + '.join(model.names)} does not settle (last step {step:.3g} mm): the data hardly "
+                           "determine some parameters; measure more widely spread configurations.")
+    factor = np.zeros((len(terms), len(kept)))
+    factor[kept] = inner
+    return Fit(model, theta, found, factor, float(np.square(reduction.R[:, -1]).sum()), reduction.rows, done, step, reduction,
+               precision)
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """Plain linear least squares: estimate and standard errors (p,), residual standard deviation, rank."""
+
+    estimate: Array
+    standard_errors: Array
+    sigma: float
+    rank: int
+
+
+def regress(matrix: Array, response: Array) -> Regression:
+    """Rank-revealing least squares of a plain matrix (N, p): the same reducer and solve, refined once by its own residuals."""
+    reduction = reduce(matrix, response)
+    found = identify(reduction)
+    kept = list(found.kept)
+    estimate = np.zeros(matrix.shape[1])
+    estimate[kept], inner, _ = solve(reduction, kept)
+    wide, target = matrix.astype(np.longdouble), response.astype(np.longdouble)
+    for _ in range(2):  # iterative refinement (Bjoerck 1967): residuals in extended precision
+        left = target - wide @ estimate.astype(np.longdouble)
+        again = reduce(matrix, np.asarray(left, float))
+        estimate[kept] += solve(again, kept)[0]
+    rss = float(np.square(target - wide @ estimate.astype(np.longdouble)).sum())
+    sigma = float(np.sqrt(rss / (len(response) - found.rank)))
+    errors = np.zeros(matrix.shape[1])
+    errors[kept] = np.sqrt((inner ** 2).sum(1)) * sigma
+    return Regression(estimate, errors, sigma, found.rank)

@@ -1,0 +1,133 @@
+"""What the data determine: rank, a stable choice of representatives, alias groups and lost combinations in words."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .reduce import Reduction
+from .rigid import Array
+from .screws import Term
+
+TOLERANCE = 1e-11   # of a unit column: structural dependence leaves 1e-14, NIST's Filip 1e-9 or more
+FAINT_MM = 2e-3     # a direction that moves the target less than this (rms) at its largest usual size is lost in practice
+SHARE = 1e-6        # a smaller part of a combination is not worth a word
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """`kept`: indices of the representatives, in the columns' order; every other column is `relation` (p, rank) times the
+    kept ones; `scale` (p,) norms of the columns; `condition` of the kept, scaled to unit norm."""
+
+    kept: tuple[int, ...]
+    relation: Array
+    scale: Array
+    condition: float
+
+    @property
+    def rank(self) -> int:
+        """Number of independent columns."""
+        return len(self.kept)
+
+
+def usual_sizes(terms: Sequence[Term]) -> Array:
+    """(p,) largest usual size of every term, infinite where the catalogue has none."""
+    return np.array([np.inf if t.size is None else t.size[1] for t in terms])
+
+
+def identify(reduction: Reduction, sizes: Array | None = None, least: float = 0.0) -> Identified:
+    """Rank by sequential orthogonalisation of the unit columns, in their order: an earlier column represents a later one
+    that depends on it, so the choice does not hang on the data. A column below 1e-13 of the largest is zero.
+
+    With the terms' usual `sizes` (p,), a combination whose whitened norm at those sizes stays below `least` is lost in
+    practice: a target 0.7 mm off the last axis makes combinations estimable on paper that need radians to move it by a
+    micrometre, and least squares would put such radians in. The last of the terms that dominate it gives way.
+    """
+    p = reduction.p
+    R = reduction.R[:p, :p]
+    scale = np.linalg.norm(R, axis=0)
+    moves = scale > 1e-13 * scale.max(initial=0)
+    basis = np.zeros((p, p))
+    kept: list[int] = []
+    for j in range(p):
+        if not moves[j]:
+            continue
+        v = R[:, j] / scale[j]
+        for _ in range(2):                      # twice is enough (Kahan, Parlett)
+            v = v - basis[:, :len(kept)] @ (basis[:, :len(kept)].T @ v)
+        size = np.linalg.norm(v)
+        if size > TOLERANCE:
+            basis[:, len(kept)] = v / size
+            kept.append(j)
+    while sizes is not None and kept:
+        bound = np.where(np.isfinite(sizes[kept]), sizes[kept], 1e6 / scale[kept])
+        _, singular, Vt = np.linalg.svd(R[:, kept] * bound)
+        if singular[-1] > least:
+            break
+        share = np.abs(Vt[len(kept) - 1])
+        kept.pop(int(np.flatnonzero(share > 0.5 * share.max())[-1]))
+    unit = R[:, kept] / scale[kept]
+    relation = np.zeros((p, len(kept)))
+    if kept:
+        relation = np.linalg.lstsq(unit, R, rcond=None)[0].T / scale[kept]
+    singular = np.linalg.svd(unit, compute_uv=False) if kept else np.ones(1)
+    return Identified(tuple(kept), relation, scale, float(singular[0] / singular[-1]))
+
+
+def solve(reduction: Reduction, kept: Sequence[int]) -> tuple[Array, Array, float]:
+    """(estimate of the kept columns, their unscaled covariance factor R⁻¹ with cov = R⁻¹R⁻ᵀ, residual sum of squares)."""
+    from scipy.linalg import solve_triangular
+    inner = reduction.select(kept)
+    k = len(kept)
+    if not k:
+        return np.zeros(0), np.zeros((0, 0)), float(inner.R[0, 0] ** 2)
+    scale = np.linalg.norm(inner.R[:k, :k], axis=0)
+    T = inner.R[:k, :k] / scale
+    estimate = solve_triangular(T, inner.R[:k, k]) / scale
+    factor = solve_triangular(T, np.eye(k)) / scale[:, None]
+    return estimate, factor, float(inner.R[k, k] ** 2)
+
+
+@dataclass(frozen=True)
+class Unidentifiable:
+    """A combination of parameters that the data cannot tell, in words."""
+
+    sentence: str
+    parameters: tuple[str, ...]
+
+
+def unidentifiable(found: Identified, terms: Sequence[Term]) -> tuple[Unidentifiable, ...]:
+    """Parameters that move nothing, and groups of which only combinations are determined."""
+    symbols = [t.symbol for t in terms]
+    biggest = found.scale.max(initial=0)
+    still = [symbols[j] for j in range(len(terms)) if found.scale[j] <= 1e-13 * biggest]
+    out = []
+    if still:
+        verb = "moves" if len(still) == 1 else "move"
+        out.append(Unidentifiable(f"{_list(still)} {verb} no measured coordinate: the data say nothing of "
+                                  f"{'it' if len(still) == 1 else 'them'}.", tuple(still)))
+    lost = [j for j in range(len(terms)) if j not in found.kept and found.scale[j] > 1e-13 * biggest]
+    partners = {j: [found.kept[k] for k in np.flatnonzero(
+        np.abs(found.relation[j] * found.scale[list(found.kept)]) > SHARE * found.scale[j])] for j in lost}
+    for group in _connected(partners):
+        names = [symbols[j] for j in sorted(group)]
+        dropped = [symbols[j] for j in sorted(group) if j in partners]
+        free = len(group) - len(dropped)
+        what = "only their sum effect is" if free == 1 else f"only {free} combinations of them are"
+        out.append(Unidentifiable(f"{_list(names)} cannot be told apart: {what} determined; "
+                                  f"{_list(dropped)} {'is' if len(dropped) == 1 else 'are'} kept at zero.", tuple(names)))
+    return tuple(out)
+
+
+def _connected(partners: dict[int, list[int]]) -> list[set[int]]:
+    groups: list[set[int]] = []
+    for j, others in partners.items():
+        together = {j, *others}
+        touching = [g for g in groups if g & together]
+        groups = [g for g in groups if g not in touching] + [together.union(*touching)]
+    return sorted(groups, key=min)
+
+
+def _list(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,0 +1,127 @@
+"""From a study and its measurements to one scene, registered, weighed, split and folded."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .compare import Data
+from .design import residuals
+from .errors import DataError, StudyError, suggest
+from .folds import assign
+from .measurements import Measurements, Note
+from .noise import Floor, Instrument, weigh
+from .register import register
+from .rigid import Array
+from .robot import Robot
+from .scene import scene
+from .split import choose
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What `prepare` needs of a study file, as plain values."""
+
+    seed: int
+    tools: Mapping[str, tuple[float, ...]] | tuple[float, ...] | None
+    register: bool = False
+    per_group: bool = False
+    estimation: int | None = None
+    column: str | None = None
+    held_out: str = "held-out"
+    folds: int = 10
+    by: str = "configuration"
+    stated_mm: float | None = None
+    instrument: Instrument | None = None
+
+
+PURPOSES = ("split", "folds", "gain", "naming", "simulate", "sampling", "null", "nested")
+
+
+def generator(seed: int, purpose: str) -> np.random.Generator:
+    """The one stream of a purpose: every random choice derives from the study's seed, none from another's use of it."""
+    return np.random.default_rng(np.random.SeedSequence([seed, PURPOSES.index(purpose)]))
+
+
+def tools_of(data: Measurements, tools: Mapping[str, tuple[float, ...]] | tuple[float, ...] | None) -> Array:
+    """(T, 3) nominal targets in the data's order. Raises StudyError for a target without one."""
+    if tools is None:
+        return np.zeros((len(data.targets), 3))
+    if not isinstance(tools, Mapping):
+        return np.tile(np.array(tools, float), (len(data.targets), 1))
+    missing = [name for name in data.targets if name not in tools]
+    if missing:
+        raise StudyError(*(f'robot.tools_mm: no line for target "{name}". {suggest(name, tools)}' for name in missing))
+    return np.array([tools[name] for name in data.targets], float)
+
+
+def split(data: Measurements, labels: NDArray[np.object_] | None, plan: Plan, prismatic: tuple[bool, ...]) -> NDArray[np.bool_]:
+    """(m,) mask of the estimation rows. Raises StudyError where the split cannot be made."""
+    if plan.column is not None and labels is not None:
+        held = labels == plan.held_out
+        other = sorted({str(v) for v in labels[~held]} - {"estimation"}) if plan.held_out == "held-out" else []
+        if other:
+            raise StudyError(f'split.column: column {plan.column} holds "{other[0]}"; expected "estimation" or "held-out" '
+                             f"(or name the held-out value: held_out = \"{other[0]}\").")
+        if held.all():
+            raise StudyError(f'split.column: every row of column {plan.column} is "{plan.held_out}": nothing is left for '
+                             "estimation.")
+        torn = np.intersect1d(data.block[held], data.block[~held])
+        if len(torn):
+            line = int(data.row[np.flatnonzero(data.block == torn[0])[0]]) + 2
+            raise StudyError(f"split.column: equal joint readings stand on both sides of the split (line {line}, for one): "
+                             "held-out configurations must not have been seen.")
+        return np.asarray(~held)
+    count = data.configurations
+    wanted = plan.estimation
+    if wanted is None:
+        wanted = count if count < 30 else max(20, round(0.4 * count))
+    if wanted > count:
+        raise StudyError(f"split.estimation = {wanted}, but the file has {count} configurations: ask for fewer.")
+    return choose(data, wanted, prismatic, generator(plan.seed, "split"))
+
+
+def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.object_] | None = None
+            ) -> tuple[Data, Floor | None, tuple[Note, ...]]:
+    """The scene with its split and folds, the noise floor where it is known, and what is to be said.
+
+    Raises StudyError or DataError.
+    """
+    notes = list(data.notes)
+    estimation = split(data, labels, plan, tuple(j.prismatic for j in robot.joints))
+    bound = scene(robot, data, tools_of(data, plan.tools))
+    if plan.register:
+        bound = register(bound, estimation, plan.per_group)
+    size = np.linalg.norm(residuals(bound)[:, :3], axis=1)
+    reach = robot.reach + float(np.linalg.norm(bound.tools, axis=1).max(initial=0))
+    if np.median(size) > reach / 4:
+        hint = ("the coordinates look like metres: name them x_m y_m z_m"
+                if np.median(np.linalg.norm(data.position, axis=1)) < reach / 100 else
+                "this looks like the wrong robot or tool, a tracker frame that needs register = true, or metres called "
+                "millimetres")
+        raise DataError(f"measured and nominal positions are {np.median(size):.4g} mm apart (median), more than a quarter of "
+                        f"the arm's reach ({reach:.4g} mm):", remedy=f"{hint}.")
+    bound, floor = weigh(bound, plan.instrument, plan.stated_mm)
+    if robot.gravity is None:
+        notes.append(Note("gravity-unknown", f"The robot file of {robot.name} gives no direction of gravity: mechanisms that "
+                                             "need it are left out."))
+    fold = np.full(len(data), -1, dtype=np.intp)
+    fold[estimation] = assign(data.take(estimation), plan.folds, generator(plan.seed, "folds"), plan.by)
+    if not (~estimation).any():
+        notes.append(Note("nothing-held-out", "All configurations estimate: nothing is held out, and no gain can be measured."))
+    return Data(bound, estimation, np.zeros(len(data), bool), fold, floor is not None and floor.source == "stated"), floor, tuple(notes)
+
+
+def reweigh_rotation(data: Data, plan: Plan, residual: Array) -> Data:
+    """With orientations of unstated uncertainty: the weight of the rotational rows from their own residuals."""
+    measured = data.scene.data
+    if measured.rotation is None or measured.sigma_rotation is not None:
+        return data
+    used = residual[data.used]
+    position = float(np.sqrt(np.square(used[:, :3]).mean()))
+    turning = float(np.sqrt(np.square(used[:, 3:]).mean()))
+    known = not isinstance(data.scene.whiten, float) and (plan.stated_mm or plan.instrument or measured.sigma is not None)
+    bound, _ = weigh(replace(data.scene, whiten=1.0), plan.instrument, plan.stated_mm if known else position, turning)
+    return replace(data, scene=bound)

@@ -1,0 +1,107 @@
+"""Registration from scratch: where the tracker stands and where the targets sit, without a start value.
+
+One linear solve for a free affine map tracker -> frame 0 per placement and every target's offset (12 G + 3 T unknowns),
+reweighted so that gross outliers do not matter; the affine maps are projected to rotations; Gauss-Newton on the exact
+set-up model then settles it (methods.md N).
+"""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from .design import Model, residuals
+from .errors import DataError
+from .fit import fit
+from .mechanisms.geometry import setup
+from .rigid import AXES, Array, inverse, nearest_rotation, transform, turn
+from .scene import Scene
+
+REWEIGHT = 12
+LEAST = 4  # configurations per placement
+
+
+def register(scene: Scene, use: Array, per_group: bool) -> Scene:
+    """The scene with placement(s) and tools found from the rows `use` (mask). Raises DataError with too few rows."""
+    some = scene.take(use)
+    group = some.data.group if per_group else np.zeros(len(some), np.intp)
+    count = len(scene.data.groups) if per_group else 1
+    for g in range(count):
+        seen = len(np.unique(some.data.configuration[group == g]))
+        if seen < LEAST:
+            where = f"group {scene.data.groups[g]}" if per_group else "the data"
+            raise DataError(f"{where} has {seen} estimation configurations; registration needs {LEAST} per placement.",
+                            remedy="Measure more, or choose another [split].")
+    placement, tools = _affine(some, group, count)
+    rows = np.concatenate([[g] for g in (range(count) if per_group else [0] * len(scene.data.groups))]).astype(int)
+    scene = replace(scene, placement=(placement[0][rows], placement[1][rows]), tools=tools, _values={})
+    if scene.tool_rotations is not None:
+        scene = replace(scene, tool_rotations=_target_rotations(scene.take(use)))
+    return _settle(scene, use, count)
+
+
+def _affine(some: Scene, group: Array, count: int) -> tuple[tuple[Array, Array], Array]:
+    """Linear start: A_g x + b_g − R_i t_i = o_i, with x the measured and o_i, R_i the flange's nominal position, rotation."""
+    bare = replace(some, tools=np.zeros_like(some.tools), _values={}).pose(slice(None))
+    m, targets = len(some), len(some.tools)
+    flange = bare.axes[-1, :3].transpose(2, 1, 0)                    # (m, 3, 3): columns are the flange's axes
+    x = some.data.position
+    middle = np.array([np.median(x[group == g], axis=0) for g in range(count)])
+    span = max(float(np.abs(x - middle[group]).max()), 1.0)
+    row = np.concatenate([(x - middle[group]) / span, np.ones((m, 1))], 1)
+    M = np.zeros((m, 3, 12 * count + 3 * targets))
+    for a in range(3):
+        M[np.arange(m)[:, None], a, 12 * group[:, None] + 4 * a + np.arange(4)] = row
+    M[np.arange(m)[:, None, None], np.arange(3)[:, None], (12 * count + 3 * some.data.target)[:, None, None] + np.arange(3)
+      ] = -flange
+    y = bare.target.T + np.einsum("mij,mj->mi", flange, some.tool)   # deviations from the nominal tool stay small where lost
+    weight = np.ones(m)
+    for _ in range(REWEIGHT):
+        W = weight[:, None, None]
+        solution = np.linalg.lstsq((M * W).reshape(3 * m, -1), (y * W[:, 0]).ravel(), rcond=1e-9)[0]
+        size = np.linalg.norm(M @ solution - y, axis=1)
+        weight = 1 / (1 + (size / max(3 * float(np.median(size)), 1e-6)) ** 2)   # Cauchy: up to a third may be gross
+    R, t = np.empty((count, 3, 3)), np.empty((count, 3))
+    for g in range(count):
+        part = solution[12 * g:12 * g + 12].reshape(3, 4)
+        to_base = nearest_rotation(part[:, :3] / span)
+        R[g] = to_base.T
+        t[g] = middle[g] - to_base.T @ part[:, 3]
+    return (R, t), some.tools + solution[12 * count:].reshape(targets, 3)
+
+
+def _target_rotations(some: Scene) -> Array:
+    """Mean rotation of every target frame on the flange, from the measured orientations."""
+    flange = some.pose(slice(None)).axes[-1, :3].transpose(2, 1, 0)
+    R = some.placement[0][some.data.group]
+    each = np.einsum("mji,mkj,mkl->mil", flange, R, some.data.rotation)
+    return np.stack([nearest_rotation(each[some.data.target == t].mean(0)) for t in range(len(some.tools))])
+
+
+def _settle(scene: Scene, use: Array, count: int) -> Scene:
+    """Gauss-Newton on the set-up alone, its result composed into placement and tools; gross rows left out."""
+    robot, targets = scene.robot, len(scene.tools)
+    model = Model((setup(robot, targets, count, True, scene.tool_rotations is not None),))
+    before = transform(robot.joints[0].before[:3, :3], robot.joints[0].before[:3, 3])
+    for _ in range(3):
+        some = scene.take(use)
+        size = np.linalg.norm(residuals(some)[:, :3], axis=1)
+        found = fit(some.take(size <= max(6 * float(np.median(size)), 1e-6)), model)
+        value = {(s.frame, s.axis, str(s.cause)): v for t, v in zip(model.terms, found.theta, strict=True) for s in t.screws}
+        tools, rotations = scene.tools.copy(), scene.tool_rotations
+        turned = None if rotations is None else rotations.copy()
+        for k in range(targets):
+            label = f"target_{k + 1}" if targets > 1 else "1"
+            H = [value.get((robot.n + 1, axis, label), 0.0) for axis in AXES]
+            tools[k] += H[:3]
+            if turned is not None:
+                turned[k] = turn(0, H[3]) @ turn(1, H[4]) @ turn(2, H[5]) @ turned[k]
+        R, t = scene.placement[0].copy(), scene.placement[1].copy()
+        for g in range(len(R)):
+            label = f"group_{g + 1}" if count > 1 else "1"
+            H = [value.get((1, axis, label), 0.0) for axis in AXES]
+            screw = transform(turn(0, H[3]) @ turn(1, H[4]) @ turn(2, H[5]), H[:3])
+            P = transform(R[g], t[g]) @ before @ screw @ inverse(before)
+            R[g], t[g] = nearest_rotation(P[:3, :3]), P[:3, 3]
+        scene = replace(scene, placement=(R, t), tools=tools, tool_rotations=turned, _values={})
+    return scene
