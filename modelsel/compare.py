@@ -119,15 +119,19 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
     subsets = all_subsets(folded, kept_base, _disjoint([groups[g] for g in chosen]))
     total, n = subsets.held_out.sum(1), int(folded.rows.sum())
     saturated = n - subsets.rank < 2
-    best = int(np.argmin(np.where(saturated, np.inf, total)))
+    wanted = subsets.members @ np.array([len(groups[g]) for g in chosen], dtype=np.intp)
+    listed = ~saturated & (subsets.rank - len(kept_base) == wanted)      # a subset with dependent columns repeats another
+    best = int(np.argmin(np.where(listed, total, np.inf)))
     spread = np.sqrt(subsets.held_out.shape[1] * (subsets.held_out - subsets.held_out[best]).var(1, ddof=1))
-    within = (total - total[best] <= spread) & ~saturated
+    within = (total - total[best] <= spread) & listed
     least = np.flatnonzero(within & (subsets.rank == subsets.rank[within].min()))
     pick = int(least[np.argmin(total[least])])
     evidence = log_evidence(subsets.rss, float(subsets.rss[0]), n, int(subsets.rank[0]), subsets.rank - subsets.rank[0])
-    weight = weights(-2 * (evidence + _multiplicity(subsets.members)))
-    by_bic, by_aicc = (int(np.argmin(c(subsets.rss, n, subsets.rank))) for c in (bic, aicc))
-    rows = list(dict.fromkeys([pick, *np.argsort(total, kind="stable")[:SHOWN].tolist(), by_bic, by_aicc]))[:SHOWN]
+    weight = weights(np.where(listed, -2 * (evidence + _multiplicity(subsets.members)), np.inf))
+    by_bic, by_aicc = (int(np.argmin(np.where(listed, c(subsets.rss, n, subsets.rank), np.inf))) for c in (bic, aicc))
+    ranking = np.argsort(np.where(listed, total, np.inf), kind="stable")[:min(SHOWN, int(listed.sum()))]
+    rows = list(dict.fromkeys([pick, by_bic, by_aicc, *ranking.tolist()]))[:SHOWN]
+    rows.sort(key=lambda s: float(total[s]))
     out = []
     for s in rows:
         some = [candidates[chosen[g]] for g in np.flatnonzero(subsets.members[s])]
@@ -135,9 +139,7 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
             ("one-standard-error choice", s == pick), ("lowest CV", s == best),
             ("not distinguishable from the lowest CV", s != best and total[s] - total[best] < 2 * spread[s]),
             ("lowest BIC: criteria disagree", s == by_bic != best), ("lowest AICc: criteria disagree", s == by_aicc != best),
-            ("saturated", bool(saturated[s])),
-            ("alias group: some columns depend on others", subsets.rank[s] - len(kept_base) < sum(
-                len(groups[chosen[g]]) for g in np.flatnonzero(subsets.members[s])))) if true]
+            ("saturated: AICc undefined", n - subsets.rank[s] < 3)) if true]
         try:
             one = rung(data, base + tuple(some), (*base_names, *(m.name for m in some)))
         except NotEstimable:

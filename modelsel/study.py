@@ -3,31 +3,39 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import __version__
+from .causes import parse
 from .compare import Comparison, Data, Rung, applicable, compare, rung
 from .config import Study, find_data, read_study
 from .design import Model
-from .errors import DataError, StudyError, suggest
+from .errors import StudyError
 from .fit import Fit
 from .identify import Unidentifiable, unidentifiable
-from .io import read_measurements, read_labels
-from .measurements import Measurements, Note
+from .io import read_labels, read_measurements
+from .measurements import Measurements, Note, measurements
 from .mechanisms.geometry import setup
 from .noise import Floor, Instrument
 from .prepare import Plan, generator, prepare, reweigh_rotation
-from .registry import BUILTIN, Registry, mechanism, parts, with_plugins, every
+from .registry import BUILTIN, Registry, every, mechanism, parts
 from .result import candidates_dict, dumps, rung_dict
+from .rigid import Array
 from .robot import Robot
 from .robotfile import load, read_robot
-from .screws import Mechanism
+from .scene import scene
+from .screws import Mechanism, Screw
+from .simulate import simulate
 from .validate import Gain, gain
+from .write import write_beside
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Say = Callable[[str], None]
 
@@ -168,14 +176,47 @@ def analyse(study: Study, robot: Robot, measured: Measurements, labels: NDArray[
     held = ~data.estimation & ~data.outlying
     paired = gain(nominal.residual[held][:, :3], chosen.residual[held][:, :3], measured.block[held], generator(study.seed, "gain"))
     if floor is None:
-        floor = Floor(_fit(chosen).sigma, "estimated", _fit(chosen).freedom)
+        floor = estimated_floor(chosen, data)
     return Result(study, robot, data, floor, tuple(rungs), comparison, chosen, paired,
                   unidentifiable(base_fit.found, base.terms), notes, provenance(study, data_sha256))
+
+
+def save(result: Result, folder: Path) -> None:
+    """Write DIR/result.json, whole or not at all."""
+    write_beside(folder / "result.json", result.to_json().encode())
+
+
+def simulate_study(study: Study, folder: Path) -> pd.DataFrame:
+    """Data with the study's planted effects, at the configurations of its measurements file where there is one, else drawn."""
+    robot, rng = robot_of(study, folder), generator(study.seed, "simulate")
+    path = find_data(study.measurements.file, folder)
+    covariates: Mapping[str, Array] = {}
+    if path.is_file():
+        measured = read_measurements(path, [j.prismatic for j in robot.joints], study.measurements.columns)
+        q, covariates = measured.q, measured.covariates
+    else:
+        q = robot.draw(rng, study.simulate.configurations)
+    units = scene(robot, measurements(q, np.zeros((len(q), 3)), covariates=covariates), np.zeros((1, 3))).names()
+    effects = []
+    for k, effect in enumerate(study.simulate.effect, 1):
+        if effect.frame > robot.n + 1:
+            raise StudyError(f"simulate.effect {k}: frame {effect.frame}, but {robot.name} has frames 1 to {robot.n + 1}")
+        effects.append((Screw(effect.frame, effect.axis, parse(effect.cause, units, f"simulate.effect {k}")), effect.size))
+    tool = np.array(study.robot.tool_mm if study.robot.tool_mm is not None else (0.0, 0.0, 0.0))
+    noise = study.noise.floor_mm if study.noise.floor_mm is not None else study.simulate.noise_mm
+    return simulate(robot, tool, effects, q=q, noise_mm=noise, rng=rng, covariates=covariates)
 
 
 def _fit(rung_: Rung) -> Fit:
     assert rung_.fit is not None
     return rung_.fit
+
+
+def estimated_floor(rung_: Rung, data: Data) -> Floor:
+    """One coordinate's standard deviation [mm] from the residuals of a fitted model."""
+    fitted = _fit(rung_)
+    return Floor(float(np.sqrt(np.square(rung_.residual[data.used][:, :3]).mean() * fitted.rows / fitted.freedom)), "estimated",
+                 fitted.freedom)
 
 
 def provenance(study: Study, data_sha256: str) -> dict[str, str]:

@@ -1,0 +1,77 @@
+"""Results as words and tables for a terminal or a log (rich)."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from .compare import Rung
+from .result import sentence_list
+from .validate import Errors
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from .study import Result
+
+
+def mm(value: float | None) -> str:
+    """A length with three digits, a dash where undefined."""
+    if value is None:
+        return "–"
+    return f"{value:.3f}" if value < 9.9995 else f"{value:.2f}"
+
+
+def _errors(e: Errors) -> list[str]:
+    return [mm(e.mean_mm), mm(e.max_mm)]
+
+
+def _name(rung: Rung, base: int) -> str:
+    """A rung's name: the last ones say `+` what they add to the base."""
+    if len(rung.names) <= base or not base:
+        return " + ".join(rung.names) or "nominal"
+    return " + ".join(["base", *rung.names[base:]]) if base > 1 else " + ".join(rung.names)
+
+
+def show(result: Result, console: Console) -> None:
+    """The whole study on a terminal: what is wrong, the ladder, what is gained, what the data cannot tell."""
+    from rich.table import Table
+    config = result.to_dict()["configurations"]
+    console.print(f"\n[bold]{result.study.name}[/bold]: {result.robot.name}, {config['estimation']} configurations estimate, "
+                  f"{config['held_out']} are held out")
+    table = Table(title="Ladder: errors in mm, lengths of the residual vectors", title_justify="left", title_style="bold")
+    table.add_column("model", overflow="fold")
+    for column in ("parameters", "rank", "mean", "worst", "held-out mean", "worst", "CV rms", "AICc"):
+        table.add_column(column, justify="right")
+    for r in result.ladder:
+        table.add_row(" + ".join(r.names), str(r.parameters), str(r.rank), *_errors(r.estimation), *_errors(r.held_out),
+                      mm(r.cv_rms_mm), "–" if r.aicc is None else f"{r.aicc:.0f}")
+    console.print(table)
+    if result.comparison is not None:
+        shown = Table(title=f"Best of {result.comparison.compared} candidate models, by cross-validation",
+                      title_justify="left", title_style="bold")
+        shown.add_column("base and", overflow="fold")
+        for column in ("rank", "CV rms", "held-out mean", "weight"):
+            shown.add_column(column, justify="right")
+        shown.add_column("note", overflow="fold")
+        base = len(result.study.model.base)
+        for r in result.comparison.best:
+            shown.add_row(" + ".join(r.names[base:]) or "nothing", str(r.rank), mm(r.cv_rms_mm), mm(r.held_out.mean_mm),
+                          f"{r.weight:.3f}", r.note)
+        console.print(shown)
+    for sentence in sentences(result):
+        console.print(sentence, highlight=False)
+
+
+def sentences(result: Result) -> list[str]:
+    """The study in words."""
+    first, last = result.ladder[0], result.chosen
+    out = [f"Nominal model: {mm(first.estimation.mean_mm)} mm mean, {mm(first.estimation.max_mm)} mm worst. Chosen model "
+           f"({sentence_list(last.names)}): {mm(last.estimation.mean_mm)} mm mean; noise floor "
+           f"{result.floor.coordinate_mm:.3g} mm per coordinate ({result.floor.source})."]
+    gain = result.gain
+    if gain.held_out_rms_before_mm is not None:
+        interval = "" if gain.interval_mm is None else (f", a gain of {gain.interval_mm[0]:.3g} to {gain.interval_mm[1]:.3g} mm "
+                                                        "(95 %)")
+        out.append(f"On held-out configurations: {mm(gain.held_out_rms_before_mm)} -> {mm(gain.held_out_rms_after_mm)} mm rms"
+                   f"{interval}.")
+    out += [f"Not identifiable: {u.sentence}" for u in result.unidentifiable]
+    return out + [f"Note: {w.sentence}" for w in result.warnings]

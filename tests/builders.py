@@ -1,0 +1,53 @@
+"""Scenes for the tests: a built-in robot, drawn configurations, every covariate, an exact plant with noise."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from modelsel.design import residuals
+from modelsel.measurements import Measurements, measurements
+from modelsel.rigid import Array
+from modelsel.robot import Robot, forward
+from modelsel.robotfile import load
+from modelsel.scene import Scene, scene
+from modelsel.screws import Mechanism, Screw, Term
+
+ON_AXIS, OFF_AXIS = (0.0, 0.0, 100.0), (40.0, -25.0, 100.0)   # target on and off the last joint's axis
+
+
+def seeds(*values: int) -> pytest.MarkDecorator:
+    """The `rng` fixture once per seed, each in the test's id."""
+    return pytest.mark.parametrize("rng", values, indirect=True, ids=[f"seed{v}" for v in values])
+
+
+def bind(robot: Robot | str, data: Measurements, tool: Sequence[float] = OFF_AXIS) -> Scene:
+    robot = load(robot) if isinstance(robot, str) else robot
+    return scene(robot, data, np.tile(np.array(tool, float), (len(data.targets), 1)))
+
+
+def drawn(robot: Robot | str, rng: np.random.Generator, m: int, tool: Sequence[float] = OFF_AXIS, **more: object) -> Scene:
+    """m configurations within the limits, measured where the nominal model has them, with every named covariate."""
+    robot = load(robot) if isinstance(robot, str) else robot
+    q = robot.draw(rng, m)
+    covariates = {"payload_kg": rng.uniform(0, 5, m), "temperature_C": rng.uniform(15, 35, m), "time_s": np.arange(m) * 30.0,
+                  "current_A": rng.normal(size=m)}
+    return bind(robot, measurements(q, forward(robot, q, np.array(tool)), **({"covariates": covariates} | more)), tool)
+
+
+def measured(at: Scene, position: Array) -> Scene:
+    return replace(at, data=replace(at.data, position=position))
+
+
+def planted(at: Scene, terms: Sequence[Term], theta: Array, rng: np.random.Generator | None = None, sigma: float = 0.0) -> Scene:
+    """The scene with its positions moved to where the exact chain has them at theta, plus noise of sigma [mm]."""
+    position = at.data.position - residuals(at, terms, theta)[:, :3]
+    return measured(at, position if rng is None else position + rng.normal(0, sigma, position.shape))
+
+
+def one(frame: int, axis: str, *cause: object) -> Mechanism:
+    """A mechanism of one screw, to plant or to try."""
+    screw = Screw(frame, axis, *cause)  # type: ignore[arg-type]
+    return Mechanism(str(screw), (Term(f"k{frame}{axis}", (screw,)),))

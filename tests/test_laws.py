@@ -1,0 +1,137 @@
+"""Every registered mechanism on every built-in robot goes through the laws; and the laws see what breaks them."""
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import laws
+import numpy as np
+import pytest
+from builders import drawn, one
+
+from modelsel.causes import Cause, Named, Number, cos, q, sin
+from modelsel.mechanisms.geometry import setup
+from modelsel.registry import BUILTIN, every, mechanism
+from modelsel.robotfile import builtin_names, load
+from modelsel.screws import Mechanism, Screw, Term
+
+ROBOTS = {name: load(name) for name in builtin_names()}
+PAIRS = [(robot, m) for robot in ROBOTS for m in every(ROBOTS[robot])]
+
+
+@pytest.mark.parametrize(("law", "robot"), list(itertools.product(laws.LAWS, ROBOTS)),
+                         ids=lambda v: v if isinstance(v, str) else v.__name__)
+def test_law(law, robot, rng) -> None:
+    at = drawn(ROBOTS[robot], rng, laws.M)
+    for m in every(ROBOTS[robot]):
+        assert m.names() <= at.names().keys(), f"{m.name} needs more than the laws' measurements have"
+        law(m, at, rng)
+
+
+def test_every_entry_is_tried() -> None:
+    """No entry of the table escapes: each applies to at least one built-in robot."""
+    assert {m.name.partition(":")[0] for _, m in PAIRS} == set(BUILTIN)
+
+
+def test_whole_check_for_plugins(rng) -> None:
+    laws.check_mechanism(mechanism("backlash:3", ROBOTS["puma760"]), ROBOTS["puma760"], rng)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_names_are_distinct(robot) -> None:
+    names = [m.name for m in every(ROBOTS[robot])]
+    assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize("cause", [Number(1.0), cos(q(2) + q(3)), sin(2.0 * q(4)), Named("torque2", "N m"), Named("approach3"),
+                                   Named("move3", "rad"), Named("payload_kg", "kg") * cos(q(2)), Named("range_mm", "mm"),
+                                   Named("temperature_C", "°C") - 20.0, Named("moment_x", "N m") / (Number(2.0) + q(1) * q(1))], ids=str)
+def test_any_screw_obeys(cause, rng) -> None:
+    """What the error map will scan: every place times a cause of each kind."""
+    at = drawn("puma760", rng, laws.M)
+    terms = tuple(Term(f"{f}{axis}", (Screw(f, axis, cause),)) for f in range(1, 8) for axis in laws.AXES)
+    whole = Mechanism("cells", terms, "All.", "H", "here")
+    for law in (laws.law1_columns_are_derivatives, laws.law2_rows_are_local, laws.law3_linear_in_the_cause):
+        law(whole, at, rng)
+    for f, axis in itertools.product(range(1, 8), laws.AXES):
+        single = replace(one(f, axis, cause), sentence="One.", equation="H", source="here")
+        laws.law6_a_value(single, at, rng)
+
+
+@dataclass(frozen=True)
+class Centred(Cause):
+    """A cause that looks at all rows: L2's prey."""
+
+    inner: Cause
+
+    def of(self, state):
+        values = self.inner.of(state)
+        return values - values.mean()
+
+    @property
+    def unit(self) -> str:
+        return self.inner.unit
+
+    def names(self):
+        return self.inner.names()
+
+    def __str__(self) -> str:
+        return str(self.inner)
+
+
+def broken_l2() -> Mechanism:
+    return one(2, "rz", Centred(q(2)))
+
+
+def broken_l4() -> Mechanism:
+    return one(7, "rz", Number(1.0))              # turns the target about its own axis: moves no point
+
+
+def broken_l5() -> Mechanism:
+    return Mechanism("twice", 2 * (Term("k", (Screw(2, "rz", q(2)),)),), "Twice.", "k", "here")
+
+
+def broken_l6() -> Mechanism:
+    return one(2, "rz", Centred(q(2)))            # prints as q2, which it is not
+
+
+@pytest.mark.parametrize(("law", "wrong"), [(laws.law2_rows_are_local, broken_l2), (laws.law4_plant_and_recover, broken_l4),
+                                            (laws.law5_symbols_and_units, broken_l5), (laws.law6_a_value, broken_l6)],
+                         ids=["L2", "L4", "L5", "L6"])
+def test_laws_can_fail(law, wrong, rng) -> None:
+    with pytest.raises((AssertionError, NameError)):
+        law(wrong(), drawn("puma760", rng, laws.M), rng)
+
+
+def test_law1_can_fail(rng, monkeypatch) -> None:
+    """A field with the lever the wrong way round is no derivative."""
+    from modelsel.robot import Pose
+    right = Pose.displacement
+    monkeypatch.setattr(Pose, "displacement", lambda pose: np.concatenate([right(pose)[:, :3], -right(pose)[:, 3:]], axis=1))
+    with pytest.raises(AssertionError, match="L1"):
+        laws.law1_columns_are_derivatives(mechanism("backlash:3", ROBOTS["puma760"]), drawn("puma760", rng, 20), rng)
+
+
+def test_setup_columns_with_orientation(rng) -> None:
+    """The rotational rows are derivatives too: tracker, target offset and target orientation, measured in six components."""
+    robot = ROBOTS["ur5"]
+    at = drawn(robot, rng, 20)
+    turned = at.pose(slice(None)).rotation.transpose(2, 0, 1)
+    from modelsel.measurements import measurements
+    from modelsel.scene import scene
+    data = measurements(at.data.q, at.data.position, rotation=turned)
+    six = scene(robot, data, at.tools)
+    assert six.components == 6
+    whole = setup(robot, 1, 1, True, True)
+    both = Mechanism("all", (*whole.terms, *mechanism("wrist-coupling", robot).terms))
+    from modelsel.design import design, residuals
+    columns, residual = design(six, both.terms)
+    assert np.abs(residual).max() < 1e-9
+    for j, term in enumerate(both.terms):
+        h, zero = laws.step(term, six), np.zeros(len(both.terms))
+        up, down = zero.copy(), zero.copy()
+        up[j], down[j] = h, -h
+        difference = (residuals(six, both.terms, down) - residuals(six, both.terms, up)) / (2 * h)
+        for part in (slice(0, 3), slice(3, 6)):
+            np.testing.assert_allclose(columns[:, part, j], difference[:, part], atol=1e-6 * max(np.abs(difference[:, part]).max(), 1e-2),
+                                       err_msg=term.symbol)
