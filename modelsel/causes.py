@@ -259,3 +259,30 @@ def parse(text: str, units: Mapping[str, str], where: str = "cause") -> Cause:
 
 
 _OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
+
+
+@dataclass(frozen=True)
+class Bump(Cause):
+    """One cubic B-spline of one joint's own reading: a free function is many of them side by side, each with its coefficient.
+
+    Centred at `centre`, knots `width` apart (rad or mm); it is zero two knots away. de Boor 1978, cardinal B-splines.
+    """
+
+    joint: int
+    centre: float
+    width: float
+
+    def of(self, state: State) -> Array:
+        u = np.abs(state.value(f"q{self.joint}") - self.centre) / self.width
+        near, far = (4 - 6 * u ** 2 + 3 * u ** 3) / 6, np.maximum(2 - u, 0) ** 3 / 6
+        return np.where(u < 1, near, far)
+
+    @property
+    def unit(self) -> str:
+        return "1"
+
+    def names(self) -> frozenset[str]:
+        return frozenset((f"q{self.joint}",))
+
+    def __str__(self) -> str:
+        return f"free(q{self.joint})"

@@ -15,7 +15,7 @@ from .scene import Scene
 from .screws import Term
 
 STEP_MM = 1e-4     # 0.1 µm
-ITERATIONS = 25
+ITERATIONS = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +84,27 @@ def _with_prior(reduction: Reduction, precision: Array | None, theta: Array) -> 
     return Reduction(reduction.add(np.column_stack([np.diag(root), -root * theta])[root > 0]).R, reduction.rows)
 
 
+def _damped(reduction: Reduction, damping: float) -> Reduction:
+    """With Marquardt's damping: a row per column, in proportion to its norm, that holds the step back."""
+    if not damping:
+        return reduction
+    rows = np.diag(np.sqrt(damping) * np.linalg.norm(reduction.R, axis=0))
+    rows[-1, -1] = 0.0
+    return Reduction(reduction.add(rows).R, reduction.rows)
+
+
+def _linear_sigma(reduction: Reduction) -> float:
+    """Residual standard deviation of the linear fit: a combination whose standard error exceeds any usual size of its
+    parameters is not told by the data, only by their noise."""
+    found = identify(reduction)
+    free = reduction.rows - found.rank
+    return float(np.sqrt(solve(reduction, found.kept)[2] / free)) if free > 0 else 0.0
+
+
+def _cost(reduction: Reduction) -> float:
+    return float(np.square(reduction.R[:, -1]).sum())
+
+
 def fit(scene: Scene, model: Model, *, precision: Array | None = None, iterations: int = ITERATIONS,
         start: Array | None = None) -> Fit:
     """Least squares of a model on a scene. precision (p,): prior 1/variance of each term in whitened units, about zero.
@@ -94,33 +115,35 @@ def fit(scene: Scene, model: Model, *, precision: Array | None = None, iteration
     terms = model.terms
     theta = np.zeros(len(terms)) if start is None else start.copy()
     weight = scene.whiten if isinstance(scene.whiten, float) else float(np.median(np.diagonal(scene.whiten, 0, 1, 2)[:, :3]))
-    found, step, done, delta, before = None, np.inf, 0, np.zeros(len(terms)), np.inf
-    while True:
-        reduction = reduce_scene(scene, terms, (terms, theta))
-        full = _with_prior(reduction, precision, theta)
-        if found is None:
-            found = identify(full, usual_sizes(terms), FAINT_MM * weight * np.sqrt(len(scene)))
-            if reduction.rows <= found.rank and precision is None:
-                raise NotEstimable(f"{reduction.rows} measured coordinates cannot determine the {found.rank} estimable "
-                                   f"parameters of {' + '.join(model.names) or 'the model'}: measure more configurations.",
-                                   parameters=[t.symbol for t in terms])
-            kept = list(found.kept)
-        cost = float(np.square(full.R[:, -1]).sum())
-        if done < iterations and cost > before * (1 + 1e-6) and step > STEP_MM:    # overshot: half the way back
-            delta, step, done = delta / 2, step / 2, done + 1
-            theta = theta - delta
-            continue
-        solved, inner, _ = solve(full, kept)
-        if done >= iterations or step < STEP_MM:
-            break
-        before, delta = cost, np.zeros(len(terms))
-        delta[kept] = solved
-        theta = theta + delta
-        step = float(np.linalg.norm(reduction.R[:-1, kept] @ solved)) / weight
-        done += 1
-    if iterations == ITERATIONS and step > 1e3 * STEP_MM:
+    nominal = reduce_scene(scene, terms)
+    # rank is a property of the nominal chain: off it, exact dependences turn into directions that need radians to be seen
+    found = identify(_with_prior(nominal, precision, theta), usual_sizes(terms),
+                     max(FAINT_MM * weight * np.sqrt(len(scene)), _linear_sigma(nominal)))
+    kept = list(found.kept)
+    if nominal.rows <= found.rank and precision is None:
+        raise NotEstimable(f"{nominal.rows} measured coordinates cannot determine the {found.rank} estimable parameters of "
+                           f"{' + '.join(model.names) or 'the model'}: measure more configurations.",
+                           parameters=[t.symbol for t in terms])
+    if start is not None:
+        theta[[k for k in range(len(terms)) if k not in set(kept)]] = 0.0
+    reduction = nominal if not theta.any() else reduce_scene(scene, terms, (terms, theta))
+    full, step, done, damping = _with_prior(reduction, precision, theta), np.inf, 0, 0.0
+    while done < iterations and step >= STEP_MM:
+        delta = np.zeros(len(terms))
+        delta[kept] = solve(_damped(full, damping), kept)[0]
+        trial = theta + delta
+        step, done = float(np.linalg.norm(reduction.R[:-1, :-1] @ delta)) / weight, done + 1
+        ahead = reduce_scene(scene, terms, (terms, trial))
+        there = _with_prior(ahead, precision, trial)
+        if _cost(there) <= _cost(full) * (1 + 1e-9) or step < STEP_MM or iterations == 1:
+            theta, reduction, full = trial, ahead, there
+            damping = damping / 10 if damping > 1e-8 else 0.0
+        else:                                   # overshot: Levenberg-Marquardt from the same point
+            damping, step = max(8 * damping, 1e-6), np.inf
+    if step > 1e3 * STEP_MM and iterations == ITERATIONS:
         raise NotEstimable(f"the fit of {' + '.join(model.names)} does not settle (last step {step:.3g} mm): the data hardly "
                            "determine some parameters; measure more widely spread configurations.")
+    inner = solve(full, kept)[1]
     factor = np.zeros((len(terms), len(kept)))
     factor[kept] = inner
     return Fit(model, theta, found, factor, float(np.square(reduction.R[:, -1]).sum()), reduction.rows, done, step, reduction,

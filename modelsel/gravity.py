@@ -28,18 +28,37 @@ def loads(robot: Robot, at: Pose, q: Array) -> tuple[Array, Array]:
     return np.ones(robot.n), np.concatenate([at.origins[1:robot.n], at.target[None]])
 
 
-def torques(robot: Robot, at: Pose, q: Array) -> Array:
-    """Gravity torque about each joint's axis, (n, m) [N m] (force [N] along the axis of a prismatic joint)."""
+def moments(robot: Robot, at: Pose, q: Array) -> Array:
+    """Moment of the weight beyond each joint about the x, y, z axes of its frame, (n, 3, m) [N m]; about z (a slide: the
+    force along z [N]) it is the joint's gravity torque."""
     mass, position = loads(robot, at, q)
     g = np.array(robot.gravity)[:, None]
-    out = np.empty((robot.n, len(q)))
+    out = np.empty((robot.n, 3, len(q)))
     for j, joint in enumerate(robot.joints):
-        axis, weight = at.axes[j, 2], mass[j:, None, None] * G * g
+        weight = mass[j:, None, None] * G * g
+        arm = (position[j:] - at.origins[j]) / 1e3
+        total = cross(arm.transpose(1, 0, 2), np.broadcast_to(weight, arm.shape).transpose(1, 0, 2)).sum(1)
+        out[j] = np.einsum("aim,im->am", at.axes[j, :3], total)
         if joint.prismatic:
-            out[j] = (axis * weight.sum(0)).sum(0)
-        else:
-            arm = (position[j:] - at.origins[j]) / 1e3
-            out[j] = (axis * cross(arm.transpose(1, 0, 2), weight.transpose(1, 0, 2)).sum(1)).sum(0)
+            out[j, 2] = (at.axes[j, 2] * weight.sum(0)).sum(0)
+    return out
+
+
+def torques(robot: Robot, at: Pose, q: Array) -> Array:
+    """Gravity torque about each joint's axis, (n, m) [N m] (force [N] along the axis of a prismatic joint)."""
+    return np.asarray(moments(robot, at, q)[:, 2])
+
+
+def unit_torques(robot: Robot, at: Pose) -> dict[tuple[int, int], Array]:
+    """(joint, frame) -> (m,) gravity torque about the joint of 1 kg at a later frame's origin (n+1: the target) [N m/kg]."""
+    g = np.array(robot.gravity)[:, None]
+    ends = np.concatenate([at.origins[:robot.n], at.target[None]])
+    out = {}
+    for j, joint in enumerate(robot.joints):
+        for k in range(j + 1, robot.n + 1):
+            pull = np.broadcast_to(G * g, ends[k].shape)
+            turn = pull if joint.prismatic else cross((ends[k] - at.origins[j]) / 1e3, pull)
+            out[j + 1, k + 1] = (at.axes[j, 2] * turn).sum(0)
     return out
 
 

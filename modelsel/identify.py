@@ -32,8 +32,9 @@ class Identified:
 
 
 def usual_sizes(terms: Sequence[Term]) -> Array:
-    """(p,) largest usual size of every term, infinite where the catalogue has none."""
-    return np.array([np.inf if t.size is None else t.size[1] for t in terms])
+    """(p,) largest usual size of every geometric term; infinite for the others, which stand for themselves."""
+    return np.array([np.inf if t.size is None or any(s.cause.names() - {"target", "group"} for s in t.screws) else t.size[1]
+                     for t in terms])
 
 
 def identify(reduction: Reduction, sizes: Array | None = None, least: float = 0.0) -> Identified:

@@ -19,7 +19,7 @@ CHUNK = 50_000
 UNITS = {"rad": 1.0, "deg": np.pi / 180, "mm": 1.0, "m": 1e3}
 TEXT = ("target", "configuration", "group")
 FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "free"}
-RESERVED = re.compile(r"(q|approach|move|torque)\d+|[xyz]_mm|range_mm|moment_[xy]")
+RESERVED = re.compile(r"(q|approach|move|torque)\d+|[xyz]_mm|range_mm|(moment\d*|down)_[xyz]|torque\d+_\d+|progress")
 Table = dict[str, "NDArray[Any]"]
 
 

@@ -35,6 +35,7 @@ class Measurements:
     order: Array                               # (m,) order of motion within the group
     approach: Array                            # (m, n) sign of each joint's last motion, 0 unknown
     move: Array                                # (m, n) size of the motion that led here, rad or mm
+    progress: Array                            # (m,) place in the order of motion of the whole campaign, 0 to 1
     targets: tuple[str, ...] = ("target",)
     groups: tuple[str, ...] = ("all",)
     covariates: Mapping[str, Array] = field(default_factory=dict)
@@ -102,6 +103,13 @@ def motion(q: Array, configuration: Index, group: Index, order: Array) -> tuple[
     return sign[where[configuration]], np.abs(step)[where[configuration]]
 
 
+def campaign(group: Index, order: Array) -> Array:
+    """(m,) place of every row in the campaign, 0 to 1: groups in the order of their first rows, each in order of motion."""
+    rank = np.empty(len(group))
+    rank[np.lexsort((np.arange(len(group)), order, group))] = np.arange(len(group))
+    return rank / max(len(group) - 1, 1)
+
+
 def measurements(q: Array, position: Array, *, row: Index | None = None, configuration: Sequence[object] | None = None,
                  target: Sequence[object] | None = None, group: Sequence[object] | None = None,
                  order: Array | None = None, approach: Array | None = None,
@@ -121,5 +129,5 @@ def measurements(q: Array, position: Array, *, row: Index | None = None, configu
         notes = (*notes, Note("approach-from-order", "Directions of approach are taken from the order of motion, once, "
                                                      "on reading: the data have no approach columns."))
     return Measurements(q, position, np.arange(m) if row is None else row, visit, blocks(q, visit), target_index,
-                        group_index, order, np.asarray(approach, float), move, targets, groups, dict(covariates or {}),
+                        group_index, order, np.asarray(approach, float), move, campaign(group_index, order), targets, groups, dict(covariates or {}),
                         sigma, rotation, sigma_rotation, notes)

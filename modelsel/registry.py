@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from .errors import StudyError, suggest
-from .mechanisms import couplings, geometry, gravity_effects
+from .mechanisms import compliance, couplings, environment, geometry, gravity_effects, motion, transmission
 from .robot import Robot
 from .screws import Mechanism
 
@@ -22,7 +22,17 @@ class PerJoint:
     joints: Callable[[Robot], tuple[int, ...]]
 
 
-Entry = Callable[[Robot], Mechanism | None] | PerJoint
+@dataclass(frozen=True)
+class Scanned:
+    """A mechanism with an inner constant (waves a turn, a moment in time, masses): `build(robot, joint, constant)`, or
+    `build(robot, constant)` where `joints` is None; naming scans the constants and counts them all."""
+
+    build: Callable[..., Mechanism]
+    constants: Callable[..., tuple[float, ...]]
+    joints: Callable[[Robot], tuple[int, ...]] | None = None
+
+
+Entry = Callable[[Robot], Mechanism | None] | PerJoint | Scanned
 Registry = Mapping[str, Entry]
 
 BUILTIN: Registry = {
@@ -33,45 +43,77 @@ BUILTIN: Registry = {
     "backlash": PerJoint(gravity_effects.backlash, gravity_effects.gravity_joints),
     "wrist-coupling": PerJoint(couplings.wrist_coupling, couplings.wrist_joints),
     "base-tilt": gravity_effects.base_tilt,
+    "gear-eccentricity": PerJoint(transmission.gear_eccentricity, transmission.revolute_joints),
+    "encoder-eccentricity": PerJoint(transmission.encoder_eccentricity, transmission.revolute_joints),
+    "encoder-scale": PerJoint(transmission.encoder_scale, transmission.all_joints),
+    "gear-ripple": Scanned(transmission.gear_ripple, lambda robot, joint: transmission.WAVES, transmission.revolute_joints),
+    "axis-wobble": Scanned(transmission.axis_wobble, lambda robot, joint: (1, 2), transmission.revolute_joints),
+    "joint-compliance": Scanned(compliance.joint_compliance, compliance.mass_choices, compliance.gravity_joints),
+    "lateral-compliance": PerJoint(compliance.lateral_compliance, compliance.gravity_joints),
+    "link-bending": PerJoint(compliance.link_bending, compliance.links),
+    "payload-deflection": PerJoint(compliance.payload_deflection, compliance.gravity_joints),
+    "counterbalance": compliance.counterbalance,
+    "tool-droop": compliance.tool_droop,
+    "approach-backlash": PerJoint(motion.approach_backlash, transmission.all_joints),
+    "settle": PerJoint(motion.settle, transmission.all_joints),
+    "thermal-growth": PerJoint(environment.thermal_growth, environment.growing_links),
+    "thermal-expansion": environment.thermal_expansion,
+    "thermal-zero": PerJoint(environment.thermal_zero, transmission.all_joints),
+    "tracker-drift": Scanned(environment.tracker_drift, lambda robot: (1, 2, 4)),
+    "tracker-step": Scanned(environment.tracker_step, lambda robot: environment.STEPS),
+    "tracker-scale": environment.tracker_scale,
+    "refraction": environment.refraction,
 }
 
 
 def parts(name: str, robot: Robot, registry: Registry = BUILTIN) -> tuple[Mechanism, ...]:
-    """The mechanisms a registered name stands for on this robot, one a joint where it has joints.
+    """The mechanisms a registered name stands for on this robot, one a joint and a constant where it has them.
 
-    "backlash:3" is joint 3's alone. Empty where the name does not apply to the robot. Raises StudyError for an unknown
-    name or joint.
+    "backlash:3" is joint 3's alone; "gear-ripple:4:23" is one constant of a scanned one. Empty where the name does not
+    apply to the robot. Raises StudyError for an unknown name or joint.
     """
-    stem, _, joint = name.partition(":")
+    stem, *given = name.split(":")
     if stem not in registry:
         raise StudyError(f'unknown mechanism "{name}". {suggest(stem, registry)}')
     entry = registry[stem]
-    if not isinstance(entry, PerJoint):
-        if joint:
-            raise StudyError(f'"{stem}" takes no joint; write "{stem}".')
-        built = entry(robot)
-        return () if built is None else (built,)
-    joints = entry.joints(robot)
-    if joint:
-        if joint not in map(str, joints):
+    takes_joint = isinstance(entry, PerJoint) or isinstance(entry, Scanned) and entry.joints is not None
+    if len(given) > takes_joint + isinstance(entry, Scanned):
+        raise StudyError(f'"{name}": {stem} takes {"a joint only" if takes_joint else "no joint"}.')
+    if isinstance(entry, (PerJoint, Scanned)) and entry.joints is not None:
+        joints = entry.joints(robot)
+        if given and given[0] not in map(str, joints):
             raise StudyError(f'"{name}": {stem} applies to joints {", ".join(map(str, joints)) or "none"} of {robot.name}.')
-        joints = (int(joint),)
-    return tuple(entry.build(robot, j) for j in joints)
+        places: tuple[tuple[int, ...], ...] = tuple((j,) for j in joints if not given or str(j) == given[0])
+    else:
+        places = ((),)
+    if isinstance(entry, Scanned):
+        wanted = given[takes_joint] if len(given) > takes_joint else None
+        out = tuple(entry.build(robot, *place, constant) for place in places for constant in entry.constants(robot, *place)
+                    if wanted is None or wanted == f"{constant:g}")
+        if wanted is not None and not out:
+            raise StudyError(f'"{name}": {wanted} is not among the constants of {stem}.')
+        return out
+    if isinstance(entry, PerJoint):
+        return tuple(entry.build(robot, j) for (j,) in places)
+    built = entry(robot)
+    return () if built is None else (built,)
 
 
 def mechanism(name: str, robot: Robot, registry: Registry = BUILTIN) -> Mechanism:
-    """One mechanism for a name: all its joints together where it has joints. Raises StudyError where none applies."""
-    found = parts(name, robot, registry)
+    """One mechanism for a name: all its joints together where it has joints; of a scanned one without its constant, the
+    first. Raises StudyError where none applies."""
+    found = {m.name: m for m in reversed(parts(name, robot, registry))}
     if not found:
         raise StudyError(f'"{name}" does not apply to {robot.name}.')
-    if len(found) == 1:
-        return found[0]
-    return Mechanism(name, tuple(t for part in found for t in part.terms), " ".join(p.sentence for p in found),
-                     "; ".join(p.equation for p in found), found[0].source)
+    each = tuple(reversed(found.values()))
+    if len(each) == 1:
+        return each[0]
+    return Mechanism(name, tuple(t for part in each for t in part.terms), " ".join(p.sentence for p in each),
+                     "; ".join(p.equation for p in each), each[0].source)
 
 
 def every(robot: Robot, registry: Registry = BUILTIN) -> tuple[Mechanism, ...]:
-    """Every mechanism that applies to the robot, one a joint where it has joints."""
+    """Every mechanism that applies to the robot, one a joint and a constant where it has them."""
     return tuple(part for name in registry for part in parts(name, robot, registry))
 
 

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from .gravity import moment, torques
+from .gravity import moment, moments, unit_torques
 from .measurements import Measurements
 from .rigid import Array
 from .robot import Pose, Robot, pose
@@ -66,11 +66,14 @@ class Scene:
         """Every name a cause may use on these data, with its unit."""
         n = self.robot.n
         known = {f"q{j}": self.robot.unit(j) for j in range(1, n + 1)} | {"x_mm": "mm", "y_mm": "mm", "z_mm": "mm",
-                                                                          "range_mm": "mm", "target": "1", "group": "1"}
+                                                                          "range_mm": "mm", "target": "1", "group": "1",
+                                                                          "progress": "1"}
         known |= {f"approach{j}": "1" for j in range(1, n + 1)} | {f"move{j}": self.robot.unit(j) for j in range(1, n + 1)}
         if self.robot.gravity is not None:
             known |= {f"torque{j}": "N" if self.robot.joints[j - 1].prismatic else "N m" for j in range(1, n + 1)}
-            known |= {f"moment_{axis}": "N m" for axis in "xyz"}
+            known |= {f"moment_{axis}": "N m" for axis in "xyz"} | {f"down_{axis}": "1" for axis in "xyz"}
+            known |= {f"moment{j}_{axis}": "N m" for j in range(1, n + 1) for axis in "xy"}
+            known |= {f"torque{j}_{k}": "N m/kg" for j in range(1, n + 1) for k in range(j + 1, n + 2)}
         return known | {name: unit_of(name) for name in self.data.covariates}
 
     def value(self, name: str) -> Array:
@@ -83,7 +86,7 @@ class Scene:
         data = self.data
         if name in data.covariates:
             return {name: data.covariates[name]}
-        if name in ("target", "group"):
+        if name in ("target", "group", "progress"):
             return {name: np.asarray(getattr(data, name), float)}
         for stem, values in (("q", data.q), ("approach", data.approach), ("move", data.move)):
             if name.removeprefix(stem).isdigit() and name.startswith(stem):
@@ -95,8 +98,13 @@ class Scene:
         seen = np.einsum("mij,jm->mi", R[data.group], at.target) + t[data.group] - np.array(self.tracker)
         out = dict(zip(("x_mm", "y_mm", "z_mm"), at.target, strict=True)) | {"range_mm": np.linalg.norm(seen, axis=1)}
         if self.robot.gravity is not None:
-            out |= {f"torque{j + 1}": row for j, row in enumerate(torques(self.robot, at, data.q))}
+            bends = moments(self.robot, at, data.q)
+            out |= {f"torque{j + 1}": m[2] for j, m in enumerate(bends)}
+            out |= {f"moment{j + 1}_{axis}": m[a] for j, m in enumerate(bends) for a, axis in enumerate("xy")}
             out |= {f"moment_{axis}": row for axis, row in zip("xyz", moment(self.robot, at, data.q), strict=True)}
+            out |= {f"torque{j}_{k}": row for (j, k), row in unit_torques(self.robot, at).items()}
+            down = np.einsum("aim,i->am", at.axes[-1, :3], np.array(self.robot.gravity))
+            out |= {f"down_{axis}": row for axis, row in zip("xyz", down, strict=True)}
         return out
 
 

@@ -1,0 +1,190 @@
+"""The scan: how much of a residual every candidate explains beyond the fitted model, and what chance alone would explain.
+
+With Q an orthonormal basis of the fitted model and X_g a candidate's columns, everything needed is X_gᵀX_g, X_gᵀQ and
+X_gᵀr: the projected Gram is X_gᵀX_g − (X_gᵀQ)(X_gᵀQ)ᵀ, and no projected column is ever stored.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .candidates import Candidate
+from .design import blocks
+from .measurements import Index
+from .rigid import Array
+from .scene import Scene
+from .screws import Term
+
+ABSORBED = 1e-5     # share of a direction's squared norm that must be left beyond the model for it to count
+RATIOS = np.logspace(0.5, 5.0, 10)   # v / s2, scanned
+
+
+@dataclass(frozen=True, eq=False)
+class Bucket:
+    """Candidates of one size k: `which` (n,), their columns `index` (n, k), their Gram `left` (n, k, k) beyond the model,
+    and W (n, k, k) with Z_gᵀr = W X_gᵀr."""
+
+    which: Index
+    index: Index
+    left: Array
+    W: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """All candidates' whitened columns, transposed (C, N), where each candidate's stand, and their Gram blocks."""
+
+    XT: Array
+    slices: tuple[Index, ...]
+    grams: dict[int, tuple[Index, Index, Array]]     # size -> (which, index, (n, k, k))
+    signs: Array
+
+    @property
+    def groups(self) -> int:
+        """Number of candidates."""
+        return len(self.slices)
+
+
+def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], Array] | None = None) -> Columns:
+    """Columns of every candidate, each screw's evaluated once. Rows are ordered block, component, configuration."""
+    terms: dict[tuple[object, ...], Term] = {}
+    slices = []
+    for candidate in found:
+        for t in candidate.mechanism.terms:
+            terms.setdefault(t.screws, t)
+    place = {screws: k for k, screws in enumerate(terms)}
+    for candidate in found:
+        slices.append(np.array([place[t.screws] for t in candidate.mechanism.terms], dtype=np.intp))
+    parts = [c.reshape(len(c), -1) for _, c, _ in blocks(scene, tuple(terms.values()), at)]
+    XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+    grams = {}
+    for size in sorted({len(s) for s in slices}):
+        which = np.array([g for g, s in enumerate(slices) if len(s) == size], dtype=np.intp)
+        index = np.stack([slices[g] for g in which])
+        gram = np.stack([XT[i] @ XT[i].T for i in index]) if size > 4 else np.einsum("nkr,nlr->nkl", XT[index], XT[index])
+        grams[size] = (which, index, gram)
+    signs = np.array([c.mechanism.terms[0].sign if len(c.mechanism.terms) == 1 else 0 for c in found], dtype=float)
+    return Columns(XT, tuple(slices), grams, signs)
+
+
+def stacked(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None) -> tuple[Array, Array]:
+    """(columns (N, p), residual (N,)) whitened, in the row order of `columns`."""
+    parts = [(c.reshape(len(c), -1), r.reshape(-1)) for _, c, r in blocks(scene, terms, at)]
+    return np.concatenate([c for c, _ in parts], axis=1).T, np.concatenate([r for _, r in parts])
+
+
+def basis(matrix: Array) -> Array:
+    """Orthonormal basis (N, r) of the columns of (N, p), rank by pivoted QR on unit columns."""
+    from scipy.linalg import qr
+    size = np.linalg.norm(matrix, axis=0)
+    unit = matrix[:, size > 1e-13 * size.max(initial=0)] / size[size > 1e-13 * size.max(initial=0)]
+    if not unit.shape[1]:
+        return np.zeros((len(matrix), 0))
+    Q, R, _ = qr(unit, mode="economic", pivoting=True)
+    return np.asarray(Q[:, :int((np.abs(np.diag(R)) > 1e-10).sum())])
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """The candidates seen from one fitted model: Z_g bases, effective sizes k (G,), `freedom` N − r; Q (N, ·) spans the model
+    (its columns need not be orthonormal after directions were given back: Q Qᵀ still projects)."""
+
+    columns: Columns
+    Q: Array
+    buckets: tuple[Bucket, ...]
+    sizes: Array
+    freedom: int
+
+    def strength(self, response: Array) -> tuple[Array, Array]:
+        """(|Z_gᵀ r|² (G, B), signed root of single columns (G, B), nought elsewhere) of responses (N, B)."""
+        s = self.columns.XT @ response
+        out, root = np.zeros((len(self.sizes), s.shape[1])), np.zeros((len(self.sizes), s.shape[1]))
+        for bucket in self.buckets:
+            z = np.matmul(bucket.W, s[bucket.index])
+            out[bucket.which] = np.square(z).sum(1)
+            if bucket.W.shape[1] == 1:
+                root[bucket.which] = z[:, 0]
+        return out, root
+
+
+def scan(cols: Columns, Q: Array) -> Scan:
+    """Project every candidate off the model's basis Q (N, r)."""
+    A = cols.XT @ Q
+    lefts = [gram - np.matmul(A[index], A[index].swapaxes(1, 2)) for _, index, gram in cols.grams.values()]
+    return _scan(cols, Q, lefts)
+
+
+def scan_without(seen: Scan, D: Array) -> Scan:
+    """The scan from a smaller model, whose basis lacks the directions D (N, d) of `seen.Q`'s span: they are given back."""
+    A = seen.columns.XT @ D
+    lefts = [bucket.left + np.matmul(A[bucket.index], A[bucket.index].swapaxes(1, 2)) for bucket in seen.buckets]
+    return _scan(seen.columns, seen.Q - D @ (D.T @ seen.Q), lefts, seen.freedom + D.shape[1])
+
+
+def _scan(cols: Columns, Q: Array, lefts: Sequence[Array], freedom: int | None = None) -> Scan:
+    buckets, sizes = [], np.zeros(cols.groups)
+    for (which, index, gram), left in zip(cols.grams.values(), lefts, strict=True):
+        norm = np.sqrt(np.maximum(np.einsum("nkk->nk", gram), 1e-300))
+        value, vector = np.linalg.eigh(left / norm[:, :, None] / norm[:, None, :])
+        good = value > ABSORBED * (1 if gram.shape[1] <= 4 else 1e1)
+        W = np.where(good, 1 / np.sqrt(np.where(good, value, 1)), 0)[:, :, None] * vector.swapaxes(1, 2) / norm[:, None, :]
+        sizes[which] = good.sum(1)
+        buckets.append(Bucket(which, index, left, W))
+    return Scan(cols, Q, tuple(buckets), sizes, cols.XT.shape[1] - Q.shape[1] if freedom is None else freedom)
+
+
+def log_bayes_factors(seen: Scan, strength: Array, root: Array, total: Array, ratio: float) -> Array:
+    """(G, B) log Bayes factors of every candidate at v = ratio · s², s² integrated out (Jeffreys), against no effect;
+    `total` (B,) residual sums of squares. A single-term compliance of the wrong sign is discounted by its tail."""
+    shrink = ratio / (1 + ratio)
+    share = np.minimum(strength / total, 1 - 1e-15)
+    out = -0.5 * seen.sizes[:, None] * np.log1p(ratio) - 0.5 * seen.freedom * np.log1p(-share * shrink)
+    signed = np.flatnonzero(seen.columns.signs)
+    if len(signed):
+        from scipy.special import log_ndtr
+        sigma = np.sqrt(total * (1 - share[signed] * shrink) / seen.freedom)
+        out[signed] += np.log(2) + log_ndtr(seen.columns.signs[signed, None] * root[signed] / sigma * np.sqrt(shrink))
+    out[seen.sizes == 0] = -np.inf
+    return np.asarray(out)
+
+
+def evidence(seen: Scan, log_prior: Array, response: Array) -> tuple[Array, Array, Array]:
+    """(log Σ prior BF (B,), the ratio v/s² that maximises it (B,), log prior + log BF (G, B) there) of responses (N, B)."""
+    strength, root = seen.strength(response)
+    total = np.square(response).sum(0)
+    best = np.full(response.shape[1], -np.inf)
+    ratio, posterior = np.zeros_like(best), np.full_like(strength, -np.inf)
+    for r in RATIOS:
+        joint = log_bayes_factors(seen, strength, root, total, float(r)) + log_prior[:, None]
+        top = joint.max(0)
+        value = top + np.log(np.exp(joint - top).sum(0))
+        better = value > best
+        best, ratio = np.where(better, value, best), np.where(better, r, ratio)
+        posterior[:, better] = joint[:, better]
+    return best, ratio, posterior
+
+
+def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> Array:
+    """(draws,) sorted evidences when nothing is left: the residual then lies evenly on the sphere of the model's residuals,
+    whatever the parameters and the noise level (Dufour 2006). No candidate's absorbed directions are drawn on."""
+    out = []
+    for part in _chunks(draws, max(1, int(4e6 / max(seen.columns.groups, 1)))):
+        u = rng.standard_normal((seen.columns.XT.shape[1], part))
+        u -= seen.Q @ (seen.Q.T @ u)
+        out.append(evidence(seen, log_prior, u)[0])
+    return np.sort(np.concatenate(out))
+
+
+def _chunks(total: int, size: int) -> Iterator[int]:
+    while total > 0:
+        yield min(size, total)
+        total -= size
+
+
+def p_value(observed: float, sorted_null: Array) -> float:
+    """(1 + #{null ≥ observed}) / (B + 1)."""
+    return float((1 + len(sorted_null) - np.searchsorted(sorted_null, observed, side="left")) / (len(sorted_null) + 1))
+
+

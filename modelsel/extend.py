@@ -1,0 +1,211 @@
+"""The loop that extends a model: name, add the whole top mechanism, refit everything, name each effect again given the
+others, drop what the full model no longer needs; until chance alone would explain what is left.
+
+A sum of single effects, each a whole candidate (grouped after Wang, Sarkar, Carbonetto & Stephens 2020, "SuSiE"); here an
+effect is re-named with the others fitted exactly, so that an early proxy is found out.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .candidates import Candidate
+from .design import Model
+from .errormap import Columns, Scan, basis, columns, null, p_value, scan, scan_without, stacked
+from .fit import Fit
+from .naming import Named, name
+from .rigid import Array
+from .scene import Scene
+from .shrink import fit_shrunk
+
+MOST = 16           # effects
+LEVEL = 0.05        # family-wise
+BETTER = np.log(3)  # log odds at which a re-named effect changes its name
+ROUNDS = 8
+SHIFT = 0.1         # share of an effect's displacement that a newcomer must change for it to be named again
+DRAWS = (1999, 499)     # null draws for small and large studies
+LARGE = 3e6             # candidates' numbers beyond which a study is large
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """One named effect of the extended model, given all the others; `p` family-wise."""
+
+    candidate: Candidate
+    named: Named
+    p: float
+    estimate: Array = field(repr=False)
+    standard_error: Array = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Extension:
+    """The extended model: effects in the order they were found, its fit, the null evidences, what was tried on the way;
+    `left` names the strongest of what remains, with its p-value, whatever it is."""
+
+    base: Model
+    effects: tuple[Effect, ...]
+    model: Model
+    fit: Fit
+    null: Array
+    path: tuple[str, ...]
+    left: Named
+    left_p: float
+    bound: float
+
+
+def models(base: Model, chosen: Sequence[Candidate]) -> Model:
+    """The base and the mechanisms of some candidates."""
+    return base + tuple(dict.fromkeys(c.mechanism for c in chosen))
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A fitted model seen as projections: orthonormal Q, its R (A_kept = Q R), columns A (N, p), residual r off the model."""
+
+    model: Model
+    fitted: Fit
+    A: Array
+    Q: Array
+    R: Array
+    r: Array
+    seen: Scan
+
+    def own(self, candidate: Candidate) -> Array:
+        """(p,) mask of the terms that this effect alone brings."""
+        mine = {t.screws for t in candidate.mechanism.terms}
+        shared = {t.screws for m in self.model.mechanisms if m != candidate.mechanism for t in m.terms}
+        return np.array([t.screws in mine and t.screws not in shared for t in self.model.terms])
+
+    def without(self, candidate: Candidate) -> tuple[Scan, Array]:
+        """(the scan from the model without one effect, the residual with that effect put back): no refit, the directions
+        that only this effect brings are Q R⁻ᵀ E."""
+        own = self.own(candidate)
+        kept = self.fitted.found.kept
+        E = np.eye(len(kept))[:, [i for i, k in enumerate(kept) if own[k]]]
+        D = self.Q @ basis(np.linalg.solve(self.R.T, E))
+        effect = self.A[:, own] @ self.fitted.theta[own]
+        return scan_without(self.seen, D), self.r + D @ (D.T @ effect)
+
+
+class _Search:
+    """What the loop shares: the training scene, all candidates with their columns, the null of the first scan."""
+
+    def __init__(self, scene: Scene, base: Model, found: tuple[Candidate, ...], rng: np.random.Generator, base_fit: Fit):
+        self.scene, self.base, self.found = scene, base, found
+        self.columns: Columns = columns(scene, found, base_fit.at())
+        self.log_prior = np.log([c.prior for c in found])
+        draws = DRAWS[0] if self.columns.XT.size < LARGE else DRAWS[1]
+        self.first = self.view(base, base_fit)
+        self.null = null(self.first.seen, self.log_prior, draws, rng)
+        self.bound = float(np.quantile(self.null, 1 - LEVEL))
+
+    def view(self, model: Model, fitted: Fit) -> _View:
+        A, r = stacked(self.scene, model.terms, fitted.at())
+        Q, R = np.linalg.qr(A[:, list(fitted.found.kept)])
+        return _View(model, fitted, A, Q, R, r - Q @ (Q.T @ r), scan(self.columns, Q))
+
+    def fit(self, chosen: Sequence[int], start: Fit | None) -> _View:
+        model = models(self.base, [self.found[g] for g in chosen])
+        return self.view(model, fit_shrunk(self.scene, model, start))
+
+    def next(self, view: _View) -> Named:
+        return name(view.seen, self.found, view.r)
+
+    def again(self, g: int, view: _View) -> Named:
+        """Effect g named again, given the others."""
+        seen, y = view.without(self.found[g])
+        return name(seen, self.found, y)
+
+    def joined(self, chosen: Sequence[int], g: int) -> list[int]:
+        """With candidate g; a finer free function of a joint takes the place of a coarser one."""
+        def subject(k: int) -> object:
+            mechanism = self.found[k].mechanism
+            return mechanism.terms[0].screws[0].frame if mechanism.name.startswith("free(") else (k,)
+        return [*(k for k in chosen if subject(k) != subject(g)), g]
+
+
+def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...], rng: np.random.Generator,
+           say: Callable[[str], None] = lambda _: None) -> Extension:
+    """Extend the base on a training scene by what the candidates explain beyond chance, one named effect at a time."""
+    search = _Search(scene, base, found, rng, base_fit)
+    chosen: list[int] = []
+    path: list[str] = []
+    tried: set[frozenset[int]] = {frozenset()}
+    view = search.first
+    while True:
+        left = search.next(view)
+        left_p = p_value(left.evidence, search.null)
+        trial = search.joined(chosen, left.top)
+        if left_p > LEVEL or len(chosen) >= MOST or frozenset(trial) in tried or left.top in chosen:
+            break
+        path.append(f"+ {found[left.top].mechanism.name}")
+        say(f"found {found[left.top].mechanism.name}")
+        first = search.fit(trial, view.fitted)
+        steps: list[str] = []
+        settled, after = _settle(search, trial, first, view, steps)
+        if frozenset(settled) in tried:      # re-naming would go in a circle: the addition stays as it is
+            settled, after, steps = trial, first, []
+        chosen, view, path = settled, after, path + steps
+        tried |= {frozenset(trial), frozenset(settled)}
+    chosen, view = _prune(search, chosen, view, path)
+    place = {t.screws: k for k, t in enumerate(view.model.terms)}
+    effects = []
+    for g in chosen:
+        one, at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
+        effects.append(Effect(found[g], one, p_value(one.evidence, search.null), view.fitted.theta[at],
+                              view.fitted.standard_errors[at]))
+    return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, search.bound)
+
+
+def _moved(before: _View, after: _View, candidate: Candidate) -> bool:
+    """Whether a newcomer changed what an effect does to the target by more than a tenth."""
+    old = dict(zip((t.screws for t in before.model.terms), before.fitted.theta, strict=True))
+    own = np.flatnonzero(after.own(candidate))
+    now = after.A[:, own] @ after.fitted.theta[own]
+    change = after.A[:, own] @ (after.fitted.theta[own] - [old.get(after.model.terms[k].screws, 0.0) for k in own])
+    return float(np.linalg.norm(change)) > SHIFT * float(np.linalg.norm(now))
+
+
+def _settle(search: _Search, chosen: list[int], view: _View, before: _View, path: list[str]) -> tuple[list[int], _View]:
+    """Name again, given the others, every effect that the newcomer moved, until the names stay; one change at a time, the
+    weakest first."""
+    visited = {frozenset(chosen)}
+    for _ in range(ROUNDS):
+        changes: list[tuple[float, int, int]] = []
+        for k, g in enumerate(chosen):
+            if not _moved(before, view, search.found[g]):
+                continue
+            named = search.again(g, view)
+            odds = named.log_probability[named.top] - named.log_probability[g]
+            if p_value(named.evidence, search.null) > LEVEL:
+                changes.append((named.evidence, k, -1))
+            elif named.top != g and odds > BETTER:
+                changes.append((named.evidence, k, named.top))
+        if not changes:
+            break
+        _, k, new = min(changes)
+        rest = [g for i, g in enumerate(chosen) if i != k]
+        trial = rest if new < 0 or new in rest else search.joined(rest, new)
+        if frozenset(trial) in visited:
+            break
+        old = search.found[chosen[k]].mechanism.name
+        path.append(f"- {old}" if len(trial) < len(chosen) else f"{old} -> {search.found[new].mechanism.name}")
+        visited.add(frozenset(trial))
+        before, chosen = view, trial
+        view = search.fit(chosen, view.fitted)
+    return chosen, view
+
+
+def _prune(search: _Search, chosen: list[int], view: _View, path: list[str]) -> tuple[list[int], _View]:
+    """Drop, weakest first, what the full model no longer needs."""
+    while chosen:
+        weakest, g = min((search.again(g, view).evidence, g) for g in chosen)
+        if p_value(weakest, search.null) <= LEVEL:
+            break
+        path.append(f"- {search.found[g].mechanism.name}")
+        chosen = [k for k in chosen if k != g]
+        view = search.fit(chosen, view.fitted) if chosen else search.first
+    return chosen, view

@@ -1,0 +1,75 @@
+"""Free functions are shrunk: every one's coefficients have a variance of their own, found by maximum marginal likelihood."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .design import Model
+from .fit import Fit, fit
+from .measurements import Index
+from .rigid import Array
+from .scene import Scene
+
+WIDE = 6          # terms: a mechanism with more is a free function
+ROUNDS = 60
+START = 3e-4      # rad: first guess of a coefficient's size
+
+
+def wide_groups(model: Model) -> list[Index]:
+    """Term indices of every mechanism that is shrunk."""
+    place = {t.screws: k for k, t in enumerate(model.terms)}
+    return [np.array([place[t.screws] for t in m.terms], dtype=np.intp) for m in model.mechanisms if m.name.startswith("free(")]
+
+
+def variances(fitted: Fit, groups: Sequence[Index]) -> Array:
+    """(p,) precisions sigma²/v of every term: MacKay's fixed point of the marginal likelihood, v one number a group."""
+    kept = list(fitted.found.kept)
+    where = {k: i for i, k in enumerate(kept)}
+    inside = [np.array([where[k] for k in g if k in where], dtype=np.intp) for g in groups]
+    R = fitted.reduction.R[:-1, kept]
+    response = fitted.reduction.R[:-1, -1] + R @ fitted.theta[kept]
+    gram, cross, rest = R.T @ R, R.T @ response, float(fitted.reduction.R[-1, -1] ** 2)
+    precision = np.zeros(len(kept))
+    for g, i in zip(groups, inside, strict=True):
+        precision[i] = 1.0 if fitted.precision is None else fitted.precision[g[0]]
+    for _ in range(ROUNDS):
+        covariance = np.linalg.inv(gram + np.diag(precision))
+        beta = covariance @ cross
+        rss = float(np.square(response - R @ beta).sum()) + rest
+        spent = [len(i) - precision[i] @ covariance[i, i] for i in inside]      # effective parameters of each group
+        fixed = len(kept) - sum(map(len, inside))
+        sigma2 = rss / max(fitted.rows - fixed - sum(spent), 1.0)
+        new = precision.copy()
+        for i, used in zip(inside, spent, strict=True):
+            new[i] = sigma2 * max(used, 1e-3) / max(float(np.square(beta[i]).sum()), 1e-300)
+        if np.allclose(new, precision, rtol=1e-3):
+            precision = new
+            break
+        precision = new
+    out = np.zeros(len(fitted.theta))
+    out[kept] = precision
+    return out
+
+
+def fit_shrunk(scene: Scene, model: Model, start: Fit | None = None) -> Fit:
+    """Fit a model, its free functions shrunk; a plain fit where it has none. `start`: a fit of a similar model."""
+    known = {} if start is None else dict(zip((t.screws for t in start.terms), start.theta, strict=True))
+    theta = None if start is None else np.array([known.get(t.screws, 0.0) for t in model.terms])
+    groups = wide_groups(model)
+    if not groups:
+        return fit(scene, model, start=theta)
+    weight = scene.whiten if isinstance(scene.whiten, float) else float(np.median(np.diagonal(scene.whiten, 0, 1, 2)))
+    before = {} if start is None or start.precision is None else dict(
+        zip((t.screws for t in start.terms), start.precision, strict=True))
+    precision = np.zeros(len(model.terms))
+    for g in groups:
+        precision[g] = before.get(model.terms[g[0]].screws, (0.1 * weight / START) ** 2)
+    fitted = fit(scene, model, precision=precision, start=theta)
+    for _ in range(2):
+        new = variances(fitted, groups)
+        settled = np.allclose(new, fitted.precision, rtol=0.1)
+        fitted = fit(scene, model, precision=new, start=fitted.theta)
+        if settled:
+            break
+    return fitted

@@ -1,0 +1,143 @@
+"""Registration without a start value: the tracker metres away, turned at will, targets unknown, a tenth of the points gross."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from builders import seeds
+from scipy.spatial.transform import Rotation
+
+from modelsel.design import residuals
+from modelsel.errors import DataError
+from modelsel.measurements import measurements
+from modelsel.register import register
+from modelsel.robot import pose
+from modelsel.robotfile import load
+from modelsel.scene import Scene, scene
+
+SIGMA = 0.05
+TOOLS = np.array([[40.0, -25, 100], [-60, 30, 80], [10, 70, 150]])
+
+
+def site(rng: np.random.Generator, name: str, m: int, targets: int = 1, groups: int = 1, sigma: float = SIGMA,
+         orientation: bool = False) -> tuple[Scene, list[np.ndarray], list[np.ndarray], np.ndarray]:
+    """(unregistered scene, R and t of every group, target rotations): m configurations, every target at each."""
+    robot = load(name)
+    q = robot.draw(rng, m).repeat(targets, axis=0)
+    target, group = np.tile(np.arange(targets), m), np.sort(np.arange(m) % groups).repeat(targets)
+    R, t = Rotation.random(groups, rng=rng).as_matrix(), rng.uniform(-8000, 8000, (groups, 3))
+    turned = Rotation.random(targets, rng=rng).as_matrix()
+    at = pose(robot, q, TOOLS[target])
+    position = np.einsum("mij,jm->mi", R[group], at.target) + t[group] + rng.normal(0, sigma, (len(q), 3))
+    more = {}
+    if orientation:
+        wobble = Rotation.from_rotvec(rng.normal(0, 1e-4, (len(q), 3))).as_matrix()
+        more = {"rotation": wobble @ R[group] @ at.rotation.transpose(2, 0, 1) @ turned[target]}
+    data = measurements(q, position, target=[f"r{k}" for k in target], group=[f"day{g}" for g in group], **more)
+    return scene(robot, data, np.zeros((targets, 3))), R, t, turned
+
+
+def everything(at: Scene) -> np.ndarray:
+    return np.ones(len(at), bool)
+
+
+def lengths(at: Scene) -> np.ndarray:
+    return np.linalg.norm(residuals(at)[:, :3], axis=1)
+
+
+@seeds(1, 2, 3)
+@pytest.mark.parametrize("name", ["ur5", "puma760", "iiwa14"])
+def test_placement_and_tool_are_found(name, rng) -> None:
+    at, R, t, _ = site(rng, name, 60)
+    found = register(at, everything(at), per_group=False)
+    assert np.sqrt(np.square(lengths(found)).mean() / 3) < 1.1 * SIGMA
+    assert np.abs(found.tools[0] - TOOLS[0]).max() < 1.0              # SIGMA over levers and sqrt(60)
+    fresh = load(name).draw(rng, 100)
+    want = pose(load(name), fresh, TOOLS[0]).target.T @ R[0].T + t[0]
+    other = pose(load(name), fresh, found.tools[0]).target.T @ found.placement[0][0].T + found.placement[1][0]
+    assert np.linalg.norm(other - want, axis=1).max() < 4 * SIGMA     # whatever the set-up cannot tell apart moves nothing
+    R_found = found.placement[0][0]
+    np.testing.assert_allclose(R_found @ R_found.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(R_found) == pytest.approx(1)
+
+
+@seeds(1, 2)
+def test_exact_without_noise(rng) -> None:
+    at, R, t, _ = site(rng, "ur5", 12, sigma=0.0)
+    found = register(at, everything(at), per_group=False)
+    np.testing.assert_allclose(found.tools[0], TOOLS[0], atol=1e-5)
+    np.testing.assert_allclose(found.placement[0][0], R[0], atol=1e-8)
+    np.testing.assert_allclose(found.placement[1][0], t[0], atol=1e-4)
+
+
+@seeds(1, 2)
+def test_several_targets(rng) -> None:
+    at, *_ = site(rng, "ur5", 40, targets=3)
+    found = register(at, everything(at), per_group=False)
+    np.testing.assert_allclose(found.tools, TOOLS, atol=1.0)
+    assert np.sqrt(np.square(lengths(found)).mean() / 3) < 1.1 * SIGMA
+
+
+@seeds(1, 2, 3)
+@pytest.mark.parametrize("targets", [1, 2])
+def test_per_group(targets, rng) -> None:
+    """One placement a group, robot and targets shared; one placement for all would be metres off."""
+    at, R, t, _ = site(rng, "puma760", 60, targets=targets, groups=3)
+    found = register(at, everything(at), per_group=True)
+    assert np.sqrt(np.square(lengths(found)).mean() / 3) < 1.1 * SIGMA
+    for g in range(3):
+        np.testing.assert_allclose(found.placement[0][g], R[g], atol=2e-3)
+    one = register(at, everything(at), per_group=False)
+    assert np.median(lengths(one)) > 100
+
+
+@seeds(1, 2, 3)
+@pytest.mark.parametrize("groups", [1, 2])
+def test_a_tenth_of_gross_points(groups, rng) -> None:
+    """Points metres off, or millimetres, do not move what is found; they stand out afterwards."""
+    at, *_ = site(rng, "ur5", 80, groups=groups)
+    wrong = rng.permutation(80)[:8]
+    position = at.data.position.copy()
+    position[wrong] += rng.normal(size=(8, 3)) * np.repeat([2000.0, 5.0], 4)[:, None]
+    found = register(replace(at, data=replace(at.data, position=position)), everything(at), per_group=groups > 1)
+    good = np.setdiff1d(np.arange(80), wrong)
+    assert np.sqrt(np.square(lengths(found)[good]).mean() / 3) < 1.15 * SIGMA
+    assert lengths(found)[wrong].min() > 8 * SIGMA
+
+
+@seeds(1, 2)
+@pytest.mark.parametrize("targets", [1, 2])
+def test_with_orientation(targets, rng) -> None:
+    """The target frame's rotation on the flange is found as well: rotational residuals at their noise, none near pi."""
+    at, *_, turned = site(rng, "ur5", 40, targets=targets, orientation=True)
+    found = register(at, everything(at), per_group=False)
+    left = residuals(found)
+    assert left.shape[1] == 6
+    assert np.sqrt(np.square(left[:, :3]).mean()) < 1.1 * SIGMA
+    assert np.sqrt(np.square(left[:, 3:]).mean()) < 1.2e-4
+    np.testing.assert_allclose(found.tool_rotations, turned, atol=5e-4)
+
+
+def test_only_estimation_rows_count(rng) -> None:
+    """What is held out may be anything."""
+    at, *_ = site(rng, "ur5", 60)
+    use = np.arange(60) < 40
+    spoilt = at.data.position.copy()
+    spoilt[~use] += 1e4
+    first, second = (register(replace(at, data=replace(at.data, position=p)), use, per_group=False) for p in (at.data.position, spoilt))
+    assert np.array_equal(first.tools, second.tools)
+    assert np.array_equal(first.placement[1], second.placement[1])
+
+
+@pytest.mark.parametrize("groups", [1, 3])
+def test_too_few_configurations(groups, rng) -> None:
+    """Three of one placement are refused, by name of the group; repeats of a target do not count as configurations."""
+    at, *_ = site(rng, "ur5", 30, targets=2, groups=groups)
+    use = everything(at)
+    last = at.data.group == groups - 1
+    use[np.flatnonzero(last)[6:]] = False                             # three configurations of two targets
+    with pytest.raises(DataError, match=f"{f'group day{groups - 1}' if groups > 1 else 'the data'} has 3 estimation configurations") as caught:
+        register(at, use, per_group=groups > 1)
+    assert caught.value.exit_code == 3
+    assert "Measure more" in caught.value.remedy
