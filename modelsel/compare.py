@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from .criteria import aicc, bic, log_evidence, weights
 from .design import Model
 from .errors import NotEstimable
-from .fit import Fit, fit
+from .fit import Fit, prior_rows
 from .folds import cross_validate, fold, held_out_residuals
 from .measurements import Index
 from .rigid import Array
 from .scene import Scene
 from .screws import Mechanism
 from .search import all_subsets, single_f
+from .shrink import fit_shrunk
 from .validate import Errors, errors
 
 MOST = 12      # mechanisms in the table of all subsets
@@ -66,24 +67,22 @@ class Rung:
     note: str = ""
 
 
-def rung(data: Data, model: Model, names: Sequence[str], precision: Array | None = None, fitted: Fit | None = None) -> Rung:
-    """Fit a model on the estimation rows, exactly, and measure it everywhere."""
+def rung(data: Data, model: Model, names: Sequence[str], fitted: Fit | None = None) -> Rung:
+    """Fit a model on the estimation rows, exactly (or take its fit), and measure it everywhere."""
     training, folds_of = data.training(), data.training_folds()
     if fitted is None:
-        fitted = fit(training, model, precision=precision)
+        fitted = fit_shrunk(training, model)
     residual = fitted.residuals(data.scene)
     held, n = ~data.estimation, fitted.rows
-    note, mean, rms = "", None, None
-    if fitted.theta.size and fitted.precision is None:
+    left, note = np.linalg.norm(residual[data.used][:, :3], axis=1), ""
+    if fitted.theta.size:
+        prior = None if fitted.precision is None else prior_rows(fitted.precision, fitted.theta)
         try:
-            cv = cross_validate(fold(training, model.terms, folds_of, fitted.at()), fitted.found.kept)
+            cv = cross_validate(fold(training, model.terms, folds_of, fitted.at()), fitted.found.kept, prior)
             left = np.linalg.norm(held_out_residuals(training, model.terms, folds_of, cv.without, fitted.at()), axis=1)
-            mean, rms = float(left.mean()), float(np.sqrt(np.square(left).mean()))
         except NotEstimable:
-            note = "not estimable without one of the folds"
-    elif not fitted.theta.size:
-        size = np.linalg.norm(residual[data.used][:, :3], axis=1)
-        mean, rms = float(size.mean()), float(np.sqrt(np.square(size).mean()))
+            left, note = np.full(1, np.nan), "not estimable without one of the folds"
+    mean, rms = float(left.mean()), float(np.sqrt(np.square(left).mean()))
     sigma, rank = 1.0 if data.known_sigma else None, n - fitted.freedom
     corrected = float(aicc(fitted.rss, n, rank, sigma))
     return Rung(tuple(names), len(fitted.theta), fitted.rank, errors(residual[data.estimation], data.outlying[data.estimation]),

@@ -76,12 +76,17 @@ class Fit:
         return residuals(scene, self.terms, self.theta)
 
 
+def prior_rows(precision: Array, theta: Array) -> Array:
+    """(k, p+1) a row [columns | response] per shrunk term: sqrt(precision) (theta + delta) = 0."""
+    root = np.sqrt(precision)
+    return np.column_stack([np.diag(root), -root * theta])[root > 0]
+
+
 def _with_prior(reduction: Reduction, precision: Array | None, theta: Array) -> Reduction:
-    """The reduction with a row per shrunk term: sqrt(precision) (theta + delta) = 0."""
+    """The reduction with the prior's rows stacked on; its count stays that of the data."""
     if precision is None or not precision.any():
         return reduction
-    root = np.sqrt(precision)
-    return Reduction(reduction.add(np.column_stack([np.diag(root), -root * theta])[root > 0]).R, reduction.rows)
+    return Reduction(reduction.add(prior_rows(precision, theta)).R, reduction.rows)
 
 
 def _damped(reduction: Reduction, damping: float) -> Reduction:

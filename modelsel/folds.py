@@ -92,10 +92,12 @@ class CrossValidation:
         return float(np.sqrt(self.held_out.sum() / self.rows.sum()))
 
 
-def cross_validate(folded: Folded, kept: Sequence[int] | None = None) -> CrossValidation:
-    """Exact, from one factorisation. `kept`: the columns to fit (default: those `identify` keeps). Raises NotEstimable
-    where the model is not estimable without some fold."""
+def cross_validate(folded: Folded, kept: Sequence[int] | None = None, prior: Array | None = None) -> CrossValidation:
+    """Exact, from one factorisation. `kept`: the columns to fit (default: those `identify` keeps); `prior`: rows (k, p+1) of
+    [columns | response] that belong to no fold. Raises NotEstimable where the model is not estimable without some fold."""
     total = folded.total()
+    if prior is not None:
+        total = Reduction(total.add(prior).R, total.rows)
     kept = list(identify(total).kept if kept is None else kept)
     beta, factor, rss = solve(total, kept)
     X, y = folded.blocks[:, :, kept], folded.blocks[:, :, -1]

@@ -1,87 +1,32 @@
-"""One study, from its file to its result: the module that calls all the others."""
+"""One study, from its file to its result."""
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from . import __version__
+from .analysis import Result, Say, analyse
 from .causes import parse
-from .compare import Comparison, Data, Rung, applicable, compare, rung
-from .config import Study, find_data, read_study
-from .design import Model
+from .config import Study, find_data
 from .errors import StudyError
-from .fit import Fit
-from .identify import Unidentifiable, unidentifiable
 from .io import read_labels, read_measurements
-from .measurements import Measurements, Note, measurements
-from .mechanisms.geometry import setup
-from .noise import Floor, Instrument
-from .prepare import Plan, generator, prepare, reweigh_rotation
+from .measurements import measurements
+from .noise import Instrument
+from .prepare import Plan, generator
 from .registry import BUILTIN, Registry, every, mechanism, parts
-from .result import candidates_dict, dumps, rung_dict
 from .rigid import Array
 from .robot import Robot
 from .robotfile import load, read_robot
 from .scene import scene
 from .screws import Mechanism, Screw
 from .simulate import simulate
-from .validate import Gain, gain
 from .write import write_beside
 
 if TYPE_CHECKING:
     import pandas as pd
-
-Say = Callable[[str], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Result:
-    """A finished study: values for programs, `to_json` for the contract's file."""
-
-    study: Study
-    robot: Robot
-    data: Data
-    floor: Floor
-    ladder: tuple[Rung, ...]
-    comparison: Comparison | None
-    chosen: Rung
-    gain: Gain
-    unidentifiable: tuple[Unidentifiable, ...]
-    warnings: tuple[Note, ...]
-    provenance: Mapping[str, str] = field(repr=False)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The contract's result."""
-        data = self.data.scene.data
-        estimation = self.data.estimation
-        return {
-            "schema": 1, "study": self.study.name, "robot": self.robot.name, "seed": self.study.seed,
-            "provenance": dict(self.provenance),
-            "configurations": {"estimation": data.take(estimation).configurations,
-                               "held_out": data.take(~estimation).configurations,
-                               "estimation_rows": data.row[estimation]},
-            "noise_floor": {"coordinate_mm": self.floor.coordinate_mm, "source": self.floor.source},
-            "ladder": [rung_dict(r) for r in self.ladder],
-            "candidates": candidates_dict(self.comparison),
-            "findings": [],
-            "nothing_else": {"sentence": "", "detection_limit_mm": None},
-            "nested_cv": None,
-            "chosen": {"mechanisms": list(self.chosen.names), "cells": []},
-            "outliers": data.row[self.data.outlying],
-            "unidentifiable": [{"sentence": u.sentence, "parameters": list(u.parameters)} for u in self.unidentifiable],
-            "warnings": [{"code": w.code, "sentence": w.sentence} for w in self.warnings],
-            "sampling": None,
-        }
-
-    def to_json(self) -> str:
-        """result.json's text."""
-        return dumps(self.to_dict())
 
 
 def robot_of(study: Study, folder: Path) -> Robot:
@@ -136,49 +81,8 @@ def run(study: Study, folder: Path, *, registry: Registry = BUILTIN, say: Say = 
     if study.split.column is not None:
         labels = read_labels(path, study.split.column)[measured.row]
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return analyse(study, robot, measured, labels, registry=registry, say=say, data_sha256=digest)
-
-
-def analyse(study: Study, robot: Robot, measured: Measurements, labels: NDArray[np.object_] | None = None, *,
-            registry: Registry = BUILTIN, say: Say = lambda _: None, data_sha256: str = "") -> Result:
-    """The study of measurements already read."""
-    plan = plan_of(study)
-    say("registering and splitting" if plan.register else "splitting")
-    data, floor, notes = prepare(robot, measured, plan, labels)
-    orientation = measured.rotation is not None
-    placement = setup(robot, len(measured.targets), len(measured.groups) if plan.per_group else 1, plan.register, orientation)
-    fixed = (placement,) if placement.terms else ()
-    base = Model((*fixed, *(mechanism(name, robot, registry) for name in study.model.base)))
-    base_names = tuple(study.model.base)
-
-    say("fitting the base")
-    nominal = rung(data, Model(fixed), ("nominal",))
-    if orientation:
-        data = reweigh_rotation(data, plan, nominal.residual)
-        data = reweigh_rotation(data, plan, rung(data, base, base_names).residual)
-        nominal = rung(data, Model(fixed), ("nominal",))
-    base_rung = rung(data, base, base_names) if base_names else nominal
-    base_fit = _fit(base_rung)
-
-    say("comparing all subsets of the candidates")
-    candidates = applicable(data.scene, base, candidates_of(study, robot, registry))
-    comparison = compare(data, base, base_fit, candidates, base_names) if candidates else None
-    rungs = [nominal]
-    for names in study.model.ladder or [list(base_names)]:
-        model = Model((*fixed, *(mechanism(name, robot, registry) for name in names)))
-        rungs.append(base_rung if tuple(names) == base_names else rung(data, model, names))
-    chosen = base_rung
-    if comparison is not None and comparison.choice != base_names:
-        chosen = rung(data, base + tuple(c for c in candidates if c.name in comparison.choice), comparison.choice)
-    if chosen.names not in [r.names for r in rungs]:
-        rungs.append(chosen)
-
-    held = ~data.estimation & ~data.outlying
-    paired = gain(nominal.residual[held][:, :3], chosen.residual[held][:, :3], measured.block[held], generator(study.seed, "gain"))
-    if floor is None:
-        floor = estimated_floor(chosen, data)
-    return Result(study, robot, data, floor, tuple(rungs), comparison, chosen, paired,
-                  unidentifiable(base_fit.found, base.terms), notes, provenance(study, data_sha256))
+    return analyse(study, plan_of(study), robot, measured, candidates_of(study, robot, registry), labels=labels,
+                   registry=registry, say=say, data_sha256=digest)
 
 
 def save(result: Result, folder: Path) -> None:
@@ -205,22 +109,3 @@ def simulate_study(study: Study, folder: Path) -> pd.DataFrame:
     tool = np.array(study.robot.tool_mm if study.robot.tool_mm is not None else (0.0, 0.0, 0.0))
     noise = study.noise.floor_mm if study.noise.floor_mm is not None else study.simulate.noise_mm
     return simulate(robot, tool, effects, q=q, noise_mm=noise, rng=rng, covariates=covariates)
-
-
-def _fit(rung_: Rung) -> Fit:
-    assert rung_.fit is not None
-    return rung_.fit
-
-
-def estimated_floor(rung_: Rung, data: Data) -> Floor:
-    """One coordinate's standard deviation [mm] from the residuals of a fitted model."""
-    fitted = _fit(rung_)
-    return Floor(float(np.sqrt(np.square(rung_.residual[data.used][:, :3]).mean() * fitted.rows / fitted.freedom)), "estimated",
-                 fitted.freedom)
-
-
-def provenance(study: Study, data_sha256: str) -> dict[str, str]:
-    """Versions and hashes; no path, time or host."""
-    import scipy
-    return {"modelsel": __version__, "numpy": np.__version__, "scipy": scipy.__version__, "data_sha256": data_sha256,
-            "study_sha256": hashlib.sha256(study.model_dump_json().encode()).hexdigest()}

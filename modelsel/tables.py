@@ -10,7 +10,7 @@ from .validate import Errors
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from .study import Result
+    from .analysis import Result
 
 
 def mm(value: float | None) -> str:
@@ -67,6 +67,12 @@ def sentences(result: Result) -> list[str]:
     out = [f"Nominal model: {mm(first.estimation.mean_mm)} mm mean, {mm(first.estimation.max_mm)} mm worst. Chosen model "
            f"({sentence_list(last.names)}): {mm(last.estimation.mean_mm)} mm mean; noise floor "
            f"{result.floor.coordinate_mm:.3g} mm per coordinate ({result.floor.source})."]
+    out += [f"Found: {f.sentence}" if f.effect.named.verdict == "found" else f"Not told apart: {f.sentence}"
+            for f in result.findings]
+    out.append(result.nothing_else[0])
+    if result.data.outlying.any():
+        rows = ", ".join(str(int(r) + 2) for r in result.data.scene.data.row[result.data.outlying][:20])
+        out.append(f"Outliers left out: {int(result.data.outlying.sum())} rows (lines {rows}).")
     gain = result.gain
     if gain.held_out_rms_before_mm is not None:
         interval = "" if gain.interval_mm is None else (f", a gain of {gain.interval_mm[0]:.3g} to {gain.interval_mm[1]:.3g} mm "
