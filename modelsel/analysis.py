@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from . import __version__
 from .candidates import Candidate, candidates
-from .compare import Comparison, Data, Rung, applicable, compare, rung
+from .compare import Comparison, Data, Rung, compare, rung, strongest
 from .config import Study
 from .design import Model
 from .extend import Extension, extend, models
@@ -112,8 +112,8 @@ def analyse(study: Study, plan: Plan, robot: Robot, measured: Measurements, ever
     outliers = data.outlying
     nominal, base_rung = rung(data, Model(fixed), ("nominal",)), rung(data, base, base_names)
     say("comparing all subsets of the candidates")
-    offered = applicable(data.scene, base, [m for m in everything if m.name not in base_names])
-    comparison = compare(data, base, _fit(base_rung), offered, base_names) if offered else None
+    offered, aside = strongest(found, extension.single_f)
+    comparison = compare(data, base, _fit(base_rung), offered, base_names, aside) if offered else None
     rungs = [nominal]
     for names in study.model.ladder or [list(base_names)]:
         model = Model((*fixed, *(mechanism(name, robot, registry) for name in names)))
@@ -141,6 +141,9 @@ def analyse(study: Study, plan: Plan, robot: Robot, measured: Measurements, ever
     findings = tuple(Finding(e, paired(a, b)) for e, a, b in zip(extension.effects, steps, steps[1:], strict=False))
     if floor is None:
         floor = estimated_floor(chosen, data)
+    if comparison is not None and set(comparison.choice) != set(chosen.names):
+        notes = (*notes, Note("table-differs", "The one-standard-error choice of the table of subsets is "
+                              f"{' + '.join(comparison.choice)}; the chosen model follows what was named."))
     return Result(study, robot, data, floor, tuple(rungs), comparison, chosen, paired(nominal, chosen), findings, extension,
                   nothing_else(extension, found, data, chosen), unidentifiable(_fit(base_rung).found, base.terms), notes,
                   provenance(study, data_sha256))

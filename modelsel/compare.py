@@ -7,21 +7,22 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .candidates import Candidate
 from .criteria import aicc, bic, log_evidence, weights
 from .design import Model
 from .errors import NotEstimable
-from .fit import Fit, prior_rows
+from .fit import Fit, fit, prior_rows
 from .folds import cross_validate, fold, held_out_residuals
 from .measurements import Index
 from .rigid import Array
 from .scene import Scene
 from .screws import Mechanism
-from .search import all_subsets, single_f
+from .search import all_subsets
 from .shrink import fit_shrunk
 from .validate import Errors, errors
 
 MOST = 12      # mechanisms in the table of all subsets
-SHOWN = 12     # rows of it that are fitted exactly and listed
+SHOWN = 12     # rows of it that are listed
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +68,14 @@ class Rung:
     note: str = ""
 
 
-def rung(data: Data, model: Model, names: Sequence[str], fitted: Fit | None = None) -> Rung:
-    """Fit a model on the estimation rows, exactly (or take its fit), and measure it everywhere."""
+def rung(data: Data, model: Model, names: Sequence[str], fitted: Fit | None = None, linear: Fit | None = None) -> Rung:
+    """Fit a model on the estimation rows, exactly, and measure it everywhere; or take its fit, or one linear step from
+    that of a smaller model."""
     training, folds_of = data.training(), data.training_folds()
-    if fitted is None:
+    if linear is not None:
+        known = dict(zip((t.screws for t in linear.terms), linear.theta, strict=True))
+        fitted = fit(training, model, start=np.array([known.get(t.screws, 0.0) for t in model.terms]), iterations=1)
+    elif fitted is None:
         fitted = fit_shrunk(training, model)
     residual = fitted.residuals(data.scene)
     held, n = ~data.estimation, fitted.rows
@@ -101,8 +106,21 @@ class Comparison:
     set_aside: tuple[str, ...]
 
 
-def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechanism], base_names: Sequence[str]) -> Comparison:
-    """All subsets of at most twelve candidates (those of largest single F) on the base, linear about the base's fit."""
+def strongest(found: Sequence[Candidate], single_f: Array) -> tuple[tuple[Mechanism, ...], tuple[str, ...]]:
+    """(the registered mechanisms of largest single F, at most twelve, in the registry's order; names of the others). Of a
+    scanned mechanism the best constant stands for it."""
+    best: dict[str, tuple[float, int]] = {}
+    for g, candidate in enumerate(found):
+        if candidate.registered and single_f[g] > best.get(candidate.mechanism.name, (0.0, -1))[0]:
+            best[candidate.mechanism.name] = (float(single_f[g]), g)
+    ranked = sorted(best.values(), key=lambda pair: -pair[0])
+    taken = sorted(g for _, g in ranked[:MOST])
+    return tuple(found[g].mechanism for g in taken), tuple(found[g].mechanism.name for _, g in ranked[MOST:])
+
+
+def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechanism], base_names: Sequence[str],
+            set_aside: Sequence[str] = ()) -> Comparison:
+    """All subsets of the candidates (at most twelve, see `strongest`) on the base, linear about the base's fit."""
     training, folds_of = data.training(), data.training_folds()
     everything = base + tuple(candidates)
     terms = everything.terms
@@ -110,11 +128,7 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
     place = {t.screws: k for k, t in enumerate(terms)}
     kept_base = list(base_fit.found.kept)
     groups = [[place[t.screws] for t in c.terms if place[t.screws] >= len(base.terms)] for c in candidates]
-    usable = [g for g, columns in enumerate(groups) if columns]
-    F = single_f(folded, kept_base, [groups[g] for g in usable])
-    ranked = [usable[k] for k in np.argsort(-F, kind="stable") if F[k] > 0]
-    chosen = sorted(ranked[:MOST])
-    aside = tuple(candidates[g].name for g in range(len(candidates)) if g not in chosen)
+    chosen = [g for g, columns in enumerate(groups) if columns]
     subsets = all_subsets(folded, kept_base, _disjoint([groups[g] for g in chosen]))
     total, n = subsets.held_out.sum(1), int(folded.rows.sum())
     saturated = n - subsets.rank < 2
@@ -140,12 +154,12 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
             ("lowest BIC: criteria disagree", s == by_bic != best), ("lowest AICc: criteria disagree", s == by_aicc != best),
             ("saturated: AICc undefined", n - subsets.rank[s] < 3)) if true]
         try:
-            one = rung(data, base + tuple(some), (*base_names, *(m.name for m in some)))
+            one = rung(data, base + tuple(some), (*base_names, *(m.name for m in some)), linear=base_fit)
         except NotEstimable:
             continue
         out.append(replace(one, weight=float(weight[s]), note="; ".join([*notes, *([one.note] if one.note else [])])))
     choice = tuple(candidates[chosen[g]].name for g in np.flatnonzero(subsets.members[pick]))
-    return Comparison(len(subsets.rss), tuple(out), (*base_names, *choice), tuple(candidates[g].name for g in chosen), aside)
+    return Comparison(len(subsets.rss), tuple(out), (*base_names, *choice), tuple(candidates[g].name for g in chosen), tuple(set_aside))
 
 
 def _disjoint(groups: list[list[int]]) -> list[list[int]]:
@@ -158,15 +172,3 @@ def _multiplicity(members: NDArray[np.bool_]) -> Array:
     from scipy.special import gammaln
     G, s = members.shape[1], members.sum(1)
     return np.asarray(gammaln(s + 1) + gammaln(G - s + 1) - gammaln(G + 2))
-
-
-def applicable(scene: Scene, base: Model, mechanisms: Sequence[Mechanism]) -> tuple[Mechanism, ...]:
-    """Those whose causes the data carry, that are not in the base, and whose columns the base does not already span."""
-    names, inside = scene.names(), {t.screws for t in base.terms}
-    out = []
-    for mechanism in mechanisms:
-        if mechanism.names() <= names.keys() and not {t.screws for t in mechanism.terms} <= inside:
-            out.append(mechanism)
-    return tuple(out)
-
-

@@ -13,7 +13,7 @@ import numpy as np
 
 from .candidates import Candidate
 from .design import Model
-from .errormap import Columns, Scan, basis, columns, null, p_value, scan, scan_without, stacked
+from .errormap import Columns, Scan, basis, columns, null, p_value, scan, scan_without, single_f, stacked
 from .fit import Fit
 from .naming import Named, name
 from .rigid import Array
@@ -43,7 +43,7 @@ class Effect:
 @dataclass(frozen=True, eq=False)
 class Extension:
     """The extended model: effects in the order they were found, its fit, the null evidences, what was tried on the way;
-    `left` names the strongest of what remains, with its p-value, whatever it is."""
+    `left` names the strongest of what remains, with its p-value, whatever it is; `single_f` (G,) every candidate alone."""
 
     base: Model
     effects: tuple[Effect, ...]
@@ -54,6 +54,7 @@ class Extension:
     left: Named
     left_p: float
     bound: float
+    single_f: Array = field(repr=False)
 
 
 def models(base: Model, chosen: Sequence[Candidate]) -> Model:
@@ -157,7 +158,8 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
         one, at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
         effects.append(Effect(found[g], one, p_value(one.evidence, search.null), view.fitted.theta[at],
                               view.fitted.standard_errors[at]))
-    return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, search.bound)
+    return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, search.bound,
+                     single_f(search.first.seen, search.first.r))
 
 
 def _moved(before: _View, after: _View, candidate: Candidate) -> bool:

@@ -86,7 +86,7 @@ def finding_dict(finding: Finding, scene: Scene) -> dict[str, Any]:
 def detection_limit(extension: Extension, priors: Sequence[float], configurations: int, sigma: float) -> float:
     """Root mean square displacement per row [whitened units of sigma] beyond the model of a single-column effect that the
     scan would find with 90 %: the noncentrality at which its evidence passes the bound (methods.md A.7)."""
-    from scipy.stats import chi2, ncx2
+    from scipy.special import chndtr
     log_prior = float(np.log(np.median(priors)))
     freedom = extension.fit.freedom
     share = np.linspace(0.0, 0.9, 4001)[1:]
@@ -96,6 +96,5 @@ def detection_limit(extension: Extension, priors: Sequence[float], configuration
     low, high = 0.0, 10 * critical + 100
     for _ in range(60):
         middle = (low + high) / 2
-        low, high = (middle, high) if ncx2.sf(critical, 1, middle) < POWER else (low, middle)
-    assert chi2.sf(critical, 1) < POWER
+        low, high = (middle, high) if 1 - chndtr(critical, 1, middle) < POWER else (low, middle)
     return float(sigma * np.sqrt(high / configurations))

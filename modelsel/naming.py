@@ -40,8 +40,8 @@ class Named:
 def name(seen: Scan, candidates: tuple[Candidate, ...], response: Array) -> Named:
     """Name what explains a response (N,) that the model's basis has been projected off."""
     log_prior = np.log([c.prior for c in candidates])
-    value, _, joint = evidence(seen, log_prior, response[:, None])
-    probability = np.exp(joint[:, 0] - value[0])
+    value, joint = evidence(seen, log_prior, response)
+    probability = np.exp(joint - value)
     probability /= probability.sum()
     order = np.argsort(-probability, kind="stable")
     count = int(np.searchsorted(np.cumsum(probability[order]), CREDIBLE) + 1)
@@ -50,7 +50,7 @@ def name(seen: Scan, candidates: tuple[Candidate, ...], response: Array) -> Name
     entries = tuple(Entry(candidates[g], float(probability[g]), bool(a)) for g, a in zip(shown, alike, strict=True))
     together = sum(e.probability for e in entries if e.alike)
     verdict = "found" if together >= SURE else "cannot be told apart"
-    return Named(float(value[0]), entries, max(count - len(shown), 0), verdict, joint[:, 0] - value[0], int(order[0]))
+    return Named(value, entries, max(count - len(shown), 0), verdict, joint - value, int(order[0]))
 
 
 def fitted_displacement(seen: Scan, g: int, response: Array) -> Array:

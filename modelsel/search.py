@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .folds import Folded
-from .identify import identify
 from .rigid import Array
 
 PIVOT = 1e-9       # of the column's own size before any sweep: below it the column depends on the kept ones
@@ -97,19 +96,3 @@ def all_subsets(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[i
         members = np.concatenate([members, with_g])
         done += width
     return Subsets(members, S[:, -1, 0, 0], len(base) + gained[:, -1].astype(np.intp), W[:, :-1, 0, 0], pivot.min(1))
-
-
-def single_f(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]]) -> Array:
-    """(G,) F statistic of every group alone on top of the base; nought for a group that adds no column."""
-    total = folded.total()
-    out = np.zeros(len(groups))
-    rss_base = float(total.select(base).R[-1, -1] ** 2)
-    for g, columns in enumerate(groups):
-        both = total.select([*base, *columns])
-        found = identify(both)
-        q = found.rank - len(base)
-        rss = float(both.select(found.kept).R[-1, -1] ** 2)
-        freedom = total.rows - found.rank
-        if q > 0 and freedom > 0 and rss > 0:
-            out[g] = (rss_base - rss) / q / (rss / freedom)
-    return out
