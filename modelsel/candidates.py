@@ -96,7 +96,7 @@ def free_functions(scene: Scene) -> list[Mechanism]:
             filled = np.searchsorted(values, centres + width) - np.searchsorted(values, centres - width)
             if np.median(filled) / 2 < DENSITY or (filled > 0).sum() < 4:
                 continue
-            terms = tuple(Term(f"f{j}[{np.degrees(c):.0f}]", (Screw(j, "rz", Bump(j, float(c), float(width))),))
+            terms = tuple(Term(f"f{j}[{np.degrees(c):.0f}]", (Screw(j, "rz", Bump(f"q{j}", float(c), float(width))),))
                           for c, n in zip(centres, filled, strict=True) if n >= 2)
             out.append(Mechanism(f"free(q{j}) {np.degrees(width):.0f}", terms, f"Joint {j} turns unevenly, by a shape no list has."))
     return out

@@ -263,17 +263,18 @@ _OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
 
 @dataclass(frozen=True)
 class Bump(Cause):
-    """One cubic B-spline of one joint's own reading: a free function is many of them side by side, each with its coefficient.
+    """One cubic B-spline of one value of the state: a free function is many of them side by side, each with its coefficient.
 
-    Centred at `centre`, knots `width` apart (rad or mm); it is zero two knots away. de Boor 1978, cardinal B-splines.
+    Centred at `centre`, knots `width` apart (in the value's unit); it is zero two knots away. de Boor 1978, cardinal
+    B-splines.
     """
 
-    joint: int
+    name: str
     centre: float
     width: float
 
     def of(self, state: State) -> Array:
-        u = np.abs(state.value(f"q{self.joint}") - self.centre) / self.width
+        u = np.abs(state.value(self.name) - self.centre) / self.width
         near, far = (4 - 6 * u ** 2 + 3 * u ** 3) / 6, np.maximum(2 - u, 0) ** 3 / 6
         return np.where(u < 1, near, far)
 
@@ -282,7 +283,14 @@ class Bump(Cause):
         return "1"
 
     def names(self) -> frozenset[str]:
-        return frozenset((f"q{self.joint}",))
+        return frozenset((self.name,))
 
     def __str__(self) -> str:
-        return f"free(q{self.joint})"
+        return f"free({self.name})"
+
+
+def factors(cause: Cause) -> tuple[Cause, ...]:
+    """The factors of a product, or the cause itself."""
+    if isinstance(cause, Combined) and cause.operator == "*":
+        return factors(cause.left) + factors(cause.right)
+    return (cause,)

@@ -45,7 +45,7 @@ def twist_of(scene: Scene, terms: Sequence[Term], theta: Array, rows: slice) -> 
     for value, term in zip(theta, terms, strict=True):
         if value:
             for s in term.screws:
-                out[s.frame - 1, PLACE[s.axis]] += value * _rows(s.cause.of(scene), rows)
+                out[s.frame - 1, PLACE[s.axis]] += value * _rows(scene.cause(s.cause), rows)
     return out
 
 
@@ -89,9 +89,9 @@ def columns_of(scene: Scene, field: Array, terms: Sequence[Term], rows: slice) -
     out = np.empty((len(terms), *field.shape[2:]))
     for column, term in zip(out, terms, strict=True):
         first, *others = term.screws
-        np.multiply(field[first.frame - 1, PLACE[first.axis]], _rows(first.cause.of(scene), rows), out=column)
+        np.multiply(field[first.frame - 1, PLACE[first.axis]], _rows(scene.cause(first.cause), rows), out=column)
         for s in others:
-            column += field[s.frame - 1, PLACE[s.axis]] * _rows(s.cause.of(scene), rows)
+            column += field[s.frame - 1, PLACE[s.axis]] * _rows(scene.cause(s.cause), rows)
     return out
 
 

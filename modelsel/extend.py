@@ -15,7 +15,7 @@ from .candidates import Candidate
 from .design import Model
 from .errormap import Columns, Scan, basis, columns, null, p_value, scan, scan_without, single_f, stacked
 from .fit import Fit
-from .naming import Named, name
+from .naming import RELATED, Named, fitted_displacement, name, own_evidence, similar
 from .rigid import Array
 from .scene import Scene
 from .shrink import fit_shrunk
@@ -26,6 +26,7 @@ BETTER = np.log(3)  # log odds at which a re-named effect changes its name
 ROUNDS = 8
 SHIFT = 0.1         # share of an effect's displacement that a newcomer must change for it to be named again
 DRAWS = (1999, 499)     # null draws for small and large studies
+COARSE_MM = 1e-2        # step at which the fits on the way are good enough
 LARGE = 3e6             # candidates' numbers beyond which a study is large
 
 
@@ -64,13 +65,15 @@ def models(base: Model, chosen: Sequence[Candidate]) -> Model:
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A fitted model seen as projections: orthonormal Q, its R (A_kept = Q R), columns A (N, p), residual r off the model."""
+    """A fitted model seen as projections: orthonormal Q, its R (A_kept = Q R), columns A (N, p), the fit's residual `raw`
+    (shrunk terms leave some of the model in it) and r, its part off the model."""
 
     model: Model
     fitted: Fit
     A: Array
     Q: Array
     R: Array
+    raw: Array
     r: Array
     seen: Scan
 
@@ -88,7 +91,7 @@ class _View:
         E = np.eye(len(kept))[:, [i for i, k in enumerate(kept) if own[k]]]
         D = self.Q @ basis(np.linalg.solve(self.R.T, E))
         effect = self.A[:, own] @ self.fitted.theta[own]
-        return scan_without(self.seen, D), self.r + D @ (D.T @ effect)
+        return scan_without(self.seen, D), self.r + D @ (D.T @ (self.raw + effect))
 
 
 class _Search:
@@ -106,19 +109,21 @@ class _Search:
     def view(self, model: Model, fitted: Fit) -> _View:
         A, r = stacked(self.scene, model.terms, fitted.at())
         Q, R = np.linalg.qr(A[:, list(fitted.found.kept)])
-        return _View(model, fitted, A, Q, R, r - Q @ (Q.T @ r), scan(self.columns, Q))
+        return _View(model, fitted, A, Q, R, r, r - Q @ (Q.T @ r), scan(self.columns, Q))
 
     def fit(self, chosen: Sequence[int], start: Fit | None) -> _View:
         model = models(self.base, [self.found[g] for g in chosen])
-        return self.view(model, fit_shrunk(self.scene, model, start))
+        return self.view(model, fit_shrunk(self.scene, model, start, COARSE_MM))
 
     def next(self, view: _View) -> Named:
         return name(view.seen, self.found, view.r)
 
-    def again(self, g: int, view: _View) -> Named:
-        """Effect g named again, given the others."""
+    def again(self, g: int, view: _View) -> tuple[Named, float, bool]:
+        """Effect g given the others: (named again, the evidence for itself or its like, whether the new name is its like)."""
         seen, y = view.without(self.found[g])
-        return name(seen, self.found, y)
+        named = name(seen, self.found, y)
+        related = named.top == g or similar(fitted_displacement(seen, g, y), fitted_displacement(seen, named.top, y)) > RELATED
+        return named, own_evidence(seen, named, self.found, g, y), related
 
     def joined(self, chosen: Sequence[int], g: int) -> list[int]:
         """With candidate g; a finer free function of a joint takes the place of a coarser one."""
@@ -152,11 +157,13 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
         chosen, view, path = settled, after, path + steps
         tried |= {frozenset(trial), frozenset(settled)}
     chosen, view = _prune(search, chosen, view, path)
+    if chosen:
+        view = search.view(view.model, fit_shrunk(scene, view.model, view.fitted))
     place = {t.screws: k for k, t in enumerate(view.model.terms)}
     effects = []
     for g in chosen:
-        one, at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
-        effects.append(Effect(found[g], one, p_value(one.evidence, search.null), view.fitted.theta[at],
+        (one, own, _), at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
+        effects.append(Effect(found[g], one, p_value(own, search.null), view.fitted.theta[at],
                               view.fitted.standard_errors[at]))
     return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, search.bound,
                      single_f(search.first.seen, search.first.r))
@@ -180,12 +187,12 @@ def _settle(search: _Search, chosen: list[int], view: _View, before: _View, path
         for k, g in enumerate(chosen):
             if not _moved(before, view, search.found[g]):
                 continue
-            named = search.again(g, view)
+            named, own, related = search.again(g, view)
             odds = named.log_probability[named.top] - named.log_probability[g]
-            if p_value(named.evidence, search.null) > LEVEL:
-                changes.append((named.evidence, k, -1))
-            elif named.top != g and odds > BETTER:
-                changes.append((named.evidence, k, named.top))
+            if p_value(own, search.null) > LEVEL:
+                changes.append((own, k, -1))
+            elif named.top != g and odds > BETTER and related:
+                changes.append((own, k, named.top))
         if not changes:
             break
         _, k, new = min(changes)
@@ -204,7 +211,7 @@ def _settle(search: _Search, chosen: list[int], view: _View, before: _View, path
 def _prune(search: _Search, chosen: list[int], view: _View, path: list[str]) -> tuple[list[int], _View]:
     """Drop, weakest first, what the full model no longer needs."""
     while chosen:
-        weakest, g = min((search.again(g, view).evidence, g) for g in chosen)
+        weakest, g = min((search.again(g, view)[1], g) for g in chosen)
         if p_value(weakest, search.null) <= LEVEL:
             break
         path.append(f"- {search.found[g].mechanism.name}")

@@ -51,7 +51,8 @@ def screws_of(candidate: Candidate, scene: Scene, curve: dict[tuple[int, str], A
                 continue
             entry: dict[str, Any] = {"frame": s.frame, "axis": s.axis, "cause": str(s.cause)}
             if isinstance(s.cause, Bump):
-                entry["values"] = (curve or {}).get((s.frame, s.axis), np.zeros(len(scene)))
+                fitted = (curve or {}).get((s.frame, s.axis))
+                entry["values"] = np.zeros(len(scene)) if fitted is None else fitted
             elif derived(s.cause.names(), scene):
                 entry["values"] = np.broadcast_to(s.cause.of(scene), (len(scene),))
             out[key] = entry

@@ -8,7 +8,7 @@ import numpy as np
 
 from .design import Model, residuals
 from .errors import NotEstimable
-from .identify import FAINT_MM, Identified, identify, solve, usual_sizes
+from .identify import FAINT_MM, Identified, identify, solve, told, usual_sizes
 from .reduce import Reduction, reduce, reduce_scene
 from .rigid import Array
 from .scene import Scene
@@ -98,10 +98,9 @@ def _damped(reduction: Reduction, damping: float) -> Reduction:
     return Reduction(reduction.add(rows).R, reduction.rows)
 
 
-def _linear_sigma(reduction: Reduction) -> float:
+def _linear_sigma(reduction: Reduction, found: Identified) -> float:
     """Residual standard deviation of the linear fit: a combination whose standard error exceeds any usual size of its
     parameters is not told by the data, only by their noise."""
-    found = identify(reduction)
     free = reduction.rows - found.rank
     return float(np.sqrt(solve(reduction, found.kept)[2] / free)) if free > 0 else 0.0
 
@@ -111,10 +110,10 @@ def _cost(reduction: Reduction) -> float:
 
 
 def fit(scene: Scene, model: Model, *, precision: Array | None = None, iterations: int = ITERATIONS,
-        start: Array | None = None) -> Fit:
+        start: Array | None = None, step_mm: float = STEP_MM) -> Fit:
     """Least squares of a model on a scene. precision (p,): prior 1/variance of each term in whitened units, about zero.
 
-    Gauss-Newton on the exact chain; `iterations=1` is the linear fit at `start` (zero). Raises NotEstimable where the
+    Gauss-Newton on the exact chain, until all rows together move less than `step_mm`; `iterations=1` is the linear fit at `start` (zero). Raises NotEstimable where the
     data have no more coordinates than the model has estimable parameters, or the iteration does not settle.
     """
     terms = model.terms
@@ -122,8 +121,8 @@ def fit(scene: Scene, model: Model, *, precision: Array | None = None, iteration
     weight = scene.whiten if isinstance(scene.whiten, float) else float(np.median(np.diagonal(scene.whiten, 0, 1, 2)[:, :3]))
     nominal = reduce_scene(scene, terms)
     # rank is a property of the nominal chain: off it, exact dependences turn into directions that need radians to be seen
-    found = identify(_with_prior(nominal, precision, theta), usual_sizes(terms),
-                     max(FAINT_MM * weight * np.sqrt(len(scene)), _linear_sigma(nominal)))
+    found = identify(_with_prior(nominal, precision, theta))
+    found = told(found, usual_sizes(terms), max(FAINT_MM * weight * np.sqrt(len(scene)), _linear_sigma(nominal, found)))
     kept = list(found.kept)
     if nominal.rows <= found.rank and precision is None:
         raise NotEstimable(f"{nominal.rows} measured coordinates cannot determine the {found.rank} estimable parameters of "
@@ -133,19 +132,19 @@ def fit(scene: Scene, model: Model, *, precision: Array | None = None, iteration
         theta[[k for k in range(len(terms)) if k not in set(kept)]] = 0.0
     reduction = nominal if not theta.any() else reduce_scene(scene, terms, (terms, theta))
     full, step, done, damping = _with_prior(reduction, precision, theta), np.inf, 0, 0.0
-    while done < iterations and step >= STEP_MM:
+    while done < iterations and step >= step_mm:
         delta = np.zeros(len(terms))
         delta[kept] = solve(_damped(full, damping), kept)[0]
         trial = theta + delta
         step, done = float(np.linalg.norm(reduction.R[:-1, :-1] @ delta)) / weight, done + 1
         ahead = reduce_scene(scene, terms, (terms, trial))
         there = _with_prior(ahead, precision, trial)
-        if _cost(there) <= _cost(full) * (1 + 1e-9) or step < STEP_MM or iterations == 1:
+        if _cost(there) <= _cost(full) * (1 + 1e-9) or step < step_mm or iterations == 1:
             theta, reduction, full = trial, ahead, there
             damping = damping / 10 if damping > 1e-8 else 0.0
         else:                                   # overshot: Levenberg-Marquardt from the same point
             damping, step = max(8 * damping, 1e-6), np.inf
-    if step > 1e3 * STEP_MM and iterations == ITERATIONS:
+    if step > 1e3 * step_mm and iterations == ITERATIONS:
         raise NotEstimable(f"the fit of {' + '.join(model.names)} does not settle (last step {step:.3g} mm): the data hardly "
                            "determine some parameters; measure more widely spread configurations.")
     inner = solve(full, kept)[1]

@@ -2,7 +2,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,18 +18,32 @@ SHARE = 1e-6        # a smaller part of a combination is not worth a word
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """`kept`: indices of the representatives, in the columns' order; every other column is `relation` (p, rank) times the
-    kept ones; `scale` (p,) norms of the columns; `condition` of the kept, scaled to unit norm."""
+    """`kept`: indices of the representatives, in the columns' order; `scale` (p,) norms of the columns; `triangle` (p, p)."""
 
     kept: tuple[int, ...]
-    relation: Array
     scale: Array
-    condition: float
+    triangle: Array
 
     @property
     def rank(self) -> int:
         """Number of independent columns."""
         return len(self.kept)
+
+    @cached_property
+    def relation(self) -> Array:
+        """(p, rank): every column is these coefficients times the kept ones (up to what was lost in practice)."""
+        kept = list(self.kept)
+        if not kept:
+            return np.zeros((len(self.scale), 0))
+        unit = self.triangle[:, kept] / self.scale[kept]
+        return np.asarray(np.linalg.lstsq(unit, self.triangle, rcond=None)[0].T / self.scale[kept])
+
+    @cached_property
+    def condition(self) -> float:
+        """Condition number of the kept columns, scaled to unit norm."""
+        kept = list(self.kept)
+        singular = np.linalg.svd(self.triangle[:, kept] / self.scale[kept], compute_uv=False) if kept else np.ones(1)
+        return float(singular[0] / singular[-1])
 
 
 def usual_sizes(terms: Sequence[Term]) -> Array:
@@ -37,19 +52,14 @@ def usual_sizes(terms: Sequence[Term]) -> Array:
                      for t in terms])
 
 
-def identify(reduction: Reduction, sizes: Array | None = None, least: float = 0.0) -> Identified:
+def identify(reduction: Reduction) -> Identified:
     """Rank by sequential orthogonalisation of the unit columns, in their order: an earlier column represents a later one
-    that depends on it, so the choice does not hang on the data. A column below 1e-13 of the largest is zero.
-
-    With the terms' usual `sizes` (p,), a combination whose whitened norm at those sizes stays below `least` is lost in
-    practice: a target 0.7 mm off the last axis makes combinations estimable on paper that need radians to move it by a
-    micrometre, and least squares would put such radians in. The last of the terms that dominate it gives way.
-    """
+    that depends on it, so the choice does not hang on the data. A column below 1e-13 of the largest is zero."""
     p = reduction.p
     R = reduction.R[:p, :p]
     scale = np.linalg.norm(R, axis=0)
     moves = scale > 1e-13 * scale.max(initial=0)
-    basis = np.zeros((p, p))
+    basis = np.zeros((p, p), order="F")
     kept: list[int] = []
     for j in range(p):
         if not moves[j]:
@@ -61,19 +71,25 @@ def identify(reduction: Reduction, sizes: Array | None = None, least: float = 0.
         if size > TOLERANCE:
             basis[:, len(kept)] = v / size
             kept.append(j)
-    while sizes is not None and kept:
-        bound = np.where(np.isfinite(sizes[kept]), sizes[kept], 1e6 / scale[kept])
-        _, singular, Vt = np.linalg.svd(R[:, kept] * bound)
+    return Identified(tuple(kept), scale, R)
+
+
+def told(found: Identified, sizes: Array, least: float) -> Identified:
+    """Without what is lost in practice: a combination of geometric terms whose whitened norm at their usual `sizes` (p,)
+    stays below `least`.
+
+    A target 0.7 mm off the last axis makes combinations estimable on paper that need radians to move it by a micrometre,
+    and least squares would put such radians in. The last of the terms that dominate a combination gives way.
+    """
+    judged = [k for k in found.kept if np.isfinite(sizes[k])]
+    lost: set[int] = set()
+    while judged:
+        _, singular, Vt = np.linalg.svd(found.triangle[:, judged] * sizes[judged], full_matrices=False)
         if singular[-1] > least:
             break
-        share = np.abs(Vt[len(kept) - 1])
-        kept.pop(int(np.flatnonzero(share > 0.5 * share.max())[-1]))
-    unit = R[:, kept] / scale[kept]
-    relation = np.zeros((p, len(kept)))
-    if kept:
-        relation = np.linalg.lstsq(unit, R, rcond=None)[0].T / scale[kept]
-    singular = np.linalg.svd(unit, compute_uv=False) if kept else np.ones(1)
-    return Identified(tuple(kept), relation, scale, float(singular[0] / singular[-1]))
+        share = np.abs(Vt[-1])
+        lost.add(judged.pop(int(np.flatnonzero(share > 0.5 * share.max())[-1])))
+    return replace(found, kept=tuple(k for k in found.kept if k not in lost))
 
 
 def solve(reduction: Reduction, kept: Sequence[int]) -> tuple[Array, Array, float]:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from .design import Model
-from .identify import FAINT_MM, identify, unidentifiable, usual_sizes
+from .identify import FAINT_MM, identify, told, unidentifiable, usual_sizes
 from .measurements import Measurements
 from .mechanisms.geometry import geometric, setup
 from .noise import from_repeats, from_target_pairs
@@ -45,7 +45,7 @@ def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
     orientation = data.rotation is not None
     bound = scene(robot, data, np.zeros((len(data.targets), 3)) + [0.0, 0.0, 100.0])
     model = Model((setup(robot, len(data.targets), 1, False, orientation), geometric(robot)))
-    found = identify(reduce_scene(bound, model.terms), usual_sizes(model.terms), FAINT_MM * np.sqrt(len(data)))
+    found = told(identify(reduce_scene(bound, model.terms)), usual_sizes(model.terms), FAINT_MM * np.sqrt(len(data)))
     floor = from_repeats(data) or from_target_pairs(data)
     joints = []
     for j, joint in enumerate(robot.joints):

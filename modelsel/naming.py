@@ -12,6 +12,7 @@ from .rigid import Array
 CREDIBLE = 0.95
 LISTED = 20
 ALIKE = 0.97       # correlation of two displacements beyond the model: they move the target alike
+RELATED = 0.5      # correlation above which two explanations speak of the same effect
 SURE = 0.8         # probability that those who move it alike must hold together
 
 
@@ -64,11 +65,25 @@ def fitted_displacement(seen: Scan, g: int, response: Array) -> Array:
     raise IndexError(g)
 
 
+def own_evidence(seen: Scan, named: Named, candidates: tuple[Candidate, ...], g: int, response: Array) -> float:
+    """Log evidence of what moves the target as candidate g does: of the listed entries alike to it, and of itself. What
+    else may be left in the response does not count for it."""
+    mine = fitted_displacement(seen, g, response)
+    mass = np.exp(named.log_probability[g])
+    where = {id(c): k for k, c in enumerate(candidates)}
+    for entry in named.entries:
+        k = where[id(entry.candidate)]
+        if k != g and similar(mine, fitted_displacement(seen, k, response)) > RELATED:
+            mass += entry.probability
+    return named.evidence + float(np.log(max(mass, 1e-300)))
+
+
+def similar(a: Array, b: Array) -> float:
+    """Cosine between two displacements; nought where one vanishes."""
+    size = np.linalg.norm(a) * np.linalg.norm(b)
+    return float(a @ b / size) if size > 0 else 0.0
+
+
 def _alike(seen: Scan, shown: Array, response: Array) -> Array:
     first = fitted_displacement(seen, int(shown[0]), response)
-    out = []
-    for g in shown:
-        other = fitted_displacement(seen, int(g), response)
-        size = np.linalg.norm(first) * np.linalg.norm(other)
-        out.append(size > 0 and float(first @ other) / size > ALIKE)
-    return np.array(out)
+    return np.array([similar(first, fitted_displacement(seen, int(g), response)) > ALIKE for g in shown])

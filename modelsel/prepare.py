@@ -91,6 +91,10 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
     """
     notes = list(data.notes)
     estimation = split(data, labels, plan, tuple(j.prismatic for j in robot.joints))
+    data, unseen = _timeless(data, estimation)
+    if unseen:
+        notes.append(Note("other-session", f"Nothing of {', '.join(unseen)} estimates: when it was measured in the campaign is not "
+                                           "known to the model, and drift is taken at the campaign's middle there."))
     bound = scene(robot, data, tools_of(data, plan.tools))
     if plan.register:
         bound = register(bound, estimation, plan.per_group)
@@ -112,6 +116,17 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
     if not (~estimation).any():
         notes.append(Note("nothing-held-out", "All configurations estimate: nothing is held out, and no gain can be measured."))
     return Data(bound, estimation, np.zeros(len(data), bool), fold, floor is not None and floor.source == "stated"), floor, tuple(notes)
+
+
+def _timeless(data: Measurements, estimation: NDArray[np.bool_]) -> tuple[Measurements, tuple[str, ...]]:
+    """Groups that are held out whole stand at the middle of the estimated campaign: a drift must not be drawn out to them."""
+    strange = ~np.isin(data.group, data.group[estimation])
+    if not strange.any():
+        return data, ()
+    own = data.progress[estimation]
+    progress = (data.progress - own.min()) / max(float(np.ptp(own)), 1e-12)
+    progress[strange] = 0.5
+    return replace(data, progress=progress), tuple(data.groups[g] for g in np.unique(data.group[strange]))
 
 
 def reweigh_rotation(data: Data, plan: Plan, residual: Array) -> Data:

@@ -34,7 +34,7 @@ def register(scene: Scene, use: Array, per_group: bool) -> Scene:
                             remedy="Measure more, or choose another [split].")
     placement, tools = _affine(some, group, count)
     rows = np.concatenate([[g] for g in (range(count) if per_group else [0] * len(scene.data.groups))]).astype(int)
-    scene = replace(scene, placement=(placement[0][rows], placement[1][rows]), tools=tools, _values={})
+    scene = replace(scene, placement=(placement[0][rows], placement[1][rows]), tools=tools, _values={}, _causes={})
     if scene.tool_rotations is not None:
         scene = replace(scene, tool_rotations=_target_rotations(scene.take(use)))
     return _settle(scene, use, count)
@@ -42,7 +42,7 @@ def register(scene: Scene, use: Array, per_group: bool) -> Scene:
 
 def _affine(some: Scene, group: Array, count: int) -> tuple[tuple[Array, Array], Array]:
     """Linear start: A_g x + b_g − R_i t_i = o_i, with x the measured and o_i, R_i the flange's nominal position, rotation."""
-    bare = replace(some, tools=np.zeros_like(some.tools), _values={}).pose(slice(None))
+    bare = replace(some, tools=np.zeros_like(some.tools), _values={}, _causes={}).pose(slice(None))
     m, targets = len(some), len(some.tools)
     flange = bare.axes[-1, :3].transpose(2, 1, 0)                    # (m, 3, 3): columns are the flange's axes
     x = some.data.position
@@ -103,5 +103,5 @@ def _settle(scene: Scene, use: Array, count: int) -> Scene:
             screw = transform(turn(0, H[3]) @ turn(1, H[4]) @ turn(2, H[5]), H[:3])
             P = transform(R[g], t[g]) @ before @ screw @ inverse(before)
             R[g], t[g] = nearest_rotation(P[:3, :3]), P[:3, 3]
-        scene = replace(scene, placement=(R, t), tools=tools, tool_rotations=turned, _values={})
+        scene = replace(scene, placement=(R, t), tools=tools, tool_rotations=turned, _values={}, _causes={})
     return scene

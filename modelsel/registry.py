@@ -59,7 +59,7 @@ BUILTIN: Registry = {
     "thermal-growth": PerJoint(environment.thermal_growth, environment.growing_links),
     "thermal-expansion": environment.thermal_expansion,
     "thermal-zero": PerJoint(environment.thermal_zero, transmission.all_joints),
-    "tracker-drift": Scanned(environment.tracker_drift, lambda robot: (1, 2, 4)),
+    "tracker-drift": Scanned(environment.tracker_drift, lambda robot: (1.0, 0.25, 0.1)),
     "tracker-step": Scanned(environment.tracker_step, lambda robot: environment.STEPS),
     "tracker-scale": environment.tracker_scale,
     "refraction": environment.refraction,

@@ -11,11 +11,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from .causes import Cause
 from .gravity import moment, moments, unit_torques
 from .measurements import Measurements
 from .rigid import Array
 from .robot import Pose, Robot, pose
 
+REMEMBER = 20_000  # rows up to which causes are kept once evaluated
 BLOCK = 4096  # rows: the arrays of one block stay in cache
 
 
@@ -31,6 +33,7 @@ class Scene:
     whiten: Array | float = 1.0                    # 1/mm, or (m, c, c): times residual = unit variance
     tracker: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the instrument's own position, for range_mm
     _values: dict[str, Array] = field(default_factory=dict, repr=False)
+    _causes: dict[Cause, Array | float] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return len(self.data)
@@ -48,7 +51,7 @@ class Scene:
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Scene:
         """The scene of some rows; values already evaluated come along, so causes stay local in rows."""
         whiten = self.whiten if isinstance(self.whiten, float) else self.whiten[index]
-        return replace(self, data=self.data.take(index), whiten=whiten,
+        return replace(self, data=self.data.take(index), whiten=whiten, _causes={},
                        _values={name: values[index] for name, values in self._values.items()})
 
     def pose(self, rows: slice, twist: Array | None = None) -> Pose:
@@ -59,6 +62,15 @@ class Scene:
     def blocks(self, size: int = BLOCK) -> Iterator[slice]:
         """Slices that cover the rows."""
         return (slice(start, min(start + size, len(self))) for start in range(0, len(self), size))
+
+    def cause(self, cause: Cause) -> Array | float:
+        """A cause at every row, evaluated once where the data are few enough to keep it."""
+        if cause not in self._causes:
+            value = cause.of(self)
+            if len(self) > REMEMBER:
+                return value
+            self._causes[cause] = value
+        return self._causes[cause]
 
     # -- the state that causes look at -------------------------------------------------------------------------------
 

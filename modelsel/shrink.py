@@ -5,21 +5,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .causes import Bump, factors
 from .design import Model
-from .fit import Fit, fit
+from .fit import STEP_MM, Fit, fit
 from .measurements import Index
 from .rigid import Array
 from .scene import Scene
 
-WIDE = 6          # terms: a mechanism with more is a free function
 ROUNDS = 60
-START = 3e-4      # rad: first guess of a coefficient's size
+START = {"r": 3e-4, "t": 0.1}      # rad, mm: first guess of a coefficient's size
 
 
 def wide_groups(model: Model) -> list[Index]:
-    """Term indices of every mechanism that is shrunk."""
+    """Term indices of every free function, shifts and turns apart: each group is shrunk by a variance of its own."""
     place = {t.screws: k for k, t in enumerate(model.terms)}
-    return [np.array([place[t.screws] for t in m.terms], dtype=np.intp) for m in model.mechanisms if m.name.startswith("free(")]
+    out: dict[tuple[int, str], list[int]] = {}
+    for number, m in enumerate(model.mechanisms):
+        for t in m.terms:
+            if any(isinstance(part, Bump) for part in factors(t.screws[0].cause)):
+                out.setdefault((number, t.screws[0].axis[0]), []).append(place[t.screws])
+    return [np.array(group, dtype=np.intp) for group in out.values()]
 
 
 def variances(fitted: Fit, groups: Sequence[Index]) -> Array:
@@ -52,24 +57,25 @@ def variances(fitted: Fit, groups: Sequence[Index]) -> Array:
     return out
 
 
-def fit_shrunk(scene: Scene, model: Model, start: Fit | None = None) -> Fit:
+def fit_shrunk(scene: Scene, model: Model, start: Fit | None = None, step_mm: float = STEP_MM) -> Fit:
     """Fit a model, its free functions shrunk; a plain fit where it has none. `start`: a fit of a similar model."""
     known = {} if start is None else dict(zip((t.screws for t in start.terms), start.theta, strict=True))
     theta = None if start is None else np.array([known.get(t.screws, 0.0) for t in model.terms])
     groups = wide_groups(model)
     if not groups:
-        return fit(scene, model, start=theta)
+        return fit(scene, model, start=theta, step_mm=step_mm)
     weight = scene.whiten if isinstance(scene.whiten, float) else float(np.median(np.diagonal(scene.whiten, 0, 1, 2)))
     before = {} if start is None or start.precision is None else dict(
         zip((t.screws for t in start.terms), start.precision, strict=True))
     precision = np.zeros(len(model.terms))
     for g in groups:
-        precision[g] = before.get(model.terms[g[0]].screws, (0.1 * weight / START) ** 2)
-    fitted = fit(scene, model, precision=precision, start=theta)
+        first = model.terms[g[0]].screws
+        precision[g] = before.get(first, (0.1 * weight / START[first[0].axis[0]]) ** 2)
+    fitted = fit(scene, model, precision=precision, start=theta, step_mm=step_mm)
     for _ in range(2):
         new = variances(fitted, groups)
         settled = np.allclose(new, fitted.precision, rtol=0.1)
-        fitted = fit(scene, model, precision=new, start=fitted.theta)
+        fitted = fit(scene, model, precision=new, start=fitted.theta, step_mm=step_mm)
         if settled:
             break
     return fitted

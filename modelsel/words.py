@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .candidates import Candidate
+from .causes import Bump
 from .extend import Effect
 from .rigid import Array
 from .screws import LETTERS, Term
@@ -45,8 +46,11 @@ def amount(terms: Sequence[Term], estimate: Array, error: Array) -> str:
         size = float(np.hypot(*estimate))
         spread = float(np.sqrt(np.square(estimate * error).sum())) / size if size else float(error.max())
         return f"amplitude {quantity(size, spread, terms[0].unit)}"
-    if len(terms) > 6:
-        return f"a shape of {quantity(float(np.ptp(estimate)), None, terms[0].unit)} from top to bottom"
+    if isinstance(terms[0].screws[0].cause, Bump):
+        spans: dict[str, list[float]] = {}
+        for t, value in zip(terms, estimate, strict=True):
+            spans.setdefault(t.unit, []).append(float(value))
+        return "from top to bottom " + " and ".join(quantity(float(np.ptp(v)), None, unit) for unit, v in spans.items())
     return ", ".join(f"{t.symbol} = {quantity(float(v), float(e), t.unit)}" for t, v, e in zip(terms, estimate, error, strict=True))
 
 

@@ -48,7 +48,8 @@ def test_exact_is_brute_force(seed, p, folds) -> None:
     betas, squares, densities = brute(X, y, fold_of)
     found = cross_validate(parts_of(X, y, fold_of))
     size = np.linalg.norm(X, axis=0)
-    np.testing.assert_allclose(found.without * size, betas * size, rtol=1e-10, atol=1e-10 * np.abs(betas * size).max(), err_msg=f"seed {seed}")
+    np.testing.assert_allclose(found.without * size, betas * size, rtol=1e-10, atol=1e-10 * np.abs(betas * size).max(),
+                               err_msg=f"seed {seed}")
     np.testing.assert_allclose(found.held_out, squares, rtol=1e-10)
     np.testing.assert_allclose(found.density, densities, rtol=1e-10, atol=1e-10)
     assert found.rms == pytest.approx(np.sqrt(squares.sum() / 40), rel=1e-10)

@@ -20,7 +20,7 @@ SIGMA = 0.05
 TOOLS = np.array([[40.0, -25, 100], [-60, 30, 80], [10, 70, 150]])
 
 
-def site(rng: np.random.Generator, name: str, m: int, targets: int = 1, groups: int = 1, sigma: float = SIGMA,
+def site(rng: np.random.Generator, name: str, m: int, *, targets: int = 1, groups: int = 1, sigma: float = SIGMA,
          orientation: bool = False) -> tuple[Scene, list[np.ndarray], list[np.ndarray], np.ndarray]:
     """(unregistered scene, R and t of every group, target rotations): m configurations, every target at each."""
     robot = load(name)
@@ -83,7 +83,7 @@ def test_several_targets(rng) -> None:
 @pytest.mark.parametrize("targets", [1, 2])
 def test_per_group(targets, rng) -> None:
     """One placement a group, robot and targets shared; one placement for all would be metres off."""
-    at, R, t, _ = site(rng, "puma760", 60, targets=targets, groups=3)
+    at, R, *_ = site(rng, "puma760", 60, targets=targets, groups=3)
     found = register(at, everything(at), per_group=True)
     assert np.sqrt(np.square(lengths(found)).mean() / 3) < 1.1 * SIGMA
     for g in range(3):
@@ -125,7 +125,8 @@ def test_only_estimation_rows_count(rng) -> None:
     use = np.arange(60) < 40
     spoilt = at.data.position.copy()
     spoilt[~use] += 1e4
-    first, second = (register(replace(at, data=replace(at.data, position=p)), use, per_group=False) for p in (at.data.position, spoilt))
+    first, second = (register(replace(at, data=replace(at.data, position=p)), use, per_group=False)
+                     for p in (at.data.position, spoilt))
     assert np.array_equal(first.tools, second.tools)
     assert np.array_equal(first.placement[1], second.placement[1])
 
@@ -137,7 +138,8 @@ def test_too_few_configurations(groups, rng) -> None:
     use = everything(at)
     last = at.data.group == groups - 1
     use[np.flatnonzero(last)[6:]] = False                             # three configurations of two targets
-    with pytest.raises(DataError, match=f"{f'group day{groups - 1}' if groups > 1 else 'the data'} has 3 estimation configurations") as caught:
+    where = f"group day{groups - 1}" if groups > 1 else "the data"
+    with pytest.raises(DataError, match=f"{where} has 3 estimation configurations") as caught:
         register(at, use, per_group=groups > 1)
     assert caught.value.exit_code == 3
     assert "Measure more" in caught.value.remedy

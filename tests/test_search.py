@@ -1,7 +1,7 @@
 """All subsets against brute-force least squares; criteria against hand values, statsmodels and plain integrals."""
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, pairwise
 from math import comb, log
 
 import numpy as np
@@ -12,11 +12,16 @@ from hypothesis import strategies as st
 from scipy import integrate, stats
 
 from modelsel import criteria
+from modelsel.candidates import Candidate
+from modelsel.causes import ONE
 from modelsel.design import Model, design
+from modelsel.errormap import basis, columns, scan, single_f, stacked
+from modelsel.fit import fit
 from modelsel.folds import Folded, assign, fold, pad
 from modelsel.registry import mechanism
 from modelsel.robotfile import load
-from modelsel.search import all_subsets, single_f
+from modelsel.screws import Mechanism, Screw, Term
+from modelsel.search import all_subsets
 
 N, K = 48, 4
 
@@ -37,7 +42,8 @@ def referee(X: np.ndarray, y: np.ndarray, fold_of: np.ndarray, columns: list[int
     return left(everything, everything), int(rank), [left(fold_of != k, fold_of == k) for k in range(fold_of.max() + 1)]
 
 
-def compare_all(X: np.ndarray, y: np.ndarray, fold_of: np.ndarray, base: list[int], groups: list[list[int]], message: str) -> None:
+def compare_all(X: np.ndarray, y: np.ndarray, fold_of: np.ndarray, base: list[int], groups: list[list[int]],
+                message: str) -> None:
     found = all_subsets(folded(X, y, fold_of), base, groups)
     assert len(found.members) == 2 ** len(groups)
     assert len({tuple(m) for m in found.members.tolist()}) == 2 ** len(groups)
@@ -58,7 +64,7 @@ def test_every_subset(seed, base, widths) -> None:
     X, y = rng.normal(size=(N, p)) * 10.0 ** rng.integers(-5, 6, p), 1e-2 * rng.normal(size=N)
     fold_of = np.r_[np.arange(K), rng.integers(0, K, N - K)] if seed % 2 else rng.permutation(N) % K
     ends = np.cumsum([base, *widths])
-    groups = [list(range(a, b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    groups = [list(range(a, b)) for a, b in pairwise(ends)]
     if np.bincount(fold_of).max() < N - p - 5:
         compare_all(X, y, fold_of, list(range(base)), groups, f"seed {seed}")
 
@@ -109,7 +115,7 @@ def test_subsets_of_mechanisms(rng) -> None:
     reduced = fold(at, terms, fold_of)
     base = list(identify(reduced.select(range(len(geometric.terms))).total()).kept)
     ends = np.cumsum([len(geometric.terms), *(len(m.terms) for m in some)])
-    groups = [list(range(a, b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    groups = [list(range(a, b)) for a, b in pairwise(ends)]
     found = all_subsets(reduced, base, groups)
     for members, rss, rank, held in zip(found.members, found.rss, found.rank, found.held_out, strict=True):
         want = referee(X, y, rows, [*base, *(c for g in np.flatnonzero(members) for c in groups[g])])
@@ -118,13 +124,20 @@ def test_subsets_of_mechanisms(rng) -> None:
 
 
 def test_single_f_is_the_nested_f_test(rng) -> None:
+    """Every candidate alone on top of the fitted base, as statsmodels has it; nought for one that the base spans."""
     import statsmodels.api as sm
-    X, y = rng.normal(size=(N, 6)), rng.normal(size=N)
-    X = np.column_stack([X, X[:, 0] + X[:, 1]])
-    found = single_f(folded(X, y, np.arange(N) % K), [0, 1], [[2], [3, 4, 5], [6], [2, 6]])
-    small = sm.OLS(y, X[:, :2]).fit()
-    want = [sm.OLS(y, X[:, [0, 1, *g]]).fit().compare_f_test(small)[0] for g in ([2], [3, 4, 5])]
-    np.testing.assert_allclose(found, [*want, 0.0, want[0]], rtol=1e-9)
+    base = Model((mechanism("geometric", load("puma760")),))
+    twice = Mechanism("twice", (Term("z", (Screw(3, "rz", 2.0 * ONE),)),))
+    some = (*(mechanism(n, load("puma760")) for n in ("joint2-twist", "backlash:3", "wrist-coupling:6")), twice)
+    at = planted(drawn("puma760", rng, 50), base.terms, rng.normal(size=39) * 1e-3, rng, 0.1)
+    fitted = fit(at, base)
+    offered = tuple(Candidate(m, True, 0.25) for m in some)
+    A, r = stacked(at, base.terms, fitted.at())
+    A = A[:, list(fitted.found.kept)]
+    found = single_f(scan(columns(at, offered, fitted.at()), basis(A)), r - A @ np.linalg.lstsq(A, r, rcond=None)[0])
+    small = sm.OLS(r, A).fit()
+    want = [sm.OLS(r, np.column_stack([A, stacked(at, m.terms, fitted.at())[0]])).fit().compare_f_test(small)[0] for m in some[:3]]
+    np.testing.assert_allclose(found, [*want, 0.0], rtol=1e-7)
 
 
 # -- criteria ---------------------------------------------------------------------------------------------------------
@@ -156,7 +169,8 @@ def test_differences_are_statsmodels(rng) -> None:
     fits = [sm.OLS(y, X[:, :k]).fit() for k in range(1, 7)]
     rss, rank = np.array([f.ssr for f in fits]), np.arange(1, 7)
     for ours, theirs in ((criteria.aic, "aic"), (criteria.bic, "bic")):
-        np.testing.assert_allclose(np.diff(ours(rss, 40, rank)), np.diff([getattr(f, theirs) for f in fits]), rtol=1e-9, atol=1e-10)
+        want = [getattr(f, theirs) for f in fits]
+        np.testing.assert_allclose(np.diff(ours(rss, 40, rank)), np.diff(want), rtol=1e-9, atol=1e-10)
 
 
 def test_evidence_is_the_integral(rng) -> None:
@@ -176,7 +190,8 @@ def test_evidence_is_the_integral(rng) -> None:
 
 
 def test_weights() -> None:
-    np.testing.assert_allclose(criteria.weights([10.0, 12.0, np.inf]), np.array([1, np.exp(-1), 0]) / (1 + np.exp(-1)), rtol=1e-14)
+    want = np.array([1, np.exp(-1), 0]) / (1 + np.exp(-1))
+    np.testing.assert_allclose(criteria.weights([10.0, 12.0, np.inf]), want, rtol=1e-14)
     np.testing.assert_allclose(criteria.weights([-1e6, -1e6 + 2 * log(3)]), [0.75, 0.25], rtol=1e-9)
     np.testing.assert_allclose(criteria.weights([np.inf, np.inf]), [0.5, 0.5])
     assert criteria.weights([]).shape == (0,)

@@ -124,7 +124,7 @@ def test_splits_that_cannot_be(rng) -> None:
             split(data, np.array(labels, object), Plan(1, None, column="role", **plan), TURNS)
     refuse(["estimation"] * 39 + ["held_out"], 'holds "held_out"; expected "estimation" or "held-out"')
     refuse(["held-out"] * 40, "nothing is left for estimation")
-    with pytest.raises(StudyError, match="split.estimation = 41, but the file has 40 configurations"):
+    with pytest.raises(StudyError, match=r"split\.estimation = 41, but the file has 40 configurations"):
         split(data, None, Plan(1, None, estimation=41), TURNS)
     twice = measurements(np.zeros((2, 6)), np.zeros((2, 3)), configuration=["a", "b"])
     with pytest.raises(StudyError, match="equal joint readings stand on both sides"):

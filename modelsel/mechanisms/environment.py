@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..causes import Cause, Named, Number, sign
+from ..causes import Bump, Cause, Named, Number, sign
 from ..rigid import AXES, Array
 from ..robot import Robot
 from ..screws import Mechanism, Screw, Term
@@ -53,15 +53,18 @@ def thermal_zero(robot: Robot, joint: int) -> Mechanism:
                      "ISO 230-3, thermal effects")
 
 
-def tracker_drift(robot: Robot, degree: int) -> Mechanism:
-    """Tracker or foundation drifts while the campaign lasts: all six, a polynomial of time of the given degree."""
-    powers, terms = [PROGRESS], []
-    for _ in range(degree - 1):
-        powers.append(powers[-1] * PROGRESS)
-    for k, power in enumerate(powers, 1):
-        terms += [Term(f"v{a}{k}", (Screw(1, a, power),), (1e-6, 2.0)) for a in AXES]
-    return Mechanism("tracker-drift", tuple(terms), "Tracker and base drift against each other while the campaign lasts.",
-                     f"H_1 = polynomial of degree {degree} in progress", "ISO 10360-10, laser trackers: drift")
+def tracker_drift(robot: Robot, knots: float) -> Mechanism:
+    """Tracker or foundation drifts while the campaign lasts, all six: in proportion to time (knots 1), or freely, by
+    splines of time whose knots are this share of the campaign apart."""
+    if knots >= 1:
+        causes: list[Cause] = [PROGRESS]
+    else:
+        causes = [Bump("progress", round(k * knots, 6), knots) for k in range(round(1 / knots) + 1)]
+    terms = tuple(Term(f"v{a}{k}" if len(causes) > 1 else f"v{a}", (Screw(1, a, cause),), (1e-6, 2.0))
+                  for a in AXES for k, cause in enumerate(causes, 1))
+    return Mechanism("tracker-drift", terms, "Tracker and base drift against each other while the campaign lasts.",
+                     "H_1 = v · progress" if knots >= 1 else "H_1 = free function of progress",
+                     "ISO 10360-10, laser trackers: drift")
 
 
 def tracker_step(robot: Robot, at: float) -> Mechanism:
