@@ -2,37 +2,34 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import __version__
-from .candidates import Candidate, candidates
+from .candidates import Candidate
 from .compare import Comparison, Data, Rung, compare, rung, strongest
 from .config import Study
 from .design import Model
-from .extend import Extension, extend, models
+from .explain import Nested, Say, explain, nested
+from .extend import Extension, models
 from .findings import Finding, detection_limit, finding_dict, screws_of
-from .fit import Fit, fit
+from .fit import Fit
 from .identify import Unidentifiable, unidentifiable
-from .measurements import Index, Measurements, Note
+from .measurements import Measurements, Note
 from .mechanisms.geometry import setup
 from .noise import Floor
 from .prepare import Plan, generator, prepare, reweigh_rotation
 from .registry import BUILTIN, Registry, mechanism
 from .result import candidates_dict, dumps, rung_dict
 from .robot import Robot
-from .robust import GROSS, LEFT, far_off, gross
-from .robust import MOST as MOST_OUTLIERS
+from .robust import GROSS, far_off
 from .screws import Mechanism
 from .validate import Gain, errors, gain
 from .words import display, label
-
-OUTLIER_ROUNDS = 3
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +47,7 @@ class Result:
     findings: tuple[Finding, ...]
     extension: Extension = field(repr=False)
     nothing_else: tuple[str, float | None]
+    nested: Nested | None
     unidentifiable: tuple[Unidentifiable, ...]
     warnings: tuple[Note, ...]
     provenance: Mapping[str, str] = field(repr=False)
@@ -69,7 +67,9 @@ class Result:
             "candidates": candidates_dict(self.comparison),
             "findings": [finding_dict(f, self.data.scene.take(estimation)) for f in self.findings],
             "nothing_else": {"sentence": self.nothing_else[0], "detection_limit_mm": self.nothing_else[1]},
-            "nested_cv": None,
+            "nested_cv": None if self.nested is None else {
+                "folds": self.nested.folds, "geometric": asdict(self.nested.base), "chosen": asdict(self.nested.chosen),
+                "named_in_folds": self.nested.named},
             "chosen": {"mechanisms": [*self.study.model.base, *(e.candidate.mechanism.name for e in self.extension.effects
                                                                 if e.candidate.registered)],
                        "cells": [s for e in self.extension.effects if not e.candidate.registered
@@ -108,7 +108,8 @@ def analyse(study: Study, plan: Plan, robot: Robot, measured: Measurements, ever
     base_fit = _fit(base_rung)
 
     say("looking for outliers")
-    data, extension, found = explain(data, base, everything, study, say)
+    cells = study.model.candidates == "all"
+    data, extension, found = explain(data, base, everything, study.seed, cells, say)
     outliers = data.outlying
     nominal, base_rung = rung(data, Model(fixed), ("nominal",)), rung(data, base, base_names)
     say("comparing all subsets of the candidates")
@@ -144,36 +145,13 @@ def analyse(study: Study, plan: Plan, robot: Robot, measured: Measurements, ever
     if comparison is not None and set(comparison.choice) != set(chosen.names):
         notes = (*notes, Note("table-differs", "The one-standard-error choice of the table of subsets is "
                               f"{' + '.join(comparison.choice)}; the chosen model follows what was named."))
+    within = None
+    if study.split.nested_folds:
+        say(f"the whole procedure again in {study.split.nested_folds} folds")
+        within = nested(data, base, everything, study.seed, cells, study.split.nested_folds)
     return Result(study, robot, data, floor, tuple(rungs), comparison, chosen, paired(nominal, chosen), findings, extension,
-                  nothing_else(extension, found, data, chosen), unidentifiable(_fit(base_rung).found, base.terms), notes,
+                  nothing_else(extension, found, data, chosen), within, unidentifiable(_fit(base_rung).found, base.terms), notes,
                   provenance(study, data_sha256))
-
-
-def explain(data: Data, base: Model, everything: tuple[Mechanism, ...], study: Study, say: Say
-            ) -> tuple[Data, Extension, tuple[Candidate, ...]]:
-    """Outliers, then names; where the extended model shows other outliers than the base did, once more with those."""
-    training = data.scene.take(data.estimation)
-    rows = np.flatnonzero(data.estimation)
-    outlying = gross(training, base)
-    for _ in range(OUTLIER_ROUNDS):
-        data = replace(data, outlying=_mask(len(data.estimation), rows[outlying]))
-        kept = data.training()
-        base_fit = fit(kept, base)
-        found = candidates(kept, base, everything, cells=study.model.candidates == "all")
-        say(f"naming: {len(found)} candidates")
-        extension = extend(kept, base, base_fit, found, generator(study.seed, "naming"), say)
-        residual = extension.fit.residuals(training)
-        again = far_off(residual, residual[~outlying], LEFT if extension.effects else GROSS)
-        if (again == outlying).all() or again.mean() > MOST_OUTLIERS:
-            break
-        outlying = again
-    return data, extension, found
-
-
-def _mask(m: int, rows: Index) -> NDArray[np.bool_]:
-    out = np.zeros(m, bool)
-    out[rows] = True
-    return out
 
 
 def held_out_outliers(data: Data, rungs: Sequence[Rung]) -> NDArray[np.bool_]:
