@@ -1,18 +1,15 @@
 """Drawn cases: an arm with its errors, a campaign, what is planted in it, and what an oracle could know of it."""
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from hidden_arm import Arm, Effect, State, arm, geometry, measured, off
-from hidden_effects import NEEDS, REGISTERED, UNREGISTERED
+from hidden_effects import REGISTERED, UNREGISTERED
+from hidden_oracle import power
 
-from modelsel.errormap import Scan
 from modelsel.measurements import measurements
 from modelsel.robotfile import load
 from modelsel.scene import Scene, scene
@@ -71,8 +68,12 @@ def draw_effect(arm: Arm, state: State, rng: np.random.Generator, kind: str | No
         effect = table[name](rng, arm)
         column = effect.columns(state, J) @ effect.sizes
         left = np.linalg.norm(off(Q, column))
-        if left > VISIBLE * np.linalg.norm(column):
-            return effect.scaled(float(np.sqrt(len(column)) / left))
+        if left <= VISIBLE * np.linalg.norm(column):
+            continue
+        unit = effect.scaled(float(np.sqrt(len(column)) / left))
+        small = unit.scaled(SIZES[1] * NOISE).displacement(state) / (SIZES[1] * NOISE)
+        if np.linalg.norm(small - unit.columns(state, J) @ unit.sizes) < 0.05 * np.linalg.norm(small):     # no lever: rounding
+            return unit
     raise LookupError(f"{kind} is invisible on {arm.name}")
 
 
@@ -107,53 +108,12 @@ def oracle_error(case: Case) -> Array:
     return np.asarray((B / size) @ np.linalg.lstsq(A / size, case.noise, rcond=1e-7)[0])
 
 
-def critical_p(seen: Scan, rng: np.random.Generator, draws: int = 499, level: float = 0.05) -> float:
-    """The family-wise critical value of the exact max-test: smallest single p-value at the given level (methods.md A.6)."""
-    u = rng.standard_normal((seen.columns.XT.shape[1], draws))
-    u -= seen.Q @ (seen.Q.T @ u)
-    share = seen.strength(u)[0] / np.square(u).sum(0)
-    return float(np.quantile(smallest_p(seen, share), level))
-
-
-def smallest_p(seen: Scan, share: Array) -> Array:
-    """(B,) smallest p-value over all candidates of their shares (G, B) of the residual: Beta(k/2, (freedom - k)/2)."""
-    from scipy.special import betaincc
-    sizes = seen.sizes
-    return np.min([betaincc(k / 2, (seen.freedom - k) / 2, np.clip(share[sizes == k].max(0), 0, 1))
-                   for k in np.unique(sizes) if 0 < k < seen.freedom], axis=0)
-
-
 def powers(case: Case, p_critical: float) -> tuple[list[float], list[float]]:
     """(power, delta) of the oracle's test of every true mechanism alone, the others known, at the scan's critical value (A.7);
     delta: what is left of the effect beyond geometry and the others, in noise units."""
-    from scipy.special import fdtri, ncfdtr
     J = case.arm.screws(case.state.q)
-    Q = geometry(J)
-    columns = [e.columns(case.state, J) for e in case.effects]
-    power, delta = [], []
-    for k, effect in enumerate(case.effects):
-        others = [c for i, c in enumerate(columns) if i != k]
-        P = np.linalg.qr(np.hstack([Q, *(c / np.linalg.norm(c, axis=0) for c in others)]))[0] if others else Q
-        own = off(P, columns[k])
-        rank = int(np.linalg.matrix_rank(own / np.linalg.norm(columns[k], axis=0), tol=1e-4))
-        size = float(np.linalg.norm(own @ effect.sizes) / NOISE)
-        free = len(J) * 3 - P.shape[1] - rank
-        power.append(float(1 - ncfdtr(rank, free, size ** 2, fdtri(rank, free, 1 - p_critical))) if rank else 0.0)
-        delta.append(size)
-    return power, delta
-
-
-def naming_limit(delta: float, rho: float) -> float:
-    """Rate at which anyone could name the right one of two causes with residual correlation rho (A.7)."""
-    from scipy.special import ndtr
-    a, b = delta * np.sqrt((1 - rho) / 2), delta * np.sqrt((1 + rho) / 2)
-    return float(ndtr(a) * ndtr(b) + ndtr(-a) * ndtr(-b))
-
-
-def held_by(case: Case, seen: Scan) -> Array:
-    """(effects, G) share of the norm of what was planted that every candidate holds beyond the base, on the campaign's rows."""
-    out = []
-    for effect in case.effects:
-        d = off(seen.Q, effect.displacement(case.state).reshape(-1, 3).T.ravel())
-        out.append(np.sqrt(seen.strength(d[:, None])[0][:, 0]) / np.linalg.norm(d))
-    return np.array(out).reshape(len(case.effects), -1)
+    columns = [c / np.linalg.norm(c, axis=0) for c in (e.columns(case.state, J) for e in case.effects)]
+    empty = np.zeros((3 * case.state.m, 0))
+    both = [power(e, case.state, np.hstack([empty, *(c for i, c in enumerate(columns) if i != k)]), NOISE, p_critical)
+            for k, e in enumerate(case.effects)]
+    return [p for p, _ in both], [d for _, d in both]

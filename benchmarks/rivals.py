@@ -138,7 +138,7 @@ def lasso(table: Bench) -> tuple[list[int], Array]:
     scale = np.sqrt(len(table.r))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        model = LassoCV(eps=3e-2, alphas=25, cv=splits, fit_intercept=False, tol=2e-3, max_iter=500, precompute=False)
+        model = LassoCV(eps=3e-2, alphas=16, cv=splits, fit_intercept=False, tol=2e-3, max_iter=300, precompute=False)
         model.fit(P * scale, table.r)
     on = np.flatnonzero(model.coef_)
     return [int(keep[i]) for i in on], model.coef_[on] * scale / _left(table, keep[on])
@@ -156,8 +156,8 @@ def stlsq(table: Bench) -> list[int]:
     r, n = table.r, len(table.r)
     start = P.T @ np.linalg.solve(P @ P.T + 1.0 * np.eye(n), r)
     best, out = n * np.log(r @ r), list[int]()
-    for share in np.logspace(-1.5, 0, 8):
-        on = np.flatnonzero(np.abs(start) > share * np.abs(start).max())
+    for share in np.logspace(-1.5, -0.1, 8):
+        on = np.flatnonzero(np.abs(start) >= share * np.abs(start).max())
         threshold = None
         for _ in range(10):
             if not len(on) or len(on) > n // 2:

@@ -7,7 +7,9 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-__version__ = "0.1.0"
+from .version import VERSION
+
+__version__ = VERSION
 
 _HOME = {
     "read_study": "config", "Study": "config", "run": "study", "save": "study", "load": "robotfile", "read_robot": "robotfile",

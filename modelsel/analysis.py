@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import __version__
 from .candidates import Candidate
 from .compare import Comparison, Data, Rung, compare, rung, strongest
 from .config import Study
@@ -23,12 +22,13 @@ from .measurements import Measurements, Note
 from .mechanisms.geometry import setup
 from .noise import Floor
 from .prepare import Plan, generator, prepare, reweigh_rotation
-from .registry import BUILTIN, Registry, mechanism
+from .registry import Registry, mechanism
 from .result import candidates_dict, dumps, rung_dict
 from .robot import Robot
 from .robust import GROSS, far_off
 from .screws import Mechanism
 from .validate import Gain, errors, gain
+from .version import VERSION
 from .words import display, label
 
 
@@ -86,72 +86,93 @@ class Result:
         return dumps(self.to_dict())
 
 
-def analyse(study: Study, plan: Plan, robot: Robot, measured: Measurements, everything: tuple[Mechanism, ...], *,
-            labels: NDArray[np.object_] | None = None, registry: Registry = BUILTIN, say: Say = lambda _: None,
-            data_sha256: str = "") -> Result:
-    """The study of measurements already read; `everything`: the mechanisms that may extend the base."""
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What a study asks: its file, its set-up, the nominal robot, the mechanisms that may extend the base, the registry."""
+
+    study: Study
+    plan: Plan
+    robot: Robot
+    everything: tuple[Mechanism, ...]
+    registry: Registry
+
+    def model(self, names: Sequence[str], measured: Measurements) -> Model:
+        """The mechanisms of a rung, with what the set-up leaves open."""
+        groups = len(measured.groups) if self.plan.per_group else 1
+        placement = setup(self.robot, len(measured.targets), groups, self.plan.register, measured.rotation is not None)
+        return Model((*((placement,) if placement.terms else ()), *(mechanism(n, self.robot, self.registry) for n in names)))
+
+    @property
+    def cells(self) -> bool:
+        """Whether causes nobody registered may be named, too; with `candidates = []` everything is said, nothing extended."""
+        return self.study.model.candidates in ("all", [])
+
+
+def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.object_] | None = None,
+            say: Say = lambda _: None, data_sha256: str = "") -> Result:
+    """The study of measurements already read. Raises StudyError, DataError or NotEstimable."""
+    study, plan = question.study, question.plan
     say("registering and splitting" if plan.register else "splitting")
-    data, floor, notes = prepare(robot, measured, plan, labels)
-    orientation = measured.rotation is not None
-    placement = setup(robot, len(measured.targets), len(measured.groups) if plan.per_group else 1, plan.register, orientation)
-    fixed = (placement,) if placement.terms else ()
-    base = Model((*fixed, *(mechanism(name, robot, registry) for name in study.model.base)))
-    base_names = tuple(study.model.base)
-
-    say("fitting the base")
-    nominal = rung(data, Model(fixed), ("nominal",))
-    if orientation:
-        data = reweigh_rotation(data, plan, nominal.residual)
-        data = reweigh_rotation(data, plan, rung(data, base, base_names).residual)
-        nominal = rung(data, Model(fixed), ("nominal",))
-    base_rung = rung(data, base, base_names) if base_names else nominal
-    base_fit = _fit(base_rung)
-
+    data, floor, notes = prepare(question.robot, measured, plan, labels)
+    base, base_names = question.model(study.model.base, measured), tuple(study.model.base)
+    data = _weighed(question, data, base)
     say("looking for outliers")
-    cells = study.model.candidates == "all"
-    data, extension, found = explain(data, base, everything, study.seed, cells, say)
-    outliers = data.outlying
-    nominal, base_rung = rung(data, Model(fixed), ("nominal",)), rung(data, base, base_names)
+    data, extension, found = explain(data, base, question.everything, study.seed, question.cells, say)
+    nominal, base_rung = rung(data, question.model((), measured), ("nominal",)), rung(data, base, base_names)
     say("comparing all subsets of the candidates")
     offered, aside = strongest(found, extension.single_f)
     comparison = compare(data, base, _fit(base_rung), offered, base_names, aside) if offered else None
-    rungs = [nominal]
-    for names in study.model.ladder or [list(base_names)]:
-        model = Model((*fixed, *(mechanism(name, robot, registry) for name in names)))
-        rungs.append(base_rung if tuple(names) == base_names else rung(data, model, names))
     say("measuring the gain")
-    steps = [base_rung]
-    for k in range(1, len(extension.effects) + 1):
-        chosen_so_far = [e.candidate for e in extension.effects[:k]]
-        last = k == len(extension.effects)
-        steps.append(rung(data, models(base, chosen_so_far), (*base_names, *(label(c) for c in chosen_so_far)),
-                          extension.fit if last else None))
-    if steps[0].names not in [r.names for r in rungs]:
-        rungs.append(steps[0])
-    rungs += steps[1:]
-    chosen = steps[-1]
-    if rungs[-1] is not chosen:      # the ladder asked for more than the data support: the chosen model closes it
-        rungs.append(chosen)
+    steps = _steps(data, base_rung, extension)
+    rungs = [nominal, *_ladder(question, data, measured, base_rung)]
+    rungs += [r for r in (steps if study.model.candidates != [] else steps[:1]) if r.names not in [x.names for x in rungs]]
+    chosen = steps[-1] if study.model.candidates != [] else base_rung
+    rungs = [r for r in rungs if r.names != chosen.names or r is chosen]
+    rungs = [*(r for r in rungs if r is not chosen), chosen]
 
-    data = replace(data, outlying=outliers | held_out_outliers(data, [r for r in rungs if r is not nominal]))
-    rungs = [remeasured(r, data) for r in rungs]
-    chosen = rungs[-1]
+    data = replace(data, outlying=data.outlying | held_out_outliers(data, [r for r in rungs if r is not nominal]))
     held = ~data.estimation & ~data.outlying
+
     def paired(before: Rung, after: Rung) -> Gain:
-        return gain(before.residual[held][:, :3], after.residual[held][:, :3], measured.block[held], generator(study.seed, "gain"))
+        rng = generator(study.seed, "gain")
+        return gain(before.residual[held][:, :3], after.residual[held][:, :3], measured.block[held], rng)
+
     findings = tuple(Finding(e, paired(a, b)) for e, a, b in zip(extension.effects, steps, steps[1:], strict=False))
-    if floor is None:
-        floor = estimated_floor(chosen, data)
     if comparison is not None and set(comparison.choice) != set(chosen.names):
         notes = (*notes, Note("table-differs", "The one-standard-error choice of the table of subsets is "
                               f"{' + '.join(comparison.choice)}; the chosen model follows what was named."))
     within = None
     if study.split.nested_folds:
         say(f"the whole procedure again in {study.split.nested_folds} folds")
-        within = nested(data, base, everything, study.seed, cells, study.split.nested_folds)
-    return Result(study, robot, data, floor, tuple(rungs), comparison, chosen, paired(nominal, chosen), findings, extension,
-                  nothing_else(extension, found, data, chosen), within, unidentifiable(_fit(base_rung).found, base.terms), notes,
-                  provenance(study, data_sha256))
+        within = nested(data, base, question.everything, study.seed, question.cells, study.split.nested_folds)
+    return Result(study, question.robot, data, floor or estimated_floor(chosen, data),
+                  tuple(remeasured(r, data) for r in rungs), comparison, remeasured(chosen, data), paired(nominal, chosen),
+                  findings, extension, nothing_else(extension, found, data, steps[-1]), within,
+                  unidentifiable(_fit(base_rung).found, base.terms), notes, provenance(study, data_sha256))
+
+
+def _weighed(question: Question, data: Data, base: Model) -> Data:
+    """With orientations of unstated uncertainty: rotational rows weighed by their own residuals, nominal then base."""
+    if data.scene.data.rotation is not None:
+        for model in (question.model((), data.scene.data), base):
+            data = reweigh_rotation(data, question.plan, rung(data, model, ()).residual)
+    return data
+
+
+def _ladder(question: Question, data: Data, measured: Measurements, base_rung: Rung) -> list[Rung]:
+    """The study's own rungs, or the base."""
+    return [base_rung if tuple(names) == base_rung.names else rung(data, question.model(names, measured), names)
+            for names in question.study.model.ladder or [list(base_rung.names)]]
+
+
+def _steps(data: Data, base_rung: Rung, extension: Extension) -> list[Rung]:
+    """From the base, a rung to every effect, in the order they were found."""
+    steps = [base_rung]
+    for k in range(1, len(extension.effects) + 1):
+        so_far = [e.candidate for e in extension.effects[:k]]
+        names = (*base_rung.names, *(label(c) for c in so_far))
+        steps.append(rung(data, models(extension.base, so_far), names, extension.fit if k == len(extension.effects) else None))
+    return steps
 
 
 def held_out_outliers(data: Data, rungs: Sequence[Rung]) -> NDArray[np.bool_]:
@@ -194,5 +215,5 @@ def _fit(rung_: Rung) -> Fit:
 def provenance(study: Study, data_sha256: str) -> dict[str, str]:
     """Versions and hashes; no path, time or host."""
     import scipy
-    return {"modelsel": __version__, "numpy": np.__version__, "scipy": scipy.__version__, "data_sha256": data_sha256,
+    return {"modelsel": VERSION, "numpy": np.__version__, "scipy": scipy.__version__, "data_sha256": data_sha256,
             "study_sha256": hashlib.sha256(study.model_dump_json().encode()).hexdigest()}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -55,7 +56,7 @@ def cell_causes(scene: Scene) -> tuple[tuple[Cause, ...], ...]:
         out.append((q(j, robot.unit(j)),))
     for j in turning:
         out += [(sin(q(j)), cos(q(j))), (sin(2.0 * q(j)), cos(2.0 * q(j)))]
-    for j, k in zip(turning, turning[1:], strict=False):
+    for j, k in pairwise(turning):
         out += [(sin(q(j) + q(k)), cos(q(j) + q(k))), (sin(q(j) - q(k)), cos(q(j) - q(k)))]
     loaded = under_gravity(robot)
     out += [(torque(j),) for j in loaded] + [(sign(torque(j)),) for j in loaded]
@@ -98,7 +99,8 @@ def free_functions(scene: Scene) -> list[Mechanism]:
                 continue
             terms = tuple(Term(f"f{j}[{np.degrees(c):.0f}]", (Screw(j, "rz", Bump(f"q{j}", float(c), float(width))),))
                           for c, n in zip(centres, filled, strict=True) if n >= 2)
-            out.append(Mechanism(f"free(q{j}) {np.degrees(width):.0f}", terms, f"Joint {j} turns unevenly, by a shape no list has."))
+            out.append(Mechanism(f"free(q{j}) {np.degrees(width):.0f}", terms,
+                                 f"Joint {j} turns unevenly, by a shape no list has."))
     return out
 
 

@@ -12,7 +12,7 @@ for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import click
 
-from . import __version__
+from .version import VERSION
 
 INTERRUPTED = 130
 
@@ -51,7 +51,7 @@ class _Errors(click.Group):
 
 
 @click.group(cls=_Errors, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, prog_name="modelsel")
+@click.version_option(VERSION, prog_name="modelsel")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 def main(debug: bool) -> None:
     """What a robot's model gets wrong, why, and what is gained by saying so."""

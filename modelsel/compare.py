@@ -132,8 +132,9 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
     subsets = all_subsets(folded, kept_base, _disjoint([groups[g] for g in chosen]))
     total, n = subsets.held_out.sum(1), int(folded.rows.sum())
     saturated = n - subsets.rank < 2
-    wanted = subsets.members @ np.array([len(groups[g]) for g in chosen], dtype=np.intp)
-    listed = ~saturated & (subsets.rank - len(kept_base) == wanted)      # a subset with dependent columns repeats another
+    alone = np.array([subsets.rank[(subsets.members.sum(1) == 1) & subsets.members[:, g]][0] for g in range(len(chosen))],
+                     dtype=np.intp) - len(kept_base)
+    listed = ~saturated & (subsets.rank - len(kept_base) == subsets.members @ alone)   # one with dependent columns repeats another
     best = int(np.argmin(np.where(listed, total, np.inf)))
     spread = np.sqrt(subsets.held_out.shape[1] * (subsets.held_out - subsets.held_out[best]).var(1, ddof=1))
     within = (total - total[best] <= spread) & listed
@@ -159,7 +160,8 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
             continue
         out.append(replace(one, weight=float(weight[s]), note="; ".join([*notes, *([one.note] if one.note else [])])))
     choice = tuple(candidates[chosen[g]].name for g in np.flatnonzero(subsets.members[pick]))
-    return Comparison(len(subsets.rss), tuple(out), (*base_names, *choice), tuple(candidates[g].name for g in chosen), tuple(set_aside))
+    considered = tuple(candidates[g].name for g in chosen)
+    return Comparison(len(subsets.rss), tuple(out), (*base_names, *choice), considered, tuple(set_aside))
 
 
 def _disjoint(groups: list[list[int]]) -> list[list[int]]:

@@ -57,7 +57,7 @@ def _whiten(scene: Scene, values: Array, rows: slice) -> Array:
     """Whitened copy of (..., c, rows)."""
     if isinstance(scene.whiten, float):
         return values * scene.whiten
-    return np.einsum("mij,...jm->...im", scene.whiten[rows], values)
+    return np.asarray(np.einsum("mij,...jm->...im", scene.whiten[rows], values))
 
 
 def field_of(scene: Scene, at: Pose, rows: slice) -> Array:
@@ -66,8 +66,8 @@ def field_of(scene: Scene, at: Pose, rows: slice) -> Array:
     single = len(scene.placement[0]) == 1
     def rotate(values: Array) -> Array:
         if single:
-            return np.tensordot(R[0], values, (1, 2)).transpose(1, 2, 0, 3)
-        return np.einsum("mij,fajm->faim", R, values)
+            return np.asarray(np.tensordot(R[0], values, (1, 2)).transpose(1, 2, 0, 3))
+        return np.asarray(np.einsum("mij,fajm->faim", R, values))
     moved = rotate(at.displacement())
     return moved if scene.components == 3 else np.concatenate([moved, rotate(at.rotational())], axis=2)
 
@@ -76,7 +76,7 @@ def residual_of(scene: Scene, at: Pose, rows: slice) -> Array:
     """Measured minus predicted (c, rows): mm, and with orientations the rotation vector [rad], in the tracker's frame."""
     data = scene.data
     R, t = scene.placement[0][data.group[rows]], scene.placement[1][data.group[rows]]
-    out = data.position[rows].T - np.einsum("mij,jm->im", R, at.target) - t.T
+    out: Array = data.position[rows].T - np.einsum("mij,jm->im", R, at.target) - t.T
     if data.rotation is None:
         return out
     predicted = np.einsum("mij,jkm->mik", R, at.rotation)
@@ -87,11 +87,11 @@ def residual_of(scene: Scene, at: Pose, rows: slice) -> Array:
 def columns_of(scene: Scene, field: Array, terms: Sequence[Term], rows: slice) -> Array:
     """Columns (p, c, rows) of terms from a screw field."""
     out = np.empty((len(terms), *field.shape[2:]))
-    for column, term in zip(out, terms, strict=True):
+    for k, term in enumerate(terms):
         first, *others = term.screws
-        np.multiply(field[first.frame - 1, PLACE[first.axis]], _rows(scene.cause(first.cause), rows), out=column)
+        np.multiply(field[first.frame - 1, PLACE[first.axis]], _rows(scene.cause(first.cause), rows), out=out[k])
         for s in others:
-            column += field[s.frame - 1, PLACE[s.axis]] * _rows(scene.cause(s.cause), rows)
+            out[k] += field[s.frame - 1, PLACE[s.axis]] * _rows(scene.cause(s.cause), rows)
     return out
 
 

@@ -50,13 +50,11 @@ class Columns:
 def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], Array] | None = None) -> Columns:
     """Columns of every candidate, each screw's evaluated once. Rows are ordered block, component, configuration."""
     terms: dict[tuple[object, ...], Term] = {}
-    slices = []
     for candidate in found:
         for t in candidate.mechanism.terms:
             terms.setdefault(t.screws, t)
     place = {screws: k for k, screws in enumerate(terms)}
-    for candidate in found:
-        slices.append(np.array([place[t.screws] for t in candidate.mechanism.terms], dtype=np.intp))
+    slices = [np.array([place[t.screws] for t in c.mechanism.terms], dtype=np.intp) for c in found]
     parts = [c.reshape(len(c), -1) for _, c, _ in blocks(scene, tuple(terms.values()), at)]
     XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
     grams = {}

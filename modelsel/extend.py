@@ -89,7 +89,7 @@ class _View:
         own = self.own(candidate)
         kept = self.fitted.found.kept
         E = np.eye(len(kept))[:, [i for i, k in enumerate(kept) if own[k]]]
-        D = self.Q @ basis(np.linalg.solve(self.R.T, E))
+        D: Array = self.Q @ basis(np.asarray(np.linalg.solve(self.R.T, E)))
         effect = self.A[:, own] @ self.fitted.theta[own]
         return scan_without(self.seen, D), self.r + D @ (D.T @ (self.raw + effect))
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .design import Model, residuals
 from .errors import NotEstimable
@@ -16,6 +17,7 @@ from .screws import Term
 
 STEP_MM = 1e-4     # 0.1 µm
 ITERATIONS = 60
+REFINEMENTS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +115,9 @@ def fit(scene: Scene, model: Model, *, precision: Array | None = None, iteration
         start: Array | None = None, step_mm: float = STEP_MM) -> Fit:
     """Least squares of a model on a scene. precision (p,): prior 1/variance of each term in whitened units, about zero.
 
-    Gauss-Newton on the exact chain, until all rows together move less than `step_mm`; `iterations=1` is the linear fit at `start` (zero). Raises NotEstimable where the
-    data have no more coordinates than the model has estimable parameters, or the iteration does not settle.
+    Gauss-Newton on the exact chain, until all rows together move less than `step_mm`; `iterations=1` is the linear fit at
+    `start` (zero). Raises NotEstimable where the data have no more coordinates than the model has estimable parameters, or
+    the iteration does not settle.
     """
     terms = model.terms
     theta = np.zeros(len(terms)) if start is None else start.copy()
@@ -165,19 +168,31 @@ class Regression:
 
 
 def regress(matrix: Array, response: Array) -> Regression:
-    """Rank-revealing least squares of a plain matrix (N, p): the same reducer and solve, refined once by its own residuals."""
+    """Rank-revealing least squares of a plain matrix (N, p): the same reducer and solve, then refined by its own residuals
+    in extended precision, as long as the gradient Xᵀr falls (corrected seminormal equations; Björck 1987)."""
+    from scipy.linalg import solve_triangular
     reduction = reduce(matrix, response)
     found = identify(reduction)
     kept = list(found.kept)
-    estimate = np.zeros(matrix.shape[1])
-    estimate[kept], inner, _ = solve(reduction, kept)
-    wide, target = matrix.astype(np.longdouble), response.astype(np.longdouble)
-    for _ in range(2):  # iterative refinement (Bjoerck 1967): residuals in extended precision
-        left = target - wide @ estimate.astype(np.longdouble)
-        again = reduce(matrix, np.asarray(left, float))
-        estimate[kept] += solve(again, kept)[0]
-    rss = float(np.square(target - wide @ estimate.astype(np.longdouble)).sum())
+    first, inner, _ = solve(reduction, kept)
+    wide, target = matrix[:, kept].astype(np.longdouble), response.astype(np.longdouble)
+    scale = np.linalg.norm(matrix[:, kept], axis=0)
+    R = reduction.select(kept).R[:-1, :-1] / scale
+
+    def gradient(beta: NDArray[np.longdouble]) -> Array:
+        return np.asarray(wide.T @ (target - wide @ beta), dtype=float) / scale
+
+    beta = first.astype(np.longdouble)
+    slope = gradient(beta)
+    for _ in range(REFINEMENTS):
+        for step in (solve_triangular(R, solve_triangular(R, slope, trans="T")) / scale,
+                     solve(reduce(matrix, np.asarray(target - wide @ beta, float)), kept)[0]):
+            trial = beta + step
+            if np.linalg.norm(gradient(trial)) < np.linalg.norm(slope):
+                beta, slope = trial, gradient(trial)
+    rss = float(np.square(target - wide @ beta).sum())
     sigma = float(np.sqrt(rss / (len(response) - found.rank)))
-    errors = np.zeros(matrix.shape[1])
+    estimate, errors = np.zeros(matrix.shape[1]), np.zeros(matrix.shape[1])
+    estimate[kept] = beta
     errors[kept] = np.sqrt((inner ** 2).sum(1)) * sigma
     return Regression(estimate, errors, sigma, found.rank)

@@ -52,7 +52,7 @@ class Folded:
         return Reduction(Reduction.empty(p1 - 1).add(self.blocks.reshape(-1, p1)).R, int(self.rows.sum()))
 
 
-def pad(parts: Sequence[Array], rows: Sequence[int]) -> Folded:
+def pad(parts: Sequence[Array], rows: Sequence[int] | Index) -> Folded:
     """Blocks of different heights as one array; the taller ones are folded into triangles first."""
     p1 = parts[0].shape[1]
     parts = [part if len(part) <= p1 else Reduction.empty(p1 - 1).add(part).R for part in parts]

@@ -20,7 +20,8 @@ def mechanism_card(mechanism: Mechanism) -> dict[str, Any]:
     """A mechanism as plain values."""
     def expected(size: tuple[float, float] | None, sign: int) -> str:
         words = [] if size is None else [f"usually {size[0]:g} to {size[1]:g}"]
-        words += [{1: "positive", -1: "negative"}[sign]] if sign else []
+        if sign:
+            words.append("positive" if sign > 0 else "negative")
         return f"  ({', '.join(words)})" if words else ""
     return {"name": mechanism.name, "sentence": mechanism.sentence, "equation": mechanism.equation, "source": mechanism.source,
             "terms": [{"symbol": t.symbol, "unit": t.unit, "screws": [str(s) for s in t.screws], "size": t.size, "sign": t.sign,
@@ -43,7 +44,7 @@ def robot_card(robot: Robot) -> dict[str, Any]:
 def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
     """What a file holds, what its configurations determine of the geometry, and what they do not."""
     orientation = data.rotation is not None
-    bound = scene(robot, data, np.zeros((len(data.targets), 3)) + [0.0, 0.0, 100.0])
+    bound = scene(robot, data, np.tile([0.0, 0.0, 100.0], (len(data.targets), 1)))
     model = Model((setup(robot, len(data.targets), 1, False, orientation), geometric(robot)))
     found = told(identify(reduce_scene(bound, model.terms)), usual_sizes(model.terms), FAINT_MM * np.sqrt(len(data)))
     floor = from_repeats(data) or from_target_pairs(data)
@@ -71,10 +72,9 @@ def sentences(found: dict[str, Any]) -> list[str]:
     out.append("Covariates: " + (", ".join(found["covariates"]) or "none")
                + ("; orientations measured" if found["orientation"] else "; positions only"))
     for j in found["joints"]:
-        turn = (lambda v: f"{np.degrees(v):.1f}") if j["unit"] == "rad" else (lambda v: f"{v:.1f}")
-        unit = "deg" if j["unit"] == "rad" else "mm"
+        factor, unit = (180 / np.pi, "deg") if j["unit"] == "rad" else (1.0, "mm")
         share = "" if j["share_of_range"] is None else f", {j['share_of_range']:.0%} of its range"
-        moved = f"{turn(j['low'])} to {turn(j['high'])} {unit}{share}" if j["moves"] else (
+        moved = f"{j['low'] * factor:.1f} to {j['high'] * factor:.1f} {unit}{share}" if j["moves"] else (
             "does not move: nothing can be said of errors that grow with it")
         out.append(f"Joint {j['joint']}: {moved}")
     floor = found["noise_floor"]
@@ -84,4 +84,4 @@ def sentences(found: dict[str, Any]) -> list[str]:
     out.append(f"Geometry: {geometry['rank']} of {geometry['parameters']} parameters can be determined (target assumed at "
                f"0, 0, 100 mm), condition {geometry['condition']:.0f}")
     out += [f"  {u['sentence']}" for u in found["unidentifiable"]]
-    return out + [f"Note: {w['sentence']}" for w in found["warnings"]]
+    return [*out, *(f"Note: {w['sentence']}" for w in found["warnings"])]

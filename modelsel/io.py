@@ -67,7 +67,7 @@ def _read_parquet(path: Path) -> Table:
     import pyarrow.lib
     import pyarrow.parquet as pq
     try:
-        table = pq.read_table(path, use_threads=False, partitioning=None)  # type: ignore[no-untyped-call]
+        table = pq.read_table(path, use_threads=False, partitioning=None)
     except FileNotFoundError:
         raise DataError("no such file.", file=path.name) from None
     except (OSError, pyarrow.lib.ArrowException) as error:
@@ -201,7 +201,10 @@ def read_measurements(path: Path, prismatic: Sequence[bool], columns: Mapping[st
         if given not in table:
             raise DataError(f'the study maps {wanted} to "{given}", which is not in the file. {suggest(given, table)}',
                             file=path.name, line=1)
-        table = {wanted if name == given else name: column for name, column in table.items()}
+    renamed = {given: wanted for wanted, given in (columns or {}).items()}
+    kept_names = [renamed.get(name, name) for name in table if name in renamed or name not in (columns or {})]
+    _distinct(kept_names, path)
+    table = {renamed.get(name, name): column for name, column in table.items() if name in renamed or name not in (columns or {})}
     n, m = len(prismatic), len(next(iter(table.values()), []))
     q = _joints(table, path, prismatic)
     position = np.stack([_column(table, path, axis, ("mm", "m")) for axis in "xyz"], 1)

@@ -77,9 +77,13 @@ def visits(q: Array, explicit: Sequence[object] | None, group: Index) -> Index:
 
 def blocks(q: Array, configuration: Index) -> Index:
     """Rows whose readings agree to 1e-6, or that share a configuration, get one number."""
-    keys = np.unique(np.round(q / SAME_READING).astype(np.int64), axis=0, return_inverse=True)[1].reshape(-1)
-    first = np.unique(configuration, return_index=True, return_inverse=True)
-    return np.asarray(np.unique(keys[first[1]][first[2]], return_inverse=True)[1].reshape(-1), dtype=np.intp)
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+    visit, first, which = np.unique(configuration, return_index=True, return_inverse=True)
+    near = cKDTree(q[first]).query_pairs(SAME_READING, p=np.inf, output_type="ndarray")
+    graph = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(visit), len(visit)))
+    return np.asarray(connected_components(graph, directed=False)[1][which.reshape(-1)], dtype=np.intp)
 
 
 def motion(q: Array, configuration: Index, group: Index, order: Array) -> tuple[Array, Array]:
@@ -129,5 +133,6 @@ def measurements(q: Array, position: Array, *, row: Index | None = None, configu
         notes = (*notes, Note("approach-from-order", "Directions of approach are taken from the order of motion, once, "
                                                      "on reading: the data have no approach columns."))
     return Measurements(q, position, np.arange(m) if row is None else row, visit, blocks(q, visit), target_index,
-                        group_index, order, np.asarray(approach, float), move, campaign(group_index, order), targets, groups, dict(covariates or {}),
+                        group_index, order, np.asarray(approach, float), move, campaign(group_index, order),
+                        targets, groups, dict(covariates or {}),
                         sigma, rotation, sigma_rotation, notes)

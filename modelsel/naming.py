@@ -7,6 +7,7 @@ import numpy as np
 
 from .candidates import Candidate
 from .errormap import Scan, evidence
+from .measurements import Index
 from .rigid import Array
 
 CREDIBLE = 0.95
@@ -84,6 +85,6 @@ def similar(a: Array, b: Array) -> float:
     return float(a @ b / size) if size > 0 else 0.0
 
 
-def _alike(seen: Scan, shown: Array, response: Array) -> Array:
+def _alike(seen: Scan, shown: Index, response: Array) -> Array:
     first = fitted_displacement(seen, int(shown[0]), response)
     return np.array([similar(first, fitted_displacement(seen, int(g), response)) > ALIKE for g in shown])

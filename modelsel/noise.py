@@ -96,7 +96,9 @@ def weigh(scene: Scene, instrument: Instrument | None, stated_mm: float | None, 
     if data.rotation is not None:
         whole = np.zeros((len(data), 6, 6))
         whole[:, :3, :3] = weight * np.eye(3) if blocks is None else blocks
-        spread_r = data.sigma_rotation if data.sigma_rotation is not None else np.full((len(data), 3), rotation_rad or 1e-3 / weight)
+        spread_r = data.sigma_rotation
+        if spread_r is None:
+            spread_r = np.full((len(data), 3), rotation_rad or 1e-3 / weight)
         whole[:, 3:, 3:] = np.einsum("mi,ij->mij", 1 / spread_r, np.eye(3))
         blocks = whole
     return replace(scene, whiten=weight if blocks is None else blocks, tracker=at), floor

@@ -93,8 +93,8 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
     estimation = split(data, labels, plan, tuple(j.prismatic for j in robot.joints))
     data, unseen = _timeless(data, estimation)
     if unseen:
-        notes.append(Note("other-session", f"Nothing of {', '.join(unseen)} estimates: when it was measured in the campaign is not "
-                                           "known to the model, and drift is taken at the campaign's middle there."))
+        notes.append(Note("other-session", f"Nothing of {', '.join(unseen)} estimates: when it was measured in the campaign is "
+                                           "not known to the model, and drift is taken at the campaign's middle there."))
     bound = scene(robot, data, tools_of(data, plan.tools))
     if plan.register:
         bound = register(bound, estimation, plan.per_group)
@@ -115,7 +115,8 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
     fold[estimation] = assign(data.take(estimation), plan.folds, generator(plan.seed, "folds"), plan.by)
     if not (~estimation).any():
         notes.append(Note("nothing-held-out", "All configurations estimate: nothing is held out, and no gain can be measured."))
-    return Data(bound, estimation, np.zeros(len(data), bool), fold, floor is not None and floor.source == "stated"), floor, tuple(notes)
+    known = floor is not None and floor.source == "stated"
+    return Data(bound, estimation, np.zeros(len(data), bool), fold, known), floor, tuple(notes)
 
 
 def _timeless(data: Measurements, estimation: NDArray[np.bool_]) -> tuple[Measurements, tuple[str, ...]]:

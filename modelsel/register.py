@@ -9,10 +9,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .design import Model, residuals
 from .errors import DataError
 from .fit import fit
+from .measurements import Index
 from .mechanisms.geometry import setup
 from .rigid import AXES, Array, inverse, nearest_rotation, transform, turn
 from .scene import Scene
@@ -21,7 +23,7 @@ REWEIGHT = 12
 LEAST = 4  # configurations per placement
 
 
-def register(scene: Scene, use: Array, per_group: bool) -> Scene:
+def register(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
     """The scene with placement(s) and tools found from the rows `use` (mask). Raises DataError with too few rows."""
     some = scene.take(use)
     group = some.data.group if per_group else np.zeros(len(some), np.intp)
@@ -40,7 +42,7 @@ def register(scene: Scene, use: Array, per_group: bool) -> Scene:
     return _settle(scene, use, count)
 
 
-def _affine(some: Scene, group: Array, count: int) -> tuple[tuple[Array, Array], Array]:
+def _affine(some: Scene, group: Index, count: int) -> tuple[tuple[Array, Array], Array]:
     """Linear start: A_g x + b_g − R_i t_i = o_i, with x the measured and o_i, R_i the flange's nominal position, rotation."""
     bare = replace(some, tools=np.zeros_like(some.tools), _values={}, _causes={}).pose(slice(None))
     m, targets = len(some), len(some.tools)
@@ -74,11 +76,11 @@ def _target_rotations(some: Scene) -> Array:
     """Mean rotation of every target frame on the flange, from the measured orientations."""
     flange = some.pose(slice(None)).axes[-1, :3].transpose(2, 1, 0)
     R = some.placement[0][some.data.group]
-    each = np.einsum("mji,mkj,mkl->mil", flange, R, some.data.rotation)
+    each = np.einsum("mji,mkj,mkl->mil", flange, R, np.asarray(some.data.rotation))
     return np.stack([nearest_rotation(each[some.data.target == t].mean(0)) for t in range(len(some.tools))])
 
 
-def _settle(scene: Scene, use: Array, count: int) -> Scene:
+def _settle(scene: Scene, use: NDArray[np.bool_], count: int) -> Scene:
     """Gauss-Newton on the set-up alone, its result composed into placement and tools; gross rows left out."""
     robot, targets = scene.robot, len(scene.tools)
     model = Model((setup(robot, targets, count, True, scene.tool_rotations is not None),))

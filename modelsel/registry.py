@@ -124,6 +124,6 @@ def with_plugins(registry: Registry = BUILTIN) -> tuple[Registry, dict[str, str]
     for point in sorted(entry_points(group="modelsel.mechanisms"), key=lambda p: p.name):
         try:
             table |= {name: entry for name, entry in point.load()().items() if name not in registry}
-        except Exception as error:  # a stranger's code may fail in any way; it is listed and stops nothing
+        except Exception as error:  # noqa: BLE001  a stranger's code may fail in any way; it is listed and stops nothing
             broken[point.name] = f"{type(error).__name__}: {error}"
     return table, broken

@@ -1,8 +1,6 @@
 """Rotations and rigid transforms as plain arrays: R_a_b takes coordinates in b to coordinates in a; mm and rad."""
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -22,10 +20,10 @@ def turn(axis: int, angle: ArrayLike) -> Array:
     return R
 
 
-def transform(R: ArrayLike = np.eye(3), t: ArrayLike = (0, 0, 0)) -> Array:
-    """The (4, 4) homogeneous transform of rotation R (3, 3) and translation t (3,) [mm]."""
+def transform(R: ArrayLike | None = None, t: ArrayLike = (0, 0, 0)) -> Array:
+    """The (4, 4) homogeneous transform of rotation R (3, 3), the identity without, and translation t (3,) [mm]."""
     T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, t
+    T[:3, :3], T[:3, 3] = np.eye(3) if R is None else R, t
     return T
 
 
@@ -36,7 +34,7 @@ def inverse(T: Array) -> Array:
 
 def rpy(roll: float, pitch: float, yaw: float) -> Array:
     """Rz(yaw) Ry(pitch) Rx(roll), a URDF's fixed-axis angles [rad]; (3, 3)."""
-    return cast(Array, turn(2, yaw) @ turn(1, pitch) @ turn(0, roll))
+    return turn(2, yaw) @ turn(1, pitch) @ turn(0, roll)
 
 
 def align_z(axis: ArrayLike) -> Array:

@@ -12,9 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .folds import Folded
+from .errors import NotEstimable
+from .folds import Folded, cross_validate
+from .identify import identify, solve
+from .reduce import Reduction
 from .rigid import Array
 
+ABSORBED = 1e-20   # share of a column's squared norm that the base must leave, else its rounding would be a pivot
+DOUBT = 1e-12      # relative error beyond which a subset is worked out again
+REDONE = 64
 PIVOT = 1e-9       # of the column's own size before any sweep: below it the column depends on the kept ones
 
 
@@ -39,12 +45,12 @@ def _projected(folded: Folded, base: Sequence[int], rest: Sequence[int]) -> tupl
     everything = blocks.reshape(-1, width)
     for k in range(K + 1):
         train = everything if k == K else np.delete(blocks, k, axis=0).reshape(-1, width)
-        R = np.linalg.qr(train, mode="r") if len(train) >= width else np.linalg.qr(
-            np.concatenate([train, np.zeros((width - len(train), width))]), mode="r")
+        R = Reduction.empty(width - 1).add(train).R
         inner = R[b:, b:]
         S[k] = inner.T @ inner
         test = everything if k == K else blocks[k]
-        left = test[:, b:] - test[:, :b] @ np.linalg.lstsq(R[:b, :b], R[:b, b:], rcond=1e-13)[0] if b else test
+        unit = np.maximum(np.linalg.norm(R[:b, :b], axis=0), 1e-300)
+        left = test[:, b:] - (test[:, :b] / unit) @ np.linalg.lstsq(R[:b, :b] / unit, R[:b, b:], rcond=1e-13)[0]
         W[k] = left.T @ left
     return S, W
 
@@ -75,10 +81,13 @@ def all_subsets(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[i
     order = sorted(range(len(groups)), key=lambda g: -len(groups[g]))           # large groups nearest the root
     rest = [c for g in order for c in groups[g]]
     S, W = _projected(folded, base, rest)
-    size = np.sqrt(np.maximum(np.einsum("kdd->kd", S)[-1], 1e-300))
+    before = np.append(np.square(folded.blocks[:, :, rest]).sum((0, 1)), 1.0)
+    size = np.sqrt(np.maximum(np.einsum("kdd->kd", S)[-1], ABSORBED * before))
+    size[size == 0] = 1.0
     size[-1] = 1.0
     S, W = S / np.outer(size, size), W / np.outer(size, size)
     first = np.einsum("kdd->kd", S)[None]
+    first = np.where(first * size ** 2 > ABSORBED * before, first, np.inf)       # the base spans it: never a pivot
     S, W = S[None], W[None]
     members = np.zeros((1, len(groups)), bool)
     gained, pivot = np.zeros((1, S.shape[1])), np.ones((1, S.shape[1]))
@@ -95,4 +104,26 @@ def all_subsets(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[i
         with_g[:, g] = True
         members = np.concatenate([members, with_g])
         done += width
-    return Subsets(members, S[:, -1, 0, 0], len(base) + gained[:, -1].astype(np.intp), W[:, :-1, 0, 0], pivot.min(1))
+    rss = np.maximum(S[:, -1, 0, 0], np.finfo(float).eps * S[0, -1, 0, 0])     # saturated: nothing is left but rounding
+    held_out = W[:, :-1, 0, 0]
+    found = Subsets(members, rss, len(base) + gained[:, -1].astype(np.intp), held_out, pivot.min(1))
+    return _redone(folded, base, groups, found)
+
+
+def _redone(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]], found: Subsets) -> Subsets:
+    """The doubtful subsets once more by orthogonal factors: small pivots, or sums of squares that are a small difference of
+    large ones; the most doubtful first, and no more than REDONE."""
+    lost = np.finfo(float).eps / np.minimum(found.pivot, (found.held_out / found.held_out[0]).clip(1e-300).min(1))
+    worst = np.argsort(-lost, kind="stable")[:REDONE]
+    held_out, rss = found.held_out.copy(), found.rss.copy()
+    for s in worst[lost[worst] > DOUBT]:
+        columns = list(dict.fromkeys([*base, *(c for g in np.flatnonzero(found.members[s]) for c in groups[g])]))
+        kept = [columns[k] for k in identify(folded.total().select(columns)).kept]
+        if len(kept) != found.rank[s]:
+            continue
+        try:
+            held_out[s] = cross_validate(folded, kept).held_out
+        except NotEstimable:
+            continue
+        rss[s] = max(solve(folded.total(), kept)[2], rss[s] if rss[s] < 1e-12 * found.rss[0] else 0.0)
+    return Subsets(found.members, rss, found.rank, held_out, found.pivot)

@@ -32,20 +32,20 @@ def variances(fitted: Fit, groups: Sequence[Index]) -> Array:
     kept = list(fitted.found.kept)
     where = {k: i for i, k in enumerate(kept)}
     inside = [np.array([where[k] for k in g if k in where], dtype=np.intp) for g in groups]
-    R = fitted.reduction.R[:-1, kept]
+    R: Array = fitted.reduction.R[:-1, kept]
     response = fitted.reduction.R[:-1, -1] + R @ fitted.theta[kept]
     gram, cross, rest = R.T @ R, R.T @ response, float(fitted.reduction.R[-1, -1] ** 2)
-    precision = np.zeros(len(kept))
+    precision: Array = np.zeros(len(kept))
     for g, i in zip(groups, inside, strict=True):
         precision[i] = 1.0 if fitted.precision is None else fitted.precision[g[0]]
     for _ in range(ROUNDS):
-        covariance = np.linalg.inv(gram + np.diag(precision))
+        covariance: Array = np.asarray(np.linalg.inv(gram + np.diag(precision)), dtype=np.float64)
         beta = covariance @ cross
         rss = float(np.square(response - R @ beta).sum()) + rest
-        spent = [len(i) - precision[i] @ covariance[i, i] for i in inside]      # effective parameters of each group
+        spent = [len(i) - float(precision[i] @ covariance[i, i]) for i in inside]      # effective parameters of each group
         fixed = len(kept) - sum(map(len, inside))
         sigma2 = rss / max(fitted.rows - fixed - sum(spent), 1.0)
-        new = precision.copy()
+        new: Array = precision.copy()
         for i, used in zip(inside, spent, strict=True):
             new[i] = sigma2 * max(used, 1e-3) / max(float(np.square(beta[i]).sum()), 1e-300)
         if np.allclose(new, precision, rtol=1e-3):
@@ -74,7 +74,8 @@ def fit_shrunk(scene: Scene, model: Model, start: Fit | None = None, step_mm: fl
     fitted = fit(scene, model, precision=precision, start=theta, step_mm=step_mm)
     for _ in range(2):
         new = variances(fitted, groups)
-        settled = np.allclose(new, fitted.precision, rtol=0.1)
+        settled = np.allclose(new, precision, rtol=0.1)
+        precision = new
         fitted = fit(scene, model, precision=new, start=fitted.theta, step_mm=step_mm)
         if settled:
             break

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .analysis import Result, Say, analyse
+from .analysis import Question, Result, analyse
 from .causes import parse
 from .config import Study, find_data
 from .errors import StudyError
+from .explain import Say
 from .io import read_labels, read_measurements
 from .measurements import measurements
 from .noise import Instrument
@@ -65,7 +66,7 @@ def check_names(study: Study, robot: Robot, registry: Registry) -> None:
 
 def candidates_of(study: Study, robot: Robot, registry: Registry) -> tuple[Mechanism, ...]:
     """The mechanisms that may extend the base, one a joint."""
-    if study.model.candidates == "all":
+    if study.model.candidates in ("all", []):
         return every(robot, registry)
     return tuple(part for name in study.model.candidates for part in parts(name, robot, registry))
 
@@ -81,8 +82,8 @@ def run(study: Study, folder: Path = Path(), *, registry: Registry = BUILTIN, sa
     if study.split.column is not None:
         labels = read_labels(path, study.split.column)[measured.row]
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return analyse(study, plan_of(study), robot, measured, candidates_of(study, robot, registry), labels=labels,
-                   registry=registry, say=say, data_sha256=digest)
+    question = Question(study, plan_of(study), robot, candidates_of(study, robot, registry), registry)
+    return analyse(question, measured, labels=labels, say=say, data_sha256=digest)
 
 
 def save(result: Result, folder: Path) -> None:

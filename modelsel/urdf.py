@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from .robot import Joint, Robot
 MOVING = ("revolute", "continuous", "prismatic")
 
 
-def _vector(element: ElementTree.Element | None, key: str, default: tuple[float, ...]) -> Array:
+def _vector(element: ET.Element | None, key: str, default: tuple[float, ...]) -> Array:
     if element is None or element.get(key) is None:
         return np.array(default)
     try:
@@ -25,15 +25,15 @@ def _vector(element: ElementTree.Element | None, key: str, default: tuple[float,
     return out
 
 
-def _origin(element: ElementTree.Element) -> Array:
+def _origin(element: ET.Element) -> Array:
     origin = element.find("origin")
     roll, pitch, yaw = _vector(origin, "rpy", (0.0, 0.0, 0.0))
     return transform(rpy(roll, pitch, yaw), _vector(origin, "xyz", (0.0, 0.0, 0.0)) * 1e3)
 
 
-def _chain(root: ElementTree.Element, where: str) -> list[ElementTree.Element]:
+def _chain(root: ET.Element, where: str) -> list[ET.Element]:
     """The joints from the root link to the tip with the most moving joints below it."""
-    below: dict[str, list[ElementTree.Element]] = {}
+    below: dict[str, list[ET.Element]] = {}
     children = set[str]()
     for joint in root.iter("joint"):
         parent, child = joint.find("parent"), joint.find("child")
@@ -45,8 +45,8 @@ def _chain(root: ElementTree.Element, where: str) -> list[ElementTree.Element]:
     if len(roots) != 1:
         raise StudyError(f"{where}: expected one root link, found {len(roots)}: {', '.join(sorted(roots)[:5])}")
 
-    paths: list[tuple[int, int, list[ElementTree.Element]]] = []
-    stack: list[tuple[str, list[ElementTree.Element]]] = [(roots[0], [])]
+    paths: list[tuple[int, int, list[ET.Element]]] = []
+    stack: list[tuple[str, list[ET.Element]]] = [(roots[0], [])]
     while stack:
         link, path = stack.pop()
         if len(path) > 1000:
@@ -72,8 +72,8 @@ def read_urdf(path: Path) -> Robot:
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise StudyError(f"{path.name}: a document type or entity in a URDF is refused; remove it")
     try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
+        root = ET.fromstring(text)
+    except ET.ParseError as error:
         raise StudyError(f"{path.name}: not valid XML: {error}") from None
     links = {str(link.get("name")): link for link in root.iter("link")}
     pending, joints = np.eye(4), []

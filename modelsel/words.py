@@ -18,7 +18,7 @@ PLACES = {"t": "shifts along", "r": "turns about"}
 def quantity(value: float, error: float | None, unit: str) -> str:
     """A value with its standard error, three digits, prefixed unit: 1.20 ± 0.03 mrad/rad."""
     size, factor, prefix = abs(value), 1.0, ""
-    if unit.startswith("rad") or unit.startswith("1/"):
+    if unit.startswith(("rad", "1/")):
         if unit.startswith("1/"):
             factor, prefix = 1e-6, "ppm "
             unit = unit[1:]
@@ -51,7 +51,8 @@ def amount(terms: Sequence[Term], estimate: Array, error: Array) -> str:
         for t, value in zip(terms, estimate, strict=True):
             spans.setdefault(t.unit, []).append(float(value))
         return "from top to bottom " + " and ".join(quantity(float(np.ptp(v)), None, unit) for unit, v in spans.items())
-    return ", ".join(f"{t.symbol} = {quantity(float(v), float(e), t.unit)}" for t, v, e in zip(terms, estimate, error, strict=True))
+    return ", ".join(f"{t.symbol} = {quantity(float(v), float(e), t.unit)}"
+                     for t, v, e in zip(terms, estimate, error, strict=True))
 
 
 def what(candidate: Candidate) -> str:

@@ -278,5 +278,3 @@ UNREGISTERED: Mapping[str, Draw] = {
     "odd coupling": _coupling, "wave at a cell": _cell_wave, "sine at a cell": _cell_single, "wave of two joints": _cell_sum,
     "approach at a cell": _cell_approach, "temperature at a cell": _cell_warm, "shape of one joint": _shape,
     "kink of one joint": _fold, "product of joints": _product, "fractional ripple": _fraction}
-NEEDS = {"payload-deflection": "payload_kg", **dict.fromkeys(
-    ("thermal-growth", "thermal-expansion", "thermal-zero", "temperature at a cell"), "temperature_C")}

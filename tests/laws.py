@@ -16,7 +16,7 @@ from modelsel import causes
 from modelsel.design import Model, design, residuals
 from modelsel.fit import fit
 from modelsel.identify import identify
-from modelsel.reduce import reduce_scene
+from modelsel.reduce import reduce
 from modelsel.rigid import AXES
 from modelsel.robot import Robot
 from modelsel.scene import Scene
@@ -42,9 +42,10 @@ def carried(mechanism: Mechanism, at: Scene) -> None:
     assert not missing, f"{mechanism.name} needs {sorted(missing)}, which the laws' measurements lack: add them to builders.drawn"
 
 
-def joined(mechanisms: Sequence[Mechanism]) -> Mechanism:
-    """The terms of many side by side, for the laws of columns alone (L1 to L3, L7): one product instead of hundreds."""
-    return Mechanism("all", tuple({t.screws: t for m in mechanisms for t in m.terms}.values()))
+def joined(mechanisms: Sequence[Mechanism], at_most: int = 50) -> tuple[Mechanism, ...]:
+    """The terms of many side by side, for the laws of columns alone (L1 to L3, L7): a few products instead of hundreds."""
+    terms = list({t.screws: t for m in mechanisms for t in m.terms}.values())
+    return tuple(Mechanism("joined", tuple(terms[k:k + at_most])) for k in range(0, len(terms), at_most))
 
 
 @contextmanager
@@ -73,9 +74,9 @@ def usual(term: Term, rng: np.random.Generator, share: float = 1.0) -> float:
 
 def law1_columns_are_derivatives(mechanism: Mechanism, at: Scene, rng: np.random.Generator) -> None:
     """L1: a column is the central difference of the exact chain, at the nominal model and away from it."""
-    some, terms = at.take(np.arange(min(len(at), 20))), mechanism.terms
+    some, terms = at.take(np.arange(min(len(at), 15))), mechanism.terms
     h = np.array([step(t, some) for t in terms])
-    for theta in (np.zeros(len(terms)), np.array([usual(t, rng, 0.1) for t in terms])):
+    for theta in (np.zeros(len(terms)), np.array([usual(t, rng, 0.05) for t in terms])):
         columns = design(some, terms, (terms, theta))[0]
         both = exact(some, terms, theta + np.concatenate([np.diag(-h), np.diag(h)]))
         low, high = both.reshape(2, len(terms), *columns.shape[:2])                      # residual = measured - predicted
@@ -83,7 +84,8 @@ def law1_columns_are_derivatives(mechanism: Mechanism, at: Scene, rng: np.random
         for column, difference, term in zip(columns.transpose(2, 0, 1), slope, terms, strict=True):
             error = np.abs(column - difference).max()
             size = max(np.abs(difference).max(), np.abs(column).max(), 1e-3 * floor(term, some))
-            assert error <= COLUMN * size, f"L1: {mechanism.name} {term.symbol}: column off by {error / size:.1e} of its size"
+            assert error <= COLUMN * size, (f"L1: {mechanism.name} {term.symbol}, {term.screws[0]}: column off by "
+                                            f"{error / size:.1e} of its size")
 
 
 def exact(at: Scene, terms: Sequence[Term], thetas: np.ndarray) -> np.ndarray:
@@ -139,19 +141,24 @@ def law4_plant_and_recover(mechanism: Mechanism, at: Scene, rng: np.random.Gener
     """
     terms = mechanism.terms
     model = Model((mechanism,))
-    moves = np.linalg.norm(design(at, terms)[0], axis=1).max(0)
+    columns = design(at, terms)[0]
+    moves = np.linalg.norm(columns, axis=1).max(0)
     for term, far in zip(terms, moves * [(t.size or (0.0, 0.0))[1] for t in terms], strict=True):
         assert far < FAR, (f"L4: {mechanism.name} {term.symbol}: its usual size, {term.size[1]:g} {term.unit}, moves the target "
                            f"{far:.0f} mm")
-    dependent = identify(reduce_scene(at, terms)).rank < len(terms)
+    dependent = identify(reduce(columns.reshape(-1, len(terms)), at.data.position.ravel())).rank < len(terms)
     theta = np.array([usual(t, rng, 0.02 if dependent else 0.3) for t in terms])
-    with locked(planted(replace(at, whiten=1 / SIGMA), terms, theta, rng, SIGMA), theta) as measured:
-        found = fit(measured, model)
-    kept = list(found.found.kept)
-    assert kept, f"L4: {mechanism.name} moves nothing"
-    error = found.theta[kept] - found.found.relation.T @ theta
-    spread = np.sqrt(np.square(found.factor[kept]).sum(1))            # sigma is known: whitened by it
-    assert np.abs(error / spread).max() < 4, f"L4: {mechanism.name}: {np.abs(error / spread).max():.1f} standard errors off"
+    off = []
+    for _ in range(2):                                                # 4 sigma by chance: once in 16,000, so draw once more
+        with locked(planted(replace(at, whiten=1 / SIGMA), terms, theta, rng, SIGMA), theta) as measured:
+            found = fit(measured, model)
+        kept = list(found.found.kept)
+        assert kept, f"L4: {mechanism.name} moves nothing"
+        error = found.theta[kept] - found.found.relation.T @ theta
+        off.append(np.abs(error / np.sqrt(np.square(found.factor[kept]).sum(1))).max())      # sigma is known: whitened by it
+        if off[-1] < 4:
+            return
+    raise AssertionError(f"L4: {mechanism.name}: {' and '.join(f'{x:.1f}' for x in off)} standard errors off, twice running")
 
 
 def law5_symbols_and_units(mechanism: Mechanism, at: Scene, rng: np.random.Generator) -> None:

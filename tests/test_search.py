@@ -7,7 +7,7 @@ from math import comb, log
 import numpy as np
 import pytest
 from builders import drawn, planted, seeds
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
@@ -56,6 +56,7 @@ def compare_all(X: np.ndarray, y: np.ndarray, fold_of: np.ndarray, base: list[in
         np.testing.assert_allclose([rss, *held], [want[0], *want[2]], rtol=certified, err_msg=f"{message}: {columns}")
 
 
+@settings(max_examples=50)
 @given(st.integers(0, 10**6), st.integers(0, 3), st.lists(st.integers(1, 3), min_size=1, max_size=4))
 def test_every_subset(seed, base, widths) -> None:
     """Any base, groups of any width, folds of unequal height, columns of any scale."""
@@ -97,7 +98,7 @@ def test_groups_that_saturate(rng) -> None:
     found = all_subsets(folded(X, y, np.arange(12) % 3), [0], [list(range(1, 6)), list(range(6, 12))])
     whole = found.members.all(1)
     assert found.rank[whole] == 12
-    assert found.rss[whole] < 1e-20
+    assert found.rss[whole] < 1e-12
 
 
 @seeds(1, 2)
@@ -136,7 +137,8 @@ def test_single_f_is_the_nested_f_test(rng) -> None:
     A = A[:, list(fitted.found.kept)]
     found = single_f(scan(columns(at, offered, fitted.at()), basis(A)), r - A @ np.linalg.lstsq(A, r, rcond=None)[0])
     small = sm.OLS(r, A).fit()
-    want = [sm.OLS(r, np.column_stack([A, stacked(at, m.terms, fitted.at())[0]])).fit().compare_f_test(small)[0] for m in some[:3]]
+    both = [np.column_stack([A, stacked(at, m.terms, fitted.at())[0]]) for m in some[:3]]
+    want = [sm.OLS(r, X).fit().compare_f_test(small)[0] for X in both]
     np.testing.assert_allclose(found, [*want, 0.0], rtol=1e-7)
 
 

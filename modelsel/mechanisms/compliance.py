@@ -60,16 +60,16 @@ def link_bending(robot: Robot, link: int) -> Mechanism:
     f = link + 1
     screws = tuple(Screw(f, f"r{a}", moment_at(f, a)) for a in "xyz")
     return Mechanism(f"link-bending:{link}", (Term(f"b{link}", screws, COMPLIANCE, 1),),
-                     f"Link {link} bends under the weight it carries.", f"rotation of frame {f} = b · moment of the weight beyond it",
-                     SOURCE)
+                     f"Link {link} bends under the weight it carries.",
+                     f"rotation of frame {f} = b · moment of the weight beyond it", SOURCE)
 
 
 def payload_deflection(robot: Robot, joint: int) -> Mechanism:
     """The drive winds up under the payload at the target; its mass is the column payload_kg."""
     cause = Named("payload_kg", "kg") * load(joint, robot.n + 1)
     return Mechanism(f"payload-deflection:{joint}", (Term(f"p{joint}", (Screw(joint, "rz", cause),), COMPLIANCE, 1),),
-                     f"Joint {joint} yields under the payload.", f"θ{joint} = q{joint} + p · payload_kg · torque of 1 kg at the target",
-                     SOURCE)
+                     f"Joint {joint} yields under the payload.",
+                     f"θ{joint} = q{joint} + p · payload_kg · torque of 1 kg at the target", SOURCE)
 
 
 def counterbalance(robot: Robot) -> Mechanism | None:
@@ -90,7 +90,9 @@ def tool_droop(robot: Robot) -> Mechanism | None:
         return None
     f = robot.n + 1
     screws = (Screw(f, "tx", Named("down_x")), Screw(f, "ty", Named("down_y")))
-    return Mechanism("tool-droop", (Term("g", screws, (1e-3, 2.0), 1),), "The tool droops: it bends where gravity pulls across it.",
-                     "target offset = g · gravity direction across the flange axis", "cantilever beam; ISO 230-1, stiffness of spindles")
+    return Mechanism("tool-droop", (Term("g", screws, (1e-3, 2.0), 1),),
+                     "The tool droops: it bends where gravity pulls across it.",
+                     "target offset = g · gravity direction across the flange axis",
+                     "cantilever beam; ISO 230-1, stiffness of spindles")
 
 

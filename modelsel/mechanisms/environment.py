@@ -10,6 +10,8 @@ from ..screws import Mechanism, Screw, Term
 
 TEMPERATURE = Named("temperature_C", "°C")
 PROGRESS: Cause = Named("progress")   # place in the order of motion, 0 to 1: every file has it, clock or not
+DRIFT = {"t": (1e-3, 2.0), "r": (1e-6, 2e-3)}     # mm, rad
+STEP = {"t": (1e-3, 20.0), "r": (1e-6, 2e-2)}
 STEPS = tuple(round(0.05 * k, 2) for k in range(1, 20))
 
 
@@ -60,7 +62,7 @@ def tracker_drift(robot: Robot, knots: float) -> Mechanism:
         causes: list[Cause] = [PROGRESS]
     else:
         causes = [Bump("progress", round(k * knots, 6), knots) for k in range(round(1 / knots) + 1)]
-    terms = tuple(Term(f"v{a}{k}" if len(causes) > 1 else f"v{a}", (Screw(1, a, cause),), (1e-6, 2.0))
+    terms = tuple(Term(f"v{a}{k}" if len(causes) > 1 else f"v{a}", (Screw(1, a, cause),), DRIFT[a[0]])
                   for a in AXES for k, cause in enumerate(causes, 1))
     return Mechanism("tracker-drift", terms, "Tracker and base drift against each other while the campaign lasts.",
                      "H_1 = v · progress" if knots >= 1 else "H_1 = free function of progress",
@@ -70,7 +72,7 @@ def tracker_drift(robot: Robot, knots: float) -> Mechanism:
 def tracker_step(robot: Robot, at: float) -> Mechanism:
     """The tracker (or the base) was moved at some moment: all six, before and after; the moment is scanned."""
     cause = sign(PROGRESS - at)
-    return Mechanism("tracker-step", tuple(Term(f"j{a}", (Screw(1, a, cause),), (1e-6, 20.0)) for a in AXES),
+    return Mechanism("tracker-step", tuple(Term(f"j{a}", (Screw(1, a, cause),), STEP[a[0]]) for a in AXES),
                      f"Tracker or base was moved after {at:.0%} of the campaign.", f"H_1 = j · {cause}",
                      "ISO 10360-10, laser trackers: stability")
 
@@ -103,6 +105,8 @@ def refraction(robot: Robot) -> Mechanism | None:
         return None
     up = -robot.joints[0].before[:3, :3].T @ np.array(robot.gravity)
     far = Named("range_mm", "mm")
-    screws = tuple(Screw(1, AXES[a], far * far if up[a] == 1 else float(up[a]) * (far * far)) for a in range(3) if abs(up[a]) > 1e-9)
-    return Mechanism("refraction", (Term("ρ", screws, (1e-12, 1e-7)),), "The beam is bent by the air: the error grows with the square of "
-                     "the distance.", "height error = ρ · range²", "Estler et al. 2002, large-scale metrology")
+    square = far * far
+    screws = tuple(Screw(1, AXES[a], square if up[a] == 1 else float(up[a]) * square) for a in range(3) if abs(up[a]) > 1e-9)
+    return Mechanism("refraction", (Term("ρ", screws, (1e-12, 1e-7)),),
+                     "The beam is bent by the air: the error grows with the square of the distance.",
+                     "height error = ρ · range²", "Estler et al. 2002, large-scale metrology")

@@ -1,7 +1,7 @@
 """Geometry: the six screws of every frame with cause 1, and what the set-up adds to them."""
 from __future__ import annotations
 
-from ..causes import ONE, Member
+from ..causes import ONE, Cause, Member
 from ..rigid import AXES
 from ..robot import Robot
 from ..screws import Mechanism, Screw, Term, letter
@@ -17,9 +17,13 @@ def geometric(robot: Robot) -> Mechanism:
     """
     places = [(robot.n + 1, axis) for axis in AXES[:3]] + [(f, axis) for f in range(1, robot.n + 1) for axis in AXES]
     return Mechanism(
-        "geometric", tuple(Term(letter(f, axis), (Screw(f, axis),), SIZE[axis[0]]) for f, axis in places),
+        "geometric", tuple(_term(f, axis) for f, axis in places),
         "The links, joint axes, joint zeros and the target are not where the drawing has them.",
         "H_k = Trans(a,b,c) Rx(α) Ry(β) Rz(γ) in every frame, constant", "Positioning error analysis (the reference), Eq. 2")
+
+
+def _term(frame: int, axis: str, cause: Cause = ONE, label: str = "") -> Term:
+    return Term(letter(frame, axis) + label, (Screw(frame, axis, cause),), SIZE[axis[0]])
 
 
 def setup(robot: Robot, targets: int, groups: int, register: bool, orientation: bool) -> Mechanism:
@@ -31,14 +35,14 @@ def setup(robot: Robot, targets: int, groups: int, register: bool, orientation: 
     if targets > 1 or register:
         for t in range(targets):
             cause, label = (Member("target", t), f"({t + 1})") if targets > 1 else (ONE, "")
-            terms += [Term(letter(robot.n + 1, axis) + label, (Screw(robot.n + 1, axis, cause),), SIZE[axis[0]]) for axis in AXES[:3]]
+            terms += [_term(robot.n + 1, axis, cause, label) for axis in AXES[:3]]
     if orientation:
         for t in range(targets):
             cause, label = (Member("target", t), f"({t + 1})") if targets > 1 else (ONE, "")
-            terms += [Term(letter(robot.n + 1, axis) + label, (Screw(robot.n + 1, axis, cause),), SIZE[axis[0]]) for axis in AXES[3:]]
+            terms += [_term(robot.n + 1, axis, cause, label) for axis in AXES[3:]]
     if register:
         for g in range(groups):
             cause, label = (Member("group", g), f"[{g + 1}]") if groups > 1 else (ONE, "")
-            terms += [Term(letter(1, axis) + label, (Screw(1, axis, cause),), SIZE[axis[0]]) for axis in AXES]
+            terms += [_term(1, axis, cause, label) for axis in AXES]
     return Mechanism("set-up", tuple(terms), "Where the tracker stands and where the targets sit on the flange.",
                      "H_1 and H_{n+1}, constant per group and target", "contract: register, targets")

@@ -40,7 +40,8 @@ def joint3_twist(robot: Robot) -> Mechanism | None:
     if (pair := arm_pair(robot)) is None:
         return None
     j = pair.fore
-    return Mechanism("joint3-twist", (Term("h3", (Screw(j, "rz", far(pair)),), TWIST, pair.far_sign),),
+    sign_here = pair.far_sign * pair.parallel       # the elbow's own axis may point the other way
+    return Mechanism("joint3-twist", (Term("h3", (Screw(j, "rz", far(pair)),), TWIST, sign_here),),
                      f"Joint {j} winds up under the weight of the forearm.", f"θ{j} = q{j} + h3 {far(pair)}", PAPER)
 
 

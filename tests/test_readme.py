@@ -1,0 +1,204 @@
+"""README and CONTRIBUTING say what is true: their Python runs and prints what they show, their tables are the registry's, the
+picture is the study's. `python tests/test_readme.py` writes the README's shown output, excerpt and table of mechanisms anew."""
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builders import drawn
+from click.testing import CliRunner
+from test_floors import FLOORS, PACKAGE
+
+import modelsel
+from modelsel.cli import main
+from modelsel.design import design, residuals
+from modelsel.errors import DataError, Interrupted, ModelselError, NotEstimable, StudyError
+from modelsel.registry import BUILTIN, Registry, Scanned, parts, with_plugins
+from modelsel.robotfile import load
+from modelsel.tables import show
+
+ROOT = Path(__file__).parents[1]
+README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
+AGAIN = "python tests/test_readme.py writes it anew"
+EXCERPT = ("Nominal model", "Found", "Not told apart", "Nothing else", "On held-out")
+TABLE = re.compile(r"<!-- mechanisms -->\n(.*?)\n\n(?!\|)", re.DOTALL)
+SHOWN = re.compile(r"```python\n(.*?)```\n\n```text\n(.*?)```", re.DOTALL)
+
+
+def section(title: str, text: str) -> str:
+    """The part of a page below a heading."""
+    return re.split(r"\n##+ ", text.split(f"## {title}\n", 1)[1])[0]
+
+
+def fenced(language: str, text: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL)
+
+
+def printed(blocks: list[str], names: dict[str, object]) -> list[str]:
+    """What each block prints, run in order in one namespace, from the folder that the README stands in."""
+    out = []
+    with contextlib.chdir(ROOT):
+        for block in blocks:
+            with contextlib.redirect_stdout(io.StringIO()) as stream:
+                exec(compile(block, "README.md", "exec"), names)  # noqa: S102 - our own page
+            out.append(stream.getvalue())
+    return out
+
+
+def excerpt(result: modelsel.analysis.Result) -> str:
+    """The sentences of a study's output."""
+    from rich.console import Console
+    stream = io.StringIO()
+    show(result, Console(file=stream, width=10_000))
+    lines = [line for line in stream.getvalue().splitlines() if line.startswith(EXCERPT)]
+    return "\n".join(textwrap.fill(line, 130, subsequent_indent="    ", break_on_hyphens=False) for line in lines) + "\n"
+
+
+def mechanism_table(registry: Registry = BUILTIN, robot: str = "puma760") -> str:
+    """Every registered mechanism in the README's form, for the first joint it applies to."""
+    rows = ["| name | what goes wrong | equation |", "|---|---|---|"]
+    arm = load(robot)
+    for stem in registry:
+        first, *others = parts(stem, arm, registry)
+        joints = dict.fromkeys(p.name.partition(":")[2] for p in (first, *others))
+        last = f" … `:{list(joints)[-1]}`" if len(joints) > 1 else ""
+        scanned = f", {(1 + len(others)) // len(joints)} constants" if isinstance(registry[stem], Scanned) else ""
+        rows.append(f"| `{first.name}`{last}{scanned} | {first.sentence} | {first.equation} |")
+    return "\n".join(rows)
+
+
+def floors(shown: str) -> str:
+    """The picture of the package: every floor of test_floors.py with the modules there are; what `shown` says of it stays."""
+    said = dict(line.partition(" ")[::2] for line in shown.splitlines() if not line.startswith(" "))
+    lines = []
+    for floor, names in FLOORS:
+        there = [path.name for name in sorted(names) for path in (PACKAGE / f"{name}.py", PACKAGE / name) if path.exists()]
+        if there:
+            lines.append(f"{floor:10}{said.get(floor, '').strip()}".strip())
+            lines += textwrap.wrap(" ".join(there), 120, initial_indent=" " * 10, subsequent_indent=" " * 10)
+    return "\n".join(lines) + "\n"
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return README.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def ran(page) -> tuple[list[str], dict[str, object]]:
+    names: dict[str, object] = {}
+    return printed([code for code, _ in SHOWN.findall(page)], names), names
+
+
+def test_python_prints_what_is_shown(page, ran) -> None:
+    shown = [output for _, output in SHOWN.findall(page)]
+    assert len(shown) == len(fenced("python", page)) == 2, "a block of Python without its output"
+    assert ran[0] == shown, AGAIN
+
+
+def test_at_most_twelve_lines_beside_imports(page) -> None:
+    lines = "".join(fenced("python", page)).splitlines()
+    assert len([line for line in lines if line and not re.match(r"from|import", line)]) <= 12
+
+
+def test_excerpt_is_what_the_study_prints(page, ran) -> None:
+    assert fenced("text", section("What it says", page)) == [excerpt(ran[1]["result"])], AGAIN
+
+
+def test_every_mechanism_is_in_the_table(page) -> None:
+    assert TABLE.search(page).group(1) == mechanism_table(), AGAIN
+
+
+def test_picture_shows_the_study(ran) -> None:
+    text = (ROOT / "reports" / "ladder.svg").read_text(encoding="utf-8")
+    ladder = [r for r in ran[1]["result"].ladder if r.names == ran[1]["result"].chosen.names[:len(r.names)]]
+    found = [word for r in ladder for word in (f"{r.names[-1]}<", f">{r.held_out.mean_mm:.2f}<") if word not in text]
+    assert not found, "studies/draw_ladder.py draws it anew"
+
+
+def test_commands_and_links_exist(page) -> None:
+    text = page + CONTRIBUTING.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([\w./-]+)(?:#[\w-]+)?\)", text):
+        assert (ROOT / target).exists(), f"{target} does not exist"
+    for target in re.findall(r"(?<![\w/])studies/(?!NAME)[\w-]+/[\w-]+\.\w+", text):
+        assert (ROOT / target).exists(), f"{target} does not exist"
+    for command in set(re.findall(r"`(?:\.venv/bin/)?modelsel (\w+)", text)):
+        assert command in main.commands, f"modelsel {command} does not exist"
+
+
+def test_exit_status_table(page) -> None:
+    rows = set(re.findall(r"^\| (\d+) \|", section("Exit status", page), re.MULTILINE))
+    kinds = (ModelselError, StudyError, DataError, NotEstimable, Interrupted)
+    assert {str(kind.exit_code) for kind in kinds} <= rows
+
+
+def test_floors_are_those_of_the_test(page) -> None:
+    (shown,) = fenced("text", section("How it is built", page))
+    assert shown == floors(shown), AGAIN
+
+
+# -- CONTRIBUTING: a mechanism in ten lines ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def plugin(tmp_path, monkeypatch) -> Path:
+    """The example installed: its module and its entry point, as pip would leave them."""
+    text = section("A mechanism in ten lines", CONTRIBUTING.read_text(encoding="utf-8"))
+    (code,), (toml,) = fenced("python", text), fenced("toml", text)
+    (tmp_path / "hosepack.py").write_text(code, encoding="utf-8")
+    info = tmp_path / "hosepack-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: hosepack\nVersion: 1.0\n")
+    group, line = re.search(r'\[project\.entry-points\."(.+?)"\]\n(.+)', toml).groups()
+    (info / "entry_points.txt").write_text(f"[{group}]\n{line.replace(chr(34), '')}\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("sys.dont_write_bytecode", True)
+    yield tmp_path
+    import sys
+    sys.modules.pop("hosepack", None)
+
+
+def test_example_is_a_mechanism(plugin, rng) -> None:
+    registry, broken = with_plugins()
+    assert not broken
+    (name,) = set(registry) - set(BUILTIN)
+    (mechanism,) = parts(name, load("puma760"), registry)
+    at = drawn("puma760", rng, 40)
+    columns, h = design(at, mechanism.terms)[0], 1e-5
+    for j, term in enumerate(mechanism.terms):
+        low, high = (residuals(at, [term], np.array([step])) for step in (-h, h))
+        difference = (low - high) / (2 * h)                              # residual = measured - predicted
+        assert np.abs(columns[:, :, j] - difference).max() <= 1e-6 * np.abs(difference).max()
+        assert np.abs(difference).max() > 1
+    with pytest.raises(StudyError):
+        parts(name, load("puma760"))
+
+
+def test_example_prints_as_shown(plugin) -> None:
+    text = section("A mechanism in ten lines", CONTRIBUTING.read_text(encoding="utf-8"))
+    (shown,) = fenced("console", text)
+    command, _, output = shown.partition("\n")
+    result = CliRunner().invoke(main, command.removeprefix("$ modelsel ").split())
+    assert result.output == output
+
+
+def rewrite() -> None:
+    """The README with its shown output, excerpt and table of mechanisms as they are now."""
+    text, names = README.read_text(encoding="utf-8"), {}
+    blocks = SHOWN.findall(text)
+    for (code, old), new in zip(blocks, printed([code for code, _ in blocks], names), strict=True):
+        text = text.replace(f"{code}```\n\n```text\n{old}", f"{code}```\n\n```text\n{new}")
+    said = section("What it says", text)
+    text = text.replace(said, said.replace(fenced("text", said)[0], excerpt(names["result"])))
+    text = TABLE.sub(lambda old: old.group(0).replace(old.group(1), mechanism_table()), text)
+    (shown,) = fenced("text", section("How it is built", text))
+    README.write_text(text.replace(shown, floors(shown)), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    rewrite()
