@@ -58,23 +58,30 @@ def campaign(arm: Arm, rng: np.random.Generator, m: int, reach: float, warming: 
     return State(arm, arm.draw(rng, m, reach), {"payload_kg": rng.choice([0.0, 5.0, 10.0], m), "temperature_C": warm})
 
 
-def draw_effect(arm: Arm, state: State, rng: np.random.Generator, kind: str | None = None) -> Effect:
-    """An effect of which the geometry leaves enough to see, at 1 mm rms per coordinate beyond it."""
-    J = arm.screws(state.q)
-    Q = geometry(J)
+def draw_effect(arm: Arm, state: State, fresh: State, rng: np.random.Generator) -> Effect:
+    """An effect of which the geometry leaves enough to see, in both campaigns and not in one configuration alone, at 1 mm rms
+    per coordinate beyond the geometry."""
     table = {**REGISTERED, **UNREGISTERED}
     for _ in range(200):
-        name = kind or str(rng.choice(list(REGISTERED if rng.random() < 0.6 else UNREGISTERED)))
-        effect = table[name](rng, arm)
+        effect = table[str(rng.choice(list(REGISTERED if rng.random() < 0.6 else UNREGISTERED)))](rng, arm)
+        J = arm.screws(state.q)
         column = effect.columns(state, J) @ effect.sizes
-        left = np.linalg.norm(off(Q, column))
-        if left <= VISIBLE * np.linalg.norm(column):
+        if not np.linalg.norm(column):
             continue
-        unit = effect.scaled(float(np.sqrt(len(column)) / left))
+        unit = effect.scaled(float(np.sqrt(len(column)) / np.linalg.norm(off(geometry(J), column))))
         small = unit.scaled(SIZES[1] * NOISE).displacement(state) / (SIZES[1] * NOISE)
-        if np.linalg.norm(small - unit.columns(state, J) @ unit.sizes) < 0.05 * np.linalg.norm(small):     # no lever: rounding
+        straight = np.linalg.norm(small - unit.columns(state, J) @ unit.sizes) < 0.05 * np.linalg.norm(small)   # else no lever
+        if straight and all(visible(unit, s) for s in (state, fresh)):
             return unit
-    raise LookupError(f"{kind} is invisible on {arm.name}")
+    raise LookupError(f"nothing is visible on {arm.name}")
+
+
+def visible(effect: Effect, state: State) -> bool:
+    """Is enough left beyond the geometry, and more than a tenth of it in others than the strongest two configurations?"""
+    J = state.arm.screws(state.q)
+    column = effect.columns(state, J) @ effect.sizes
+    left = np.sort(np.square(off(geometry(J), column)).reshape(-1, 3).sum(1))
+    return bool(left.sum() > (VISIBLE * np.linalg.norm(column)) ** 2 and left[:-2].sum() > 0.5 * left.sum())
 
 
 def draw(seed: Sequence[int], count: int | None = None) -> Case:
@@ -87,7 +94,7 @@ def draw(seed: Sequence[int], count: int | None = None) -> Case:
     count = int(rng.integers(4)) if count is None else count
     effects, sizes = list[Effect](), list[float]()
     while len(effects) < count:
-        effect, size = draw_effect(body, state, rng), float(np.exp(rng.uniform(*np.log(SIZES))))
+        effect, size = draw_effect(body, state, fresh, rng), float(np.exp(rng.uniform(*np.log(SIZES))))
         if effect.words not in [e.words for e in effects]:
             effects.append(effect.scaled(NOISE * size))
             sizes.append(size)

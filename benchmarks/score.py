@@ -20,6 +20,7 @@ from .rivals import as_candidates, bench, forward, lasso, stlsq
 
 ABOUT = 0.7         # share of an effect's norm from which a finding counts as being about it
 TWIN = 0.97
+BEST = 6            # candidates that hold most on the campaign's rows, tried on the fresh ones
 
 
 class Judge:
@@ -41,11 +42,12 @@ class Judge:
         return self.known[key]
 
     def match(self, tops: Sequence[Candidate]) -> list[tuple[int, float]]:
-        """(finding, share it holds) of every planted effect; -1 where no finding is about it. One finding per effect."""
+        """(finding, share it holds) of every planted effect; -1 where no finding is about it. The best go
+        first; a finding that stands for one effect already stands for another only where it explains that too."""
         H = np.array([self.held(c) for c in tops]).reshape(len(tops), len(self.truths))
         out = [(-1, 0.0)] * len(self.truths)
         for f, t in sorted(np.ndindex(H.shape), key=lambda ft: -H[ft]):
-            if H[f, t] > ABOUT and out[t][0] < 0 and f not in [k for k, _ in out]:
+            if H[f, t] > ABOUT and out[t][0] < 0 and (H[f, t] > EXPLAINS or f not in [k for k, _ in out]):
                 out[t] = (f, float(H[f, t]))
         return out
 
@@ -54,7 +56,7 @@ def score(judge: Judge, tops: Sequence[Candidate], error: Array) -> dict[str, An
     """What every method is scored by."""
     match = judge.match(tops)
     found = [f >= 0 for f, _ in match]
-    return {"findings": len(tops), "found": found, "right": [h > EXPLAINS for _, h in match], "held": [h for _, h in match], "extra": len(tops) - sum(found),
+    return {"findings": len(tops), "found": found, "right": [h > EXPLAINS for _, h in match], "held": [h for _, h in match], "extra": len(tops) - len({f for f, _ in match if f >= 0}),
             "said": [tops[f].mechanism.name if f >= 0 else "" for f, _ in match],
             "error": float(np.sqrt(np.mean(np.square(error))))}
 
@@ -93,7 +95,8 @@ def run(seed: Sequence[int], count: int | None = None, rivals: bool = True) -> d
     H = [held_by(e.displacement(case.state), table.first) for e in case.effects]
     rival = [float(h[h < TWIN].max()) for h in H]
     small = [min((int(table.first.sizes[g]) for g in np.flatnonzero(h > TWIN)), default=0) for h in H]
-    out |= {"p_critical": p_critical, "power": power, "delta": delta, "best": [float(h.max()) for h in H], "rival": rival,
+    best = [max(judge.held(found[g])[t] for g in np.argsort(-h)[:BEST]) for t, h in enumerate(H)]
+    out |= {"p_critical": p_critical, "power": power, "delta": delta, "best": best, "rival": rival,
             "rival_name": [found[int(np.where(h < TWIN, h, 0).argmax())].mechanism.name for h in H],
             "limit": [naming_limit(d, r) for d, r in zip(delta, rival, strict=True)],
             "twins": [int(((h > TWIN) & (table.first.sizes <= k)).sum()) for h, k in zip(H, small, strict=True)],

@@ -15,7 +15,8 @@ from .config import Study
 from .design import Model
 from .explain import Nested, Say, explain, nested
 from .extend import Extension, models
-from .findings import Finding, detection_limit, finding_dict, screws_of
+from .faults import Fault, misplaced
+from .findings import Finding, detection_limit, fault_dict, finding_dict, screws_of
 from .fit import Fit
 from .identify import Unidentifiable, unidentifiable
 from .measurements import Measurements, Note
@@ -45,6 +46,7 @@ class Result:
     chosen: Rung
     gain: Gain
     findings: tuple[Finding, ...]
+    faults: tuple[Fault, ...]
     extension: Extension = field(repr=False)
     nothing_else: tuple[str, float | None]
     nested: Nested | None
@@ -65,7 +67,8 @@ class Result:
             "noise_floor": {"coordinate_mm": self.floor.coordinate_mm, "source": self.floor.source},
             "ladder": [rung_dict(r) for r in self.ladder],
             "candidates": candidates_dict(self.comparison),
-            "findings": [finding_dict(f, self.data.scene.take(estimation)) for f in self.findings],
+            "findings": [*(fault_dict(f) for f in self.faults),
+                         *(finding_dict(f, self.data.scene.take(estimation)) for f in self.findings)],
             "nothing_else": {"sentence": self.nothing_else[0], "detection_limit_mm": self.nothing_else[1]},
             "nested_cv": None if self.nested is None else {
                 "folds": self.nested.folds, "geometric": asdict(self.nested.base), "chosen": asdict(self.nested.chosen),
@@ -131,6 +134,7 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     rungs = [*(r for r in rungs if r is not chosen), chosen]
 
     data = replace(data, outlying=data.outlying | held_out_outliers(data, [r for r in rungs if r is not nominal]))
+    faults = misplaced(data.scene, data.outlying, _fit(chosen), generator(study.seed, "null"))
     held = ~data.estimation & ~data.outlying
 
     def paired(before: Rung, after: Rung) -> Gain:
@@ -147,7 +151,7 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
         within = nested(data, base, question.everything, study.seed, question.cells, study.split.nested_folds)
     return Result(study, question.robot, data, floor or estimated_floor(chosen, data),
                   tuple(remeasured(r, data) for r in rungs), comparison, remeasured(chosen, data), paired(nominal, chosen),
-                  findings, extension, nothing_else(extension, found, data, steps[-1]), within,
+                  findings, faults, extension, nothing_else(extension, found, data, steps[-1]), within,
                   unidentifiable(_fit(base_rung).found, base.terms), notes, provenance(study, data_sha256))
 
 

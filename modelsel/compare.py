@@ -134,7 +134,7 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
     saturated = n - subsets.rank < 2
     alone = np.array([subsets.rank[(subsets.members.sum(1) == 1) & subsets.members[:, g]][0] for g in range(len(chosen))],
                      dtype=np.intp) - len(kept_base)
-    listed = ~saturated & (subsets.rank - len(kept_base) == subsets.members @ alone)   # one with dependent columns repeats another
+    listed = ~saturated & (subsets.rank - len(kept_base) == subsets.members @ alone)   # dependent columns: it repeats another
     best = int(np.argmin(np.where(listed, total, np.inf)))
     spread = np.sqrt(subsets.held_out.shape[1] * (subsets.held_out - subsets.held_out[best]).var(1, ddof=1))
     within = (total - total[best] <= spread) & listed

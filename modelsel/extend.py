@@ -144,11 +144,12 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
     while True:
         left = search.next(view)
         left_p = p_value(left.evidence, search.null)
-        trial = search.joined(chosen, left.top)
-        if left_p > LEVEL or len(chosen) >= MOST or frozenset(trial) in tried or left.top in chosen:
+        new = _untried(search, left, chosen, tried)
+        if left_p > LEVEL or len(chosen) >= MOST or new is None:
             break
-        path.append(f"+ {found[left.top].mechanism.name}")
-        say(f"found {found[left.top].mechanism.name}")
+        trial = search.joined(chosen, new)
+        path.append(f"+ {found[new].mechanism.name}")
+        say(f"found {found[new].mechanism.name}")
         first = search.fit(trial, view.fitted)
         steps: list[str] = []
         settled, after = _settle(search, trial, first, view, steps)
@@ -167,6 +168,14 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
                               view.fitted.standard_errors[at]))
     return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, search.bound,
                      single_f(search.first.seen, search.first.r))
+
+
+def _untried(search: _Search, left: Named, chosen: Sequence[int], tried: set[frozenset[int]]) -> int | None:
+    """The most probable explanation whose addition gives a model not seen before."""
+    for g in np.argsort(-left.log_probability, kind="stable")[:len(left.entries)]:
+        if g not in chosen and frozenset(search.joined(chosen, int(g))) not in tried:
+            return int(g)
+    return None
 
 
 def _moved(before: _View, after: _View, candidate: Candidate) -> bool:

@@ -11,6 +11,7 @@ from .candidates import Candidate
 from .causes import Bump
 from .errormap import RATIOS
 from .extend import Effect, Extension
+from .faults import Fault
 from .rigid import Array
 from .scene import Scene
 from .screws import Term
@@ -74,14 +75,26 @@ def finding_dict(finding: Finding, scene: Scene) -> dict[str, Any]:
     """The contract's finding; `scene` holds the estimation rows in file order."""
     effect = finding.effect
     own = curve_of(effect.candidate.mechanism.terms, effect.estimate, scene)
+    rows = {}
+    if effect.candidate.mechanism.name.startswith("fault:"):
+        cause = scene.cause(effect.candidate.mechanism.terms[0].screws[0].cause)
+        rows = {"rows": scene.data.row[np.broadcast_to(cause, (len(scene),)) > 0] if "bumped" in effect.candidate.mechanism.name
+                else scene.data.row}
     return {
-        "sentence": finding.sentence, "verdict": effect.named.verdict, "p_value": effect.p,
+        "sentence": finding.sentence, "verdict": effect.named.verdict, "p_value": effect.p, **rows,
         "credible_set": [{"mechanism": e.candidate.label, "probability": e.probability,
                           "screws": screws_of(e.candidate, scene, own), "alike": e.alike} for e in effect.named.entries],
         "more_entries": effect.named.more,
         "estimate": [{"symbol": t.symbol, "value": v, "standard_error": e, "unit": t.unit}
                      for t, v, e in zip(effect.candidate.mechanism.terms, effect.estimate, effect.standard_error, strict=True)],
         "gain": asdict(finding.gain)}
+
+
+def fault_dict(fault: Fault) -> dict[str, Any]:
+    """The contract's finding of a data fault."""
+    return {"sentence": fault.sentence, "verdict": "found", "p_value": fault.p, "rows": fault.rows,
+            "credible_set": [{"mechanism": f"fault:{fault.name}", "probability": 1 - fault.p, "screws": [], "alike": True}],
+            "more_entries": 0, "estimate": [], "gain": asdict(Gain(None, None, None))}
 
 
 def detection_limit(extension: Extension, priors: Sequence[float], configurations: int, sigma: float) -> float:

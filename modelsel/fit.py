@@ -131,8 +131,9 @@ def fit(scene: Scene, model: Model, *, precision: Array | None = None, iteration
         raise NotEstimable(f"{nominal.rows} measured coordinates cannot determine the {found.rank} estimable parameters of "
                            f"{' + '.join(model.names) or 'the model'}: measure more configurations.",
                            parameters=[t.symbol for t in terms])
-    if start is not None:
-        theta[[k for k in range(len(terms)) if k not in set(kept)]] = 0.0
+    lost = np.delete(np.arange(len(terms)), kept)
+    if theta[lost].any():               # another choice of representatives: the start's parts do not fit together
+        theta[:] = 0.0
     reduction = nominal if not theta.any() else reduce_scene(scene, terms, (terms, theta))
     full, step, done, damping = _with_prior(reduction, precision, theta), np.inf, 0, 0.0
     while done < iterations and step >= step_mm:
@@ -180,7 +181,7 @@ def regress(matrix: Array, response: Array) -> Regression:
     R = reduction.select(kept).R[:-1, :-1] / scale
 
     def gradient(beta: NDArray[np.longdouble]) -> Array:
-        return np.asarray(wide.T @ (target - wide @ beta), dtype=float) / scale
+        return np.asarray(np.asarray(wide.T @ (target - wide @ beta), dtype=float) / scale)
 
     beta = first.astype(np.longdouble)
     slope = gradient(beta)

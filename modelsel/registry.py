@@ -66,6 +66,11 @@ BUILTIN: Registry = {
 }
 
 
+def faults(robot: Robot) -> tuple[Mechanism, ...]:
+    """Faults of the data that act as screws; naming offers them beside the mechanisms, under `fault:` names."""
+    return (motion.read_too_early(robot), *(environment.tracker_bumped(robot, at) for at in environment.STEPS))
+
+
 def parts(name: str, robot: Robot, registry: Registry = BUILTIN) -> tuple[Mechanism, ...]:
     """The mechanisms a registered name stands for on this robot, one a joint and a constant where it has them.
 

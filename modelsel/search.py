@@ -117,7 +117,7 @@ def _redone(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]]
     worst = np.argsort(-lost, kind="stable")[:REDONE]
     held_out, rss = found.held_out.copy(), found.rss.copy()
     for s in worst[lost[worst] > DOUBT]:
-        columns = list(dict.fromkeys([*base, *(c for g in np.flatnonzero(found.members[s]) for c in groups[g])]))
+        columns = list(dict.fromkeys([*base, *(c for g in np.flatnonzero(found.members[s]).tolist() for c in groups[g])]))
         kept = [columns[k] for k in identify(folded.total().select(columns)).kept]
         if len(kept) != found.rank[s]:
             continue
@@ -125,5 +125,5 @@ def _redone(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]]
             held_out[s] = cross_validate(folded, kept).held_out
         except NotEstimable:
             continue
-        rss[s] = max(solve(folded.total(), kept)[2], rss[s] if rss[s] < 1e-12 * found.rss[0] else 0.0)
+        rss[s] = max(solve(folded.total(), kept)[2], float(np.finfo(float).eps * found.rss[0]))
     return Subsets(found.members, rss, found.rank, held_out, found.pivot)

@@ -17,7 +17,7 @@ from .io import read_labels, read_measurements
 from .measurements import measurements
 from .noise import Instrument
 from .prepare import Plan, generator
-from .registry import BUILTIN, Registry, every, mechanism, parts
+from .registry import BUILTIN, Registry, every, faults, mechanism, parts
 from .rigid import Array
 from .robot import Robot
 from .robotfile import load, read_robot
@@ -67,7 +67,7 @@ def check_names(study: Study, robot: Robot, registry: Registry) -> None:
 def candidates_of(study: Study, robot: Robot, registry: Registry) -> tuple[Mechanism, ...]:
     """The mechanisms that may extend the base, one a joint."""
     if study.model.candidates in ("all", []):
-        return every(robot, registry)
+        return (*faults(robot), *every(robot, registry))      # of exact twins the first is named
     return tuple(part for name in study.model.candidates for part in parts(name, robot, registry))
 
 

@@ -67,6 +67,7 @@ def sentences(result: Result) -> list[str]:
     out = [(f"Nominal model: {mm(first.estimation.mean_mm)} mm mean, {mm(first.estimation.max_mm)} mm worst. Chosen model "
             f"({sentence_list(last.names)}): {mm(last.estimation.mean_mm)} mm mean; noise floor "
             f"{result.floor.coordinate_mm:.3g} mm per coordinate ({result.floor.source}).")]
+    out += [f.sentence for f in result.faults]
     out += [f"Found: {f.sentence}" if f.effect.named.verdict == "found" else f"Not told apart: {f.sentence}"
             for f in result.findings]
     out.append(result.nothing_else[0])

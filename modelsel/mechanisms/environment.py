@@ -77,6 +77,14 @@ def tracker_step(robot: Robot, at: float) -> Mechanism:
                      "ISO 10360-10, laser trackers: stability")
 
 
+def tracker_bumped(robot: Robot, at: float) -> Mechanism:
+    """The same step, seen as a fault of the measurement."""
+    step = tracker_step(robot, at)
+    return Mechanism("fault:tracker-bumped", step.terms,
+                     f"A fault of the data: the tracker was bumped after {at:.0%} of the campaign.",
+                     step.equation, step.source)
+
+
 def _seen(robot: Robot) -> list[tuple[str, Cause]]:
     """(axis of frame 1, coordinate of the nominal target along it): a scale about frame 0's origin."""
     R = robot.joints[0].before[:3, :3]

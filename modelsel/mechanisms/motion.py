@@ -16,6 +16,15 @@ def approach_backlash(robot: Robot, joint: int) -> Mechanism:
                      "Slamani, Nubiola & Bonev 2012, backlash of robots")
 
 
+def read_too_early(robot: Robot) -> Mechanism:
+    """Every joint was read before the arm stood still: one lag, a share of each joint's last move."""
+    screws = tuple(Screw(j, "tz" if joint.prismatic else "rz", Named(f"approach{j}") * Named(f"move{j}", robot.unit(j)))
+                   for j, joint in enumerate(robot.joints, 1))
+    return Mechanism("fault:read-too-early", (Term("lag", screws, (1e-6, 5e-2)),),
+                     "A fault of the data: joints were read before the arm stood still; the error grows with the last move.",
+                     "θ = q + lag · last move, all joints alike", "ISO 9283, position stabilisation time")
+
+
 def settle(robot: Robot, joint: int) -> Mechanism:
     """Joints read (or the target measured) before the arm stood still: a share of the last move is still missing."""
     slides = robot.joints[joint - 1].prismatic
