@@ -14,7 +14,7 @@ from .compare import Comparison, Data, Rung, compare, rung, strongest
 from .config import Study
 from .design import Model
 from .explain import Nested, Say, explain, nested
-from .extend import Extension, models
+from .extend import LEVEL, Extension, models
 from .faults import Fault, misplaced
 from .findings import Finding, detection_limit, fault_dict, finding_dict, screws_of
 from .fit import Fit
@@ -199,6 +199,12 @@ def nothing_else(extension: Extension, found: tuple[Candidate, ...], data: Data,
         return "No mechanism may extend the base in this study: nothing was searched.", None
     sigma = estimated_floor(chosen, data).coordinate_mm
     limit = detection_limit(extension, [c.prior for c in found], int(data.used.sum()), sigma)
+    if extension.left_p <= LEVEL:
+        first = extension.left.entries[0]
+        stopped = (f"The search stopped after {len(extension.effects)} effects, but something systematic is left: chance alone "
+                   f"would explain it with probability {extension.left_p:.2g}. It looks most like {label(first.candidate)} "
+                   f"(probability {first.probability:.2f}).")
+        return stopped, limit
     more = "else " if extension.effects else ""
     left = f" The strongest of what is left would come by chance with probability {extension.left_p:.2g}."
     return f"Nothing {more}was found; an effect above {display(limit)} rms would have been found with 90 %.{left}", limit

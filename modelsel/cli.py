@@ -67,11 +67,11 @@ def _console() -> Any:
     return Console(width=None if sys.stdout.isatty() else 160)
 
 
-def _progress(quiet: bool) -> Callable[[str], None]:
-    """Progress lines on a terminal's error stream; silence elsewhere."""
-    if quiet or not sys.stderr.isatty():
-        return lambda _: None
-    return lambda what: click.echo(f"… {what}", err=True)
+def _progress() -> Callable[[str], None]:
+    """Progress as plain lines on the error stream: each says what starts, with the seconds so far."""
+    import time
+    start = time.perf_counter()
+    return lambda what: click.echo(f"{time.perf_counter() - start:6.1f} s  {what}", err=True)
 
 
 @main.command()
@@ -91,7 +91,7 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     registry, broken = with_plugins()
     for name, why in broken.items():
         click.echo(f"modelsel: plug-in {name} is left out: {why}", err=True)
-    result = run(read, path.parent, registry=registry, say=_progress(as_json))
+    result = run(read, path.parent, registry=registry, say=_progress())
     folder = out if out is not None else Path("reports") / path.resolve().parent.name
     save(result, folder)
     if as_json:
@@ -131,12 +131,17 @@ def mechanisms(name: str | None, robot: str, as_json: bool) -> None:
     from .robotfile import load
     registry, broken = with_plugins()
     arm = load(robot)
-    cards = [mechanism_card(m) for m in (parts(name, arm, registry) if name else every(arm, registry))]
+    built = parts(name, arm, registry) if name else every(arm, registry)
+    alike: dict[str, int] = {}
+    for m in built:
+        alike[m.name] = alike.get(m.name, 0) + 1
+    cards = [mechanism_card(m) | {"constants": alike[m.name]} for m in {m.name: m for m in reversed(built)}.values()][::-1]
     if as_json:
         _json({"robot": robot, "mechanisms": cards, "broken_plugins": broken})
         return
     for card in cards:
-        click.echo(f"{card['name']}: {card['sentence']}")
+        scanned = f" ({card['constants']} constants are scanned; this is one)" if card["constants"] > 1 else ""
+        click.echo(f"{card['name']}: {card['sentence']}{scanned}")
         if name:
             click.echo(f"    equation  {card['equation']}\n    source    {card['source']}")
             for term in card["terms"]:

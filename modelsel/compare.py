@@ -113,9 +113,12 @@ def strongest(found: Sequence[Candidate], single_f: Array) -> tuple[tuple[Mechan
     for g, candidate in enumerate(found):
         if candidate.registered and single_f[g] > best.get(candidate.mechanism.name, (0.0, -1))[0]:
             best[candidate.mechanism.name] = (float(single_f[g]), g)
-    ranked = sorted(best.values(), key=lambda pair: -pair[0])
-    taken = sorted(g for _, g in ranked[:MOST])
-    return tuple(found[g].mechanism for g in taken), tuple(found[g].mechanism.name for _, g in ranked[MOST:])
+    ranked = [g for _, g in sorted(best.values(), key=lambda pair: -pair[0])]
+    screws = {g: {t.screws for t in found[g].mechanism.terms} for g in ranked}
+    unions = {g for g in ranked if screws[g] == set().union(*(screws[h] for h in ranked if screws[h] < screws[g]))}
+    single = [g for g in ranked if g not in unions]          # gravity-twist is joint2-twist and joint3-twist, no third thing
+    aside = tuple(found[g].mechanism.name for g in ranked if g not in single[:MOST])
+    return tuple(found[g].mechanism for g in sorted(single[:MOST])), aside
 
 
 def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechanism], base_names: Sequence[str],

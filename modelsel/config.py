@@ -187,8 +187,10 @@ def _floats(value: Any) -> Any:
     return [_floats(v) for v in value] if isinstance(value, list) else value
 
 
-def read_study(path: Path) -> Study:
+def read_study(path: Path | str) -> Study:
     """A study file; a folder stands for its study.toml. Raises StudyError."""
+    path = Path(path)
+    path = path / "study.toml" if path.is_dir() else path
     try:
         return parse_study(path.read_text(encoding="utf-8"), path.name)
     except FileNotFoundError:

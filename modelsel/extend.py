@@ -15,7 +15,7 @@ from .candidates import Candidate
 from .design import Model
 from .errormap import Columns, Scan, basis, columns, null, p_value, scan, scan_without, single_f, stacked
 from .fit import Fit
-from .naming import RELATED, Named, fitted_displacement, name, own_evidence, similar
+from .naming import Named, name, name_again, own_evidence
 from .rigid import Array
 from .scene import Scene
 from .shrink import fit_shrunk
@@ -118,12 +118,11 @@ class _Search:
     def next(self, view: _View) -> Named:
         return name(view.seen, self.found, view.r)
 
-    def again(self, g: int, view: _View) -> tuple[Named, float, bool]:
-        """Effect g given the others: (named again, the evidence for itself or its like, whether the new name is its like)."""
+    def again(self, g: int, view: _View) -> tuple[Named, float]:
+        """Effect g given the others: (named again, the evidence for itself or its like)."""
         seen, y = view.without(self.found[g])
-        named = name(seen, self.found, y)
-        related = named.top == g or similar(fitted_displacement(seen, g, y), fitted_displacement(seen, named.top, y)) > RELATED
-        return named, own_evidence(seen, named, self.found, g, y), related
+        named = name_again(seen, self.found, g, y)
+        return named, own_evidence(seen, named, self.found, g, y)
 
     def joined(self, chosen: Sequence[int], g: int) -> list[int]:
         """With candidate g; a finer free function of a joint takes the place of a coarser one."""
@@ -157,13 +156,14 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
             settled, after, steps = trial, first, []
         chosen, view, path = settled, after, path + steps
         tried |= {frozenset(trial), frozenset(settled)}
+    chosen, view = _settle(search, chosen, view, None, path)
     chosen, view = _prune(search, chosen, view, path)
     if chosen:
         view = search.view(view.model, fit_shrunk(scene, view.model, view.fitted))
     place = {t.screws: k for k, t in enumerate(view.model.terms)}
     effects = []
     for g in chosen:
-        (one, own, _), at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
+        (one, own), at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
         effects.append(Effect(found[g], one, p_value(own, search.null), view.fitted.theta[at],
                               view.fitted.standard_errors[at]))
     return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, search.bound,
@@ -187,20 +187,20 @@ def _moved(before: _View, after: _View, candidate: Candidate) -> bool:
     return float(np.linalg.norm(change)) > SHIFT * float(np.linalg.norm(now))
 
 
-def _settle(search: _Search, chosen: list[int], view: _View, before: _View, path: list[str]) -> tuple[list[int], _View]:
-    """Name again, given the others, every effect that the newcomer moved, until the names stay; one change at a time, the
-    weakest first."""
+def _settle(search: _Search, chosen: list[int], view: _View, before: _View | None, path: list[str]) -> tuple[list[int], _View]:
+    """Name again, given the others, every effect that the newcomer moved (all, where nothing stood before), until the names
+    stay; one change at a time, the weakest first."""
     visited = {frozenset(chosen)}
     for _ in range(ROUNDS):
         changes: list[tuple[float, int, int]] = []
         for k, g in enumerate(chosen):
-            if not _moved(before, view, search.found[g]):
+            if before is not None and not _moved(before, view, search.found[g]):
                 continue
-            named, own, related = search.again(g, view)
+            named, own = search.again(g, view)
             odds = named.log_probability[named.top] - named.log_probability[g]
             if p_value(own, search.null) > LEVEL:
                 changes.append((own, k, -1))
-            elif named.top != g and odds > BETTER and related:
+            elif named.top != g and odds > BETTER:
                 changes.append((own, k, named.top))
         if not changes:
             break

@@ -13,16 +13,18 @@ from .screws import Term
 
 TOLERANCE = 1e-11   # of a unit column: structural dependence leaves 1e-14, NIST's Filip 1e-9 or more
 FAINT_MM = 2e-3     # a direction that moves the target less than this (rms) at its largest usual size is lost in practice
-SHARE = 1e-6        # a smaller part of a combination is not worth a word
+SHARE = 1e-4        # a smaller part of a combination is not worth a word
 
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """`kept`: indices of the representatives, in the columns' order; `scale` (p,) norms of the columns; `triangle` (p, p)."""
+    """`kept`: indices of the representatives, in the columns' order; `scale` (p,) norms of the columns; `triangle` (p, p);
+    `exact`: the representatives before any was lost in practice (see `told`)."""
 
     kept: tuple[int, ...]
     scale: Array
     triangle: Array
+    exact: tuple[int, ...] = ()
 
     @property
     def rank(self) -> int:
@@ -31,8 +33,8 @@ class Identified:
 
     @cached_property
     def relation(self) -> Array:
-        """(p, rank): every column is these coefficients times the kept ones (up to what was lost in practice)."""
-        kept = list(self.kept)
+        """(p, len(exact)): every column is these coefficients times the exact representatives."""
+        kept = list(self.exact)
         if not kept:
             return np.zeros((len(self.scale), 0))
         unit = self.triangle[:, kept] / self.scale[kept]
@@ -71,7 +73,7 @@ def identify(reduction: Reduction) -> Identified:
         if size > TOLERANCE:
             basis[:, len(kept)] = v / size
             kept.append(j)
-    return Identified(tuple(kept), scale, R)
+    return Identified(tuple(kept), scale, R, tuple(kept))
 
 
 def told(found: Identified, sizes: Array, least: float) -> Identified:
@@ -124,9 +126,9 @@ def unidentifiable(found: Identified, terms: Sequence[Term]) -> tuple[Unidentifi
         verb = "moves" if len(still) == 1 else "move"
         out.append(Unidentifiable(f"{_list(still)} {verb} no measured coordinate: the data say nothing of "
                                   f"{'it' if len(still) == 1 else 'them'}.", tuple(still)))
-    lost = [j for j in range(len(terms)) if j not in found.kept and found.scale[j] > 1e-13 * biggest]
-    partners = {j: [found.kept[k] for k in np.flatnonzero(
-        np.abs(found.relation[j] * found.scale[list(found.kept)]) > SHARE * found.scale[j])] for j in lost}
+    lost = [j for j in range(len(terms)) if j not in found.exact and found.scale[j] > 1e-13 * biggest]
+    partners = {j: [found.exact[k] for k in np.flatnonzero(
+        np.abs(found.relation[j] * found.scale[list(found.exact)]) > SHARE * found.scale[j])] for j in lost}
     for group in _connected(partners):
         names = [symbols[j] for j in sorted(group)]
         dropped = [symbols[j] for j in sorted(group) if j in partners]
@@ -134,6 +136,10 @@ def unidentifiable(found: Identified, terms: Sequence[Term]) -> tuple[Unidentifi
         what = "only their sum effect is" if free == 1 else f"only {free} combinations of them are"
         out.append(Unidentifiable(f"{_list(names)} cannot be told apart: {what} determined; "
                                   f"{_list(dropped)} {'is' if len(dropped) == 1 else 'are'} kept at zero.", tuple(names)))
+    faint = [symbols[j] for j in found.exact if j not in found.kept]
+    if faint:
+        out.append(Unidentifiable(f"{_list(faint)} {'is' if len(faint) == 1 else 'are'} kept at zero: beside the others, what "
+                                  "they add at their usual size drowns in the noise of these configurations.", tuple(faint)))
     return tuple(out)
 
 

@@ -191,11 +191,12 @@ def _covariates(table: Table, used: set[str], path: Path) -> tuple[dict[str, Arr
     return out, notes
 
 
-def read_measurements(path: Path, prismatic: Sequence[bool], columns: Mapping[str, str] | None = None) -> Measurements:
+def read_measurements(path: Path | str, prismatic: Sequence[bool], columns: Mapping[str, str] | None = None) -> Measurements:
     """Measurements of a robot whose joints are `prismatic` or not, from a CSV or Parquet file in contract form.
 
     `columns` maps contract names to names in the file. Raises DataError.
     """
+    path = Path(path)
     table = _read_parquet(path) if path.suffix.lower() in (".parquet", ".pq") else _read_csv(path)
     for wanted, given in (columns or {}).items():
         if given not in table:

@@ -39,9 +39,11 @@ class Named:
     top: int = -1
 
 
-def name(seen: Scan, candidates: tuple[Candidate, ...], response: Array) -> Named:
-    """Name what explains a response (N,) that the model's basis has been projected off."""
+def name(seen: Scan, candidates: tuple[Candidate, ...], response: Array, without: Index | None = None) -> Named:
+    """Name what explains a response (N,) that the model's basis has been projected off; `without` leaves candidates out."""
     log_prior = np.log([c.prior for c in candidates])
+    if without is not None:
+        log_prior[without] = -np.inf
     value, joint = evidence(seen, log_prior, response)
     probability = np.exp(joint - value)
     probability /= probability.sum()
@@ -77,6 +79,21 @@ def own_evidence(seen: Scan, named: Named, candidates: tuple[Candidate, ...], g:
         if k != g and similar(mine, fitted_displacement(seen, k, response)) > RELATED:
             mass += entry.probability
     return named.evidence + float(np.log(max(mass, 1e-300)))
+
+
+def name_again(seen: Scan, candidates: tuple[Candidate, ...], g: int, response: Array) -> Named:
+    """Candidate g named given all else: among the explanations that speak of the same effect. What may be left beside it in
+    the response belongs to another finding."""
+    mine = fitted_displacement(seen, g, response)
+    where = {id(c): k for k, c in enumerate(candidates)}
+    strange: list[int] = []
+    while True:
+        named = name(seen, candidates, response, np.array(strange, dtype=np.intp))
+        others = [k for e in named.entries if (k := where[id(e.candidate)]) != g
+                  and similar(mine, fitted_displacement(seen, k, response)) <= RELATED]
+        if not others or named.top == g:
+            return named
+        strange += others
 
 
 def similar(a: Array, b: Array) -> float:

@@ -13,6 +13,7 @@ from .rigid import Array
 from .scene import Scene
 
 ROUNDS = 60
+STIFFEST = 1e6    # largest precision of a coefficient, in squared norms of its column
 START = {"r": 3e-4, "t": 0.1}      # rad, mm: first guess of a coefficient's size
 
 
@@ -47,7 +48,8 @@ def variances(fitted: Fit, groups: Sequence[Index]) -> Array:
         sigma2 = rss / max(fitted.rows - fixed - sum(spent), 1.0)
         new: Array = precision.copy()
         for i, used in zip(inside, spent, strict=True):
-            new[i] = sigma2 * max(used, 1e-3) / max(float(np.square(beta[i]).sum()), 1e-300)
+            most = STIFFEST * float(gram[i, i].max(initial=0.0))       # a function that is not there is held at nought
+            new[i] = min(sigma2 * max(used, 1e-3) / max(float(np.square(beta[i]).sum()), 1e-300), most)
         if np.allclose(new, precision, rtol=1e-3):
             precision = new
             break

@@ -37,12 +37,13 @@ def choose(data: Measurements, count: int, prismatic: tuple[bool, ...], rng: np.
     inside = np.zeros(len(blocks), bool)
     inside[order[:int(np.searchsorted(np.cumsum(weight[order]), count)) + 1]] = True
     if len(blocks) <= LARGE and not inside.all():
-        _exchange(_features(data, first, prismatic), inside)
+        _exchange(_features(data, first, prismatic), inside, weight)
     return inside[np.searchsorted(blocks, data.block)]
 
 
-def _exchange(X: Array, inside: NDArray[np.bool_]) -> None:
-    """Exchange in place until no swap raises the log-determinant of the (slightly regularised) information."""
+def _exchange(X: Array, inside: NDArray[np.bool_], weight: NDArray[np.intp]) -> None:
+    """Exchange in place until no swap of equal numbers of configurations raises the determinant of the (slightly
+    regularised) information."""
     d = X.shape[1]
     for _ in range(SWEEPS * max(1, int(np.sqrt(inside.sum())))):
         C = np.linalg.inv(X[inside].T @ X[inside] + 1e-6 * np.eye(d))
@@ -53,6 +54,7 @@ def _exchange(X: Array, inside: NDArray[np.bool_]) -> None:
         join = np.argsort(-enter)[:32]
         cross = A[keep] @ X[into[join]].T
         gain = (1 + enter[join])[None, :] * (1 - leave[keep])[:, None] + cross ** 2      # determinant ratio of a swap
+        gain[weight[out[keep]][:, None] != weight[into[join]][None, :]] = 0.0
         best = np.unravel_index(int(gain.argmax()), gain.shape)
         if gain[best] <= 1 + 1e-6:
             return

@@ -71,8 +71,9 @@ def candidates_of(study: Study, robot: Robot, registry: Registry) -> tuple[Mecha
     return tuple(part for name in study.model.candidates for part in parts(name, robot, registry))
 
 
-def run(study: Study, folder: Path = Path(), *, registry: Registry = BUILTIN, say: Say = lambda _: None) -> Result:
+def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN, say: Say = lambda _: None) -> Result:
     """Run a study whose files stand beside `folder`. Raises StudyError, DataError or NotEstimable; writes nothing."""
+    folder = Path(folder)
     robot = robot_of(study, folder)
     check_names(study, robot, registry)
     path = find_data(study.measurements.file, folder)

@@ -79,9 +79,9 @@ def test_one_seed_one_interval() -> None:
 
 @pytest.mark.parametrize("rows", [1, 3], ids=lambda v: f"{v}-a-configuration")
 def test_interval_covers(rows, rng) -> None:
-    """120 studies of 60 held-out configurations, rows of one configuration alike in part: the true gain, sigma before and
+    """100 studies of 60 held-out configurations, rows of one configuration alike in part: the true gain, sigma before and
     after known, lies inside about 95 % of the intervals: a bootstrap of 60 gives 90 to 97 %."""
-    trials, m, inside = 120, 60, 0
+    trials, m, inside = 100, 60, 0
     truth = np.sqrt(3) * (1.0 - np.sqrt(0.5))
     for _ in range(trials):
         shared, own = rng.normal(size=(2, m, 1, 3)), rng.normal(size=(2, m, rows, 3))

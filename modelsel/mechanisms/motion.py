@@ -11,7 +11,7 @@ def approach_backlash(robot: Robot, joint: int) -> Mechanism:
     axis = "tz" if robot.joints[joint - 1].prismatic else "rz"
     size = (1e-3, 2.0) if axis == "tz" else (2e-6, 5e-3)
     return Mechanism(f"approach-backlash:{joint}", (Term(f"k{joint}", (Screw(joint, axis, Named(f"approach{joint}")),), size),),
-                     f"Joint {joint} stops short on the side it comes from: backlash or friction.",
+                     f"Joint {joint} rests beside its reading, on the side that its last motion decides: backlash or friction.",
                      f"θ{joint} = q{joint} + k · direction of joint {joint}'s last motion",
                      "Slamani, Nubiola & Bonev 2012, backlash of robots")
 
