@@ -4,22 +4,19 @@ The steps of a study, each callable alone; names are loaded when first used, so 
 """
 from __future__ import annotations
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import Any
 
 from .version import VERSION
 
 __version__ = VERSION
 
-_HOME = {
+_HOME = {  # a name that is also a module's (fit, scene, extend …) is imported from there: from modelsel.fit import fit
     "read_study": "config", "Study": "config", "run": "study", "save": "study", "load": "robotfile", "read_robot": "robotfile",
-    "builtin_names": "robotfile", "forward": "robot", "screw_field": "robot", "read_measurements": "io",
-    "measurements": "measurements", "scene": "scene", "register": "register", "Model": "design", "residuals": "design",
-    "design": "design", "fit": "fit", "Fit": "fit", "mechanism": "registry", "every": "registry", "BUILTIN": "registry",
-    "candidates": "candidates", "extend": "extend", "choose": "split", "errors": "validate", "gain": "validate",
-    "simulate": "simulate", "Cause": "causes", "Screw": "screws", "Term": "screws", "Mechanism": "screws", "PerJoint": "registry",
+    "builtin_names": "robotfile", "forward": "robot", "screw_field": "robot", "read_measurements": "io", "Model": "design",
+    "residuals": "design", "Fit": "fit", "mechanism": "registry", "every": "registry", "BUILTIN": "registry",
+    "PerJoint": "registry", "choose": "split", "gain": "validate", "Cause": "causes", "Screw": "screws", "Term": "screws",
+    "Mechanism": "screws",
 }
 __all__ = sorted(_HOME)
 
@@ -32,14 +29,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return [*__all__, "__version__"]
-
-
-class _Door(ModuleType):
-    """The package: importing a submodule that shares a public name does not hide the name."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if not (name in _HOME and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Door

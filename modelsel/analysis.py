@@ -19,6 +19,7 @@ from .faults import Fault, misplaced
 from .findings import Finding, detection_limit, fault_dict, finding_dict, screws_of
 from .fit import Fit
 from .identify import Unidentifiable, unidentifiable
+from .maps import ErrorMap, error_map
 from .measurements import Measurements, Note
 from .mechanisms.geometry import setup
 from .noise import Floor
@@ -48,6 +49,7 @@ class Result:
     findings: tuple[Finding, ...]
     faults: tuple[Fault, ...]
     extension: Extension = field(repr=False)
+    error_map: ErrorMap = field(repr=False)
     nothing_else: tuple[str, float | None]
     nested: Nested | None
     unidentifiable: tuple[Unidentifiable, ...]
@@ -78,6 +80,8 @@ class Result:
                        "cells": [s for e in self.extension.effects if not e.candidate.registered
                                  for s in screws_of(e.candidate, self.data.scene.take(estimation))]},
             "path": list(self.extension.path),
+            "error_map": {"places": list(self.error_map.places), "causes": list(self.error_map.causes), "f": self.error_map.f,
+                          "p_family_wise": self.error_map.p},
             "outliers": data.row[self.data.outlying],
             "unidentifiable": [{"sentence": u.sentence, "parameters": list(u.parameters)} for u in self.unidentifiable],
             "warnings": [{"code": w.code, "sentence": w.sentence} for w in self.warnings],
@@ -149,9 +153,10 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     if study.split.nested_folds:
         say(f"the whole procedure again in {study.split.nested_folds} folds")
         within = nested(data, base, question.everything, study.seed, question.cells, study.split.nested_folds)
-    return Result(study, question.robot, data, floor or estimated_floor(chosen, data),
-                  tuple(remeasured(r, data) for r in rungs), comparison, remeasured(chosen, data), paired(nominal, chosen),
-                  findings, faults, extension, nothing_else(extension, found, data, steps[-1]), within,
+    ladder = tuple(remeasured(r, data) for r in rungs)
+    return Result(study, question.robot, data, floor or estimated_floor(chosen, data), ladder, comparison,
+                  remeasured(chosen, data), paired(nominal, chosen), findings, faults, extension, error_map(extension, found),
+                  nothing_else(extension, found, data, steps[-1]), within,
                   unidentifiable(_fit(base_rung).found, base.terms), notes, provenance(study, data_sha256))
 
 

@@ -274,7 +274,11 @@ class Bump(Cause):
     width: float
 
     def of(self, state: State) -> Array:
-        u = np.abs(state.value(self.name) - self.centre) / self.width
+        return self.shape(state.value(self.name))
+
+    def shape(self, values: Array) -> Array:
+        """The spline at values of its variable."""
+        u = np.abs(values - self.centre) / self.width
         near, far = (4 - 6 * u ** 2 + 3 * u ** 3) / 6, np.maximum(2 - u, 0) ** 3 / 6
         return np.where(u < 1, near, far)
 

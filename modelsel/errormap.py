@@ -172,12 +172,10 @@ def evidence(seen: Scan, log_prior: Array, response: Array) -> tuple[float, Arra
     return best, posterior
 
 
-def _null_evidence(seen: Scan, log_prior: Array, response: Array) -> Array:
-    """The same evidence (B,) of many responses (N, B); single precision is ample where nothing stands out."""
-    strength, root = seen.strength(response)
-    total = np.square(response).sum(0).astype(np.float32)
+def _null_evidence(seen: Scan, log_prior: Array, strength: Array, root: Array, total: Array) -> Array:
+    """The same evidence (B,) of many responses; single precision is ample where nothing stands out."""
     strength, root, prior = strength.astype(np.float32), root.astype(np.float32), log_prior.astype(np.float32)[:, None]
-    best = np.full(response.shape[1], -np.inf)
+    total, best = total.astype(np.float32), np.full(strength.shape[1], -np.inf)
     for r in RATIOS:
         joint = log_bayes_factors(seen, strength, root, total, float(r))
         joint += prior
@@ -188,15 +186,33 @@ def _null_evidence(seen: Scan, log_prior: Array, response: Array) -> Array:
     return best
 
 
-def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> Array:
-    """(draws,) sorted evidences when nothing is left: the residual then lies evenly on the sphere of the model's residuals,
-    whatever the parameters and the noise level (Dufour 2006). No candidate's absorbed directions are drawn on."""
-    out = []
+def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """(draws,) sorted evidences, and sorted smallest p-values of single candidates, when nothing is left: the residual then
+    lies evenly on the sphere of the model's residuals, whatever the parameters and the noise level (Dufour 2006)."""
+    out, least = [], []
     for part in _chunks(draws, max(1, int(4e6 / max(seen.columns.groups, 1)))):
         u = rng.standard_normal((seen.columns.XT.shape[1], part))
         u -= seen.Q @ (seen.Q.T @ u)
-        out.append(_null_evidence(seen, log_prior, u))
-    return np.sort(np.concatenate(out))
+        strength, root = seen.strength(u)
+        total = np.square(u).sum(0)
+        out.append(_null_evidence(seen, log_prior, strength, root, total))
+        share = strength / total
+        best = {k: share[seen.sizes == k].max(0) for k in np.unique(seen.sizes) if k > 0}
+        least.append(np.min([_tail(value, k, seen.freedom) for k, value in best.items()], axis=0) if best else np.ones(part))
+    return np.sort(np.concatenate(out)), np.sort(np.concatenate(least))
+
+
+def _tail(share: Array, size: Array | float, freedom: int) -> Array:
+    """P(a candidate of `size` columns explains at least this share by chance): Beta(k/2, (ν−k)/2) (methods.md A.6)."""
+    from scipy.special import betainc
+    return np.asarray(betainc(np.maximum(freedom - size, 1e-9) / 2, np.maximum(size, 1e-9) / 2, 1 - np.minimum(share, 1.0)))
+
+
+def familywise(seen: Scan, response: Array, least_p: Array) -> Array:
+    """(G,) family-wise p of every candidate alone: the exact max-test over the whole map (methods.md A.6)."""
+    share = seen.strength(response[:, None])[0][:, 0] / float(response @ response)
+    own = np.where(seen.sizes > 0, _tail(share, seen.sizes, seen.freedom), 1.0)
+    return np.asarray((1 + np.searchsorted(least_p, own, side="right")) / (len(least_p) + 1))
 
 
 def _chunks(total: int, size: int) -> Iterator[int]:

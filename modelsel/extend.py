@@ -13,14 +13,14 @@ import numpy as np
 
 from .candidates import Candidate
 from .design import Model
-from .errormap import Columns, Scan, basis, columns, null, p_value, scan, scan_without, single_f, stacked
+from .errormap import Columns, Scan, basis, columns, familywise, null, p_value, scan, scan_without, single_f, stacked
 from .fit import Fit
 from .naming import Named, name, name_again, own_evidence
 from .rigid import Array
 from .scene import Scene
 from .shrink import fit_shrunk
 
-MOST = 16           # effects
+MOST = 24           # effects
 LEVEL = 0.05        # family-wise
 BETTER = np.log(3)  # log odds at which a re-named effect changes its name
 ROUNDS = 8
@@ -44,7 +44,9 @@ class Effect:
 @dataclass(frozen=True, eq=False)
 class Extension:
     """The extended model: effects in the order they were found, its fit, the null evidences, what was tried on the way;
-    `left` names the strongest of what remains, with its p-value, whatever it is; `single_f` (G,) every candidate alone."""
+    `left` names the strongest of what remains, with its p-value, whatever it is; `single_f` (G,) every candidate alone on
+    the base, `map_p` (G,) family-wise p of that.
+    """
 
     base: Model
     effects: tuple[Effect, ...]
@@ -56,6 +58,7 @@ class Extension:
     left_p: float
     bound: float
     single_f: Array = field(repr=False)
+    map_p: Array = field(repr=False)
 
 
 def models(base: Model, chosen: Sequence[Candidate]) -> Model:
@@ -103,7 +106,7 @@ class _Search:
         self.log_prior = np.log([c.prior for c in found])
         draws = DRAWS[0] if self.columns.XT.size < LARGE else DRAWS[1]
         self.first = self.view(base, base_fit)
-        self.null = null(self.first.seen, self.log_prior, draws, rng)
+        self.null, self.least_p = null(self.first.seen, self.log_prior, draws, rng)
         self.bound = float(np.quantile(self.null, 1 - LEVEL))
 
     def view(self, model: Model, fitted: Fit) -> _View:
@@ -167,7 +170,8 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
         effects.append(Effect(found[g], one, p_value(own, search.null), view.fitted.theta[at],
                               view.fitted.standard_errors[at]))
     return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, search.bound,
-                     single_f(search.first.seen, search.first.r))
+                     single_f(search.first.seen, search.first.r),
+                     familywise(search.first.seen, search.first.r, search.least_p))
 
 
 def _untried(search: _Search, left: Named, chosen: Sequence[int], tried: set[frozenset[int]]) -> int | None:

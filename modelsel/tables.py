@@ -3,7 +3,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from .compare import Rung
+from .maps import strongest_causes
 from .result import sentence_list
 from .validate import Errors
 
@@ -57,8 +60,36 @@ def show(result: Result, console: Console) -> None:
             shown.add_row(" + ".join(r.names[base:]) or "nothing", str(r.rank), mm(r.cv_rms_mm), mm(r.held_out.mean_mm),
                           f"{r.weight:.3f}", r.note)
         console.print(shown)
+    show_map(result, console)
     for sentence in sentences(result):
         console.print(sentence, highlight=False)
+
+
+SHADES = ((3.0, "·"), (10.0, "░"), (30.0, "▒"), (100.0, "▓"), (np.inf, "█"))
+MAP_COLUMNS = 14
+
+
+def show_map(result: Result, console: Console) -> None:
+    """The error map seen from the base: darker explains more alone; what stands out beyond chance is in colour."""
+    from rich.table import Table
+    from rich.text import Text
+    whole = result.error_map
+    if not whole.causes:
+        return
+    table = Table(title="Error map: F of each place and cause alone, beyond the base (· < 3, ░ < 10, ▒ < 30, ▓ < 100, █; "
+                        "bold: p < 0.05 over the whole map)", title_justify="left", title_style="bold", box=None, padding=(0, 1))
+    table.add_column("place")
+    columns = strongest_causes(whole, MAP_COLUMNS)
+    for j in columns:
+        table.add_column(whole.causes[j].replace(" & ", "\n"), justify="center", overflow="fold")
+    for i, place in enumerate(whole.places):
+        cells = []
+        for j in columns:
+            f, out = whole.f[i, j], whole.p[i, j] < 0.05
+            shade = " " if np.isnan(f) else next(mark for bound, mark in SHADES if f < bound)
+            cells.append(Text(shade * 2, style="bold red" if out else "dim"))
+        table.add_row(f"frame {place}", *cells)
+    console.print(table)
 
 
 def sentences(result: Result) -> list[str]:

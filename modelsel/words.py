@@ -12,6 +12,7 @@ from .rigid import Array
 from .screws import LETTERS, Term
 
 PREFIX = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"))
+MOST_WAVES = 90
 PLACES = {"t": "shifts along", "r": "turns about"}
 
 
@@ -50,9 +51,42 @@ def amount(terms: Sequence[Term], estimate: Array, error: Array) -> str:
         spans: dict[str, list[float]] = {}
         for t, value in zip(terms, estimate, strict=True):
             spans.setdefault(t.unit, []).append(float(value))
-        return "from top to bottom " + " and ".join(quantity(float(np.ptp(v)), None, unit) for unit, v in spans.items())
+        whole = "from top to bottom " + " and ".join(quantity(float(np.ptp(v)), None, unit) for unit, v in spans.items())
+        strongest = waves_of(terms, estimate) if len(spans) == 1 and terms[0].unit == "rad" else []
+        if strongest:
+            whole += ", mostly " + " and ".join(f"{count} waves per turn of {quantity(size, None, 'rad')}"
+                                                for count, size in strongest)
+        return whole
     return ", ".join(f"{t.symbol} = {quantity(float(v), float(e), t.unit)}"
                      for t, v, e in zip(terms, estimate, error, strict=True))
+
+
+def waves_of(terms: Sequence[Term], estimate: Array) -> list[tuple[int, float]]:
+    """(waves per turn, amplitude) of the two strongest waves of a free function beyond a straight line, one after the other;
+    a wave must go round at least twice within the range and carry a tenth of what is left."""
+    bumps = [t.screws[0].cause for t in terms]
+    centres = np.array([b.centre for b in bumps if isinstance(b, Bump)])
+    grid = np.linspace(centres.min(), centres.max(), 1000)
+    curve = np.zeros(len(grid))
+    for bump, value in zip(bumps, estimate, strict=True):
+        if isinstance(bump, Bump):
+            curve += value * bump.shape(grid)
+    line = np.stack([np.ones_like(grid), grid], 1)
+    counts = range(max(1, int(np.ceil(2 * 2 * np.pi / np.ptp(grid)))), MOST_WAVES + 1)
+    out: list[tuple[int, float]] = []
+    for _ in range(2):
+        fits = []
+        for k in counts:
+            X = np.column_stack([line, np.sin(k * grid), np.cos(k * grid)])
+            beta = np.linalg.lstsq(X, curve, rcond=None)[0]
+            fits.append((float(np.square(curve - X @ beta).sum()), k, beta))
+        left, k, beta = min(fits, key=lambda f: f[0])
+        flat = float(np.square(curve - line @ np.linalg.lstsq(line, curve, rcond=None)[0]).sum())
+        if flat == 0 or left > 0.9 * flat:
+            break
+        out.append((k, float(np.hypot(*beta[2:]))))
+        curve = curve - np.column_stack([np.sin(k * grid), np.cos(k * grid)]) @ beta[2:]
+    return out
 
 
 def what(candidate: Candidate) -> str:

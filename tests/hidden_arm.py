@@ -140,7 +140,7 @@ class State:
         out = []
         for mass, (k, com) in zip(self.arm.masses, self.arm.bodies, strict=True):
             if not com:
-                out.append((k if k < self.arm.n else self.arm.n, mass, x if k == self.arm.n else frames[k][:, :3, 3]))
+                out.append((min(self.arm.n, k), mass, x if k == self.arm.n else frames[k][:, :3, 3]))
             else:
                 F = frames[k] @ turned(2, self.q[:, k])
                 out.append((k, mass, F[:, :3, 3] + F[:, :3, :3] @ np.array(com)))
@@ -190,6 +190,11 @@ class Effect:
         """(3 m, k) displacement per unit of every term, from screws J (m, n+1, 6, 3)."""
         return np.stack([(np.einsum("mfa,mfac->mc", t, J) + s).ravel() for t, s in (term(state) for term in self.terms)], 1)
 
+    def scale(self, columns: np.ndarray) -> np.ndarray:
+        """(k,) norms of its columns, those of terms that move nothing kept from nought."""
+        size = np.linalg.norm(columns, axis=0)
+        return np.maximum(size, 1e-9 * size.max())
+
     def displacement(self, state: State) -> np.ndarray:
         """(3 m,) what the effect alone does to the target, exactly."""
         return (measured(state.arm, state, [self]) - measured(state.arm, state, [])).ravel()
@@ -209,7 +214,7 @@ def geometry(J: np.ndarray) -> np.ndarray:
     size = np.linalg.norm(A, axis=0)
     A = A[:, size > 1e-9 * size.max()]
     U, S, _ = np.linalg.svd(A / np.linalg.norm(A, axis=0), full_matrices=False)
-    return U[:, S > 1e-7 * S[0]]
+    return U[:, 1e-7 * S[0] < S]
 
 
 def off(Q: np.ndarray, A: np.ndarray) -> np.ndarray:

@@ -184,7 +184,8 @@ def _expansion(rng: np.random.Generator, arm: Arm) -> Effect:
 
 def _zero(rng: np.random.Generator, arm: Arm) -> Effect:
     j = int(rng.integers(1, arm.n + 1))
-    return one("thermal-zero", f"the zero of joint {j} wanders", at(j, "rz", lambda s: s.covariates["temperature_C"] - 20), sign(rng))
+    return one("thermal-zero", f"the zero of joint {j} wanders",
+               at(j, "rz", lambda s: s.covariates["temperature_C"] - 20), sign(rng))
 
 
 def _rigid(kind: str, words: str, of_time: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator) -> Effect:
@@ -210,7 +211,8 @@ REGISTERED: Mapping[str, Draw] = {
     "joint2-twist": _twist2, "joint3-twist": _twist3, "gravity-twist": _twists, "joint-compliance": _compliance,
     "lateral-compliance": _lateral, "link-bending": _bending, "payload-deflection": _payload, "counterbalance": _counterbalance,
     "tool-droop": _droop, "backlash": _backlash, "approach-backlash": _approach, "settle": _settle,
-    "gear-eccentricity": _waves("gear-eccentricity", lambda rng: 1), "encoder-eccentricity": _waves("encoder-eccentricity", lambda rng: 2),
+    "gear-eccentricity": _waves("gear-eccentricity", lambda rng: 1),
+    "encoder-eccentricity": _waves("encoder-eccentricity", lambda rng: 2),
     "gear-ripple": _waves("gear-ripple", lambda rng: int(rng.integers(3, 61))), "encoder-scale": _scale, "axis-wobble": _wobble,
     "wrist-coupling": _wrist, "base-tilt": _tilt, "thermal-growth": _growth, "thermal-expansion": _expansion,
     "thermal-zero": _zero, "tracker-drift": _drift, "tracker-step": _step, "refraction": _refraction}
@@ -246,17 +248,20 @@ def _cell_sum(rng: np.random.Generator, arm: Arm) -> Effect:
 
 def _cell_approach(rng: np.random.Generator, arm: Arm) -> Effect:
     (f, a), j = _place(rng, arm), int(rng.integers(1, arm.n + 1))
-    return one("approach at a cell", f"frame {f} {a} with the direction of joint {j}", at(f, a, lambda s: np.sign(s.move[:, j - 1])), sign(rng))
+    return one("approach at a cell", f"frame {f} {a} with the direction of joint {j}",
+               at(f, a, lambda s: np.sign(s.move[:, j - 1])), sign(rng))
 
 
 def _cell_warm(rng: np.random.Generator, arm: Arm) -> Effect:
     f, a = _place(rng, arm)
-    return one("temperature at a cell", f"frame {f} {a} with temperature", at(f, a, lambda s: s.covariates["temperature_C"] - 20), sign(rng))
+    return one("temperature at a cell", f"frame {f} {a} with temperature",
+               at(f, a, lambda s: s.covariates["temperature_C"] - 20), sign(rng))
 
 
 def _shape(rng: np.random.Generator, arm: Arm) -> Effect:
     j, c, w = int(rng.integers(1, arm.n + 1)), rng.uniform(-.5, .5), rng.uniform(.15, .4)
-    return one("shape of one joint", f"joint {j}: a smooth step at {c:.2f}", at(j, "rz", lambda s: np.tanh((s.q[:, j - 1] - c) / w)), sign(rng))
+    return one("shape of one joint", f"joint {j}: a smooth step at {c:.2f}",
+               at(j, "rz", lambda s: np.tanh((s.q[:, j - 1] - c) / w)), sign(rng))
 
 
 def _fold(rng: np.random.Generator, arm: Arm) -> Effect:
@@ -266,7 +271,8 @@ def _fold(rng: np.random.Generator, arm: Arm) -> Effect:
 
 def _product(rng: np.random.Generator, arm: Arm) -> Effect:
     (f, a), (j, k) = _place(rng, arm), rng.choice(np.arange(1, arm.n + 1), 2, replace=False)
-    return one("product of joints", f"frame {f} {a} with sin q{j} sin q{k}", at(f, a, lambda s: np.sin(s.q[:, j - 1]) * np.sin(s.q[:, k - 1])), sign(rng))
+    return one("product of joints", f"frame {f} {a} with sin q{j} sin q{k}",
+               at(f, a, lambda s: np.sin(s.q[:, j - 1]) * np.sin(s.q[:, k - 1])), sign(rng))
 
 
 def _fraction(rng: np.random.Generator, arm: Arm) -> Effect:

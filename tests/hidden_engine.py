@@ -27,7 +27,8 @@ class Engine:
     def __init__(self, arm: Arm, masses: Sequence[float], places: np.ndarray):
         self.arm, self.masses, self.places = arm, masses, places
 
-    def measure(self, q: np.ndarray, drives: dict[int, float] | None = None, base: tuple[float, float] | None = None) -> np.ndarray:
+    def measure(self, q: np.ndarray, drives: dict[int, float] | None = None, base: tuple[float, float] | None = None
+                ) -> np.ndarray:
         """(m, 3) mm: where the target comes to rest under gravity at joint readings q."""
         import mujoco
         model = mujoco.MjModel.from_xml_string(self.mjcf(drives or {}, base))
@@ -45,7 +46,7 @@ class Engine:
             for _ in range(STEPS):
                 mujoco.mj_forward(model, state)
                 step = (state.qfrc_passive - state.qfrc_bias)[soft] / stiff
-                if not len(soft) or np.abs(step).max() < 1e-13:
+                if not soft or np.abs(step).max() < 1e-13:
                     break
                 state.qpos[soft] += step
             out[row] = 1e3 * state.site_xpos[site]

@@ -1,4 +1,7 @@
-"""What could at best be known: the power of one who tests the true mechanism alone, and how well it can be named (methods.md A.6, A.7)."""
+"""What could at best be known: the power of one who tests the true mechanism alone, and how well it can be named.
+
+methods.md A.6 (the exact max-test) and A.7 (the physical limit).
+"""
 from __future__ import annotations
 
 import numpy as np
@@ -29,7 +32,7 @@ def power(effect: Effect, state: State, others: np.ndarray, noise: float, p_crit
     P = np.linalg.qr(np.hstack([geometry(J), others]))[0]
     columns = effect.columns(state, J)
     own = off(P, columns)
-    rank = int(np.linalg.matrix_rank(own / np.linalg.norm(columns, axis=0), tol=1e-4))
+    rank = int(np.linalg.matrix_rank(own / effect.scale(columns), tol=1e-4))
     delta = float(np.linalg.norm(own @ effect.sizes) / noise)
     free = len(own) - P.shape[1] - rank
     return (detection(delta, rank, free, p_critical) if rank else 0.0), delta

@@ -38,6 +38,7 @@ SEEN = 0.08             # share of an effect's norm that the geometry must leave
 NULLS = 120
 HIDDEN = ("odd coupling", "wave at a cell", "sine at a cell", "wave of two joints", "approach at a cell", "temperature at a cell",
           "kink of one joint", "shape of one joint")
+SHAPE = 3.0             # a shape that no list has costs many coefficients
 SHAPES = ("kink of one joint", "shape of one joint")
 
 
@@ -85,15 +86,15 @@ class Ground:
     def told(self, here: np.ndarray, there: np.ndarray) -> bool:
         """Does what fits a displacement best here explain it on the fresh configurations? (A step in time between two of
         those that are tried, a torque that changes its sign in one configuration, do not.)"""
-        best = np.argsort(-held_by(here, self.seen))[:3]
+        best = held_by(here, self.seen).argmax()
         return (bool(np.linalg.norm(off(self.Q, there)) > SEEN * np.linalg.norm(there))
-                and any(self.explains([self.found[g]], there) for g in best))
+                and self.explains([self.found[best]], there, EXPLAINS + .015))
 
-    def explains(self, candidates_: Sequence[Candidate], displacement: np.ndarray) -> bool:
+    def explains(self, candidates_: Sequence[Candidate], displacement: np.ndarray, enough: float = EXPLAINS) -> bool:
         """Do the columns of some explanations together hold what was planted, on fresh configurations?"""
         at = self.scene(np.zeros((FRESH, 3)), self.fresh)
         A = np.hstack([said(c.mechanism, at, self.J) for c in candidates_])
-        return holds(A, displacement, self.Q) > EXPLAINS
+        return holds(A, displacement, self.Q) > enough
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +103,8 @@ def ground() -> Iterator[Ground]:
     robot = load("puma760")
     body = arm(robot, rng, (40.0, -25.0, 100.0))
     def campaign(m: int) -> State:
-        return State(body, body.draw(rng, m), {"payload_kg": rng.choice([0.0, 5.0, 10.0], m), "temperature_C": rng.uniform(18, 32, m)})
+        return State(body, body.draw(rng, m), {"payload_kg": rng.choice([0.0, 5.0, 10.0], m),
+                                               "temperature_C": rng.uniform(18, 32, m)})
     state, fresh = campaign(M), campaign(FRESH)
     at = scene(robot, measurements(state.q, measured(body, state, [], rng, NOISE), covariates=state.covariates), body.tool[None])
     base = Model((mechanism("geometric", robot),))
@@ -152,7 +154,7 @@ def hide(ground: Ground, kind: str) -> Outcome:
             continue                                                     # no lever, or not a small effect any more
         factor = ground.enough(displacement, len(unit.terms))
         if factor is not None and ground.told(displacement, unit.displacement(ground.fresh)):
-            planted = unit.scaled(factor * rng.uniform(1, 2))
+            planted = unit.scaled(factor * rng.uniform(1, 2) * (SHAPE if kind in SHAPES else 1))
             x = measured(ground.arm, ground.state, [planted], rng, NOISE)
             sizes = ", ".join(f"{v:.3g}" for v in planted.sizes)
             words = f"{kind}: {planted.words}, {factor:.2g} mm rms and more, sizes {sizes}"
@@ -185,8 +187,8 @@ def test_hidden_effects_bring_no_more_false_findings_than_promised(hidden: Mappi
 def test_where_nothing_is_hidden_nothing_is_found(ground: Ground) -> None:
     rng = stream("nothing")
     clean = measured(ground.arm, ground.state, [])
-    said_ = [[e.candidate.mechanism.name for e in ground.name(clean + rng.normal(0, NOISE, clean.shape)).effects] for _ in range(NULLS)]
-    hits = [names for names in said_ if names]
+    noises = rng.normal(0, NOISE, (NULLS, *clean.shape))
+    hits = [names for noise in noises if (names := [e.candidate.mechanism.name for e in ground.name(clean + noise).effects])]
     assert not too_many(len(hits), NULLS), f"MODELSEL_HIDDEN_SEED={SEED}: {len(hits)} of {NULLS} found something in noise: {hits}"
 
 
@@ -198,8 +200,9 @@ def engine(ground: Ground) -> Engine:
     """The arm with masses along its links, drawn."""
     rng = stream("engine")
     n = ground.arm.n
-    places = np.array([ground.arm.before[k + 1][:3, 3] if k + 1 < n else ground.arm.tool for k in range(n)]) * rng.uniform(.3, .6, (n, 1))
-    return Engine(ground.arm, np.array([30.0, 17.0, 7.0, 3.0, 1.0, 0.5]) * rng.uniform(.7, 1.3, n), places + rng.normal(0, 10, (n, 3)))
+    links = np.array([*(N[:3, 3] for N in ground.arm.before[1:]), ground.arm.tool])
+    masses = np.array([30.0, 17.0, 7.0, 3.0, 1.0, 0.5]) * rng.uniform(.7, 1.3, n)
+    return Engine(ground.arm, masses, links * rng.uniform(.3, .6, (n, 1)) + rng.normal(0, 10, (n, 3)))
 
 
 def test_the_engine_and_the_chain_agree(ground: Ground, engine: Engine) -> None:
@@ -221,10 +224,11 @@ def test_springs_in_an_engine_are_named(ground: Ground, engine: Engine, joints: 
     extension = ground.name(yielded(scale) + rng.normal(0, NOISE, rigid.shape))
     tops = [f.named.entries[0].candidate for f in extension.effects]
     told = [[(e.candidate.mechanism.name, round(e.probability, 2)) for e in f.named.entries[:4]] for f in extension.effects]
+    case = f"MODELSEL_HIDDEN_SEED={SEED}: {soft} / {scale:.3g} N m/rad; said {told}"
     for j in joints:
         truth = (engine.measure(ground.fresh.q, {j: soft[j] / scale}) - beyond).ravel()
-        assert tops, f"MODELSEL_HIDDEN_SEED={SEED}: nothing was found of {soft} / {scale:.3g} N m/rad"
-        assert ground.explains(tops, truth), f"MODELSEL_HIDDEN_SEED={SEED}: joint {j} yields, {soft} / {scale:.3g} N m/rad; said {told}"
+        assert tops, f"{case}: nothing was found"
+        assert ground.explains(tops, truth), f"{case}: joint {j} is not explained"
 
 
 def test_a_yielding_base_in_an_engine_is_in_the_set(ground: Ground, engine: Engine) -> None:
