@@ -23,6 +23,7 @@ from .maps import ErrorMap, error_map
 from .measurements import Measurements, Note
 from .mechanisms.geometry import setup
 from .noise import Floor
+from .predictor import Predictable, predictable
 from .prepare import Plan, generator, prepare, reweigh_rotation
 from .registry import Registry, mechanism
 from .result import candidates_dict, dumps, rung_dict
@@ -51,6 +52,7 @@ class Result:
     extension: Extension = field(repr=False)
     error_map: ErrorMap = field(repr=False)
     nothing_else: tuple[str, float | None]
+    predictable: Predictable | None
     nested: Nested | None
     unidentifiable: tuple[Unidentifiable, ...]
     warnings: tuple[Note, ...]
@@ -71,7 +73,8 @@ class Result:
             "candidates": candidates_dict(self.comparison),
             "findings": [*(fault_dict(f) for f in self.faults),
                          *(finding_dict(f, self.data.scene.take(estimation)) for f in self.findings)],
-            "nothing_else": {"sentence": self.nothing_else[0], "detection_limit_mm": self.nothing_else[1]},
+            "nothing_else": {"sentence": self.nothing_else[0], "detection_limit_mm": self.nothing_else[1],
+                             "predictable": None if self.predictable is None else asdict(self.predictable)},
             "nested_cv": None if self.nested is None else {
                 "folds": self.nested.folds, "geometric": asdict(self.nested.base), "chosen": asdict(self.nested.chosen),
                 "named_in_folds": self.nested.named},
@@ -156,8 +159,14 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     ladder = tuple(remeasured(r, data) for r in rungs)
     return Result(study, question.robot, data, floor or estimated_floor(chosen, data), ladder, comparison,
                   remeasured(chosen, data), paired(nominal, chosen), findings, faults, extension, error_map(extension, found),
-                  nothing_else(extension, found, data, steps[-1]), within,
+                  nothing_else(extension, found, data, steps[-1]), _predictable(question, data, steps[-1]), within,
                   unidentifiable(_fit(base_rung).found, base.terms), notes, provenance(study, data_sha256))
+
+
+def _predictable(question: Question, data: Data, last: Rung) -> Predictable | None:
+    rows = data.used
+    return predictable(data.scene.data.take(rows), last.residual[rows][:, :3], tuple(j.prismatic for j in question.robot.joints),
+                       generator(question.study.seed, "flips"))
 
 
 def _weighed(question: Question, data: Data, base: Model) -> Data:

@@ -23,7 +23,7 @@ from .shrink import fit_shrunk
 MOST = 24           # effects
 LEVEL = 0.05        # family-wise
 BETTER = np.log(3)  # log odds at which a re-named effect changes its name
-ROUNDS = 8
+ROUNDS = 16
 SHIFT = 0.1         # share of an effect's displacement that a newcomer must change for it to be named again
 DRAWS = (1999, 499)     # null draws for small and large studies
 COARSE_MM = 1e-2        # step at which the fits on the way are good enough
@@ -206,17 +206,20 @@ def _settle(search: _Search, chosen: list[int], view: _View, before: _View | Non
                 changes.append((own, k, -1))
             elif named.top != g and odds > BETTER:
                 changes.append((own, k, named.top))
-        if not changes:
+        fresh = None
+        for _, k, new in sorted(changes):
+            rest = [g for i, g in enumerate(chosen) if i != k]
+            trial = rest if new < 0 or new in rest else search.joined(rest, new)
+            if frozenset(trial) not in visited:
+                fresh = (k, new, trial)
+                break
+        if fresh is None:
             break
-        _, k, new = min(changes)
-        rest = [g for i, g in enumerate(chosen) if i != k]
-        trial = rest if new < 0 or new in rest else search.joined(rest, new)
-        if frozenset(trial) in visited:
-            break
+        k, new, trial = fresh
         old = search.found[chosen[k]].mechanism.name
         path.append(f"- {old}" if len(trial) < len(chosen) else f"{old} -> {search.found[new].mechanism.name}")
         visited.add(frozenset(trial))
-        before, chosen = view, trial
+        before, chosen = None if before is None else view, trial
         view = search.fit(chosen, view.fitted)
     return chosen, view
 

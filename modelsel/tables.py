@@ -102,6 +102,10 @@ def sentences(result: Result) -> list[str]:
     out += [f"Found: {f.sentence}" if f.effect.named.verdict == "found" else f"Not told apart: {f.sentence}"
             for f in result.findings]
     out.append(result.nothing_else[0])
+    if result.predictable is not None:
+        share, p = max(result.predictable.share, 0.0), result.predictable.p
+        out.append(f"Some smooth function of the configuration would still predict {share:.0%} of what is left (p = {p:.2g})."
+                   if p <= 0.05 and share > 0.01 else "No smooth function of the configuration predicts what is left.")
     if result.data.outlying.any():
         rows = ", ".join(str(int(r) + 2) for r in result.data.scene.data.row[result.data.outlying][:20])
         out.append(f"Outliers left out: {int(result.data.outlying.sum())} rows (lines {rows}).")
