@@ -25,7 +25,7 @@ LEVEL = 0.05        # family-wise
 BETTER = np.log(3)  # log odds at which a re-named effect changes its name
 ROUNDS = 16
 SHIFT = 0.1         # share of an effect's displacement that a newcomer must change for it to be named again
-DRAWS = (1999, 499)     # null draws for small and large studies
+DRAWS = (999, 499)     # null draws for small and large studies
 COARSE_MM = 1e-2        # step at which the fits on the way are good enough
 LARGE = 3e6             # candidates' numbers beyond which a study is large
 
@@ -160,7 +160,6 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
         chosen, view, path = settled, after, path + steps
         tried |= {frozenset(trial), frozenset(settled)}
     chosen, view = _settle(search, chosen, view, None, path)
-    chosen, view = _prune(search, chosen, view, path)
     if chosen:
         view = search.view(view.model, fit_shrunk(scene, view.model, view.fitted))
     place = {t.screws: k for k, t in enumerate(view.model.terms)}
@@ -193,44 +192,33 @@ def _moved(before: _View, after: _View, candidate: Candidate) -> bool:
 
 def _settle(search: _Search, chosen: list[int], view: _View, before: _View | None, path: list[str]) -> tuple[list[int], _View]:
     """Name again, given the others, every effect that the newcomer moved (all, where nothing stood before), until the names
-    stay; one change at a time, the weakest first."""
+    stay; drop what is no longer needed. One change at a time, the weakest first; what a change did not move keeps its name."""
     visited = {frozenset(chosen)}
+    known: dict[int, tuple[float, int]] = {}                # effect -> (evidence for itself, its better name or -1 or itself)
+    if before is not None:
+        known = {g: (np.inf, g) for g in chosen if not _moved(before, view, search.found[g])}
     for _ in range(ROUNDS):
-        changes: list[tuple[float, int, int]] = []
-        for k, g in enumerate(chosen):
-            if before is not None and not _moved(before, view, search.found[g]):
-                continue
-            named, own = search.again(g, view)
-            odds = named.log_probability[named.top] - named.log_probability[g]
-            if p_value(own, search.null) > LEVEL:
-                changes.append((own, k, -1))
-            elif named.top != g and odds > BETTER:
-                changes.append((own, k, named.top))
-        fresh = None
-        for _, k, new in sorted(changes):
-            rest = [g for i, g in enumerate(chosen) if i != k]
-            trial = rest if new < 0 or new in rest else search.joined(rest, new)
-            if frozenset(trial) not in visited:
-                fresh = (k, new, trial)
-                break
-        if fresh is None:
+        for g in chosen:
+            if g not in known:
+                named, own = search.again(g, view)
+                odds = named.log_probability[named.top] - named.log_probability[g]
+                better = -1 if p_value(own, search.null) > LEVEL else named.top if odds > BETTER else g
+                known[g] = (own, better)
+        change = next(((g, trial) for _, g in sorted((known[g][0], g) for g in chosen if known[g][1] != g)
+                       if frozenset(trial := _replaced(search, chosen, g, known[g][1])) not in visited), None)
+        if change is None:
             break
-        k, new, trial = fresh
-        old = search.found[chosen[k]].mechanism.name
+        g, trial = change
+        old, new = search.found[g].mechanism.name, known[g][1]
         path.append(f"- {old}" if len(trial) < len(chosen) else f"{old} -> {search.found[new].mechanism.name}")
         visited.add(frozenset(trial))
-        before, chosen = None if before is None else view, trial
-        view = search.fit(chosen, view.fitted)
+        after = search.fit(trial, view.fitted)
+        known = {k: known[k] for k in trial if k in known and not _moved(view, after, search.found[k])}
+        chosen, view = trial, after
     return chosen, view
 
 
-def _prune(search: _Search, chosen: list[int], view: _View, path: list[str]) -> tuple[list[int], _View]:
-    """Drop, weakest first, what the full model no longer needs."""
-    while chosen:
-        weakest, g = min((search.again(g, view)[1], g) for g in chosen)
-        if p_value(weakest, search.null) <= LEVEL:
-            break
-        path.append(f"- {search.found[g].mechanism.name}")
-        chosen = [k for k in chosen if k != g]
-        view = search.fit(chosen, view.fitted) if chosen else search.first
-    return chosen, view
+def _replaced(search: _Search, chosen: Sequence[int], old: int, new: int) -> list[int]:
+    """Without one effect, or with a better name for it."""
+    rest = [g for g in chosen if g != old]
+    return rest if new < 0 or new in rest else search.joined(rest, new)
