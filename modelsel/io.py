@@ -86,10 +86,7 @@ def _distinct(header: Sequence[str], path: Path) -> None:
 def _numbers(table: Table, name: str, path: Path) -> Array:
     """A column as finite floats; refuses the first cell that is not one, with its line."""
     column = table[name]
-    try:
-        out = np.asarray(column, dtype=float)
-    except (TypeError, ValueError):
-        out = np.array([_number(cell) for cell in column])
+    out = np.array([_number(cell) for cell in column]) if column.dtype == object else np.asarray(column, dtype=float)
     bad = np.flatnonzero(~np.isfinite(out))
     if len(bad):
         cell = column[bad[0]]
@@ -101,6 +98,8 @@ def _numbers(table: Table, name: str, path: Path) -> Array:
 
 
 def _number(cell: Any) -> float:
+    if isinstance(cell, str) and "_" in cell:      # Python would read 1_000 as a number; no measuring program writes that
+        return float("nan")
     try:
         return float(cell)
     except (TypeError, ValueError):

@@ -54,7 +54,7 @@ def _form(read: _Reader, place: str, row: Mapping[str, Any], modified: bool) -> 
         return np.eye(4), np.eye(4)
     if given == ["transform_mm"]:
         N = read.numbers(f"{place}.transform_mm", row["transform_mm"], (3, 4))
-        if np.abs(N[:, :3] @ N[:, :3].T - np.eye(3)).max() > 1e-6 or np.linalg.det(N[:, :3]) < 0:
+        if N.any() and np.abs(N[:, :3] @ N[:, :3].T - np.eye(3)).max() > 1e-6 or np.linalg.det(N[:, :3]) < 0:
             read.say(f"{place}.transform_mm", "its first three columns are not a rotation")
         return transform(N[:, :3], N[:, 3]), np.eye(4)
     if given == ["xyz_mm"]:
