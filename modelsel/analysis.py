@@ -189,7 +189,8 @@ def _steps(data: Data, base_rung: Rung, extension: Extension) -> list[Rung]:
     for k in range(1, len(extension.effects) + 1):
         so_far = [e.candidate for e in extension.effects[:k]]
         names = (*base_rung.names, *(label(c) for c in so_far))
-        steps.append(rung(data, models(extension.base, so_far), names, extension.fit if k == len(extension.effects) else None))
+        last = extension.fit if k == len(extension.effects) else None
+        steps.append(rung(data, models(extension.base, so_far), names, last, start=steps[-1].fit))
     return steps
 
 

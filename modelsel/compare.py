@@ -68,15 +68,16 @@ class Rung:
     note: str = ""
 
 
-def rung(data: Data, model: Model, names: Sequence[str], fitted: Fit | None = None, linear: Fit | None = None) -> Rung:
-    """Fit a model on the estimation rows, exactly, and measure it everywhere; or take its fit, or one linear step from
-    that of a smaller model."""
+def rung(data: Data, model: Model, names: Sequence[str], fitted: Fit | None = None, linear: Fit | None = None,
+         start: Fit | None = None) -> Rung:
+    """Fit a model on the estimation rows, exactly (from the `start` of a similar one), and measure it everywhere; or take
+    its fit, or one linear step from that of a smaller model."""
     training, folds_of = data.training(), data.training_folds()
     if linear is not None:
         known = dict(zip((t.screws for t in linear.terms), linear.theta, strict=True))
         fitted = fit(training, model, start=np.array([known.get(t.screws, 0.0) for t in model.terms]), iterations=1)
     elif fitted is None:
-        fitted = fit_shrunk(training, model)
+        fitted = fit_shrunk(training, model, start)
     residual = fitted.residuals(data.scene)
     held, n = ~data.estimation, fitted.rows
     left, note = np.linalg.norm(residual[data.used][:, :3], axis=1), ""
