@@ -210,7 +210,7 @@ def remeasured(r: Rung, data: Data) -> Rung:
 
 def nothing_else(extension: Extension, found: tuple[Candidate, ...], data: Data, chosen: Rung) -> tuple[str, float | None]:
     """(sentence, limit in mm): what a further effect would have had to be to be found."""
-    if not found:
+    if not found or extension.left is None:
         return "No mechanism may extend the base in this study: nothing was searched.", None
     sigma = estimated_floor(chosen, data).coordinate_mm
     limit = detection_limit(extension, [c.prior for c in found], int(data.used.sum()), sigma)

@@ -55,7 +55,7 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
             terms.setdefault(t.screws, t)
     place = {screws: k for k, screws in enumerate(terms)}
     slices = [np.array([place[t.screws] for t in c.mechanism.terms], dtype=np.intp) for c in found]
-    parts = [c.reshape(len(c), -1) for _, c, _ in blocks(scene, tuple(terms.values()), at)]
+    parts = [c.reshape(len(c), r.size) for _, c, r in blocks(scene, tuple(terms.values()), at)]
     XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
     grams = {}
     for size in sorted({len(s) for s in slices}):
@@ -69,7 +69,7 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
 
 def stacked(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None) -> tuple[Array, Array]:
     """(columns (N, p), residual (N,)) whitened, in the row order of `columns`."""
-    parts = [(c.reshape(len(c), -1), r.reshape(-1)) for _, c, r in blocks(scene, terms, at)]
+    parts = [(c.reshape(len(c), r.size), r.reshape(-1)) for _, c, r in blocks(scene, terms, at)]
     return np.concatenate([c for c, _ in parts], axis=1).T, np.concatenate([r for _, r in parts])
 
 

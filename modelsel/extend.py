@@ -44,7 +44,8 @@ class Effect:
 @dataclass(frozen=True, eq=False)
 class Extension:
     """The extended model: effects in the order they were found, its fit, the null evidences, what was tried on the way;
-    `left` names the strongest of what remains, with its p-value, whatever it is; `single_f` (G,) every candidate alone on
+    `left` names the strongest of what remains, with its p-value, whatever it is (None without
+    candidates); `single_f` (G,) every candidate alone on
     the base, `map_p` (G,) family-wise p of that.
     """
 
@@ -54,7 +55,7 @@ class Extension:
     fit: Fit
     null: Array
     path: tuple[str, ...]
-    left: Named
+    left: Named | None
     left_p: float
     bound: float
     single_f: Array = field(repr=False)
@@ -138,6 +139,8 @@ class _Search:
 def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...], rng: np.random.Generator,
            say: Callable[[str], None] = lambda _: None) -> Extension:
     """Extend the base on a training scene by what the candidates explain beyond chance, one named effect at a time."""
+    if not found:
+        return Extension(base, (), base, base_fit, np.zeros(0), (), None, 1.0, np.inf, np.zeros(0), np.zeros(0))
     search = _Search(scene, base, found, rng, base_fit)
     chosen: list[int] = []
     path: list[str] = []

@@ -14,6 +14,7 @@ CREDIBLE = 0.95
 LISTED = 20
 ALIKE = 0.97       # correlation of two displacements beyond the model: they move the target alike
 RELATED = 0.5      # correlation above which two explanations speak of the same effect
+PASSES = 8         # times that unrelated explanations are set aside when an effect is named again
 SURE = 0.8         # probability that those who move it alike must hold together
 
 
@@ -87,13 +88,15 @@ def name_again(seen: Scan, candidates: tuple[Candidate, ...], g: int, response: 
     mine = fitted_displacement(seen, g, response)
     where = {id(c): k for k, c in enumerate(candidates)}
     strange: list[int] = []
-    while True:
-        named = name(seen, candidates, response, np.array(strange, dtype=np.intp))
+    named = name(seen, candidates, response)
+    for _ in range(PASSES if np.any(mine) else 0):          # an effect that the others absorb whole has nothing of its own
         others = [k for e in named.entries if (k := where[id(e.candidate)]) != g
                   and similar(mine, fitted_displacement(seen, k, response)) <= RELATED]
         if not others or named.top == g:
-            return named
+            break
         strange += others
+        named = name(seen, candidates, response, np.array(strange, dtype=np.intp))
+    return named
 
 
 def similar(a: Array, b: Array) -> float:

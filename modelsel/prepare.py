@@ -111,6 +111,11 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
     if robot.gravity is None:
         notes.append(Note("gravity-unknown", f"The robot file of {robot.name} gives no direction of gravity: mechanisms that "
                                              "need it are left out."))
+    if plan.by == "group" and len(np.unique(data.group[estimation])) < 2:
+        raise StudyError('comparison.by = "group": the estimation rows belong to one group; two and more are needed to leave one '
+                         'out. Use by = "configuration".')
+    if len(np.unique(data.block[estimation])) < 2:
+        raise StudyError("split: the estimation rows have one set of joint readings: nothing can be compared or cross-validated.")
     fold = np.full(len(data), -1, dtype=np.intp)
     fold[estimation] = assign(data.take(estimation), plan.folds, generator(plan.seed, "folds"), plan.by)
     if not (~estimation).any():

@@ -71,7 +71,7 @@ def _shrinkage(share: float) -> float:
 def _refit(X: Array, r: Array, inside: Mask) -> tuple[Array, Array]:
     """Residuals (m, c) of the fit to the rows `inside`, and the factor (m,) their leverage puts on them."""
     _, c, p = X.shape
-    reduction = reduce(X[inside].reshape(-1, p), r[inside].ravel())
+    reduction = reduce(X[inside].reshape(int(inside.sum()) * c, p), r[inside].ravel())
     kept = list(identify(reduction).kept)
     R = reduction.select(kept).R
     T = np.linalg.inv(R[:-1, :-1])
