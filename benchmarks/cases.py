@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-
 from hidden_arm import Arm, Effect, State, arm, geometry, measured, off
 from hidden_effects import REGISTERED, UNREGISTERED
 from hidden_oracle import power
@@ -119,7 +118,7 @@ def powers(case: Case, p_critical: float) -> tuple[list[float], list[float]]:
     """(power, delta) of the oracle's test of every true mechanism alone, the others known, at the scan's critical value (A.7);
     delta: what is left of the effect beyond geometry and the others, in noise units."""
     J = case.arm.screws(case.state.q)
-    columns = [c / np.linalg.norm(c, axis=0) for c in (e.columns(case.state, J) for e in case.effects)]
+    columns = [c / e.scale(c) for e, c in ((e, e.columns(case.state, J)) for e in case.effects)]
     empty = np.zeros((3 * case.state.m, 0))
     both = [power(e, case.state, np.hstack([empty, *(c for i, c in enumerate(columns) if i != k)]), NOISE, p_critical)
             for k, e in enumerate(case.effects)]

@@ -29,8 +29,8 @@ class Bench:
     first: Scan
     A: Array
     r: Array
-    fresh_A: Array
-    fresh_r: Array
+    ahead: Array
+    ahead_r: Array
     fresh: Scene
     at: Fit
     configuration: Array        # (N,) of every row
@@ -45,12 +45,12 @@ class Bench:
         F = self.fresh_columns(rows)
         if beta is not None:
             theta = np.r_[theta, beta]
-        return np.asarray(self.fresh_r - np.hstack([self.fresh_A, F]) @ theta)
+        return np.asarray(self.ahead_r - np.hstack([self.ahead, F]) @ theta)
 
     def fresh_columns(self, rows: Sequence[int]) -> Array:
         """(N_fresh, k) columns `rows` at the fresh configurations."""
         if not len(rows):
-            return np.zeros((len(self.fresh_r), 0))
+            return np.zeros((len(self.ahead_r), 0))
         owner = {int(i): (g, k) for g, s in enumerate(self.cols.slices) for k, i in enumerate(s)}
         terms = [self.found[g].mechanism.terms[k] for g, k in (owner[int(i)] for i in rows)]
         return stacked(self.fresh, terms, self.at.at())[0]

@@ -56,7 +56,8 @@ def score(judge: Judge, tops: Sequence[Candidate], error: Array) -> dict[str, An
     """What every method is scored by."""
     match = judge.match(tops)
     found = [f >= 0 for f, _ in match]
-    return {"findings": len(tops), "found": found, "right": [h > EXPLAINS for _, h in match], "held": [h for _, h in match], "extra": len(tops) - len({f for f, _ in match if f >= 0}),
+    return {"findings": len(tops), "found": found, "right": [h > EXPLAINS for _, h in match], "held": [h for _, h in match],
+            "extra": len(tops) - len({f for f, _ in match if f >= 0}),
             "said": [tops[f].mechanism.name if f >= 0 else "" for f, _ in match],
             "error": float(np.sqrt(np.mean(np.square(error))))}
 

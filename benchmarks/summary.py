@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 EDGES = (0.3, 0.45, 0.7, 1.0, 1.5, 2.2, 3.3, 5.0)
 SURE = 0.99
 REPRESENTED = 0.97
+SHAPES = ("kink of one joint", "shape of one joint", "fractional ripple")    # held by a free function, or by several waves
 
 
 def interval(hits: int, of: int) -> list[float]:
@@ -71,10 +73,12 @@ def figures(cases: list[dict[str, Any]]) -> dict[str, Any]:
     """The figures the issue asks for."""
     nulls = [c for c in cases if not c["kinds"]]
     sure = [(c, t, s) for c, t, s in effects(cases) if c["power"][t] >= SURE and c["best"][t] > REPRESENTED]
+    listed = [(c, t, s) for c, t, s in sure if c["kinds"][t] not in SHAPES]
     seen = [(c, t, s) for c, t, s in sure if s["found"][t]]
     every = [(c, t, s) for c, t, s in effects(cases) if c["best"][t] > REPRESENTED and s["found"][t]]
     strange = [(c, t, s) for c, t, s in effects(cases) if c["power"][t] >= SURE and c["best"][t] <= REPRESENTED]
     triples = [c for c in cases if len(c["kinds"]) == 3 and min(c["power"]) >= SURE and min(c["best"]) > REPRESENTED]
+    plain = [c for c in triples if not set(c["kinds"]) & set(SHAPES)]
     allowed = mean(c["limit"][t] for c, t, _ in sure)
     right = rate(s["right"][t] for _, t, s in sure)
     free = [s["set"][t] for c, t, s in every if c["twins"][t] == 1 and len(c["kinds"]) == 1]
@@ -83,9 +87,13 @@ def figures(cases: list[dict[str, Any]]) -> dict[str, Any]:
         "found where the oracle finds 99 %": rate(s["found"][t] for _, t, s in sure),
         "top name right there": right, "what A.7 allows there": allowed,
         "right over what A.7 allows": right["rate"] / allowed["mean"],
+        "the same without shapes and fractional waves": rate(s["right"][t] for _, t, s in listed),
+        "what A.7 allows without them": mean(c["limit"][t] for c, t, _ in listed),
+        "true cause in the set without them": rate(s["covered"][t] for _, t, s in listed if s["found"][t]),
         "true cause in the set there": rate(s["covered"][t] for _, t, s in seen),
         "coverage, all found": rate(s["covered"][t] for _, t, s in every),
         "three at once, all named right": rate(all(c["methods"]["modelsel"]["right"]) for c in triples),
+        "three at once, all named right, without shapes": rate(all(c["methods"]["modelsel"]["right"]) for c in plain),
         "three at once, what A.7 allows": mean(float(np.prod(c["limit"])) for c in triples),
         "three at once, all in their sets": rate(all(c["methods"]["modelsel"]["covered"]) for c in triples),
         "held-out over the oracle's": mean(ratio(c, "modelsel") for c in cases if "oracle_error" in c),
@@ -102,12 +110,12 @@ def curve(cases: list[dict[str, Any]], methods: Iterable[str]) -> list[dict[str,
     """Rates by size, for every number of configurations and together (m = 0)."""
     out = []
     for m in (0, 40, 80, 200):
-        for low, high in zip(EDGES, EDGES[1:], strict=False):
+        for low, high in pairwise(EDGES):
             part: dict[str, Any] = {"m": m, "low": low, "high": high}
             for method in methods:
                 some = [(c, t, s) for c, t, s in effects(cases, method)
                         if m in (0, c["m"]) and low <= c["sizes"][t] < high and c["best"][t] > REPRESENTED]
-                part[method] = {"found": rate(s["found"][t] for _, t, s in some), "right": rate(s["right"][t] for _, t, s in some)}
+                part[method] = {what: rate(s[what][t] for _, t, s in some) for what in ("found", "right")}
                 if method == "modelsel":
                     part["oracle"] = mean(c["power"][t] for c, t, _ in some)
                     part["allowed"] = mean(c["power"][t] * c["limit"][t] for c, t, _ in some)
@@ -122,18 +130,23 @@ def kinds(cases: list[dict[str, Any]]) -> list[dict[str, Any]]:
         some = [(c, t, s) for c, t, s in effects(cases) if c["kinds"][t] == kind and c["power"][t] >= SURE]
         held = [(c, t, s) for c, t, s in some if c["best"][t] > REPRESENTED]
         wrong = Counter(f"{s['said'][t] or 'nothing'}" for c, t, s in held if not s["right"][t])
-        out.append({"kind": kind, "planted": len(some), "representable": len(held), "found": sum(s["found"][t] for _, t, s in held),
-                    "right": sum(s["right"][t] for _, t, s in held), "covered": sum(s["covered"][t] for _, t, s in held),
+        out.append({"kind": kind, "planted": len(some), "representable": len(held),
+                    **{what: sum(s[what][t] for _, t, s in held) for what in ("found", "right", "covered")},
                     "allowed": float(sum(c["limit"][t] for c, t, _ in held)), "said instead": dict(wrong.most_common(4))})
     return out
 
 
 def summary(cases: list[dict[str, Any]]) -> dict[str, Any]:
     """Everything, as plain values; the table and the curve over the cases that every method ran."""
+    failed = [c for c in cases if "failed" in c]
+    cases = [c for c in cases if "failed" not in c]
+    for c in cases:
+        if "power" in c:
+            c["power"] = [1.0 if np.isnan(p) else p for p in c["power"]]
     both = [c for c in cases if len(c["methods"]) > 1]
     methods = list(both[0]["methods"]) if both else ["modelsel"]
-    return {"compared": len(both), "cases": len(cases), "table": {m: row(both, m) for m in methods}, "figures": figures(cases),
-            "curve": curve(both, methods), "kinds": kinds(cases)}
+    return {"compared": len(both), "cases": len(cases), "failed": failed, "table": {m: row(both, m) for m in methods},
+            "figures": figures(cases), "curve": curve(both, methods), "kinds": kinds(cases)}
 
 
 def show(value: Any) -> str:
@@ -147,29 +160,39 @@ def show(value: Any) -> str:
 
 def text(table: dict[str, Any], seed: int) -> str:
     """The compact tables."""
-    def short(r: dict[str, Any]) -> str:
-        return f"{r['rate']:.2f} [{r['low']:.2f}, {r['high']:.2f}]"
-    lines = [f"{table['compared']} cases run by every method, {table['cases'] - table['compared']} more by modelsel alone; seed {seed}.",
-             "Rates with 95 % intervals (Clopper-Pearson). found, right: of effects that some candidate holds to 97 %, sizes 0.3 to 5.",
-             "extra: findings per case that no planted effect needs. held-out: 300 fresh configurations, rms with measurement noise",
-             "over the oracle's (geometry + the true columns); 'clean' without noise. power: found over the oracle's power (A.7).", "",
-             f"{'':10s} {'false alarm':19s} {'found':19s} {'right':19s} {'extra':>6s} {'held-out':>14s} {'clean':>6s} {'power':>6s} {'s':>5s}"]
-    for name, r in table["table"].items():
-        lines.append(f"{name:10s} {short(r['false alarm']):19s} {short(r['found']):19s} {short(r['right']):19s} {r['extra']['mean']:6.2f}"
-                     f" {r['held-out']['mean']:6.3f} ± {r['held-out']['se']:.3f} {r['held-out, no noise']['mean']:6.2f}"
-                     f" {r['power ratio']:6.3f} {r['seconds']['mean']:5.2f}")
-    mine = table["table"]["modelsel"]
-    lines += ["", f"modelsel's 95 % sets hold the cause: {show(mine['coverage'])}; size {show(mine['set'])}", "", "The issue's figures"]
+    methods, mine = table["table"], table["table"]["modelsel"]
+    more = table["cases"] - table["compared"]
+    lines = [f"{table['compared']} cases run by every method, {more} more by modelsel alone; seed {seed}.",
+             "Rates with 95 % intervals (Clopper-Pearson). found, right: of effects that some candidate holds to 97 %, sizes 0.3",
+             "to 5. extra: findings per case that no planted effect needs. held-out: 300 fresh configurations, rms with the",
+             "measurement noise over the oracle's (geometry + the true columns); 'clean' without noise. power: found over the",
+             "oracle's power at the scan's own critical value (methods.md A.7). s: seconds.", "",
+             " ".join((f"{'':10s} {'false alarm':19s} {'found':19s} {'right':19s} {'extra':>6s} {'held-out':>14s}",
+                       f"{'clean':>6s} {'power':>6s} {'s':>5s}"))]
+    if table["failed"]:
+        lines.insert(1, f"{len(table['failed'])} cases failed: {[(c['seed'], c['failed']) for c in table['failed'][:5]]}.")
+    lines += [_line(name, r) for name, r in methods.items()]
+    lines += ["", f"modelsel's 95 % sets hold the cause: {show(mine['coverage'])}; size {show(mine['set'])}", "",
+              "The issue's figures"]
     lines += [f"  {name}: {show(value)}" for name, value in table["figures"].items()]
-    lines += ["", "Found (named right) by size, all numbers of configurations; oracle: its mean power at the scan's critical value",
-              f"{'size':12s} {'n':>4s} {'oracle':>7s} " + " ".join(f"{m:>12s}" for m in table["table"])]
+    lines += ["", "Found (named right) by size, all numbers of configurations; oracle: its mean power",
+              f"{'size':12s} {'n':>4s} {'oracle':>7s} " + " ".join(f"{m:>12s}" for m in methods)]
     for c in table["curve"]:
         if c["m"] == 0:
-            lines.append(f"{c['low']:4.2f} - {c['high']:4.2f}  {c['modelsel']['found']['of']:4d} {c['oracle']['mean']:7.3f} " + " ".join(
-                f"{c[m]['found']['rate']:5.2f} ({c[m]['right']['rate']:4.2f})" for m in table["table"]))
-    lines += ["", "By kind, where the oracle finds 99 %: planted, some candidate holds it, found, right (allowed by A.7), in the set; said instead"]
+            head = f"{c['low']:4.2f} - {c['high']:4.2f}  {c['modelsel']['found']['of']:4d} {c['oracle']['mean']:7.3f} "
+            lines.append(head + " ".join(f"{c[m]['found']['rate']:5.2f} ({c[m]['right']['rate']:4.2f})" for m in methods))
+    lines += ["", "By kind, where the oracle finds 99 %: planted, held by some candidate, found, right (A.7 allows),",
+              "in the set; said instead"]
     for k in table["kinds"]:
         said = ", ".join(f"{n} {c}" for n, c in k["said instead"].items())
-        lines.append(f"  {k['kind']:22s} {k['planted']:3d} {k['representable']:3d} {k['found']:3d} {k['right']:3d} ({k['allowed']:5.1f})"
-                     f" {k['covered']:3d}  {said}")
-    return "\n".join(lines)
+        lines.append(f"  {k['kind']:22s} {k['planted']:3d} {k['representable']:3d} {k['found']:3d} {k['right']:3d} "
+                     f"({k['allowed']:5.1f}) {k['covered']:3d}  {said}")
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def _line(name: str, r: dict[str, Any]) -> str:
+    def short(v: dict[str, Any]) -> str:
+        return f"{v['rate']:.2f} [{v['low']:.2f}, {v['high']:.2f}]"
+    return (f"{name:10s} {short(r['false alarm']):19s} {short(r['found']):19s} {short(r['right']):19s} {r['extra']['mean']:6.2f}"
+            f" {r['held-out']['mean']:6.3f} ± {r['held-out']['se']:.3f} {r['held-out, no noise']['mean']:6.2f}"
+            f" {r['power ratio']:6.3f} {r['seconds']['mean']:5.2f}")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .candidates import Candidate
 from .compare import Comparison, Data, Rung, compare, rung, strongest
 from .config import Study
-from .design import Model
+from .design import Model, whitened
 from .explain import Nested, Say, explain, nested
 from .extend import LEVEL, Extension, models
 from .faults import Fault, misplaced
@@ -62,6 +62,7 @@ class Result:
         """The contract's result."""
         data = self.data.scene.data
         estimation = self.data.estimation
+        extending = [] if self.study.model.candidates == [] else [e.candidate for e in self.extension.effects]
         return {
             "schema": 1, "study": self.study.name, "robot": self.robot.name, "seed": self.study.seed,
             "provenance": dict(self.provenance),
@@ -78,10 +79,9 @@ class Result:
             "nested_cv": None if self.nested is None else {
                 "folds": self.nested.folds, "geometric": asdict(self.nested.base), "chosen": asdict(self.nested.chosen),
                 "named_in_folds": self.nested.named},
-            "chosen": {"mechanisms": [*self.study.model.base, *(e.candidate.mechanism.name for e in self.extension.effects
-                                                                if e.candidate.registered)],
-                       "cells": [s for e in self.extension.effects if not e.candidate.registered
-                                 for s in screws_of(e.candidate, self.data.scene.take(estimation))]},
+            "chosen": {"mechanisms": [*self.study.model.base, *(c.mechanism.name for c in extending if c.registered)],
+                       "cells": [s for c in extending if not c.registered
+                                 for s in screws_of(c, self.data.scene.take(estimation))]},
             "path": list(self.extension.path),
             "error_map": {"places": list(self.error_map.places), "causes": list(self.error_map.causes), "f": self.error_map.f,
                           "p_family_wise": self.error_map.p},
@@ -198,7 +198,8 @@ def held_out_outliers(data: Data, rungs: Sequence[Rung]) -> NDArray[np.bool_]:
     """Held-out rows beyond 8 robust standard deviations of the estimation residuals in every rung from the base on."""
     out = ~data.estimation
     for r in rungs:
-        out = out & far_off(r.residual, r.residual[data.used], GROSS)
+        size = whitened(data.scene, r.residual)
+        out = out & far_off(size, size[data.used], GROSS)
     return np.asarray(out)
 
 

@@ -104,6 +104,11 @@ def residuals(scene: Scene, terms: Sequence[Term] = (), theta: Array | None = No
     return out
 
 
+def whitened(scene: Scene, residual: Array) -> Array:
+    """Residuals (m, c) in units of their standard uncertainty, (m, c)."""
+    return np.asarray(_whiten(scene, residual.T, slice(0, len(residual))).T)
+
+
 def blocks(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None
            ) -> Iterator[tuple[slice, Array, Array]]:
     """(rows, whitened columns (p, c, rows), whitened residual (c, rows)), linearised at the fitted point `at`

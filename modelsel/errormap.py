@@ -222,7 +222,9 @@ def _chunks(total: int, size: int) -> Iterator[int]:
 
 
 def p_value(observed: float, sorted_null: Array) -> float:
-    """(1 + #{null ≥ observed}) / (B + 1)."""
+    """(1 + #{null ≥ observed}) / (B + 1); 1 where there is no evidence at all."""
+    if not np.isfinite(observed):
+        return 1.0
     return float((1 + len(sorted_null) - np.searchsorted(sorted_null, observed, side="left")) / (len(sorted_null) + 1))
 
 

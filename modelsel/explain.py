@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 
 from .candidates import Candidate, candidates
 from .compare import Data
-from .design import Model
+from .design import Model, whitened
 from .extend import Extension, extend
 from .fit import fit
 from .folds import assign
 from .measurements import Index
 from .prepare import generator
 from .robust import GROSS, LEFT, MOST, far_off, gross
+from .scene import Scene
 from .screws import Mechanism
 from .validate import Errors, errors
 from .words import label
@@ -44,12 +45,22 @@ def explain(data: Data, base: Model, everything: tuple[Mechanism, ...], seed: in
         found = candidates(kept, base, everything, cells=cells)
         say(f"naming: {len(found)} candidates")
         extension = extend(kept, base, base_fit, found, generator(seed, "naming"), say)
-        residual = extension.fit.residuals(training)
-        again = far_off(residual, residual[~outlying], LEFT if extension.effects else GROSS)
+        again = _left_over(training, extension, outlying)
+        if outlying.any():                  # an effect of a few rows looks like outliers: does it still, once it may be named?
+            everyone = replace(data, outlying=np.zeros(len(data.estimation), bool)).training()
+            other = extend(everyone, base, fit(everyone, base), found, generator(seed, "naming"), say)
+            fewer = _left_over(everyone, other, np.zeros(len(everyone), bool))
+            again = fewer if fewer.sum() <= outlying.sum() / 2 else again
         if (again == outlying).all() or again.mean() > MOST:
             break
         outlying = again
     return data, extension, found
+
+
+def _left_over(scene: Scene, extension: Extension, outlying: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Rows far off the extended model, in robust standard deviations of the rows that made it."""
+    size = whitened(scene, extension.fit.residuals(scene))
+    return far_off(size, size[~outlying], LEFT if extension.effects else GROSS)
 
 
 def _mask(m: int, rows: Index) -> NDArray[np.bool_]:

@@ -107,6 +107,7 @@ class _Search:
         self.log_prior = np.log([c.prior for c in found])
         draws = DRAWS[0] if self.columns.XT.size < LARGE else DRAWS[1]
         self.first = self.view(base, base_fit)
+        self.dead = np.flatnonzero(self.first.seen.sizes == 0)      # the base has them: what a refit leaks of them is no cause
         self.null, self.least_p = null(self.first.seen, self.log_prior, draws, rng)
         self.bound = float(np.quantile(self.null, 1 - LEVEL))
 
@@ -120,12 +121,12 @@ class _Search:
         return self.view(model, fit_shrunk(self.scene, model, start, COARSE_MM))
 
     def next(self, view: _View) -> Named:
-        return name(view.seen, self.found, view.r)
+        return name(view.seen, self.found, view.r, self.dead)
 
     def again(self, g: int, view: _View) -> tuple[Named, float]:
         """Effect g given the others: (named again, the evidence for itself or its like)."""
         seen, y = view.without(self.found[g])
-        named = name_again(seen, self.found, g, y)
+        named = name_again(seen, self.found, g, y, self.dead)
         return named, own_evidence(seen, named, self.found, g, y)
 
     def joined(self, chosen: Sequence[int], g: int) -> list[int]:
@@ -145,24 +146,35 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
     chosen: list[int] = []
     path: list[str] = []
     tried: set[frozenset[int]] = {frozenset()}
-    view = search.first
+    view, settled_all = search.first, False
     while True:
         left = search.next(view)
         left_p = p_value(left.evidence, search.null)
         new = _untried(search, left, chosen, tried)
         if left_p > LEVEL or len(chosen) >= MOST or new is None:
-            break
+            if settled_all:
+                break
+            before = list(chosen)           # nothing more to add: every effect is named once more, and what that frees, too
+            chosen, view = _settle(search, chosen, view, None, path)
+            tried.add(frozenset(chosen))
+            settled_all = True
+            if set(chosen) == set(before):
+                break
+            continue
         trial = search.joined(chosen, new)
         path.append(f"+ {found[new].mechanism.name}")
         say(f"found {found[new].mechanism.name}")
         first = search.fit(trial, view.fitted)
+        if not set(np.flatnonzero(first.own(found[new]))) & set(first.fitted.found.kept):
+            tried.add(frozenset(trial))      # it adds nothing that the fit could determine
+            path.pop()
+            continue
         steps: list[str] = []
         settled, after = _settle(search, trial, first, view, steps)
         if frozenset(settled) in tried:      # re-naming would go in a circle: the addition stays as it is
             settled, after, steps = trial, first, []
         chosen, view, path = settled, after, path + steps
         tried |= {frozenset(trial), frozenset(settled)}
-    chosen, view = _settle(search, chosen, view, None, path)
     if chosen:
         view = search.view(view.model, fit_shrunk(scene, view.model, view.fitted))
     place = {t.screws: k for k, t in enumerate(view.model.terms)}

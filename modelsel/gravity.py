@@ -107,6 +107,16 @@ def _phase(lever: Array) -> tuple[float, int]:
     return (0.0 if abs(phase) < 1e-9 else phase), 1
 
 
+def _fixed_behind(robot: Robot, joint: int) -> list[int]:
+    """Frames (0-based) behind a joint whose origins later joints do not move, the farthest first: the wrist's centre, and
+    not an offset on the way to it; then the next frame in any case."""
+    q = robot.draw(np.random.default_rng(1), 8)
+    q[:, :joint + 1] = 0.0
+    origins = pose(robot, q, np.array([0.0, 0.0, 100.0])).origins
+    still = [k for k in range(joint + 1, robot.n) if float(np.ptp(origins[k], axis=1).max()) < 1e-6]
+    return [*sorted(still, key=lambda k: -k), *range(joint + 1, robot.n + 1)]
+
+
 def arm_pair(robot: Robot) -> ArmPair | None:
     """The first two successive joints that stay horizontal and parallel (shoulder and elbow), or None."""
     if robot.gravity is None:
@@ -127,7 +137,8 @@ def arm_pair(robot: Robot) -> ArmPair | None:
         def lever(a: Array, b: Array, axis: Array = axis) -> Array:
             return np.asarray((axis * cross(b - a, np.broadcast_to(g, a.shape))).sum(0))
         near = lever(ends[j], ends[j + 1])
-        far = next((x for k in range(j + 2, robot.n + 1) if np.hypot(*(x := lever(ends[j + 1], ends[k]))) > 50.0), None)
+        fixed = _fixed_behind(robot, j + 1)
+        far = next((x for k in fixed if np.hypot(*(x := lever(ends[j + 1], ends[k]))) > 50.0), None)
         if far is None or np.hypot(*near) < 50.0:
             continue
         (near_phase, near_sign), (far_phase, far_sign) = _phase(near), _phase(far)

@@ -214,6 +214,9 @@ def read_measurements(path: Path | str, prismatic: Sequence[bool], columns: Mapp
     quaternion = _together(table, path, ("qw", "qx", "qy", "qz"), "zero")
     sigma_rotation = _together(table, path, ("srx_rad", "sry_rad", "srz_rad"), "not positive")
     approach = _together(table, path, [f"approach{j}" for j in range(1, n + 1)])
+    if approach is not None and not np.isin(approach, (-1.0, 0.0, 1.0)).all():
+        at, j = np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))[0]
+        raise DataError("a direction of approach is -1, 0 or +1.", file=path.name, line=int(at) + 2, column=f"approach{j + 1}")
     text = {name: _labels(table, name, path) for name in TEXT if name in table}
     order = _numbers(table, "order", path) if "order" in table else None
     used = {*TEXT, "order", "sx_mm", "sy_mm", "sz_mm", "qw", "qx", "qy", "qz", "srx_rad", "sry_rad", "srz_rad",

@@ -82,13 +82,13 @@ def own_evidence(seen: Scan, named: Named, candidates: tuple[Candidate, ...], g:
     return named.evidence + float(np.log(max(mass, 1e-300)))
 
 
-def name_again(seen: Scan, candidates: tuple[Candidate, ...], g: int, response: Array) -> Named:
+def name_again(seen: Scan, candidates: tuple[Candidate, ...], g: int, response: Array, without: Index) -> Named:
     """Candidate g named given all else: among the explanations that speak of the same effect. What may be left beside it in
-    the response belongs to another finding."""
+    the response belongs to another finding; `without` leaves candidates out from the start."""
     mine = fitted_displacement(seen, g, response)
     where = {id(c): k for k, c in enumerate(candidates)}
-    strange: list[int] = []
-    named = name(seen, candidates, response)
+    strange: list[int] = without.tolist()
+    named = name(seen, candidates, response, without)
     for _ in range(PASSES if np.any(mine) else 0):          # an effect that the others absorb whole has nothing of its own
         others = [k for e in named.entries if (k := where[id(e.candidate)]) != g
                   and similar(mine, fitted_displacement(seen, k, response)) <= RELATED]

@@ -10,6 +10,7 @@ from .measurements import Measurements
 from .rigid import Array
 from .scene import Scene
 
+NORMAL = 1.4826   # standard deviation over median absolute deviation: a swapped reflector must not set the floor
 ENOUGH = 10  # degrees of freedom before repeats or target pairs are believed
 
 
@@ -56,20 +57,23 @@ def from_repeats(data: Measurements) -> Floor | None:
     if freedom < ENOUGH:
         return None
     mean = np.stack([np.bincount(inverse, data.position[:, a]) / count for a in range(3)], 1)
-    return Floor(float(np.sqrt(np.square(data.position - mean[inverse]).sum() / freedom)), "repeats", freedom)
+    repeated = count[inverse] > 1
+    scaled = (data.position - mean[inverse])[repeated] * np.sqrt(count / np.maximum(count - 1, 1))[inverse[repeated]][:, None]
+    return Floor(NORMAL * float(np.median(np.abs(scaled))), "repeats", freedom)
 
 
 def from_target_pairs(data: Measurements) -> Floor | None:
     """From the scatter of the distance between two reflectors on one flange: its variance is 2 σ²; None with too few."""
-    total, freedom = 0.0, 0
+    deviations, freedom = [], 0
     for a in range(len(data.targets)):
         for b in range(a + 1, len(data.targets)):
             first, second = (np.flatnonzero(data.target == t) for t in (a, b))
             _, i, j = np.intersect1d(data.configuration[first], data.configuration[second], return_indices=True)
             if len(i) > 2:
                 d = np.linalg.norm(data.position[first[i]] - data.position[second[j]], axis=1)
-                total, freedom = total + float(np.square(d - np.median(d)).sum()) / 2, freedom + len(i) - 1
-    return Floor(float(np.sqrt(total / freedom)), "target pairs", freedom) if freedom >= ENOUGH else None
+                deviations.append(np.abs(d - np.median(d)) / np.sqrt(2))
+                freedom += len(i) - 1
+    return Floor(NORMAL * float(np.median(np.concatenate(deviations))), "target pairs", freedom) if freedom >= ENOUGH else None
 
 
 def weigh(scene: Scene, instrument: Instrument | None, stated_mm: float | None, rotation_rad: float | None = None

@@ -136,13 +136,13 @@ def _timeless(data: Measurements, estimation: NDArray[np.bool_]) -> tuple[Measur
 
 
 def reweigh_rotation(data: Data, plan: Plan, residual: Array) -> Data:
-    """With orientations of unstated uncertainty: the weight of the rotational rows from their own residuals."""
+    """With orientations: whichever of position and rotation has no stated uncertainty is weighed by its own residuals."""
     measured = data.scene.data
-    if measured.rotation is None or measured.sigma_rotation is not None:
+    known = plan.stated_mm is not None or plan.instrument is not None or measured.sigma is not None
+    if measured.rotation is None or known and measured.sigma_rotation is not None:
         return data
     used = residual[data.used]
-    position = float(np.sqrt(np.square(used[:, :3]).mean()))
+    position = plan.stated_mm if known else float(np.sqrt(np.square(used[:, :3]).mean()))
     turning = float(np.sqrt(np.square(used[:, 3:]).mean()))
-    known = not isinstance(data.scene.whiten, float) and (plan.stated_mm or plan.instrument or measured.sigma is not None)
-    bound, _ = weigh(replace(data.scene, whiten=1.0), plan.instrument, plan.stated_mm if known else position, turning)
+    bound, _ = weigh(data.scene, plan.instrument, position, turning)
     return replace(data, scene=bound)

@@ -68,7 +68,7 @@ def candidates_of(study: Study, robot: Robot, registry: Registry) -> tuple[Mecha
     """The mechanisms that may extend the base, one a joint."""
     if study.model.candidates in ("all", []):
         return (*faults(robot), *every(robot, registry))      # of exact twins the first is named
-    return tuple(part for name in study.model.candidates for part in parts(name, robot, registry))
+    return tuple(dict.fromkeys(part for name in study.model.candidates for part in parts(name, robot, registry)))
 
 
 def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN, say: Say = lambda _: None) -> Result:

@@ -82,11 +82,14 @@ def read_urdf(path: Path) -> Robot:
         kind = element.get("type")
         if kind not in MOVING:
             continue
-        B = transform(align_z(_vector(element.find("axis"), "xyz", (1.0, 0.0, 0.0))))
+        axis = _vector(element.find("axis"), "xyz", (1.0, 0.0, 0.0))
+        if not axis.any():
+            raise StudyError(f'{path.name}: joint "{element.get("name")}": the axis has no length')
+        B = transform(align_z(axis))
         limit, limits = element.find("limit"), None
         if limit is not None and kind != "continuous" and limit.get("upper"):
             scale = 1e3 if kind == "prismatic" else 1.0
-            limits = (float(limit.get("lower", 0)) * scale, float(limit.get("upper", 0)) * scale)
+            limits = (float(_vector(limit, "lower", (0.0,))[0]) * scale, float(_vector(limit, "upper", (0.0,))[0]) * scale)
         child = links.get(str(element.find("child").get("link")))  # type: ignore[union-attr]
         inertial = child.find("inertial") if child is not None else None
         mass, com = None, np.zeros(3)

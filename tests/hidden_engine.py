@@ -58,7 +58,7 @@ class Engine:
         if base is not None:
             lift = -base[1]
             head = (f'<body name="pedestal" pos="0 0 {base[1] / 1e3:.17g}"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
-                    + "".join(f'<joint name="base{a}" axis="{axis}" stiffness="{base[0]:.17g}"/>'
+                    + "".join(f'<joint name="base{a}" axis="{axis}" stiffness="{base[0]:.17g}" armature="1"/>'
                               for a, axis in (("x", "1 0 0"), ("y", "0 1 0"))))
             tail = "</body>"
         body = ""
@@ -72,9 +72,9 @@ class Engine:
             T = self.arm.before[k] @ H
             if k == 0:
                 T[2, 3] += lift
-            spring = f'<joint name="s{k}" axis="0 0 1" stiffness="{drives[k + 1]:.17g}"/>' if k + 1 in drives else ""
+            spring = f'<joint name="s{k}" axis="0 0 1" stiffness="{drives[k + 1]:.17g}" armature="1"/>' if k + 1 in drives else ""
             com = " ".join(f"{v / 1e3:.17g}" for v in self.places[k])
-            body = (f'<body {_place(T)}><joint name="q{k}" axis="0 0 1"/>{spring}'
+            body = (f'<body {_place(T)}><joint name="q{k}" axis="0 0 1" armature="1"/>{spring}'
                     f'<inertial pos="{com}" mass="{self.masses[k]:.17g}" diaginertia="1 1 1"/>{body}</body>')
         return (f'<mujoco><compiler angle="radian" autolimits="false"/><option gravity="0 0 -9.81"/>'
                 f"<worldbody>{head}{body}{tail}</worldbody></mujoco>")

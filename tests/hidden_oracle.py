@@ -10,6 +10,8 @@ from scipy.special import betaincc, fdtri, ncfdtr, ndtr
 
 from modelsel.errormap import Scan
 
+CERTAIN = 60.0
+
 
 def smallest_p(seen: Scan, share: np.ndarray) -> np.ndarray:
     """(B,) smallest p-value over all candidates of their shares (G, B) of the residual: Beta(k/2, (freedom - k)/2)."""
@@ -40,6 +42,8 @@ def power(effect: Effect, state: State, others: np.ndarray, noise: float, p_crit
 
 def detection(delta: float, rank: int, free: int, p_critical: float) -> float:
     """Power of an F test of `rank` columns at noncentrality delta²."""
+    if delta > CERTAIN:                 # where scipy's noncentral F gives up
+        return 1.0
     return float(1 - ncfdtr(rank, free, delta ** 2, fdtri(rank, free, 1 - p_critical)))
 
 

@@ -12,7 +12,7 @@ TEMPERATURE = Named("temperature_C", "°C")
 PROGRESS: Cause = Named("progress")   # place in the order of motion, 0 to 1: every file has it, clock or not
 DRIFT = {"t": (1e-3, 2.0), "r": (1e-6, 2e-3)}     # mm, rad
 STEP = {"t": (1e-3, 20.0), "r": (1e-6, 2e-2)}
-STEPS = tuple(round(0.05 * k, 2) for k in range(1, 20))
+STEPS = tuple(round(0.025 * k, 3) for k in range(1, 40))
 
 
 def _along(robot: Robot, vector: Array, frame: int, cause: Cause) -> tuple[Screw, ...]:
