@@ -115,7 +115,8 @@ def candidates(scene: Scene, base: Model, mechanisms: Sequence[Mechanism], cells
     seen = {frozenset(t.screws for t in m.terms) for m in fitting}
     others: list[Mechanism] = []
     if cells:
-        pool = [_cell(place, causes) for place in places(scene) for causes in cell_causes(scene)]
+        every_cause = cell_causes(scene)
+        pool = [_cell(place, causes) for place in places(scene) for causes in every_cause]
         for m in [*pool, *waves(scene.robot), *free_functions(scene)]:
             key = frozenset(t.screws for t in m.terms)
             if key not in seen and not key <= inside:

@@ -19,7 +19,7 @@ from .reduce import Reduction
 from .rigid import Array
 
 ABSORBED = 1e-20   # share of a column's squared norm that the base must leave, else its rounding would be a pivot
-DOUBT = 1e-12      # relative error beyond which a subset is worked out again
+DOUBT = 2e-11      # relative error beyond which a subset is worked out again
 REDONE = 64
 PIVOT = 1e-9       # of the column's own size before any sweep: below it the column depends on the kept ones
 
