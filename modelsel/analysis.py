@@ -29,7 +29,7 @@ from .registry import Registry, mechanism
 from .result import candidates_dict, dumps, rung_dict
 from .robot import Robot
 from .robust import GROSS, far_off
-from .screws import Mechanism
+from .screws import Mechanism, Screw
 from .validate import Gain, errors, gain
 from .version import VERSION
 from .words import display, label
@@ -106,11 +106,12 @@ class Question:
     everything: tuple[Mechanism, ...]
     registry: Registry
 
-    def model(self, names: Sequence[str], measured: Measurements) -> Model:
-        """The mechanisms of a rung, with what the set-up leaves open."""
+    def model(self, names: Sequence[str], measured: Measurements, best: Mapping[str, Mechanism] | None = None) -> Model:
+        """The mechanisms of a rung, with what the set-up leaves open; `best` says which constant a scanned name stands for."""
         groups = len(measured.groups) if self.plan.per_group else 1
         placement = setup(self.robot, len(measured.targets), groups, self.plan.register, measured.rotation is not None)
-        return Model((*((placement,) if placement.terms else ()), *(mechanism(n, self.robot, self.registry) for n in names)))
+        return Model((*((placement,) if placement.terms else ()),
+                      *((best or {}).get(n) or mechanism(n, self.robot, self.registry) for n in names)))
 
     @property
     def cells(self) -> bool:
@@ -134,11 +135,10 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     comparison = compare(data, base, _fit(base_rung), offered, base_names, aside) if offered else None
     say("measuring the gain")
     steps = _steps(data, base_rung, extension)
-    rungs = [nominal, *_ladder(question, data, measured, base_rung)]
-    rungs += [r for r in (steps if study.model.candidates != [] else steps[:1]) if r.names not in [x.names for x in rungs]]
+    rungs = [nominal, *_ladder(question, data, measured, base_rung, best_constants(found, extension.single_f))]
+    rungs += [r for r in (steps if study.model.candidates != [] else steps[:1]) if _same(r) not in [_same(x) for x in rungs]]
     chosen = steps[-1] if study.model.candidates != [] else base_rung
-    rungs = [r for r in rungs if r.names != chosen.names or r is chosen]
-    rungs = [*(r for r in rungs if r is not chosen), chosen]
+    rungs = [*(r for r in rungs if r is not chosen and (_same(r) != _same(chosen) or r is nominal)), chosen]
 
     data = replace(data, outlying=data.outlying | held_out_outliers(data, [r for r in rungs if r is not nominal]))
     faults = misplaced(data.scene, data.outlying, _fit(chosen), generator(study.seed, "null"))
@@ -177,9 +177,27 @@ def _weighed(question: Question, data: Data, base: Model) -> Data:
     return data
 
 
-def _ladder(question: Question, data: Data, measured: Measurements, base_rung: Rung) -> list[Rung]:
+def _same(r: Rung) -> tuple[tuple[str, ...], frozenset[tuple[Screw, ...]]]:
+    """What makes two rungs one: their names and what these stand for."""
+    return r.names, frozenset(t.screws for t in _fit(r).terms)
+
+
+def best_constants(found: Sequence[Candidate], single_f: NDArray[np.float64]) -> dict[str, Mechanism]:
+    """Of every registered name with several constants, the one that alone explains most beyond the base."""
+    best: dict[str, tuple[float, Mechanism]] = {}
+    count: dict[str, int] = {}
+    for candidate, f in zip(found, single_f, strict=True):
+        if candidate.registered:
+            name = candidate.mechanism.name
+            count[name] = count.get(name, 0) + 1
+            if name not in best or f > best[name][0]:
+                best[name] = (float(f), candidate.mechanism)
+    return {name: m for name, (_, m) in best.items() if count[name] > 1}
+
+
+def _ladder(question: Question, data: Data, measured: Measurements, base_rung: Rung, best: Mapping[str, Mechanism]) -> list[Rung]:
     """The study's own rungs, or the base."""
-    return [base_rung if tuple(names) == base_rung.names else rung(data, question.model(names, measured), names)
+    return [base_rung if tuple(names) == base_rung.names else rung(data, question.model(names, measured, best), names)
             for names in question.study.model.ladder or [list(base_rung.names)]]
 
 

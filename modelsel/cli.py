@@ -86,13 +86,15 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     from .config import read_study
     from .registry import with_plugins
     from .study import run, save
+    from .write import check_writable
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
     registry, broken = with_plugins()
     for name, why in broken.items():
         click.echo(f"modelsel: plug-in {name} is left out: {why}", err=True)
-    result = run(read, path.parent, registry=registry, say=_progress())
     folder = out if out is not None else Path("reports") / path.resolve().parent.name
+    check_writable(folder)
+    result = run(read, path.parent, registry=registry, say=_progress())
     save(result, folder)
     if as_json:
         click.echo(result.to_json(), nl=False)

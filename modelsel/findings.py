@@ -12,6 +12,7 @@ from .causes import Bump
 from .errormap import RATIOS
 from .extend import Effect, Extension
 from .faults import Fault
+from .naming import Entry
 from .rigid import Array
 from .scene import Scene
 from .screws import Term
@@ -74,7 +75,10 @@ def curve_of(terms: Sequence[Term], estimate: Array, scene: Scene) -> dict[tuple
 def finding_dict(finding: Finding, scene: Scene) -> dict[str, Any]:
     """The contract's finding; `scene` holds the estimation rows in file order."""
     effect = finding.effect
-    own = curve_of(effect.candidate.mechanism.terms, effect.estimate, scene)
+    def curve(entry: Entry) -> dict[tuple[int, str], Array]:
+        estimate = effect.estimate if entry.candidate == effect.candidate else entry.estimate
+        return curve_of(entry.candidate.mechanism.terms, estimate, scene)
+
     rows = {}
     if effect.candidate.mechanism.name.startswith("fault:"):
         cause = scene.cause(effect.candidate.mechanism.terms[0].screws[0].cause)
@@ -83,7 +87,7 @@ def finding_dict(finding: Finding, scene: Scene) -> dict[str, Any]:
     return {
         "sentence": finding.sentence, "verdict": effect.named.verdict, "p_value": effect.p, **rows,
         "credible_set": [{"mechanism": e.candidate.label, "probability": e.probability,
-                          "screws": screws_of(e.candidate, scene, own), "alike": e.alike} for e in effect.named.entries],
+                          "screws": screws_of(e.candidate, scene, curve(e)), "alike": e.alike} for e in effect.named.entries],
         "more_entries": effect.named.more,
         "estimate": [{"symbol": t.symbol, "value": v, "standard_error": e, "unit": t.unit}
                      for t, v, e in zip(effect.candidate.mechanism.terms, effect.estimate, effect.standard_error, strict=True)],

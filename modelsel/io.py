@@ -228,6 +228,8 @@ def read_measurements(path: Path | str, prismatic: Sequence[bool], columns: Mapp
     if not keep.all():
         notes.append(Note("duplicate-rows", f"{int((~keep).sum())} rows repeat an earlier row cell for cell and are counted "
                                             "once."))
+    if "configuration" in text:
+        _one_reading_each(text["configuration"], q, path)
     def kept(values: Any) -> Any:
         return None if values is None else np.asarray(values)[keep]
     return measurements(
@@ -236,6 +238,17 @@ def read_measurements(path: Path | str, prismatic: Sequence[bool], columns: Mapp
         covariates={name: values[keep] for name, values in covariates.items()}, sigma=kept(sigma),
         rotation=None if quaternion is None else from_quaternion(quaternion[keep]), sigma_rotation=kept(sigma_rotation),
         notes=tuple(notes))
+
+
+def _one_reading_each(labels: list[str], q: Array, path: Path) -> None:
+    """Refuses a configuration whose rows have different joint readings."""
+    first: dict[str, int] = {}
+    at = np.array([first.setdefault(label, k) for k, label in enumerate(labels)])
+    bad = np.flatnonzero(np.abs(q - q[at]).max(1) > 1e-6)
+    if len(bad):
+        raise DataError(f'configuration "{labels[bad[0]]}" has other joint readings on line {int(at[bad[0]]) + 2}.',
+                        file=path.name, line=int(bad[0]) + 2, column="configuration",
+                        remedy="Rows that share a configuration share its readings; number configurations through all groups.")
 
 
 def _labels(table: Table, name: str, path: Path) -> list[str]:

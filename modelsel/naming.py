@@ -20,11 +20,12 @@ SURE = 0.8         # probability that those who move it alike must hold together
 
 @dataclass(frozen=True)
 class Entry:
-    """One explanation in a credible set; `alike` as the most probable one moves the target."""
+    """One explanation in a credible set; `alike` as the most probable one moves the target; `estimate` (p,) its terms alone."""
 
     candidate: Candidate
     probability: float
     alike: bool
+    estimate: Array = field(repr=False, compare=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,21 +53,25 @@ def name(seen: Scan, candidates: tuple[Candidate, ...], response: Array, without
     count = int(np.searchsorted(np.cumsum(probability[order]), CREDIBLE) + 1)
     shown = order[:min(max(count, 1), LISTED)]
     alike = _alike(seen, shown, response)
-    entries = tuple(Entry(candidates[g], float(probability[g]), bool(a)) for g, a in zip(shown, alike, strict=True))
+    entries = tuple(Entry(candidates[g], float(probability[g]), bool(a), coefficients(seen, int(g), response))
+                    for g, a in zip(shown, alike, strict=True))
     together = sum(e.probability for e in entries if e.alike)
     verdict = "found" if together >= SURE else "cannot be told apart"
     return Named(value, entries, max(count - len(shown), 0), verdict, joint - value, int(order[0]))
 
 
+def coefficients(seen: Scan, g: int, response: Array) -> Array:
+    """(k,) least-squares terms of candidate g, fitted alone beyond the model."""
+    bucket = next(b for b in seen.buckets if g in b.which)
+    at = int(np.flatnonzero(bucket.which == g)[0])
+    W = bucket.W[at]
+    return np.asarray(W.T @ (W @ (seen.columns.XT[bucket.index[at]] @ response)))
+
+
 def fitted_displacement(seen: Scan, g: int, response: Array) -> Array:
     """(N,) what candidate g, fitted alone beyond the model, makes of the response."""
-    for bucket in seen.buckets:
-        at = np.flatnonzero(bucket.which == g)
-        if len(at):
-            W, X = bucket.W[at[0]], seen.columns.XT[bucket.index[at[0]]]
-            raw = (W.T @ (W @ (X @ response))) @ X
-            return np.asarray(raw - seen.Q @ (seen.Q.T @ raw))
-    raise IndexError(g)
+    raw = coefficients(seen, g, response) @ seen.columns.XT[seen.columns.slices[g]]
+    return np.asarray(raw - seen.Q @ (seen.Q.T @ raw))
 
 
 def own_evidence(seen: Scan, named: Named, candidates: tuple[Candidate, ...], g: int, response: Array) -> float:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .design import residuals
+from .errors import StudyError
 from .measurements import measurements
 from .rigid import Array
 from .robot import Robot
@@ -24,7 +25,10 @@ def simulate(robot: Robot, tool: Array, effects: Sequence[tuple[Screw, float]], 
     import pandas as pd
     bound = scene(robot, measurements(q, np.zeros((len(q), 3)), covariates=covariates), np.atleast_2d(tool))
     terms = tuple(Term(f"p{k}", (screw,)) for k, (screw, _) in enumerate(effects))
-    position = -residuals(bound, terms, np.array([size for _, size in effects]))[:, :3]
+    with np.errstate(all="ignore"):
+        position = -residuals(bound, terms, np.array([size for _, size in effects]))[:, :3]
+    if not np.isfinite(position).all():
+        raise StudyError("simulate: a planted effect is not finite at some configurations; check its cause and size")
     position = position + rng.normal(0.0, noise_mm, position.shape)
     frame = {f"q{j + 1}_{'mm' if joint.prismatic else 'rad'}": q[:, j] for j, joint in enumerate(robot.joints)}
     frame |= {f"{axis}_mm": position[:, a] for a, axis in enumerate("xyz")}

@@ -99,7 +99,8 @@ def simulate_study(study: Study, folder: Path) -> pd.DataFrame:
     covariates: Mapping[str, Array] = {}
     if path.is_file():
         measured = read_measurements(path, [j.prismatic for j in robot.joints], study.measurements.columns)
-        q, covariates = measured.q, measured.covariates
+        first = np.unique(measured.configuration, return_index=True)[1]
+        q, covariates = measured.q[first], {name: values[first] for name, values in measured.covariates.items()}
     else:
         q = robot.draw(rng, study.simulate.configurations)
     units = scene(robot, measurements(q, np.zeros((len(q), 3)), covariates=covariates), np.zeros((1, 3))).names()
@@ -108,6 +109,11 @@ def simulate_study(study: Study, folder: Path) -> pd.DataFrame:
         if effect.frame > robot.n + 1:
             raise StudyError(f"simulate.effect {k}: frame {effect.frame}, but {robot.name} has frames 1 to {robot.n + 1}")
         effects.append((Screw(effect.frame, effect.axis, parse(effect.cause, units, f"simulate.effect {k}")), effect.size))
-    tool = np.array(study.robot.tool_mm if study.robot.tool_mm is not None else (0.0, 0.0, 0.0))
     noise = study.noise.floor_mm if study.noise.floor_mm is not None else study.simulate.noise_mm
+    if study.robot.tools_mm:
+        import pandas as pd
+        frames = [simulate(robot, np.array(tool), effects, q=q, noise_mm=noise, rng=rng, covariates=covariates).assign(
+            target=name, configuration=range(len(q))) for name, tool in study.robot.tools_mm.items()]
+        return pd.concat(frames).sort_values("configuration", kind="stable", ignore_index=True)
+    tool = np.array(study.robot.tool_mm if study.robot.tool_mm is not None else (0.0, 0.0, 0.0))
     return simulate(robot, tool, effects, q=q, noise_mm=noise, rng=rng, covariates=covariates)

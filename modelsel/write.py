@@ -25,3 +25,12 @@ def write_beside(path: Path, content: bytes) -> None:
             raise
     except OSError as error:
         raise StudyError(f"{path}: cannot be written: {error.strerror or error}. Give another folder with --out.") from None
+
+
+def check_writable(folder: Path) -> None:
+    """Refuse a folder that cannot be written before the work is done. Raises StudyError; leaves nothing behind."""
+    nearest = folder
+    while not nearest.exists() and nearest != nearest.parent:
+        nearest = nearest.parent
+    if not nearest.is_dir() or not os.access(nearest, os.W_OK):
+        raise StudyError(f"{folder}: cannot be written. Give another folder with --out.")
