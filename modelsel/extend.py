@@ -14,7 +14,8 @@ import numpy as np
 from .candidates import Candidate
 from .design import Model
 from .errormap import Columns, Scan, basis, columns, familywise, null, p_value, scan, scan_without, single_f, stacked
-from .fit import Fit
+from .errors import NotEstimable
+from .fit import STEP_MM, Fit
 from .naming import Named, name, name_again, own_evidence
 from .rigid import Array
 from .scene import Scene
@@ -116,9 +117,16 @@ class _Search:
         Q, R = np.linalg.qr(A[:, list(fitted.found.kept)])
         return _View(model, fitted, A, Q, R, r, r - Q @ (Q.T @ r), scan(self.columns, Q))
 
-    def fit(self, chosen: Sequence[int], start: Fit | None) -> _View:
+    def fit(self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM) -> _View:
         model = models(self.base, [self.found[g] for g in chosen])
-        return self.view(model, fit_shrunk(self.scene, model, start, COARSE_MM))
+        return self.view(model, fit_shrunk(self.scene, model, start, step_mm))
+
+    def attempt(self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM) -> _View | None:
+        """`fit`, or None where the data do not determine such a model."""
+        try:
+            return self.fit(chosen, start, step_mm)
+        except NotEstimable:
+            return None
 
     def next(self, view: _View) -> Named:
         return name(view.seen, self.found, view.r, self.dead)
@@ -164,8 +172,8 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
         trial = search.joined(chosen, new)
         path.append(f"+ {found[new].mechanism.name}")
         say(f"found {found[new].mechanism.name}")
-        first = search.fit(trial, view.fitted)
-        if not set(np.flatnonzero(first.own(found[new]))) & set(first.fitted.found.kept):
+        first = search.attempt(trial, view.fitted)
+        if first is None or not set(np.flatnonzero(first.own(found[new]))) & set(first.fitted.found.kept):
             tried.add(frozenset(trial))      # it adds nothing that the fit could determine
             path.pop()
             continue
@@ -176,7 +184,7 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
         chosen, view, path = settled, after, path + steps
         tried |= {frozenset(trial), frozenset(settled)}
     if chosen:
-        view = search.view(view.model, fit_shrunk(scene, view.model, view.fitted))
+        view = search.attempt(chosen, view.fitted, STEP_MM) or view       # to the last tenth of a micrometre, where it settles
     place = {t.screws: k for k, t in enumerate(view.model.terms)}
     effects = []
     for g in chosen:
@@ -227,7 +235,11 @@ def _settle(search: _Search, chosen: list[int], view: _View, before: _View | Non
         old, new = search.found[g].mechanism.name, known[g][1]
         path.append(f"- {old}" if len(trial) < len(chosen) else f"{old} -> {search.found[new].mechanism.name}")
         visited.add(frozenset(trial))
-        after = search.fit(trial, view.fitted)
+        after = search.attempt(trial, view.fitted)
+        if after is None:
+            path.pop()
+            known[g] = (known[g][0], g)
+            continue
         known = {k: known[k] for k in trial if k in known and not _moved(view, after, search.found[k])}
         chosen, view = trial, after
     return chosen, view

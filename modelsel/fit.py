@@ -17,6 +17,7 @@ from .screws import Term
 
 STEP_MM = 1e-4     # 0.1 µm
 ITERATIONS = 60
+STUCK = 1e8        # damping at which no step lowers the cost: the minimum, to rounding
 REFINEMENTS = 4
 
 
@@ -136,7 +137,7 @@ def fit(scene: Scene, model: Model, *, precision: Array | None = None, iteration
         theta[:] = 0.0
     reduction = nominal if not theta.any() else reduce_scene(scene, terms, (terms, theta))
     full, step, done, damping = _with_prior(reduction, precision, theta), np.inf, 0, 0.0
-    while done < iterations and step >= step_mm:
+    while done < iterations and step >= step_mm and damping < STUCK:
         delta = np.zeros(len(terms))
         delta[kept] = solve(_damped(full, damping), kept)[0]
         trial = theta + delta
@@ -147,8 +148,8 @@ def fit(scene: Scene, model: Model, *, precision: Array | None = None, iteration
             theta, reduction, full = trial, ahead, there
             damping = damping / 10 if damping > 1e-8 else 0.0
         else:                                   # overshot: Levenberg-Marquardt from the same point
-            damping, step = max(8 * damping, 1e-6), np.inf
-    if step > 1e3 * step_mm and iterations == ITERATIONS:
+            damping, step = max(8 * damping, 1e-6), max(step, step_mm)
+    if step > 1e3 * step_mm and iterations == ITERATIONS and damping < STUCK:
         raise NotEstimable(f"the fit of {' + '.join(model.names)} does not settle (last step {step:.3g} mm): the data hardly "
                            "determine some parameters; measure more widely spread configurations.")
     inner = solve(full, kept)[1]
