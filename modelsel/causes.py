@@ -7,6 +7,7 @@ the program; `parse` serves study files alone and evaluates no code.
 from __future__ import annotations
 
 import ast
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
@@ -29,21 +30,21 @@ class State(Protocol):
         ...
 
 
-class Cause:
+class Cause(ABC):
     """Base of the nodes below; operators build larger causes."""
 
+    @abstractmethod
     def of(self, state: State) -> Array | float:
         """The cause at every row (m,), or one number where it is constant."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def unit(self) -> str:
         """Unit of the cause, "1" where it has none."""
-        raise NotImplementedError
 
+    @abstractmethod
     def names(self) -> frozenset[str]:
         """Names it needs from the state."""
-        raise NotImplementedError
 
     def __add__(self, other: Cause | float) -> Cause:
         return Combined("+", self, wrap(other))
@@ -206,11 +207,6 @@ def cos(argument: Cause) -> Cause:
 def sign(argument: Cause) -> Cause:
     """-1, 0 or +1."""
     return Applied("sign", argument)
-
-
-def exp(argument: Cause) -> Cause:
-    """Exponential."""
-    return Applied("exp", argument)
 
 
 def q(joint: int, unit: str = "rad") -> Named:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .candidates import Candidate
-from .criteria import aicc, bic, log_evidence, weights
+from .criteria import aic, aicc, bic, ebic, gcv, log_evidence, weights
 from .design import Model
 from .errors import NotEstimable
 from .fit import Fit, fit, prior_rows
@@ -66,6 +66,10 @@ class Rung:
     residual: Array = field(repr=False)             # (m, c) of every row
     weight: float | None = None
     note: str = ""
+    aic: float | None = None
+    gcv: float | None = None
+    ebic: float | None = None
+    log_density: float | None = None                # closed-form, of every fold given the others (methods.md A.4)
 
 
 def rung(data: Data, model: Model, names: Sequence[str], fitted: Fit | None = None, linear: Fit | None = None,
@@ -80,20 +84,26 @@ def rung(data: Data, model: Model, names: Sequence[str], fitted: Fit | None = No
         fitted = fit_shrunk(training, model, start)
     residual = fitted.residuals(data.scene)
     held, n = ~data.estimation, fitted.rows
-    left, note = np.linalg.norm(residual[data.used][:, :3], axis=1), ""
+    left, note, density = np.linalg.norm(residual[data.used][:, :3], axis=1), "", None
     if fitted.theta.size:
         prior = None if fitted.precision is None else prior_rows(fitted.precision, fitted.theta)
         try:
             cv = cross_validate(fold(training, model.terms, folds_of, fitted.at()), fitted.found.kept, prior)
+            density = _finite(float(cv.density.sum())) if prior is None else None
             left = np.linalg.norm(held_out_residuals(training, model.terms, folds_of, cv.without, fitted.at()), axis=1)
         except NotEstimable:
             left, note = np.full(1, np.nan), "not estimable without one of the folds"
     mean, rms = float(left.mean()), float(np.sqrt(np.square(left).mean()))
     sigma, rank = 1.0 if data.known_sigma else None, n - fitted.freedom
-    corrected = float(aicc(fitted.rss, n, rank, sigma))
     return Rung(tuple(names), len(fitted.theta), fitted.rank, errors(residual[data.estimation], data.outlying[data.estimation]),
-                errors(residual[held], data.outlying[held]), rms, mean, corrected if np.isfinite(corrected) else None,
-                float(bic(fitted.rss, n, rank, sigma)), fitted, residual, note=note)
+                errors(residual[held], data.outlying[held]), rms, mean, _finite(float(aicc(fitted.rss, n, rank, sigma))),
+                float(bic(fitted.rss, n, rank, sigma)), fitted, residual, note=note,
+                aic=_finite(float(aic(fitted.rss, n, rank, sigma))), gcv=_finite(float(gcv(fitted.rss, n, rank))),
+                log_density=density)
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +172,9 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
             one = rung(data, base + tuple(some), (*base_names, *(m.name for m in some)), linear=base_fit)
         except NotEstimable:
             continue
-        out.append(replace(one, weight=float(weight[s]), note="; ".join([*notes, *([one.note] if one.note else [])])))
+        extended = float(ebic(subsets.rss[s], n, subsets.rank[s], len(some), len(chosen)))
+        out.append(replace(one, ebic=_finite(extended), weight=float(weight[s]),
+                           note="; ".join([*notes, *([one.note] if one.note else [])])))
     choice = tuple(candidates[chosen[g]].name for g in np.flatnonzero(subsets.members[pick]))
     considered = tuple(candidates[g].name for g in chosen)
     return Comparison(len(subsets.rss), tuple(out), (*base_names, *choice), considered, tuple(set_aside))

@@ -16,7 +16,8 @@ def rung_dict(rung: Rung) -> dict[str, Any]:
     """One rung of the ladder or row of the table."""
     return {"mechanisms": list(rung.names), "parameters": rung.parameters, "rank": rung.rank,
             "estimation": asdict(rung.estimation), "held_out": asdict(rung.held_out), "cv_rms_mm": rung.cv_rms_mm,
-            "cv_mean_mm": rung.cv_mean_mm, "aicc": rung.aicc, "bic": rung.bic}
+            "cv_mean_mm": rung.cv_mean_mm, "aicc": rung.aicc, "bic": rung.bic, "aic": rung.aic, "gcv": rung.gcv,
+            "ebic": rung.ebic, "log_predictive_density": rung.log_density}
 
 
 def candidates_dict(comparison: Comparison | None) -> dict[str, Any]:

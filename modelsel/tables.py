@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .compare import Rung
 from .maps import strongest_causes
 from .result import sentence_list
 from .validate import Errors
@@ -25,13 +24,6 @@ def mm(value: float | None) -> str:
 
 def _errors(e: Errors) -> list[str]:
     return [mm(e.mean_mm), mm(e.max_mm)]
-
-
-def _name(rung: Rung, base: int) -> str:
-    """A rung's name: the last ones say `+` what they add to the base."""
-    if len(rung.names) <= base or not base:
-        return " + ".join(rung.names) or "nominal"
-    return " + ".join(["base", *rung.names[base:]]) if base > 1 else " + ".join(rung.names)
 
 
 def show(result: Result, console: Console) -> None:
