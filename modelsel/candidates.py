@@ -8,23 +8,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations
 
 import numpy as np
 
-from .causes import Bump, Cause, Named, cos, q, sign, sin, torque
+from .causes import Applied, Bump, Cause, Named, cos, q, sign, sin, torque
 from .design import Model
 from .gravity import arm_pair, under_gravity
 from .mechanisms.gravity_effects import far, near
+from .mechanisms.transmission import wave
 from .rigid import AXES
 from .robot import Robot
 from .scene import Scene
 from .screws import Mechanism, Screw, Term
 
 REGISTERED = 0.6
-KNOTS = (np.radians(10.0), np.radians(4.0), np.radians(2.0))
+KNOTS = tuple(np.radians(degrees) for degrees in (40.0, 20.0, 10.0, 4.0, 2.0))
 DENSITY = 3.0           # configurations per knot interval that a free function needs
-WAVES = range(3, 61)
+WAVES = tuple(float(k) for k in range(3, 61))
+BETWEEN = tuple(k + part for k in range(3, 60) for part in (0.25, 0.5, 0.75))     # a gear ahead of the joint need not close
+ODD = 0.1               # prior of a number of waves between two whole ones, against a whole one
+WARMING = (0.05, 0.1, 0.25, 0.5)      # time constants of a warm-up, in shares of the campaign
 
 
 @dataclass(frozen=True)
@@ -56,13 +60,15 @@ def cell_causes(scene: Scene) -> tuple[tuple[Cause, ...], ...]:
         out.append((q(j, robot.unit(j)),))
     for j in turning:
         out += [(sin(q(j)), cos(q(j))), (sin(2.0 * q(j)), cos(2.0 * q(j)))]
-    for j, k in pairwise(turning):
-        out += [(sin(q(j) + q(k)), cos(q(j) + q(k))), (sin(q(j) - q(k)), cos(q(j) - q(k)))]
+    for j, k in combinations(turning, 2):
+        both, apart = (sin(q(j) + q(k)), cos(q(j) + q(k))), (sin(q(j) - q(k)), cos(q(j) - q(k)))
+        out += [both, apart, both + apart]          # together: any product of a wave of the one and a wave of the other
     loaded = under_gravity(robot)
     out += [(torque(j),) for j in loaded] + [(sign(torque(j)),) for j in loaded]
     if (pair := arm_pair(robot)) is not None:
         out += [(far(pair),), (near(pair),), (sign(far(pair)),)]
     out += [(Named(f"approach{j}"),) for j in range(1, robot.n + 1)]
+    out += [(cause,) for cause in warming(scene)]
     units = scene.names()
     for name in scene.data.covariates:
         out.append((Named(name, units[name]),))
@@ -76,10 +82,23 @@ def _cell(place: tuple[int, str], causes: Sequence[Cause]) -> Mechanism:
     return Mechanism(f"{place[0]} {place[1]} {' & '.join(map(str, causes))}", terms)
 
 
-def waves(robot: Robot) -> list[Mechanism]:
-    """Waves of every joint's own angle, 3 to 60 a turn, at its own rotation: where no registered ripple is offered."""
-    return [_cell((j, "rz"), (sin(float(k) * q(j)), cos(float(k) * q(j))))
-            for j, joint in enumerate(robot.joints, 1) if not joint.prismatic for k in WAVES]
+def warming(scene: Scene) -> tuple[Cause, ...]:
+    """Drift and exponential warm-up, by the clock where the file has one, else by the place in the order of motion."""
+    data = scene.data
+    if "time_s" not in data.covariates:
+        clock: Cause = Named("progress")
+        return (clock, *(Applied("exp", clock / -share) for share in WARMING))
+    start, span = float(data.covariates["time_s"].min()), float(np.ptp(data.covariates["time_s"]))
+    since = Named("time_s", "s") - start if start else Named("time_s", "s")
+    return tuple(Applied("exp", since / -float(f"{share * span:.6g}")) for share in WARMING if span)
+
+
+def waves(robot: Robot) -> list[tuple[Mechanism, float]]:
+    """(waves of a joint's own angle, 3 to 60 a turn, at its own rotation; weight in the prior): whole numbers where no
+    registered ripple is offered, and quarters between."""
+    turning = [j for j, joint in enumerate(robot.joints, 1) if not joint.prismatic]
+    return [(Mechanism(f"{j} rz {count:g} waves", wave(j, count, "rz", "m"), f"Joint {j} turns unevenly: {count:g} waves a turn"),
+             weight) for j in turning for counts, weight in ((WAVES, 1.0), (BETWEEN, ODD)) for count in counts]
 
 
 def free_functions(scene: Scene) -> list[Mechanism]:
@@ -108,20 +127,35 @@ def candidates(scene: Scene, base: Model, mechanisms: Sequence[Mechanism], cells
     """Every explanation the data could carry beyond the base, with priors that sum to one. `cells=False`: the given
     mechanisms alone."""
     names, inside = scene.names(), {t.screws for t in base.terms}
-    fitting = [m for m in mechanisms if m.names() <= names.keys() and not {t.screws for t in m.terms} <= inside]
+    fitting = _distinct(scene, [m for m in mechanisms
+                                if m.names() <= names.keys() and not {t.screws for t in m.terms} <= inside])
     count: dict[str, int] = {}
     for m in fitting:
         count[m.name] = count.get(m.name, 0) + 1
     seen = {frozenset(t.screws for t in m.terms) for m in fitting}
-    others: list[Mechanism] = []
+    others: list[tuple[Mechanism, float]] = []
     if cells:
         every_cause = cell_causes(scene)
-        pool = [_cell(place, causes) for place in places(scene) for causes in every_cause]
-        for m in [*pool, *waves(scene.robot), *free_functions(scene)]:
+        pool = [(_cell(place, causes), 1.0) for place in places(scene) for causes in every_cause]
+        for m, weight in [*pool, *waves(scene.robot), *((f, 1.0) for f in free_functions(scene))]:
             key = frozenset(t.screws for t in m.terms)
             if key not in seen and not key <= inside:
                 seen.add(key)
-                others.append(m)
+                others.append((m, weight))
     share = REGISTERED if others and fitting else 1.0 if fitting else 0.0
+    whole = sum(weight for _, weight in others)
     return (*(Candidate(m, True, share / len(count) / count[m.name]) for m in fitting),
-            *(Candidate(m, False, (1 - share) / len(others)) for m in others))
+            *(Candidate(m, False, (1 - share) * weight / whole) for m, weight in others))
+
+
+def _distinct(scene: Scene, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
+    """Of a scanned mechanism's constants, those that differ on these rows: a step between the same two configurations is one."""
+    seen: set[tuple[object, ...]] = set()
+    out = []
+    for m in mechanisms:
+        values = (np.asarray(scene.cause(s.cause)).tobytes() for t in m.terms for s in t.screws)
+        key = (m.name, *((s.frame, s.axis) for t in m.terms for s in t.screws), *values)
+        if key not in seen:
+            seen.add(key)
+            out.append(m)
+    return out

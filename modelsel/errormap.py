@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -65,6 +66,21 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
         grams[size] = (which, index, gram)
     signs = np.array([c.mechanism.terms[0].sign if len(c.mechanism.terms) == 1 else 0 for c in found], dtype=float)
     return Columns(XT, tuple(slices), grams, signs)
+
+
+def subset(cols: Columns, which: Index) -> Columns:
+    """The columns of some candidates alone, in the order of `which`."""
+    used, place = np.unique(np.concatenate([cols.slices[g] for g in which]), return_inverse=True)
+    bounds = np.cumsum([0, *(len(cols.slices[g]) for g in which)])
+    position = {int(g): k for k, g in enumerate(which)}
+    grams = {}
+    for size, (members, _, gram) in cols.grams.items():
+        inside = np.flatnonzero(np.isin(members, which))
+        if len(inside):
+            own = np.array([position[int(g)] for g in members[inside]], dtype=np.intp)
+            grams[size] = (own, np.stack([place[bounds[k]:bounds[k + 1]] for k in own]), gram[inside])
+    slices = tuple(place[a:b] for a, b in pairwise(bounds))
+    return Columns(cols.XT[used], slices, grams, cols.signs[which])
 
 
 def stacked(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None) -> tuple[Array, Array]:
@@ -170,6 +186,13 @@ def evidence(seen: Scan, log_prior: Array, response: Array) -> tuple[float, Arra
         if value > best:
             best, posterior = value, joint
     return best, posterior
+
+
+def best_factors(seen: Scan, response: Array) -> Array:
+    """(G,) log Bayes factor of every candidate alone, each at the ratio v/s² that suits it best."""
+    strength, root = seen.strength(response[:, None])
+    total = np.square(response).sum(keepdims=True)
+    return np.asarray(np.max([log_bayes_factors(seen, strength, root, total, float(r))[:, 0] for r in RATIOS], axis=0))
 
 
 def _null_evidence(seen: Scan, log_prior: Array, strength: Array, root: Array, total: Array) -> Array:

@@ -6,12 +6,13 @@ effect is re-named with the others fitted exactly, so that an early proxy is fou
 """
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from .candidates import Candidate
+from .curves import better, curves
 from .design import Model
 from .errormap import Columns, Scan, basis, columns, familywise, null, p_value, scan, scan_without, single_f, stacked
 from .errors import NotEstimable
@@ -82,21 +83,26 @@ class _View:
     r: Array
     seen: Scan
 
-    def own(self, candidate: Candidate) -> Array:
-        """(p,) mask of the terms that this effect alone brings."""
-        mine = {t.screws for t in candidate.mechanism.terms}
-        shared = {t.screws for m in self.model.mechanisms if m != candidate.mechanism for t in m.terms}
+    def own(self, *effects: Candidate) -> Array:
+        """(p,) mask of the terms that these effects alone bring."""
+        whose = [e.mechanism for e in effects]
+        mine = {t.screws for m in whose for t in m.terms}
+        shared = {t.screws for m in self.model.mechanisms if m not in whose for t in m.terms}
         return np.array([t.screws in mine and t.screws not in shared for t in self.model.terms])
 
-    def without(self, candidate: Candidate) -> tuple[Scan, Array]:
-        """(the scan from the model without one effect, the residual with that effect put back): no refit, the directions
-        that only this effect brings are Q R⁻ᵀ E."""
-        own = self.own(candidate)
+    def freed(self, *effects: Candidate) -> tuple[Array, Array]:
+        """(D (N, d), the residual with the effects put back): no refit, the directions that only they bring are Q R⁻ᵀ E."""
+        own = self.own(*effects)
         kept = self.fitted.found.kept
         E = np.eye(len(kept))[:, [i for i, k in enumerate(kept) if own[k]]]
         D: Array = self.Q @ basis(np.asarray(np.linalg.solve(self.R.T, E)))
         effect = self.A[:, own] @ self.fitted.theta[own]
-        return scan_without(self.seen, D), self.r + D @ (D.T @ (self.raw + effect))
+        return D, self.r + D @ (D.T @ (self.raw + effect))
+
+    def without(self, candidate: Candidate) -> tuple[Scan, Array]:
+        """(the scan from the model without one effect, the residual with that effect put back)."""
+        D, response = self.freed(candidate)
+        return scan_without(self.seen, D), response
 
 
 class _Search:
@@ -107,6 +113,7 @@ class _Search:
         self.columns: Columns = columns(scene, found, base_fit.at())
         self.log_prior = np.log([c.prior for c in found])
         draws = DRAWS[0] if self.columns.XT.size < LARGE else DRAWS[1]
+        self.curves = curves(found, self.columns, self.log_prior)
         self.first = self.view(base, base_fit)
         self.dead = np.flatnonzero(self.first.seen.sizes == 0)      # the base has them: what a refit leaks of them is no cause
         self.null, self.least_p = null(self.first.seen, self.log_prior, draws, rng)
@@ -128,14 +135,27 @@ class _Search:
         except NotEstimable:
             return None
 
-    def next(self, view: _View) -> Named:
-        return name(view.seen, self.found, view.r, self.dead)
+    def next(self, view: _View, known: Sequence[int]) -> Named:
+        """What explains most of the rest; `known` candidates have had their turn (what the fit drops of theirs is no cause)."""
+        return name(view.seen, self.found, view.r, np.union1d(self.dead, np.array(known, dtype=np.intp)))
 
     def again(self, g: int, view: _View) -> tuple[Named, float]:
         """Effect g given the others: (named again, the evidence for itself or its like)."""
         seen, y = view.without(self.found[g])
         named = name_again(seen, self.found, g, y, self.dead)
         return named, own_evidence(seen, named, self.found, g, y)
+
+    def redrawn(self, chosen: Sequence[int], view: _View) -> Iterator[tuple[list[int], str]]:
+        """(models in which a joint's own-angle effects are explained better together, what changed)."""
+        for curve in self.curves.values():
+            now = [g for g in chosen if g in curve.which]
+            if not now:
+                continue
+            D, response = view.freed(*(self.found[g] for g in now))
+            best = better(curve, view.Q - D @ (D.T @ view.Q), response, now, BETTER)
+            if best is not None:
+                names = (" & ".join(self.found[g].mechanism.name for g in some) for some in (now, best))
+                yield [*(g for g in chosen if g not in now), *best], " -> ".join(names)
 
     def joined(self, chosen: Sequence[int], g: int) -> list[int]:
         """With candidate g; a finer free function of a joint takes the place of a coarser one."""
@@ -156,10 +176,10 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
     tried: set[frozenset[int]] = {frozenset()}
     view, settled_all = search.first, False
     while True:
-        left = search.next(view)
+        left = search.next(view, chosen)
         left_p = p_value(left.evidence, search.null)
-        new = _untried(search, left, chosen, tried)
-        if left_p > LEVEL or len(chosen) >= MOST or new is None:
+        new = _untried(search, left, view, chosen, tried)
+        if new is None or len(chosen) >= MOST:
             if settled_all:
                 break
             before = list(chosen)           # nothing more to add: every effect is named once more, and what that frees, too
@@ -183,6 +203,7 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
             settled, after, steps = trial, first, []
         chosen, view, path = settled, after, path + steps
         tried |= {frozenset(trial), frozenset(settled)}
+    chosen, view = _pruned(search, chosen, view, path)
     if chosen:
         view = search.attempt(chosen, view.fitted, STEP_MM) or view       # to the last tenth of a micrometre, where it settles
     place = {t.screws: k for k, t in enumerate(view.model.terms)}
@@ -196,12 +217,30 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
                      familywise(search.first.seen, search.first.r, search.least_p))
 
 
-def _untried(search: _Search, left: Named, chosen: Sequence[int], tried: set[frozenset[int]]) -> int | None:
-    """The most probable explanation whose addition gives a model not seen before."""
-    for g in np.argsort(-left.log_probability, kind="stable")[:len(left.entries)]:
-        if g not in chosen and frozenset(search.joined(chosen, int(g))) not in tried:
-            return int(g)
+def _untried(search: _Search, left: Named, view: _View, chosen: Sequence[int], tried: set[frozenset[int]]) -> int | None:
+    """The most probable explanation beyond chance whose addition gives a model not seen before."""
+    blocked = list(chosen)
+    for _ in range(ROUNDS):
+        if p_value(left.evidence, search.null) > LEVEL:
+            break
+        if frozenset(search.joined(chosen, left.top)) not in tried:
+            return left.top
+        blocked.append(left.top)
+        left = search.next(view, blocked)
     return None
+
+
+def _pruned(search: _Search, chosen: list[int], view: _View, path: list[str]) -> tuple[list[int], _View]:
+    """Without the effects that chance alone would explain, given the others; the weakest first."""
+    while chosen:
+        own = {g: search.again(g, view)[1] for g in chosen}
+        weakest = min(chosen, key=lambda g: own[g])
+        rest = [g for g in chosen if g != weakest]
+        if p_value(own[weakest], search.null) <= LEVEL or (after := search.attempt(rest, view.fitted)) is None:
+            break
+        path.append(f"- {search.found[weakest].mechanism.name}")
+        chosen, view = rest, after
+    return chosen, view
 
 
 def _moved(before: _View, after: _View, candidate: Candidate) -> bool:
@@ -229,17 +268,22 @@ def _settle(search: _Search, chosen: list[int], view: _View, before: _View | Non
                 known[g] = (own, better)
         change = next(((g, trial) for _, g in sorted((known[g][0], g) for g in chosen if known[g][1] != g)
                        if frozenset(trial := _replaced(search, chosen, g, known[g][1])) not in visited), None)
-        if change is None:
-            break
-        g, trial = change
-        old, new = search.found[g].mechanism.name, known[g][1]
-        path.append(f"- {old}" if len(trial) < len(chosen) else f"{old} -> {search.found[new].mechanism.name}")
+        if change is not None:
+            g, trial = change
+            old, new = search.found[g].mechanism.name, known[g][1]
+            said = f"- {old}" if len(trial) < len(chosen) else f"{old} -> {search.found[new].mechanism.name}"
+        else:
+            redrawn = next((one for one in search.redrawn(chosen, view) if frozenset(one[0]) not in visited), None)
+            if redrawn is None:
+                break
+            g, (trial, said) = -1, redrawn
         visited.add(frozenset(trial))
         after = search.attempt(trial, view.fitted)
         if after is None:
-            path.pop()
-            known[g] = (known[g][0], g)
+            if g >= 0:
+                known[g] = (known[g][0], g)
             continue
+        path.append(said)
         known = {k: known[k] for k in trial if k in known and not _moved(view, after, search.found[k])}
         chosen, view = trial, after
     return chosen, view

@@ -49,16 +49,18 @@ def torques(robot: Robot, at: Pose, q: Array) -> Array:
     return np.asarray(moments(robot, at, q)[:, 2])
 
 
-def unit_torques(robot: Robot, at: Pose) -> dict[tuple[int, int], Array]:
-    """(joint, frame) -> (m,) gravity torque about the joint of 1 kg at a later frame's origin (n+1: the target) [N m/kg]."""
+def unit_moments(robot: Robot, at: Pose) -> dict[tuple[int, int], Array]:
+    """(joint, frame) -> (3, m) moment about the joint's x, y, z axes of 1 kg at a later frame's origin (n+1: the target)
+    [N m/kg]; about z (a slide: the force along z [N/kg]) it is the gravity torque."""
     g = np.array(robot.gravity)[:, None]
     ends = np.concatenate([at.origins[:robot.n], at.target[None]])
     out = {}
     for j, joint in enumerate(robot.joints):
         for k in range(j + 1, robot.n + 1):
             pull = np.broadcast_to(G * g, ends[k].shape)
-            turn = pull if joint.prismatic else cross((ends[k] - at.origins[j]) / 1e3, pull)
-            out[j + 1, k + 1] = (at.axes[j, 2] * turn).sum(0)
+            out[j + 1, k + 1] = np.einsum("aim,im->am", at.axes[j, :3], cross((ends[k] - at.origins[j]) / 1e3, pull))
+            if joint.prismatic:
+                out[j + 1, k + 1][2] = (at.axes[j, 2] * pull).sum(0)
     return out
 
 

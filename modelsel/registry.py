@@ -50,7 +50,7 @@ BUILTIN: Registry = {
     "axis-wobble": Scanned(transmission.axis_wobble, lambda robot, joint: (1, 2), transmission.revolute_joints),
     "joint-compliance": Scanned(compliance.joint_compliance, compliance.mass_choices, compliance.gravity_joints),
     "lateral-compliance": PerJoint(compliance.lateral_compliance, compliance.gravity_joints),
-    "link-bending": PerJoint(compliance.link_bending, compliance.links),
+    "link-bending": Scanned(compliance.link_bending, compliance.mass_choices_beyond, compliance.links),
     "payload-deflection": PerJoint(compliance.payload_deflection, compliance.gravity_joints),
     "counterbalance": compliance.counterbalance,
     "tool-droop": compliance.tool_droop,

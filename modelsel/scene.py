@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .causes import Cause
-from .gravity import moment, moments, unit_torques
+from .gravity import moment, moments, unit_moments
 from .measurements import Measurements
 from .rigid import Array
 from .robot import Pose, Robot, pose
@@ -85,7 +85,8 @@ class Scene:
             known |= {f"torque{j}": "N" if self.robot.joints[j - 1].prismatic else "N m" for j in range(1, n + 1)}
             known |= {f"moment_{axis}": "N m" for axis in "xyz"} | {f"down_{axis}": "1" for axis in "xyz"}
             known |= {f"moment{j}_{axis}": "N m" for j in range(1, n + 1) for axis in "xy"}
-            known |= {f"torque{j}_{k}": "N m/kg" for j in range(1, n + 1) for k in range(j + 1, n + 2)}
+            bodies = [(j, k) for j in range(1, n + 1) for k in range(j + 1, n + 2)]
+            known |= {f"{stem}_{k}": "N m/kg" for j, k in bodies for stem in (f"moment{j}_x", f"moment{j}_y", f"torque{j}")}
         return known | {name: unit_of(name) for name in self.data.covariates}
 
     def value(self, name: str) -> Array:
@@ -114,7 +115,8 @@ class Scene:
             out |= {f"torque{j + 1}": m[2] for j, m in enumerate(bends)}
             out |= {f"moment{j + 1}_{axis}": m[a] for j, m in enumerate(bends) for a, axis in enumerate("xy")}
             out |= {f"moment_{axis}": row for axis, row in zip("xyz", moment(self.robot, at, data.q), strict=True)}
-            out |= {f"torque{j}_{k}": row for (j, k), row in unit_torques(self.robot, at).items()}
+            for (j, k), each in unit_moments(self.robot, at).items():
+                out |= {f"moment{j}_x_{k}": each[0], f"moment{j}_y_{k}": each[1], f"torque{j}_{k}": each[2]}
             down = np.einsum("aim,i->am", at.axes[-1, :3], np.array(self.robot.gravity))
             out |= {f"down_{axis}": row for axis, row in zip("xyz", down, strict=True)}
         return out

@@ -23,7 +23,7 @@ FLOORS: tuple[tuple[str, frozenset[str]], ...] = tuple(
         ("matrix", "scene design reduce identify"),
         ("fit", "fit noise register shrink"),
         ("which", "folds criteria search split validate candidates compare"),
-        ("why", "errormap naming extend maps robust faults predictor words"),
+        ("why", "errormap naming curves extend maps robust faults predictor words"),
         ("sure", "posterior sampling"),
         ("elsewhere", "prepare simulate explain"),
         ("use", "compensate export plan"),

@@ -21,22 +21,24 @@ def links(robot: Robot) -> tuple[int, ...]:
     return tuple(range(1, robot.n)) if under_gravity(robot) else ()
 
 
-def moment_at(frame: int, axis: str) -> Named:
-    """Moment of the weight beyond joint `frame` about that frame's x or y axis [N m]; about z it is the torque."""
-    return torque(frame) if axis == "z" else Named(f"moment{frame}_{axis}", "N m")
+def moment_at(frame: int, axis: str, body: int | None = None) -> Named:
+    """Moment of the weight beyond joint `frame` about that frame's x, y or z axis [N m]; of 1 kg at the origin of a later
+    frame alone (n+1: at the target) where `body` names it [N m/kg]."""
+    name = f"torque{frame}" if axis == "z" else f"moment{frame}_{axis}"
+    return Named(name, "N m") if body is None else Named(f"{name}_{body}", "N m/kg")
 
 
-def load(joint: int, body: int) -> Named:
-    """Gravity torque about a joint per kg at the origin of a later frame (n+1: at the target) [N m/kg]."""
-    return Named(f"torque{joint}_{body}", "N m/kg")
+def bodies(robot: Robot, frame: int) -> range:
+    """Later frames where a mass may sit."""
+    return range(frame + 1, robot.n + 2)
 
 
 def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
     """The drive winds up in proportion to the gravity torque: of the declared (or unit) masses, or of unknown ones, a term
     each (`masses`)."""
     if masses:
-        terms = tuple(Term(f"c{joint}m{k}", (Screw(joint, "rz", load(joint, k)),), HEAVY)
-                      for k in range(joint + 1, robot.n + 2))
+        terms = tuple(Term(f"c{joint}m{k}", (Screw(joint, "rz", moment_at(joint, "z", k)),), HEAVY)
+                      for k in bodies(robot, joint))
     else:
         terms = (Term(f"c{joint}", (Screw(joint, "rz", torque(joint)),), COMPLIANCE, 1),)
     return Mechanism(f"joint-compliance:{joint}", terms, f"Joint {joint} winds up under gravity: its drive is compliant.",
@@ -55,18 +57,26 @@ def lateral_compliance(robot: Robot, joint: int) -> Mechanism:
                      f"α{joint}, β{joint} = l · moment of the weight about x, y of frame {joint}", SOURCE)
 
 
-def link_bending(robot: Robot, link: int) -> Mechanism:
-    """A link bends as a round tube does: its far end turns in proportion to the moment there, one stiffness."""
+def link_bending(robot: Robot, link: int, masses: int) -> Mechanism:
+    """A link bends as a round tube does: its far end turns in proportion to the moment there, one stiffness; the moment of
+    the declared (or unit) masses, or of unknown ones, a term each (`masses`)."""
     f = link + 1
-    screws = tuple(Screw(f, f"r{a}", moment_at(f, a)) for a in "xyz")
-    return Mechanism(f"link-bending:{link}", (Term(f"b{link}", screws, COMPLIANCE, 1),),
-                     f"Link {link} bends under the weight it carries.",
+    def bent(body: int | None) -> tuple[Screw, ...]:
+        return tuple(Screw(f, f"r{a}", moment_at(f, a, body)) for a in "xyz")
+    terms = (tuple(Term(f"b{link}m{k}", bent(k), HEAVY, 1) for k in bodies(robot, f)) if masses else
+             (Term(f"b{link}", bent(None), COMPLIANCE, 1),))
+    return Mechanism(f"link-bending:{link}", terms, f"Link {link} bends under the weight it carries.",
                      f"rotation of frame {f} = b · moment of the weight beyond it", SOURCE)
+
+
+def mass_choices_beyond(robot: Robot, link: int) -> tuple[int, ...]:
+    """`mass_choices` of the joint at the link's far end."""
+    return mass_choices(robot, link + 1)
 
 
 def payload_deflection(robot: Robot, joint: int) -> Mechanism:
     """The drive winds up under the payload at the target; its mass is the column payload_kg."""
-    cause = Named("payload_kg", "kg") * load(joint, robot.n + 1)
+    cause = Named("payload_kg", "kg") * moment_at(joint, "z", robot.n + 1)
     return Mechanism(f"payload-deflection:{joint}", (Term(f"p{joint}", (Screw(joint, "rz", cause),), COMPLIANCE, 1),),
                      f"Joint {joint} yields under the payload.",
                      f"θ{joint} = q{joint} + p · payload_kg · torque of 1 kg at the target", SOURCE)

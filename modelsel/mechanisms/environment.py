@@ -12,7 +12,7 @@ TEMPERATURE = Named("temperature_C", "°C")
 PROGRESS: Cause = Named("progress")   # place in the order of motion, 0 to 1: every file has it, clock or not
 DRIFT = {"t": (1e-3, 2.0), "r": (1e-6, 2e-3)}     # mm, rad
 STEP = {"t": (1e-3, 20.0), "r": (1e-6, 2e-2)}
-STEPS = tuple(round(0.025 * k, 3) for k in range(1, 40))
+STEPS = tuple(round(0.005 * k, 3) for k in range(1, 200))     # naming keeps those that differ on the data
 
 
 def _along(robot: Robot, vector: Array, frame: int, cause: Cause) -> tuple[Screw, ...]:
@@ -73,7 +73,7 @@ def tracker_step(robot: Robot, at: float) -> Mechanism:
     """The tracker (or the base) was moved at some moment: all six, before and after; the moment is scanned."""
     cause = sign(PROGRESS - at)
     return Mechanism("tracker-step", tuple(Term(f"j{a}", (Screw(1, a, cause),), STEP[a[0]]) for a in AXES),
-                     f"Tracker or base was moved after {at:.0%} of the campaign.", f"H_1 = j · {cause}",
+                     f"Tracker or base was moved after {at:.1%} of the campaign.", f"H_1 = j · {cause}",
                      "ISO 10360-10, laser trackers: stability")
 
 
@@ -81,7 +81,7 @@ def tracker_bumped(robot: Robot, at: float) -> Mechanism:
     """The same step, seen as a fault of the measurement."""
     step = tracker_step(robot, at)
     return Mechanism("fault:tracker-bumped", step.terms,
-                     f"A fault of the data: the tracker was bumped after {at:.0%} of the campaign.",
+                     f"A fault of the data: the tracker was bumped after {at:.1%} of the campaign.",
                      step.equation, step.source)
 
 

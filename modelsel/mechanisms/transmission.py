@@ -20,7 +20,7 @@ def all_joints(robot: Robot) -> tuple[int, ...]:
     return tuple(range(1, robot.n + 1))
 
 
-def wave(joint: int, count: int, axis: str, symbol: str) -> tuple[Term, Term]:
+def wave(joint: int, count: float, axis: str, symbol: str) -> tuple[Term, Term]:
     """A wave of unknown phase: sine and cosine of `count` times the joint's angle at one place of its frame."""
     angle = q(joint) if count == 1 else float(count) * q(joint)
     return (Term(f"{symbol}s", (Screw(joint, axis, sin(angle)),), RUNOUT),
