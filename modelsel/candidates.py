@@ -27,7 +27,7 @@ KNOTS = tuple(np.radians(degrees) for degrees in (40.0, 20.0, 10.0, 4.0, 2.0))
 DENSITY = 3.0           # configurations per knot interval that a free function needs
 WAVES = tuple(float(k) for k in range(3, 61))
 BETWEEN = tuple(k + part for k in range(3, 60) for part in (0.25, 0.5, 0.75))     # a gear ahead of the joint need not close
-ODD = 0.1               # prior of a number of waves between two whole ones, against a whole one
+ODD = 0.1               # prior of what is more strange than most (waves between whole numbers, free functions), against a cell
 WARMING = (0.05, 0.1, 0.25, 0.5)      # time constants of a warm-up, in shares of the campaign
 
 
@@ -137,7 +137,7 @@ def candidates(scene: Scene, base: Model, mechanisms: Sequence[Mechanism], cells
     if cells:
         every_cause = cell_causes(scene)
         pool = [(_cell(place, causes), 1.0) for place in places(scene) for causes in every_cause]
-        for m, weight in [*pool, *waves(scene.robot), *((f, 1.0) for f in free_functions(scene))]:
+        for m, weight in [*pool, *waves(scene.robot), *((f, ODD) for f in free_functions(scene))]:
             key = frozenset(t.screws for t in m.terms)
             if key not in seen and not key <= inside:
                 seen.add(key)

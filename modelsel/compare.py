@@ -11,7 +11,7 @@ from .candidates import Candidate
 from .criteria import aic, aicc, bic, ebic, gcv, log_evidence, weights
 from .design import Model
 from .errors import NotEstimable
-from .fit import Fit, fit, prior_rows
+from .fit import Fit, fit
 from .folds import cross_validate, fold, held_out_residuals
 from .measurements import Index
 from .rigid import Array
@@ -86,7 +86,7 @@ def rung(data: Data, model: Model, names: Sequence[str], fitted: Fit | None = No
     held, n = ~data.estimation, fitted.rows
     left, note, density = np.linalg.norm(residual[data.used][:, :3], axis=1), "", None
     if fitted.theta.size:
-        prior = None if fitted.precision is None else prior_rows(fitted.precision, fitted.theta)
+        prior = fitted.prior
         try:
             cv = cross_validate(fold(training, model.terms, folds_of, fitted.at()), fitted.found.kept, prior)
             density = _finite(float(cv.density.sum())) if prior is None else None

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .candidates import Candidate
-from .errormap import Columns, basis, best_factors, scan, subset
+from .errormap import Columns, basis, scan, subset
+from .evidence import best_factors
 from .measurements import Index
 from .rigid import Array
 

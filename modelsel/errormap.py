@@ -5,11 +5,13 @@ X_gᵀr: the projected Gram is X_gᵀX_g − (X_gᵀQ)(X_gᵀQ)ᵀ, and no proje
 """
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .candidates import Candidate
 from .design import blocks
@@ -17,20 +19,41 @@ from .measurements import Index
 from .rigid import Array
 from .scene import Scene
 from .screws import Term
+from .smooth import spline, splines
 
 ABSORBED = 1e-5     # share of a direction's squared norm that must be left beyond the model for it to count
-RATIOS = np.logspace(0.5, 5.0, 8)   # v / s2, scanned
+FAINT = 1e-7        # prior size of a smooth function's direction, against its largest, below which it does not count
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Candidates of one size k: `which` (n,), their columns `index` (n, k), their `gram` (n, k, k); of free functions also
+    the `root` (n, k, k) of their coefficients' prior covariance, to scale."""
+
+    which: Index
+    index: Index
+    gram: Array
+    root: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Bucket:
-    """Candidates of one size k: `which` (n,), their columns `index` (n, k), their Gram `left` (n, k, k) beyond the model,
-    and W (n, k, k) with Z_gᵀr = W X_gᵀr."""
+    """A block beyond the model: its Gram `left` there, and W (n, k, k) with Z_gᵀr = W X_gᵀr, Z_g orthonormal; `weights`
+    (n, k): prior variances of a free function's directions, the largest 1; None where all are alike."""
 
-    which: Index
-    index: Index
+    block: Block
     left: Array
     W: Array
+    weights: Array | None
+
+
+class Strength(NamedTuple):
+    """What responses (N, B) have in common with every candidate: |Z_gᵀr|² (G, B), the signed root of single columns (G, B),
+    nought elsewhere, and of free functions, by bucket, every direction alone: (which (n,), (Z_gᵀr)² (n, k, B), weights)."""
+
+    whole: Array
+    root: Array
+    smooth: tuple[tuple[Index, Array, Array], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +62,7 @@ class Columns:
 
     XT: Array
     slices: tuple[Index, ...]
-    grams: dict[int, tuple[Index, Index, Array]]     # size -> (which, index, (n, k, k))
+    grams: tuple[Block, ...]
     signs: Array
 
     @property
@@ -58,14 +81,25 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
     slices = [np.array([place[t.screws] for t in c.mechanism.terms], dtype=np.intp) for c in found]
     parts = [c.reshape(len(c), r.size) for _, c, r in blocks(scene, tuple(terms.values()), at)]
     XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
-    grams = {}
-    for size in sorted({len(s) for s in slices}):
-        which = np.array([g for g, s in enumerate(slices) if len(s) == size], dtype=np.intp)
+    soft = np.array([spline(c.mechanism.terms[0]) is not None for c in found])
+    grams = []
+    for size, smooth in sorted({(len(s), bool(w)) for s, w in zip(slices, soft, strict=True)}):
+        which = np.array([g for g, s in enumerate(slices) if len(s) == size and soft[g] == smooth], dtype=np.intp)
         index = np.stack([slices[g] for g in which])
         gram = np.stack([XT[i] @ XT[i].T for i in index]) if size > 4 else np.einsum("nkr,nlr->nkl", XT[index], XT[index])
-        grams[size] = (which, index, gram)
+        roots = [_root(found[g].mechanism.terms, np.diag(G)) for g, G in zip(which, gram, strict=True)] if smooth else None
+        grams.append(Block(which, index, gram, None if roots is None else np.stack(roots)))
     signs = np.array([c.mechanism.terms[0].sign if len(c.mechanism.terms) == 1 else 0 for c in found], dtype=float)
-    return Columns(XT, tuple(slices), grams, signs)
+    return Columns(XT, tuple(slices), tuple(grams), signs)
+
+
+def _root(terms: Sequence[Term], norms: Array) -> Array:
+    """(k, k) root of the prior covariance of a free function's coefficients; places of one mechanism move the target alike
+    far, whatever their units."""
+    out = np.zeros((len(terms), len(terms)))
+    for index, root in splines(terms):
+        out[np.ix_(index, index)] = root / np.sqrt(max(float(norms[index].mean()), 1e-300))
+    return out
 
 
 def subset(cols: Columns, which: Index) -> Columns:
@@ -73,14 +107,15 @@ def subset(cols: Columns, which: Index) -> Columns:
     used, place = np.unique(np.concatenate([cols.slices[g] for g in which]), return_inverse=True)
     bounds = np.cumsum([0, *(len(cols.slices[g]) for g in which)])
     position = {int(g): k for k, g in enumerate(which)}
-    grams = {}
-    for size, (members, _, gram) in cols.grams.items():
-        inside = np.flatnonzero(np.isin(members, which))
+    grams = []
+    for block in cols.grams:
+        inside = np.flatnonzero(np.isin(block.which, which))
         if len(inside):
-            own = np.array([position[int(g)] for g in members[inside]], dtype=np.intp)
-            grams[size] = (own, np.stack([place[bounds[k]:bounds[k + 1]] for k in own]), gram[inside])
+            own = np.array([position[int(g)] for g in block.which[inside]], dtype=np.intp)
+            index = np.stack([place[bounds[k]:bounds[k + 1]] for k in own])
+            grams.append(Block(own, index, block.gram[inside], None if block.root is None else block.root[inside]))
     slices = tuple(place[a:b] for a, b in pairwise(bounds))
-    return Columns(cols.XT[used], slices, grams, cols.signs[which])
+    return Columns(cols.XT[used], slices, tuple(grams), cols.signs[which])
 
 
 def stacked(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None) -> tuple[Array, Array]:
@@ -111,143 +146,65 @@ class Scan:
     sizes: Array
     freedom: int
 
-    def strength(self, response: Array) -> tuple[Array, Array]:
-        """(|Z_gᵀ r|² (G, B), signed root of single columns (G, B), nought elsewhere) of responses (N, B)."""
+    def strength(self, response: Array) -> Strength:
+        """What responses (N, B) have in common with every candidate."""
         s = self.columns.XT @ response
         out, root = np.zeros((len(self.sizes), s.shape[1])), np.zeros((len(self.sizes), s.shape[1]))
+        smooth = []
         for bucket in self.buckets:
-            z = np.matmul(bucket.W, s[bucket.index])
-            out[bucket.which] = np.square(z).sum(1)
-            if bucket.W.shape[1] == 1:
-                root[bucket.which] = z[:, 0]
-        return out, root
+            which, index = bucket.block.which, bucket.block.index
+            z = np.matmul(bucket.W, s[index])
+            if z.shape[1] == 1:
+                root[which] = z[:, 0]
+            square = np.square(z)
+            out[which] = square.sum(1)
+            if bucket.weights is not None:
+                smooth.append((which, square, bucket.weights))
+        return Strength(out, root, tuple(smooth))
 
 
 def scan(cols: Columns, Q: Array) -> Scan:
     """Project every candidate off the model's basis Q (N, r)."""
     A = cols.XT @ Q
-    lefts = [gram - np.matmul(A[index], A[index].swapaxes(1, 2)) for _, index, gram in cols.grams.values()]
+    lefts = [b.gram - np.matmul(A[b.index], A[b.index].swapaxes(1, 2)) for b in cols.grams]
     return _scan(cols, Q, lefts)
 
 
 def scan_without(seen: Scan, D: Array) -> Scan:
     """The scan from a smaller model, whose basis lacks the directions D (N, d) of `seen.Q`'s span: they are given back."""
     A = seen.columns.XT @ D
-    lefts = [bucket.left + np.matmul(A[bucket.index], A[bucket.index].swapaxes(1, 2)) for bucket in seen.buckets]
+    lefts = [b.left + np.matmul(A[b.block.index], A[b.block.index].swapaxes(1, 2)) for b in seen.buckets]
     return _scan(seen.columns, seen.Q - D @ (D.T @ seen.Q), lefts, seen.freedom + D.shape[1])
 
 
 def _scan(cols: Columns, Q: Array, lefts: Sequence[Array], freedom: int | None = None) -> Scan:
     buckets, sizes = [], np.zeros(cols.groups)
-    for (which, index, gram), left in zip(cols.grams.values(), lefts, strict=True):
-        norm = np.sqrt(np.maximum(np.einsum("nkk->nk", gram), 1e-300))
+    for block, left in zip(cols.grams, lefts, strict=True):
+        norm = np.sqrt(np.maximum(np.einsum("nkk->nk", block.gram), 1e-300))
         value, vector = np.linalg.eigh(left / norm[:, :, None] / norm[:, None, :])
-        good = value > ABSORBED * (1 if gram.shape[1] <= 4 else 1e1)
-        W = np.where(good, 1 / np.sqrt(np.where(good, value, 1)), 0)[:, :, None] * vector.swapaxes(1, 2) / norm[:, None, :]
-        sizes[which] = good.sum(1)
-        buckets.append(Bucket(which, index, left, W))
+        good = value > ABSORBED * (1 if block.gram.shape[1] <= 4 else 1e1)
+        sizes[block.which] = good.sum(1)
+        W = _whitener(value, vector, good) / norm[:, None, :]
+        weights = None
+        if block.root is not None:      # the directions that a smooth function's prior and these data keep apart
+            half = np.matmul(W, np.matmul(left, block.root))            # (Zᵀ X) L: what the prior makes of every direction
+            value, vector = np.linalg.eigh(np.matmul(half, half.swapaxes(1, 2)))
+            W = np.matmul(vector.swapaxes(1, 2), W)
+            top = np.maximum(value.max(1, keepdims=True), 1e-300)
+            weights = np.where(value > FAINT * top, value / top, 0.0)
+        buckets.append(Bucket(block, left, W, weights))
     return Scan(cols, Q, tuple(buckets), sizes, cols.XT.shape[1] - Q.shape[1] if freedom is None else freedom)
+
+
+def _whitener(value: Array, vector: Array, good: NDArray[np.bool_]) -> Array:
+    """(n, k, k) rows 1/sqrt(value) · vectorᵀ of the good directions, noughts for the others."""
+    return np.where(good, 1 / np.sqrt(np.where(good, value, 1)), 0)[:, :, None] * vector.swapaxes(1, 2)
 
 
 def single_f(seen: Scan, response: Array) -> Array:
     """(G,) F statistic of every candidate alone beyond the model; nought for one that adds nothing."""
-    strength = seen.strength(response[:, None])[0][:, 0]
+    strength = seen.strength(response[:, None]).whole[:, 0]
     rest = float(response @ response) - strength
     k = seen.sizes
     room = (k > 0) & (seen.freedom > k)
     return np.where(room, strength / np.maximum(k, 1) / np.maximum(rest, 1e-300) * np.maximum(seen.freedom - k, 1), 0.0)
-
-
-def log_bayes_factors(seen: Scan, strength: Array, root: Array, total: Array, ratio: float) -> Array:
-    """(G, B) log Bayes factors of every candidate at v = ratio · s², s² integrated out (Jeffreys), against no effect;
-    `total` (B,) residual sums of squares. A single-term compliance of the wrong sign is discounted by its tail."""
-    shrink = ratio / (1 + ratio)
-    share = np.minimum(strength / total, 1 - np.finfo(strength.dtype).eps)
-    out = np.log1p(share * -share.dtype.type(shrink))
-    out *= share.dtype.type(-0.5 * seen.freedom)
-    out -= (0.5 * np.log1p(ratio) * seen.sizes[:, None]).astype(share.dtype)
-    signed = np.flatnonzero(seen.columns.signs)
-    if len(signed):
-        from scipy.special import log_ndtr
-        sigma = np.sqrt(total * (1 - share[signed] * shrink) / seen.freedom)
-        out[signed] += np.log(2) + log_ndtr(seen.columns.signs[signed, None] * root[signed] / sigma * np.sqrt(shrink))
-    out[seen.sizes == 0] = -np.inf
-    return np.asarray(out)
-
-
-def evidence(seen: Scan, log_prior: Array, response: Array) -> tuple[float, Array]:
-    """(log Σ prior BF at the ratio v/s² that maximises it, log prior + log BF (G,) there) of a response (N,)."""
-    strength, root = seen.strength(response[:, None])
-    total = np.square(response).sum(keepdims=True)
-    best, posterior = -np.inf, np.full(len(log_prior), -np.inf)
-    for r in RATIOS:
-        joint = log_bayes_factors(seen, strength, root, total, float(r))[:, 0] + log_prior
-        value = float(joint.max() + np.log(np.exp(joint - joint.max()).sum()))
-        if value > best:
-            best, posterior = value, joint
-    return best, posterior
-
-
-def best_factors(seen: Scan, response: Array) -> Array:
-    """(G,) log Bayes factor of every candidate alone, each at the ratio v/s² that suits it best."""
-    strength, root = seen.strength(response[:, None])
-    total = np.square(response).sum(keepdims=True)
-    return np.asarray(np.max([log_bayes_factors(seen, strength, root, total, float(r))[:, 0] for r in RATIOS], axis=0))
-
-
-def _null_evidence(seen: Scan, log_prior: Array, strength: Array, root: Array, total: Array) -> Array:
-    """The same evidence (B,) of many responses; single precision is ample where nothing stands out."""
-    strength, root, prior = strength.astype(np.float32), root.astype(np.float32), log_prior.astype(np.float32)[:, None]
-    total, best = total.astype(np.float32), np.full(strength.shape[1], -np.inf)
-    for r in RATIOS:
-        joint = log_bayes_factors(seen, strength, root, total, float(r))
-        joint += prior
-        top = joint.max(0)
-        joint -= top
-        np.exp(joint, out=joint)
-        best = np.maximum(best, top + np.log(joint.sum(0)))
-    return best
-
-
-def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """(draws,) sorted evidences, and sorted smallest p-values of single candidates, when nothing is left: the residual then
-    lies evenly on the sphere of the model's residuals, whatever the parameters and the noise level (Dufour 2006)."""
-    out, least = [], []
-    for part in _chunks(draws, max(1, int(4e6 / max(seen.columns.groups, 1)))):
-        u = rng.standard_normal((seen.columns.XT.shape[1], part))
-        u -= seen.Q @ (seen.Q.T @ u)
-        strength, root = seen.strength(u)
-        total = np.square(u).sum(0)
-        out.append(_null_evidence(seen, log_prior, strength, root, total))
-        share = strength / total
-        best = {k: share[seen.sizes == k].max(0) for k in np.unique(seen.sizes) if k > 0}
-        least.append(np.min([_tail(value, k, seen.freedom) for k, value in best.items()], axis=0) if best else np.ones(part))
-    return np.sort(np.concatenate(out)), np.sort(np.concatenate(least))
-
-
-def _tail(share: Array, size: Array | float, freedom: int) -> Array:
-    """P(a candidate of `size` columns explains at least this share by chance): Beta(k/2, (ν−k)/2) (methods.md A.6)."""
-    from scipy.special import betainc
-    return np.asarray(betainc(np.maximum(freedom - size, 1e-9) / 2, np.maximum(size, 1e-9) / 2, 1 - np.minimum(share, 1.0)))
-
-
-def familywise(seen: Scan, response: Array, least_p: Array) -> Array:
-    """(G,) family-wise p of every candidate alone: the exact max-test over the whole map (methods.md A.6)."""
-    share = seen.strength(response[:, None])[0][:, 0] / float(response @ response)
-    own = np.where(seen.sizes > 0, _tail(share, seen.sizes, seen.freedom), 1.0)
-    return np.asarray((1 + np.searchsorted(least_p, own, side="right")) / (len(least_p) + 1))
-
-
-def _chunks(total: int, size: int) -> Iterator[int]:
-    while total > 0:
-        yield min(size, total)
-        total -= size
-
-
-def p_value(observed: float, sorted_null: Array) -> float:
-    """(1 + #{null ≥ observed}) / (B + 1); 1 where there is no evidence at all."""
-    if not np.isfinite(observed):
-        return 1.0
-    return float((1 + len(sorted_null) - np.searchsorted(sorted_null, observed, side="left")) / (len(sorted_null) + 1))
-
-

@@ -14,8 +14,9 @@ import numpy as np
 from .candidates import Candidate
 from .curves import better, curves
 from .design import Model
-from .errormap import Columns, Scan, basis, columns, familywise, null, p_value, scan, scan_without, single_f, stacked
+from .errormap import Columns, Scan, basis, columns, scan, scan_without, single_f, stacked
 from .errors import NotEstimable
+from .evidence import familywise, null, p_value
 from .fit import STEP_MM, Fit
 from .naming import Named, name, name_again, own_evidence
 from .rigid import Array

@@ -9,7 +9,7 @@ import numpy as np
 
 from .candidates import Candidate
 from .causes import Bump
-from .errormap import RATIOS
+from .evidence import RATIOS
 from .extend import Effect, Extension
 from .faults import Fault
 from .naming import Entry

@@ -14,6 +14,7 @@ from .reduce import Reduction, reduce, reduce_scene
 from .rigid import Array
 from .scene import Scene
 from .screws import Term
+from .smooth import penalty
 
 STEP_MM = 1e-4     # 0.1 µm
 ITERATIONS = 60
@@ -70,6 +71,11 @@ class Fit:
         """(p, p) from the residual variance."""
         return np.asarray(self.factor @ self.factor.T * self.sigma ** 2)
 
+    @property
+    def prior(self) -> Array | None:
+        """(k, p+1) rows [columns | response] of the prior at theta, in whitened units; None for a plain fit."""
+        return None if self.precision is None else _rows(penalty(self.terms, self.precision), self.theta)
+
     def at(self) -> tuple[Sequence[Term], Array]:
         """The point to linearise other models at."""
         return self.terms, self.theta
@@ -79,17 +85,15 @@ class Fit:
         return residuals(scene, self.terms, self.theta)
 
 
-def prior_rows(precision: Array, theta: Array) -> Array:
-    """(k, p+1) a row [columns | response] per shrunk term: sqrt(precision) (theta + delta) = 0."""
-    root = np.sqrt(precision)
-    return np.column_stack([np.diag(root), -root * theta])[root > 0]
+def _rows(root: Array, theta: Array) -> Array:
+    return np.column_stack([root, -root @ theta])
 
 
-def _with_prior(reduction: Reduction, precision: Array | None, theta: Array) -> Reduction:
-    """The reduction with the prior's rows stacked on; its count stays that of the data."""
-    if precision is None or not precision.any():
+def _with_prior(reduction: Reduction, root: Array | None, theta: Array) -> Reduction:
+    """The reduction with the prior's rows, root · (theta + delta) = 0, stacked on; its count stays that of the data."""
+    if root is None or not len(root):
         return reduction
-    return Reduction(reduction.add(prior_rows(precision, theta)).R, reduction.rows)
+    return Reduction(reduction.add(_rows(root, theta)).R, reduction.rows)
 
 
 def _damped(reduction: Reduction, damping: float) -> Reduction:
@@ -114,7 +118,8 @@ def _cost(reduction: Reduction) -> float:
 
 def fit(scene: Scene, model: Model, *, precision: Array | None = None, iterations: int = ITERATIONS,
         start: Array | None = None, step_mm: float = STEP_MM) -> Fit:
-    """Least squares of a model on a scene. precision (p,): prior 1/variance of each term in whitened units, about zero.
+    """Least squares of a model on a scene. precision (p,): prior 1/variance of each term in whitened units, about zero, the
+    terms of a free function correlated (`smooth`).
 
     Gauss-Newton on the exact chain, until all rows together move less than `step_mm`; `iterations=1` is the linear fit at
     `start` (zero). Raises NotEstimable where the data have no more coordinates than the model has estimable parameters, or
@@ -125,7 +130,8 @@ def fit(scene: Scene, model: Model, *, precision: Array | None = None, iteration
     weight = scene.whiten if isinstance(scene.whiten, float) else float(np.median(np.diagonal(scene.whiten, 0, 1, 2)[:, :3]))
     nominal = reduce_scene(scene, terms)
     # rank is a property of the nominal chain: off it, exact dependences turn into directions that need radians to be seen
-    found = identify(_with_prior(nominal, precision, theta))
+    root = None if precision is None else penalty(terms, precision)
+    found = identify(_with_prior(nominal, root, theta))
     found = told(found, usual_sizes(terms), max(FAINT_MM * weight * np.sqrt(len(scene)), _linear_sigma(nominal, found)))
     kept = list(found.kept)
     if nominal.rows <= found.rank and precision is None:
@@ -136,14 +142,14 @@ def fit(scene: Scene, model: Model, *, precision: Array | None = None, iteration
     if theta[lost].any():               # another choice of representatives: the start's parts do not fit together
         theta[:] = 0.0
     reduction = nominal if not theta.any() else reduce_scene(scene, terms, (terms, theta))
-    full, step, done, damping = _with_prior(reduction, precision, theta), np.inf, 0, 0.0
+    full, step, done, damping = _with_prior(reduction, root, theta), np.inf, 0, 0.0
     while done < iterations and step >= step_mm and damping < STUCK:
         delta = np.zeros(len(terms))
         delta[kept] = solve(_damped(full, damping), kept)[0]
         trial = theta + delta
         step, done = float(np.linalg.norm(reduction.R[:-1, :-1] @ delta)) / weight, done + 1
         ahead = reduce_scene(scene, terms, (terms, trial))
-        there = _with_prior(ahead, precision, trial)
+        there = _with_prior(ahead, root, trial)
         if _cost(there) <= _cost(full) * (1 + 1e-9) or step < step_mm or iterations == 1:
             theta, reduction, full = trial, ahead, there
             damping = damping / 10 if damping > 1e-8 else 0.0

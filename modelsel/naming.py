@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .candidates import Candidate
-from .errormap import Scan, evidence
+from .errormap import Scan
+from .evidence import evidence
 from .measurements import Index
 from .rigid import Array
 
@@ -62,10 +63,10 @@ def name(seen: Scan, candidates: tuple[Candidate, ...], response: Array, without
 
 def coefficients(seen: Scan, g: int, response: Array) -> Array:
     """(k,) least-squares terms of candidate g, fitted alone beyond the model."""
-    bucket = next(b for b in seen.buckets if g in b.which)
-    at = int(np.flatnonzero(bucket.which == g)[0])
+    bucket = next(b for b in seen.buckets if g in b.block.which)
+    at = int(np.flatnonzero(bucket.block.which == g)[0])
     W = bucket.W[at]
-    return np.asarray(W.T @ (W @ (seen.columns.XT[bucket.index[at]] @ response)))
+    return np.asarray(W.T @ (W @ (seen.columns.XT[bucket.block.index[at]] @ response)))
 
 
 def fitted_displacement(seen: Scan, g: int, response: Array) -> Array:

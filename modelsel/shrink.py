@@ -5,12 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .causes import Bump, factors
 from .design import Model
 from .fit import STEP_MM, Fit, fit
 from .measurements import Index
 from .rigid import Array
 from .scene import Scene
+from .smooth import spline, splines
 
 ROUNDS = 60
 STIFFEST = 1e6    # largest precision of a coefficient, in squared norms of its column
@@ -23,7 +23,7 @@ def wide_groups(model: Model) -> list[Index]:
     out: dict[tuple[int, str], list[int]] = {}
     for number, m in enumerate(model.mechanisms):
         for t in m.terms:
-            if any(isinstance(part, Bump) for part in factors(t.screws[0].cause)):
+            if spline(t) is not None:
                 out.setdefault((number, t.screws[0].axis[0]), []).append(place[t.screws])
     return [np.array(group, dtype=np.intp) for group in out.values()]
 
@@ -37,19 +37,28 @@ def variances(fitted: Fit, groups: Sequence[Index]) -> Array:
     response = fitted.reduction.R[:-1, -1] + R @ fitted.theta[kept]
     gram, cross, rest = R.T @ R, R.T @ response, float(fitted.reduction.R[-1, -1] ** 2)
     precision: Array = np.zeros(len(kept))
+    inverse: Array = np.eye(len(kept))                          # of the prior's correlation, by blocks
+    for index, root in splines(fitted.terms):
+        at = [n for n, k in enumerate(index) if k in where]
+        place = [where[index[n]] for n in at]
+        half = np.linalg.inv(root)[:, at]
+        inverse[np.ix_(place, place)] = half.T @ half
     for g, i in zip(groups, inside, strict=True):
         precision[i] = 1.0 if fitted.precision is None else fitted.precision[g[0]]
     for _ in range(ROUNDS):
-        covariance: Array = np.asarray(np.linalg.inv(gram + np.diag(precision)), dtype=np.float64)
+        scale = np.sqrt(precision)
+        covariance: Array = np.asarray(np.linalg.inv(gram + scale[:, None] * inverse * scale), dtype=np.float64)
         beta = covariance @ cross
         rss = float(np.square(response - R @ beta).sum()) + rest
-        spent = [len(i) - float(precision[i] @ covariance[i, i]) for i in inside]      # effective parameters of each group
+        tight = inverse * covariance                # its sum over a group: the trace of the two blocks' product
+        spent = [len(i) - float(precision[i] @ tight[np.ix_(i, i)].sum(1)) for i in inside]      # effective parameters
         fixed = len(kept) - sum(map(len, inside))
         sigma2 = rss / max(fitted.rows - fixed - sum(spent), 1.0)
         new: Array = precision.copy()
         for i, used in zip(inside, spent, strict=True):
             most = STIFFEST * float(gram[i, i].max(initial=0.0))       # a function that is not there is held at nought
-            new[i] = min(sigma2 * max(used, 1e-3) / max(float(np.square(beta[i]).sum()), 1e-300), most)
+            size = float(beta[i] @ inverse[np.ix_(i, i)] @ beta[i])
+            new[i] = min(sigma2 * max(used, 1e-3) / max(size, 1e-300), most)
         if np.allclose(new, precision, rtol=1e-3):
             precision = new
             break

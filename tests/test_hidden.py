@@ -40,7 +40,7 @@ SURE, EXPLAINS, CHANCE = 0.9999, 0.97, 1e-4
 SEEN = 0.08             # share of an effect's norm that the geometry must leave
 NULLS = 120
 HIDDEN = ("odd coupling", "wave at a cell", "sine at a cell", "wave of two joints", "approach at a cell", "temperature at a cell",
-          "kink of one joint", "shape of one joint")
+          "product of joints", "fractional ripple", "kink of one joint", "shape of one joint")
 SHAPE = 3.0             # a shape that no list has costs many coefficients
 SHAPES = ("kink of one joint", "shape of one joint")
 

@@ -1,0 +1,128 @@
+"""What a joint's own angle does is told as one curve, causes in time are told from each other, and chance is not listed."""
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from builders import drawn, measured, planted, seeds
+
+from modelsel.candidates import BETWEEN, Candidate, candidates
+from modelsel.causes import Named, cos, q, sin
+from modelsel.curves import chain, curves, own_angle
+from modelsel.design import Model
+from modelsel.errormap import basis, columns, stacked, subset
+from modelsel.extend import LEVEL, Extension, extend
+from modelsel.fit import fit
+from modelsel.mechanisms.environment import STEPS
+from modelsel.registry import every, mechanism
+from modelsel.rigid import Array
+from modelsel.robot import forward
+from modelsel.scene import Scene
+from modelsel.screws import Mechanism, Screw, Term
+
+SIGMA = 0.03
+
+
+def turned(at: Scene, joint: int, curve: Array, rng: np.random.Generator) -> Scene:
+    """The scene with a joint turned by a curve (m,) [rad], by moving its reading, and noise."""
+    bent = at.data.q.copy()
+    bent[:, joint - 1] += curve
+    shift = forward(at.robot, bent, at.tools[0]) - forward(at.robot, at.data.q, at.tools[0])
+    return measured(at, at.data.position + shift + rng.normal(0, SIGMA, shift.shape))
+
+
+def named(at: Scene, rng: np.random.Generator) -> Extension:
+    base = Model((mechanism("geometric", at.robot),))
+    return extend(at, base, fit(at, base), candidates(at, base, every(at.robot)), rng)
+
+
+def names(extension: Extension) -> list[str]:
+    return [e.candidate.mechanism.name for e in extension.effects]
+
+
+@seeds(1, 2, 3)
+@pytest.mark.parametrize("shape", [lambda x, c: np.tanh((x - c) / 0.2), lambda x, c: np.abs(x - c),
+                                   lambda x, c: np.exp(-((x - c) / 0.4) ** 2)], ids=["soft step", "kink", "bump"])
+def test_a_shape_of_one_joint_is_one_free_function(rng: np.random.Generator, shape: Callable[[Array, float], Array]) -> None:
+    at = drawn("puma760", rng, 200)
+    joint, centre = int(rng.integers(1, 5)), float(rng.uniform(-0.3, 0.3))
+    found = named(turned(at, joint, 1.5e-3 * shape(at.data.q[:, joint - 1], centre), rng), rng)
+    about = [n for e, n in zip(found.effects, names(found), strict=True) if own_angle(e.candidate) == joint]
+    assert [n.partition(" ")[0] for n in about] == [f"free(q{joint})"], (joint, centre, found.path)
+
+
+@seeds(4, 5, 6)
+def test_two_waves_of_one_joint_stay_two_waves(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 200)
+    angle = at.data.q[:, 3]
+    found = named(turned(at, 4, 4e-4 * np.sin(angle + 1) + 3e-4 * np.cos(2 * angle), rng), rng)
+    assert sorted(names(found)) == ["encoder-eccentricity:4", "gear-eccentricity:4"], found.path
+
+
+@seeds(7, 8)
+def test_a_number_of_waves_between_whole_ones_is_told(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 150)
+    count = float(rng.choice([k for k in BETWEEN if k < 30]))
+    found = named(turned(at, 4, 5e-4 * np.sin(count * at.data.q[:, 3] + 1), rng), rng)
+    assert f"4 rz {count:g} waves" in names(found), (count, found.path)
+
+
+@seeds(9, 10)
+def test_a_warm_up_is_told_from_a_drift(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 120)
+    clock = at.data.covariates["time_s"]
+    found = named(turned(at, 2, 1e-3 * np.exp(-clock / (0.1 * np.ptp(clock))), rng), rng)
+    assert len(found.effects) == 1, found.path
+    assert "exp(time_s/" in str(found.effects[0].candidate.mechanism.terms[0].screws[0].cause), names(found)
+
+
+@seeds(11, 12)
+def test_a_product_of_two_joints_is_one_cell(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 120)
+    odd = Mechanism("odd", (Term("m", (Screw(5, "rx", sin(q(2)) * cos(q(6))),)),))
+    found = named(planted(at, odd.terms, np.array([2e-3]), rng, SIGMA), rng)
+    assert len(found.effects) == 1, found.path
+    assert set(map(str, (s.cause for t in found.effects[0].candidate.mechanism.terms for s in t.screws))) == {
+        "sin(q2+q6)", "cos(q2+q6)", "sin(q2-q6)", "cos(q2-q6)"}
+
+
+def test_steps_in_time_are_offered_once_between_two_configurations(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 40)
+    base = Model((mechanism("geometric", at.robot),))
+    found = candidates(at, base, every(at.robot))
+    steps = [c for c in found if c.mechanism.name == "tracker-step"]
+    assert len(steps) == 39 < len(STEPS)
+    assert sum(c.prior for c in steps) == pytest.approx(next(c.prior for c in found if c.mechanism.name == "base-tilt"))
+    assert sum(c.prior for c in found) == pytest.approx(1)
+
+
+@seeds(13, 14, 15, 16)
+def test_no_finding_is_listed_that_chance_would_explain(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 60)
+    two = Mechanism("two", (Term("m", (Screw(2, "rz", cos(q(2))),)), Term("n", (Screw(6, "tx", Named("approach3")),))))
+    found = named(planted(at, two.terms, np.array([4e-4, 0.06]), rng, SIGMA), rng)
+    assert found.effects
+    assert max(e.p for e in found.effects) <= LEVEL, [(n, e.p) for n, e in zip(names(found), found.effects, strict=True)]
+
+
+def test_a_part_of_the_columns_scans_like_the_whole(rng: np.random.Generator) -> None:
+    """Restricted to one joint's curve, columns, Gram blocks and evidence are those of the whole."""
+    at = drawn("puma760", rng, 100)
+    base = Model((mechanism("geometric", at.robot),))
+    found: tuple[Candidate, ...] = candidates(at, base, every(at.robot))
+    whole = columns(at, found)
+    curve = curves(found, whole, np.log([c.prior for c in found]))[4]
+    part = subset(whole, curve.which)
+    assert all(np.array_equal(part.XT[part.slices[k]], whole.XT[whole.slices[g]]) for k, g in enumerate(curve.which))
+    for block in part.grams:
+        for k, i, gram in zip(block.which, block.index, block.gram, strict=True):
+            assert np.array_equal(i, part.slices[k])
+            assert gram == pytest.approx(part.XT[i] @ part.XT[i].T)
+    X, r = stacked(at, base.terms, None)
+    Q = basis(X)
+    wave = int(curve.which[[found[g].mechanism.name for g in curve.which].index("encoder-eccentricity:4")])
+    r = r + 5 * whole.XT[whole.slices[wave]].sum(0)
+    value, best = chain(curve, Q, r - Q @ (Q.T @ r), None, np.logical_not(curve.free))
+    assert best[0] == wave
+    assert value == pytest.approx(chain(curve, Q, r - Q @ (Q.T @ r), best, curve.free)[0])
