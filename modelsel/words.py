@@ -94,9 +94,16 @@ def what(candidate: Candidate) -> str:
     if candidate.mechanism.sentence:
         return candidate.mechanism.sentence.rstrip(".")
     screw = candidate.mechanism.terms[0].screws[0]
-    causes = " and ".join(dict.fromkeys(str(s.cause) for t in candidate.mechanism.terms for s in t.screws))
     return (f"Frame {screw.frame} {PLACES[screw.axis[0]]} its {screw.axis[1]} axis ({LETTERS[screw.axis]}{screw.frame}) with "
-            f"{causes}; no registered mechanism says so")
+            f"{causes(candidate, ' and ')}; no registered mechanism says so")
+
+
+def causes(candidate: Candidate, joint: str) -> str:
+    """The causes of a cell; four of two joints are any product of a wave of the one and a wave of the other."""
+    each = list(dict.fromkeys(str(s.cause) for t in candidate.mechanism.terms for s in t.screws))
+    if len(each) == 4:
+        return f"waves of {' times waves of '.join(sorted(candidate.mechanism.names()))}"
+    return joint.join(each)
 
 
 def label(candidate: Candidate) -> str:
@@ -106,8 +113,7 @@ def label(candidate: Candidate) -> str:
     if candidate.mechanism.name.startswith("free("):
         return candidate.mechanism.name.partition(" ")[0]
     screw = candidate.mechanism.terms[0].screws[0]
-    causes = " & ".join(dict.fromkeys(str(s.cause) for t in candidate.mechanism.terms for s in t.screws))
-    return f"frame {screw.frame} {screw.axis} · {causes}"
+    return f"frame {screw.frame} {screw.axis} · {causes(candidate, ' & ')}"
 
 
 def cautions(effect: Effect) -> list[str]:
