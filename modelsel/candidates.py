@@ -77,9 +77,9 @@ def cell_causes(scene: Scene) -> tuple[tuple[Cause, ...], ...]:
     return tuple(out)
 
 
-def _cell(place: tuple[int, str], causes: Sequence[Cause]) -> Mechanism:
+def _cell(place: tuple[int, str], causes: Sequence[Cause], words: str) -> Mechanism:
     terms = tuple(Term(f"m{k}" if len(causes) > 1 else "m", (Screw(*place, cause),)) for k, cause in enumerate(causes, 1))
-    return Mechanism(f"{place[0]} {place[1]} {' & '.join(map(str, causes))}", terms)
+    return Mechanism(f"{place[0]} {place[1]} {words}", terms)
 
 
 def warming(scene: Scene) -> tuple[Cause, ...]:
@@ -135,8 +135,8 @@ def candidates(scene: Scene, base: Model, mechanisms: Sequence[Mechanism], cells
     seen = {frozenset(t.screws for t in m.terms) for m in fitting}
     others: list[tuple[Mechanism, float]] = []
     if cells:
-        every_cause = cell_causes(scene)
-        pool = [(_cell(place, causes), 1.0) for place in places(scene) for causes in every_cause]
+        every_cause = [(causes, " & ".join(map(str, causes))) for causes in cell_causes(scene)]
+        pool = [(_cell(place, causes, words), 1.0) for place in places(scene) for causes, words in every_cause]
         for m, weight in [*pool, *waves(scene.robot), *((f, ODD) for f in free_functions(scene))]:
             key = frozenset(t.screws for t in m.terms)
             if key not in seen and not key <= inside:

@@ -149,11 +149,15 @@ class Scan:
     def strength(self, response: Array) -> Strength:
         """What responses (N, B) have in common with every candidate."""
         s = self.columns.XT @ response
-        out, root = np.zeros((len(self.sizes), s.shape[1])), np.zeros((len(self.sizes), s.shape[1]))
+        return self.gather([np.matmul(bucket.W, s[bucket.block.index]) for bucket in self.buckets])
+
+    def gather(self, products: Sequence[Array]) -> Strength:
+        """The same from every bucket's Z_gᵀr (n, k, B), in their precision."""
+        shape = (len(self.sizes), products[0].shape[2] if products else 0)
+        out, root = np.zeros(shape, products[0].dtype), np.zeros(shape, products[0].dtype)
         smooth = []
-        for bucket in self.buckets:
-            which, index = bucket.block.which, bucket.block.index
-            z = np.matmul(bucket.W, s[index])
+        for bucket, z in zip(self.buckets, products, strict=True):
+            which = bucket.block.which
             if z.shape[1] == 1:
                 root[which] = z[:, 0]
             square = np.square(z)

@@ -56,11 +56,8 @@ def best_factors(seen: Scan, response: Array) -> Array:
 
 
 def _null_evidence(seen: Scan, log_prior: Array, strength: Strength, total: Array) -> Array:
-    """The same evidence (B,) of many responses; single precision is ample where nothing stands out."""
-    strength = Strength(strength.whole.astype(np.float32), strength.root.astype(np.float32),
-                        tuple((which, square.astype(np.float32), weights) for which, square, weights in strength.smooth))
-    prior = log_prior.astype(np.float32)[:, None]
-    total, best = total.astype(np.float32), np.full(len(total), -np.inf)
+    """The same evidence (B,) of many responses, in their precision."""
+    prior, best = log_prior.astype(total.dtype)[:, None], np.full(len(total), -np.inf)
     for r in RATIOS:
         joint = log_bayes_factors(seen, strength, total, float(r))
         joint += prior
@@ -73,12 +70,15 @@ def _null_evidence(seen: Scan, log_prior: Array, strength: Strength, total: Arra
 
 def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """(draws,) sorted evidences, and sorted smallest p-values of single candidates, when nothing is left: the residual then
-    lies evenly on the sphere of the model's residuals, whatever the parameters and the noise level (Dufour 2006)."""
+    lies evenly on the sphere of the model's residuals, whatever the parameters and the noise level (Dufour 2006). In single
+    precision, which is ample where nothing stands out; every basis is made once, so that a draw costs one matrix product."""
     out, least = [], []
+    rows = seen.columns.XT.shape[1]
+    bases = [np.matmul(b.W, seen.columns.XT[b.block.index]).astype(np.float32) for b in seen.buckets]
     for part in _chunks(draws, max(1, int(4e6 / max(seen.columns.groups, 1)))):
-        u = rng.standard_normal((seen.columns.XT.shape[1], part))
-        u -= seen.Q @ (seen.Q.T @ u)
-        strength = seen.strength(u)
+        u = rng.standard_normal((rows, part))
+        u = (u - seen.Q @ (seen.Q.T @ u)).astype(np.float32)
+        strength = seen.gather([(Z.reshape(-1, rows) @ u).reshape(*Z.shape[:2], part) for Z in bases])
         total = np.square(u).sum(0)
         out.append(_null_evidence(seen, log_prior, strength, total))
         share = strength.whole / total

@@ -27,6 +27,8 @@ def error_map(extension: Extension, found: Sequence[Candidate]) -> ErrorMap:
     cells: dict[tuple[str, str], tuple[float, float]] = {}
     order: dict[str, tuple[int, int]] = {}
     for k, candidate in enumerate(found):
+        if not candidate.registered and candidate.mechanism.sentence:
+            continue                                    # no cell of the map, but something strange of one joint
         screws = [s for t in candidate.mechanism.terms for s in t.screws]
         places = {(s.frame, s.axis) for s in screws}
         causes = list(dict.fromkeys(str(s.cause) for s in screws))
