@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .analysis import Question, Result, analyse
+from .calibration import NAME, Calibration, calibrate
 from .causes import parse
 from .config import Study, find_data
 from .errors import StudyError
@@ -87,9 +88,18 @@ def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN,
     return analyse(question, measured, labels=labels, say=say, data_sha256=digest)
 
 
+def calibration_of(result: Result) -> Calibration:
+    """The chosen model as a calibration that can be stored, exported and compensated with."""
+    fitted, data = result.chosen.fit, result.data
+    assert fitted is not None
+    return calibrate(result.study.name, data, fitted, result.floor, result.chosen.held_out.rms_mm,
+                     bool(result.study.robot.register_), result.provenance)
+
+
 def save(result: Result, folder: Path) -> None:
-    """Write DIR/result.json, whole or not at all."""
+    """Write DIR/result.json and DIR/calibration.json, each whole or not at all."""
     write_beside(folder / "result.json", result.to_json().encode())
+    write_beside(folder / NAME, calibration_of(result).to_json().encode())
 
 
 def simulate_study(study: Study, folder: Path) -> pd.DataFrame:

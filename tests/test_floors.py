@@ -26,8 +26,8 @@ FLOORS: tuple[tuple[str, frozenset[str]], ...] = tuple(
         ("why", "errormap evidence naming curves extend maps robust faults predictor words"),
         ("sure", "posterior sampling"),
         ("elsewhere", "prepare simulate explain"),
-        ("use", "compensate export plan"),
-        ("telling", "findings result tables figures report config write inspect analysis study cli"),
+        ("use", "records calibration compensate export drift plan laws"),
+        ("telling", "findings result tables figures report config write inspect analysis study commands cli"),
         ("door", "__init__ __main__"),
     )
 )
