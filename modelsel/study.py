@@ -35,7 +35,7 @@ def robot_of(study: Study, folder: Path) -> Robot:
     """The study's nominal robot. Raises StudyError."""
     if study.robot.name is not None:
         return load(study.robot.name)
-    return read_robot(folder / str(study.robot.file))
+    return read_robot(folder / str(study.robot.file), study.robot.base, study.robot.tip)
 
 
 def plan_of(study: Study) -> Plan:

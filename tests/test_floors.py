@@ -18,7 +18,7 @@ FLOORS: tuple[tuple[str, frozenset[str]], ...] = tuple(
     for floor, modules in (
         ("words", "version errors rigid"),
         ("data", "measurements io"),
-        ("machine", "robot robotfile urdf gravity"),
+        ("machine", "robot robotfile urdf dh gravity"),
         ("wrong", "causes screws mechanisms registry"),
         ("matrix", "scene design reduce identify smooth"),
         ("fit", "fit noise register shrink"),
@@ -26,7 +26,7 @@ FLOORS: tuple[tuple[str, frozenset[str]], ...] = tuple(
         ("why", "errormap evidence naming curves extend maps robust faults predictor words"),
         ("sure", "posterior sampling"),
         ("elsewhere", "prepare simulate explain"),
-        ("use", "records calibration compensate export drift plan laws"),
+        ("use", "records calibration compensate carried exported lookup export drift plan laws"),
         ("telling", "findings result tables figures report config write inspect analysis study commands cli"),
         ("door", "__init__ __main__"),
     )
