@@ -22,6 +22,7 @@ COMMANDS = {    # name: what `modelsel --help` says of it; modelsel/commands/<na
     "mechanisms": "The registry of error mechanisms: equations, units, where each acts.",
     "robots": "The built-in nominal robots, each with its source.",
     "simulate": "Make data with planted effects.",
+    "compensate": "Joint commands whose real position is the wanted one.",
     "export": "A calibration as URDF, DH, MDH, JSON, CSV, Python or lookup table.",
 }
 

@@ -166,7 +166,8 @@ def test_command(made, tmp_path) -> None:
 
 def rig() -> str:
     """A rail, an arm of two joints with a bolted cover, a gripper that opens; and a second arm beside it."""
-    links = {"world": "", "rail": "", "b1": "", "tool": "", "a1": '<mass value="2"/><origin xyz="0.1 0 0"/>', "a2": '<mass value="3"/>',
+    links = {"world": "", "rail": "", "b1": "", "tool": "", "a2": '<mass value="3"/>',
+             "a1": '<mass value="2"/><origin xyz="0.1 0 0"/>',
              "cover": '<mass value="1"/><origin xyz="0 0 0.2"/>', "finger": '<mass value="0.5"/>'}
     joints = (("slide", "prismatic", "world", "rail", "1 0 0", "0 0 0"), ("j1", "revolute", "rail", "a1", "0 0 1", "0 0 0.3"),
               ("bolt", "fixed", "a1", "cover", "0 0 1", "0.3 0 0"), ("j2", "revolute", "a1", "a2", "0 1 0", "0.5 0 0"),
