@@ -23,6 +23,8 @@ COMMANDS = {    # name: what `modelsel --help` says of it; modelsel/commands/<na
     "robots": "The built-in nominal robots, each with its source.",
     "simulate": "Make data with planted effects.",
     "compensate": "Joint commands whose real position is the wanted one.",
+    "validate": "Whether a stored calibration still holds on new data.",
+    "compare": "What changed between two campaigns.",
     "export": "A calibration as URDF, DH, MDH, JSON, CSV, Python or lookup table.",
 }
 

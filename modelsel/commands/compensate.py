@@ -66,8 +66,10 @@ def _figures(made: Commands) -> dict[str, Any]:
 
 def _sentence(made: Commands) -> str:
     before = f"{made.before_mm.mean():.3f} mm on average and {made.before_mm.max():.3f} mm at most"
-    return (f" Without correction the target is off by {before}; with it, {made.expected_mm.mean():.3f} mm as measured is expected, "
-            f"{made.model_mm.mean():.3f} mm of it from the model. No joint changes by more than {np.abs(made.change).max() * 1e3:.3g} mrad (µm where it slides).")
+    before = f"{made.before_mm.mean():.3f} mm on average and {made.before_mm.max():.3f} mm at most"
+    after = f"{made.expected_mm.mean():.3f} mm as measured is expected, {made.model_mm.mean():.3f} mm of it from the model"
+    return (f" Without correction the target is off by {before}; with it, {after}. No joint changes by more than "
+            f"{np.abs(made.change).max() * 1e3:.3g} mrad (µm where it slides).")
 
 
 def _rows(c: Calibration, data: Measurements, q: np.ndarray, x: np.ndarray, more: dict[str, np.ndarray]) -> Any:
