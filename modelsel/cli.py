@@ -22,6 +22,7 @@ COMMANDS = {    # name: what `modelsel --help` says of it; modelsel/commands/<na
     "mechanisms": "The registry of error mechanisms: equations, units, where each acts.",
     "robots": "The built-in nominal robots, each with its source.",
     "simulate": "Make data with planted effects.",
+    "plan": "What to measure next: what tells rivals apart, or determines parameters best.",
     "compensate": "Joint commands whose real position is the wanted one.",
     "validate": "Whether a stored calibration still holds on new data.",
     "compare": "What changed between two campaigns.",
