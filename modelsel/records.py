@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from .causes import FUNCTIONS, RANK, Applied, Bump, Cause, Combined, Member, Named, Number
+from .errors import StudyError
 from .rigid import Array
 from .robot import Joint, Robot
 from .screws import Mechanism, Screw, Term
@@ -15,7 +16,7 @@ DEEPEST = 200   # a cause nested more deeply than this is no cause of ours
 
 
 def cause_record(cause: Cause) -> dict[str, Any]:
-    """A cause as nested JSON values."""
+    """A cause as nested JSON values. Raises StudyError for a kind of cause that is not of modelsel.causes."""
     match cause:
         case Number(number, unit):
             return {"number": number, "unit": unit}
@@ -29,7 +30,8 @@ def cause_record(cause: Cause) -> dict[str, Any]:
             return {"member": kind, "index": index}
         case Bump(name, centre, width):
             return {"spline": name, "centre": centre, "width": width}
-    raise TypeError(f"{type(cause).__name__} is no cause that a record can hold")
+    raise StudyError(f"{type(cause).__name__} is a kind of cause that no calibration can store: build it of those in "
+                     "modelsel.causes.")
 
 
 def cause_of(record: Any, depth: int = 0) -> Cause:
