@@ -26,7 +26,7 @@ FLOORS: tuple[tuple[str, frozenset[str]], ...] = tuple(
         ("why", "errormap evidence naming curves extend maps robust faults predictor words"),
         ("sure", "posterior sampling"),
         ("elsewhere", "prepare simulate explain"),
-        ("use", "records calibration compensate carried exported lookup export drift campaigns plan laws"),
+        ("use", "records calibration compensate carried exported lookup export drift campaigns plan laws skeleton"),
         ("telling", "findings result tables figures report config write inspect analysis study next commands cli"),
         ("door", "__init__ __main__"),
     )

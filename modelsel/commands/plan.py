@@ -30,12 +30,14 @@ def plan(study: Path, pool_file: Path | None, limits: bool, count: int, purpose:
     from ..next import plan as planned
     from ..plan import more_needed
     from ..registry import with_plugins
-    from ..study import calibration_of, run
+    from ..study import calibration_of, robot_of, run
     from ..write import write_beside
     if (pool_file is None) != limits:
         raise click.UsageError("give either --pool FILE or --limits.")
     path = study / "study.toml" if study.is_dir() else study
-    result = run(read_study(path), path.parent, registry=with_plugins()[0], say=progress())
+    read = read_study(path)
+    registry, _ = with_plugins(robot=robot_of(read, path.parent))
+    result = run(read, path.parent, registry=registry, say=progress())
     c = calibration_of(result)
     possible = drawn_pool(c, result.study.seed, result.data.scene.data) if pool_file is None else sided(read_measurements(
         pool_file, [j.prismatic for j in c.robot.joints], positions=False), result.study.seed)

@@ -19,11 +19,11 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     """Run a study: what is wrong, the ladder of models, the gain on held-out configurations."""
     from ..config import read_study
     from ..registry import with_plugins
-    from ..study import run, save
+    from ..study import robot_of, run, save
     from ..write import check_writable
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
-    registry, broken = with_plugins()
+    registry, broken = with_plugins(robot=robot_of(read, path.parent))
     for name, why in broken.items():
         click.echo(f"modelsel: plug-in {name} is left out: {why}", err=True)
     folder = out if out is not None else Path("reports") / path.resolve().parent.name
