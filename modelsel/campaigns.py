@@ -25,6 +25,7 @@ SAME_MM = 1e-6        # two nominal robots alike to this are one
 CONFIGURATIONS = 300
 WORTH = 9.0           # χ² that a term must explain to be said
 LISTED = 6
+RENAMED = 0.95        # cosine of two motions that are one under two names
 ALIKE = 2.0           # and by how much less another may, and still do as well
 
 
@@ -182,27 +183,36 @@ def _two_sided(z: float) -> float:
 
 def _mechanisms(a: Calibration, b: Calibration, terms: tuple[Term, ...], theta: Array, X: Array, moved: set[str]
                 ) -> tuple[MechanismChange, ...]:
-    """What came, went, grew or shrank: every mechanism but the geometry, by what it moves the target."""
+    """What came, went, grew or shrank: every mechanism but the geometry, by what it moves the target. One that went and one that
+    came and moves it alike are one motion under two names."""
     place = {t.screws: k for k, t in reversed(list(enumerate(terms)))}
-    sizes: dict[str, list[float]] = {}
+    motion: list[dict[str, Array]] = [{}, {}]
     for k, c in enumerate((a, b)):
         for m in c.model.mechanisms:
-            own = [place[t.screws] for t in m.terms]
-            displaced = X[:, :, own] @ theta[k, own]
-            sizes.setdefault(m.name, [0.0, 0.0])[k] = float(np.sqrt(np.square(displaced).sum(1).mean()))
-    there = [{m.name for m in c.model.mechanisms} for c in (a, b)]
-    out = []
-    for name, (first, second) in sizes.items():
-        if name in ("geometric", "set-up"):
-            continue
-        if name not in there[0]:
-            out.append(MechanismChange(name, "came", first, second))
-        elif name not in there[1]:
-            out.append(MechanismChange(name, "went", first, second))
-        elif name in moved:
-            out.append(MechanismChange(name, "grew" if second > first else "shrank", first, second))
-    return tuple(out)
+            if m.name not in ("geometric", "set-up"):
+                own = [place[t.screws] for t in m.terms]
+                motion[k][m.name] = (X[:, :, own] @ theta[k, own]).ravel()
+    before, after = motion
+    def rms(d: Array | None) -> float:
+        return 0.0 if d is None else float(np.sqrt(d @ d / len(X)))
+    went, came, out = [n for n in before if n not in after], [n for n in after if n not in before], list[MechanismChange]()
+    for name in list(went):
+        like = [n for n in came if _cosine(before[name], after[n]) > RENAMED]
+        if like:
+            went.remove(name)
+            came.remove(like[0])
+            first, second = rms(before[name]), rms(after[like[0]])
+            out.append(MechanismChange(f"{name} (now {like[0]}, which moves the arm alike)",
+                                       "grew" if second > first else "shrank", first, second))
+    out += [MechanismChange(n, "went", rms(before[n]), 0.0) for n in went]
+    out += [MechanismChange(n, "came", 0.0, rms(after[n])) for n in came]
+    return (*out, *(MechanismChange(n, "grew" if rms(after[n]) > rms(before[n]) else "shrank", rms(before[n]), rms(after[n]))
+                    for n in before if n in after and n in moved))
 
+
+def _cosine(a: Array, b: Array) -> float:
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(a @ b) / size if size else 0.0
 
 
 def sentences(found: Comparison) -> list[str]:

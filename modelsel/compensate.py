@@ -132,7 +132,7 @@ def outside(c: Calibration, data: Measurements) -> list[str]:
             factor, unit = _shown(c, name)
             known = f"{low * factor:.4g} to {high * factor:.4g}{unit}"
             out.append(f"{name}: {beyond} of {len(data)} rows lie beyond the {known} that the calibration has seen; there the "
-                       "correction is a guess.")
+                       "model is a guess.")
     limits = [j.limits or (-np.inf, np.inf) for j in c.robot.joints]
     out += [f"joint {j + 1}: {count} of {len(data)} rows lie beyond its limits." for j, (low, high) in enumerate(limits)
             if (count := int(((data.q[:, j] < low) | (data.q[:, j] > high)).sum()))]

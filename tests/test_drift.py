@@ -164,6 +164,19 @@ def test_mechanisms_that_came_and_went(rng) -> None:
                                                                                      "approach-backlash:3": "came"}
 
 
+def test_one_motion_under_two_names(rng) -> None:
+    """The wind-up of joint 3, found as the catalogue's twist in one campaign and as a cell in the other, did not come or go."""
+    from modelsel.causes import cos, q
+    from modelsel.screws import Mechanism
+    twist = Mechanism("joint3-twist", (Term("h", (Screw(3, "rz", cos(q(2) + q(3))),)),))
+    cell = Mechanism("cell", (Term("h0", (Screw(3, "rz", cos(q(3) + q(2))),)),))
+    geometry, theta = truth(("geometric",))
+    a, b = Model((*geometry.mechanisms, twist)), Model((*geometry.mechanisms, cell))
+    (only,) = compare(calibrated(rng, a, np.r_[theta, 1e-3]), calibrated(rng, b, np.r_[theta, 2e-3])).mechanisms
+    assert (only.name, only.what) == ("joint3-twist (now cell, which moves the arm alike)", "grew")
+    assert only.after_mm == pytest.approx(2 * only.before_mm, rel=0.1)
+
+
 def test_representatives_do_not_matter(rng) -> None:
     """The same arm fitted with its terms in another order keeps others at nought: still nothing changed."""
     model, theta = truth()
