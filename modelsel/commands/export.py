@@ -8,6 +8,7 @@ import click
 from . import print_json
 
 FORMS = ("urdf", "dh", "mdh", "json", "csv", "python", "table")
+ROUNDING_MM = 1e-6   # below it a difference is the computer's
 EXACT_MM = 1e-3      # 1 µm: what a form can carry must come back
 
 
@@ -31,8 +32,9 @@ def export(result: Path, form: str, out: Path, as_json: bool) -> None:
                     "left_out": made.left_out, "left_out_mm": {"rms": made.left_out_mm[0], "max": made.left_out_mm[1]},
                     "notes": made.notes})
     else:
-        click.echo(f"Written: {out}. Read back, it differs from the calibrated model by at most {made.error_mm * 1e3:.2g} µm in "
-                   f"what it can carry, over {made.configurations} configurations.")
+        size = "less than 0.001 µm" if made.error_mm < ROUNDING_MM else f"at most {made.error_mm * 1e3:.2g} µm"
+        click.echo(f"Written: {out}. Read back, it differs from the calibrated model by {size} in what it can carry, over "
+                   f"{made.configurations} configurations.")
         if made.left_out:
             rms, most = made.left_out_mm
             click.echo(f"It cannot carry {'; '.join(made.left_out)}: {rms:.3g} mm rms, {most:.3g} mm at most, is missing. "
