@@ -10,7 +10,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from .rigid import Array
 from .robot import Pose, Robot
 from .scene import Scene
 from .screws import Term
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SCHEMA = 1
 NAME = "calibration.json"
@@ -89,6 +92,22 @@ class Calibration:
 
     def _rotations(self) -> Array:
         return np.tile(np.eye(3), (len(self.tools), 1, 1)) if self.tool_rotations is None else self.tool_rotations
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a term: mechanism, symbol, where and why, estimate, standard error, unit, whether the data determine it."""
+        import pandas as pd
+        owner = {t.screws: m.name for m in reversed(self.model.mechanisms) for t in m.terms}
+        return pd.DataFrame({
+            "mechanism": [owner[t.screws] for t in self.terms], "symbol": [t.symbol for t in self.terms],
+            "screws": ["; ".join(map(str, t.screws)) for t in self.terms], "estimate": self.theta,
+            "standard_error": self.standard_errors, "unit": [t.unit for t in self.terms],
+            "estimable": [k in self.kept for k in range(len(self.terms))]})
+
+    def _repr_html_(self) -> str:
+        """A heading and the table of terms, for a notebook."""
+        from html import escape
+        head = f"{escape(self.study)}: {escape(self.robot.name)}, noise floor {self.floor.coordinate_mm:.3g} mm"
+        return f"<p><b>Calibration</b> {head}</p>{self.to_frame().to_html(index=False, max_rows=60)}"
 
     def to_json(self) -> str:
         """The file's text; numbers in full."""

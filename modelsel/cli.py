@@ -27,6 +27,8 @@ COMMANDS = {    # name: what `modelsel --help` says of it; modelsel/commands/<na
     "validate": "Whether a stored calibration still holds on new data.",
     "compare": "What changed between two campaigns.",
     "export": "A calibration as URDF, DH, MDH, JSON, CSV, Python or lookup table.",
+    "doctor": "Whether this installation works, and with what.",
+    "completion": "Shell completion: what to put into your shell's start-up file.",
 }
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .analysis import Question, Result, analyse
 from .calibration import NAME, Calibration, calibrate
@@ -15,9 +16,9 @@ from .config import Study, find_data
 from .errors import StudyError
 from .explain import Say
 from .io import read_labels, read_measurements
-from .measurements import measurements
+from .measurements import Measurements, measurements
 from .noise import Instrument
-from .prepare import Plan, generator
+from .prepare import Plan, generator, prepare
 from .registry import BUILTIN, Registry, every, faults, mechanism, parts
 from .rigid import Array
 from .robot import Robot
@@ -72,20 +73,37 @@ def candidates_of(study: Study, robot: Robot, registry: Registry) -> tuple[Mecha
     return tuple(dict.fromkeys(part for name in study.model.candidates for part in parts(name, robot, registry)))
 
 
-def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN, say: Say = lambda _: None) -> Result:
-    """Run a study whose files stand beside `folder`. Raises StudyError, DataError or NotEstimable; writes nothing."""
-    folder = Path(folder)
+def asked(study: Study, folder: Path, registry: Registry) -> tuple[Question, Measurements, NDArray[np.object_] | None, Path]:
+    """What a study asks, of which measurements, with its split's labels, and their file. Raises StudyError or DataError."""
     robot = robot_of(study, folder)
     check_names(study, robot, registry)
     path = find_data(study.measurements.file, folder)
-    say(f"reading {study.measurements.file}")
     measured = read_measurements(path, [j.prismatic for j in robot.joints], study.measurements.columns)
     labels = None
     if study.split.column is not None:
         labels = read_labels(path, study.split.column)[measured.row]
+    return Question(study, plan_of(study), robot, candidates_of(study, robot, registry), registry), measured, labels, path
+
+
+def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN, say: Say = lambda _: None) -> Result:
+    """Run a study whose files stand beside `folder`. Raises StudyError, DataError or NotEstimable; writes nothing."""
+    say(f"reading {study.measurements.file}")
+    question, measured, labels, path = asked(study, Path(folder), registry)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    question = Question(study, plan_of(study), robot, candidates_of(study, robot, registry), registry)
     return analyse(question, measured, labels=labels, say=say, data_sha256=digest)
+
+
+def rehearse(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN) -> dict[str, Any]:
+    """Everything that a study checks before it computes, and what it would then do. Raises as `run` does."""
+    question, measured, labels, _ = asked(study, Path(folder), registry)
+    data, floor, notes = prepare(question.robot, measured, question.plan, labels)
+    model = question.model(study.model.base, measured)
+    return {"study": study.name, "robot": question.robot.name, "rows": len(measured), "configurations": {
+        "estimation": measured.take(data.estimation).configurations, "held_out": measured.take(~data.estimation).configurations},
+        "registered": question.plan.register, "noise_floor_mm": None if floor is None else floor.coordinate_mm,
+        "base": list(model.names), "base_parameters": len(model.terms),
+        "mechanisms": len({m.name for m in question.everything}), "cells": question.cells,
+        "warnings": [{"code": n.code, "sentence": n.sentence} for n in notes]}
 
 
 def calibration_of(result: Result) -> Calibration:

@@ -127,3 +127,14 @@ def test_refusals(rng) -> None:
 
 def test_same_bytes(result) -> None:
     assert calibration_of(result).to_json() == calibration_of(run(read_study(PUMA / "study.toml"), PUMA)).to_json()
+
+
+def test_frame_and_notebook(result) -> None:
+    stored = calibration_of(result)
+    frame = stored.to_frame()
+    assert len(frame) == len(stored.terms)
+    row = frame[frame["symbol"] == "w54"].iloc[0]
+    assert (row["mechanism"], row["screws"]) == ("wrist-coupling:5", "frame 5 rz · q4")
+    assert row["estimate"] == stored.theta[[t.symbol for t in stored.terms].index("w54")]
+    assert "<table" in replace(stored, study="<script>")._repr_html_()
+    assert "<script>" not in replace(stored, study="<script>")._repr_html_()

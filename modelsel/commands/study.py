@@ -2,10 +2,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from . import console, progress
+from . import console, print_json, progress
 
 
 @click.command()
@@ -14,12 +15,14 @@ from . import console, progress
 @click.option("--no-report", is_flag=True, help="Write result.json only.")
 @click.option("--no-sampling", is_flag=True, help="Leave out the sampling of the posterior.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json instead of tables.")
+@click.option("--dry-run", is_flag=True, help="Read and check everything, say what would be done, compute and write nothing.")
 @click.option("--resume", is_flag=True, help="Go on where an interrupted run of the same study stopped.")
-def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_json: bool, resume: bool) -> None:
+def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_json: bool, dry_run: bool,
+          resume: bool) -> None:
     """Run a study: what is wrong, the ladder of models, the gain on held-out configurations."""
     from ..config import read_study
     from ..registry import with_plugins
-    from ..study import robot_of, run, save
+    from ..study import rehearse, robot_of, run, save
     from ..write import check_writable
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
@@ -28,6 +31,13 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
         click.echo(f"modelsel: plug-in {name} is left out: {why}", err=True)
     folder = out if out is not None else Path("reports") / path.resolve().parent.name
     check_writable(folder)
+    if dry_run:
+        found = rehearse(read, path.parent, registry=registry)
+        if as_json:
+            print_json(found | {"writes": ["result.json", "calibration.json"]})
+        else:
+            click.echo(_would(found, folder))
+        return
     result = run(read, path.parent, registry=registry, say=progress())
     save(result, folder)
     if as_json:
@@ -36,3 +46,13 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
         from ..tables import show
         show(result, console())
         click.echo(f"Written: {folder / 'result.json'}, {folder / 'calibration.json'}")
+
+
+def _would(found: dict[str, Any], folder: Path) -> str:
+    counts = found["configurations"]
+    said = (f"{found['study']}: {found['robot']}, {found['rows']} rows; {counts['estimation']} configurations would estimate, "
+            f"{counts['held_out']} would be held out{', tracker and target found first' if found['registered'] else ''}. Base: "
+            f"{', '.join(found['base'])}, {found['base_parameters']} parameters; {found['mechanisms']} mechanisms may extend it"
+            f"{', and any cell of the error map' if found['cells'] else ''}. Would write {folder / 'result.json'} and "
+            f"{folder / 'calibration.json'}.")
+    return "\n".join([said, *(f"Note: {w['sentence']}" for w in found["warnings"])])
