@@ -97,7 +97,8 @@ def workspace(c: Calibration, target: int = 0, group: int = 0, m: int = TRIED) -
     data: Measurements = measurements(
         q, np.zeros((m, 3)), target=[c.targets[target]] * m, group=[c.groups[group]] * m,
         approach=rng.choice([-1.0, 1.0], q.shape), covariates={n: v for n, v in values.items() if not RESERVED.fullmatch(n)})
-    return c.scene(replace(data, move=rng.uniform(0, 1, q.shape)))
+    move = np.stack([values.get(f"move{j}", np.ones(m)) for j in range(1, c.robot.n + 1)], 1)
+    return c.scene(replace(data, move=move))
 
 
 def points(at: Scene, some: Sequence[Part]) -> Array:

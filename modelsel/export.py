@@ -19,7 +19,7 @@ from .causes import Applied, Bump, Cause, Combined, Member, Named, Number, parse
 from .design import PLACE
 from .dh import robot_file, rows_of
 from .io import RESERVED
-from .lookup import read_table, tables, write_tables
+from .lookup import FINE_MM, read_table, tables, write_tables
 from .records import cause_of, cause_record
 from .rigid import AXES, Array, inverse, transform
 from .robot import forward
@@ -248,10 +248,9 @@ def to_python(c: Calibration) -> Exported:
 def to_table(c: Calibration) -> Exported:
     """Every varying correction of one or two values of the state, on a grid to interpolate in."""
     varying = parts(c)[1]
-    made, over = tables(c, varying)
+    at, constant = workspace(c), parts(c)[0]
+    made, over = tables(c, varying, at)
     text = write_tables(made)
-    at = workspace(c)
-    constant = parts(c)[0]
     inside = [p for p in varying if p not in over]
     read = read_table(text, at)
     tabled = {f"table_{k}": values for k, (_, _, values) in enumerate(read)}
@@ -262,7 +261,8 @@ def to_table(c: Calibration) -> Exported:
     rest = rms_and_most(points(at, constant + varying) - points(at, constant + inside))
     rms, most = rms_and_most(difference)
     return Exported(text, most, len(at), _missing(over), rest,
-                    (f"interpolated linearly: {rms * 1e3:.2g} µm rms, {most * 1e3:.2g} µm at most, beside a jump",))
+                    (f"interpolated linearly: {rms * 1e3:.2g} µm rms, {most * 1e3:.2g} µm at most"
+                     + (", beside a jump" if most > 10 * FINE_MM else ""),))
 
 
 FORMS: dict[str, Callable[[Calibration], Exported]] = {

@@ -39,8 +39,11 @@ class _Given:
         return self.values[name]
 
 
-def tables(c: Calibration, varying: Sequence[Part]) -> tuple[list[Table], list[Part]]:
-    """(a table for every axis and set of at most two names, the parts that hang on more)."""
+def tables(c: Calibration, varying: Sequence[Part], at: Scene) -> tuple[list[Table], list[Part]]:
+    """(a table for every axis and set of at most two names, the parts that hang on more). Each covers what was seen of a name,
+    and what the configurations `at` make of it: torques grow beyond what was seen where joints combine anew."""
+    ranges = {name: (min(low, float(at.value(name).min())), max(high, float(at.value(name).max())))
+              for name, (low, high) in c.ranges.items()}
     own: dict[tuple[int, str, tuple[str, ...]], list[tuple[Part, int]]] = {}
     over = []
     for p in varying:
@@ -51,10 +54,11 @@ def tables(c: Calibration, varying: Sequence[Part]) -> tuple[list[Table], list[P
         for k, (s, n) in enumerate(zip(p.term.screws, names, strict=True)):
             own.setdefault((s.frame, s.axis, n), []).append((p, k))
     lever = c.robot.reach + float(np.linalg.norm(c.tools, axis=1).max())
-    return [_table(c, *place, some, FINE_MM / (lever if place[1][0] == "r" else 1.0)) for place, some in own.items()], over
+    return [_table(ranges, *place, some, FINE_MM / (lever if place[1][0] == "r" else 1.0)) for place, some in own.items()], over
 
 
-def _table(c: Calibration, frame: int, axis: str, names: tuple[str, ...], some: list[tuple[Part, int]], fine: float) -> Table:
+def _table(ranges: Mapping[str, tuple[float, float]], frame: int, axis: str, names: tuple[str, ...],
+           some: list[tuple[Part, int]], fine: float) -> Table:
     def at(*grid: Array) -> Array:
         mesh = np.meshgrid(*grid, indexing="ij")
         state = _Given(dict(zip(names, mesh, strict=True)))
@@ -63,7 +67,7 @@ def _table(c: Calibration, frame: int, axis: str, names: tuple[str, ...], some: 
     most = MOST[len(names) - 1]
     count = 17
     while True:
-        grid = tuple(np.array([-1.0, 0.0, 1.0]) if n.startswith("approach") else np.linspace(*c.ranges[n], count) for n in names)
+        grid = tuple(np.array([-1.0, 0.0, 1.0]) if n.startswith("approach") else np.linspace(*ranges[n], count) for n in names)
         values = at(*grid)
         middle = tuple((g[1:] + g[:-1]) / 2 for g in grid)
         guess = values

@@ -207,3 +207,37 @@ def test_command(tmp_path, rng) -> None:
     assert first.exit_code == 0, first.output
     assert first.stdout == again.stdout
     assert run("plan", tmp_path).exit_code == 2
+
+
+def test_every_target_is_seen_at_every_configuration(rng) -> None:
+    """A pool without targets is seen through all of the study's; one that lists them unevenly is refused."""
+    from modelsel.errors import DataError
+    from modelsel.measurements import measurements
+    from modelsel.next import every_target, table_of
+    at = drawn(ROBOT, rng, 40, target=["a", "b"] * 20, configuration=np.repeat(np.arange(20), 2))
+    q = ROBOT.draw(rng, 7)
+    possible = every_target(measurements(q, np.zeros((7, 3))), ("a", "b"))
+    assert len(possible) == 14
+    assert possible.configurations == 7
+    tools = np.array([[40.0, 0, 100], [0, 60.0, 100]])
+    known, more = (replace(at, data=data, tools=tools, _values={}, _causes={}) for data in (at.data, possible))
+    p = pool(known, more, GEOMETRY.terms, ((), np.zeros(0)), SIGMA)
+    assert p.possible.shape == (7, 6, len(GEOMETRY.terms))
+    assert p.configurations == 20
+    c = load_calibration_like(known)
+    np.testing.assert_allclose(table_of(c, possible, [4, 2])["q3_rad"], q[[4, 2], 2])
+    torn = replace(more, data=possible.take(np.arange(13)), _values={}, _causes={})
+    with pytest.raises(DataError, match="different numbers of rows"):
+        pool(known, torn, GEOMETRY.terms, ((), np.zeros(0)), SIGMA)
+
+
+def load_calibration_like(at):
+    """A calibration of the geometry alone, for its robot."""
+    from modelsel.calibration import calibrate
+    from modelsel.compare import Data
+    from modelsel.design import Model
+    from modelsel.fit import fit
+    from modelsel.noise import Floor
+    rows = np.ones(len(at), bool)
+    return calibrate("plan", Data(at, rows, ~rows, np.zeros(len(at), np.intp), True), fit(at, Model((GEOMETRY,))),
+                     Floor(SIGMA, "stated"), None, False, {})
