@@ -212,6 +212,17 @@ def test_study_names_base_and_tip(tmp_path) -> None:
         read_robot(tmp_path / "robot.toml", "rail")
 
 
+def test_check_takes_a_chain(tmp_path, rng) -> None:
+    (tmp_path / "rig.urdf").write_text(rig())
+    rows = "\n".join(",".join(map(str, rng.uniform(-1, 1, 5))) for _ in range(12))
+    (tmp_path / "m.csv").write_text(f"q1_rad,q2_rad,x_mm,y_mm,z_mm\n{rows}\n")
+    words = ["check", str(tmp_path / "m.csv"), "--robot", str(tmp_path / "rig.urdf")]
+    assert CliRunner().invoke(main, words).exit_code == 3                   # the whole chain has a rail: q1_mm is missing
+    ran = CliRunner().invoke(main, [*words, "--base", "rail", "--tip", "tool"])
+    assert ran.exit_code == 0, ran.output
+    assert "12 configurations" in ran.output
+
+
 def test_rpy_at_the_pole(rng) -> None:
     for angles in (rng.uniform(-3, 3, 3), (0.3, np.pi / 2, -1.2), (0.3, -np.pi / 2 + 1e-9, 2.0), (np.pi, 0, np.pi)):
         R = rotation(*angles)

@@ -27,7 +27,7 @@ FLOORS: tuple[tuple[str, frozenset[str]], ...] = tuple(
         ("sure", "posterior sampling"),
         ("elsewhere", "prepare simulate explain"),
         ("use", "records calibration compensate carried exported lookup export drift campaigns plan laws skeleton"),
-        ("telling", "findings result tables figures report config write inspect analysis study next commands cli"),
+        ("telling", "findings result tables figures report config write inspect analysis study planning commands cli"),
         ("door", "__init__ __main__"),
     )
 )

@@ -213,7 +213,7 @@ def test_every_target_is_seen_at_every_configuration(rng) -> None:
     """A pool without targets is seen through all of the study's; one that lists them unevenly is refused."""
     from modelsel.errors import DataError
     from modelsel.measurements import measurements
-    from modelsel.next import every_target, table_of
+    from modelsel.planning import every_target, table_of
     at = drawn(ROBOT, rng, 40, target=["a", "b"] * 20, configuration=np.repeat(np.arange(20), 2))
     q = ROBOT.draw(rng, 7)
     possible = every_target(measurements(q, np.zeros((7, 3))), ("a", "b"))

@@ -26,9 +26,9 @@ def plan(study: Path, pool_file: Path | None, limits: bool, count: int, purpose:
 
     from ..config import read_study
     from ..io import read_measurements
-    from ..next import drawn_pool, every_target, sentences, sided, table_of
-    from ..next import plan as planned
     from ..plan import more_needed
+    from ..planning import drawn_pool, every_target, sentences, sided, table_of
+    from ..planning import plan as planned
     from ..registry import with_plugins
     from ..study import calibration_of, robot_of, run
     from ..write import write_beside
