@@ -6,6 +6,8 @@ bootstrap; Cameron, Gelbach & Miller 2008). Each configuration's residuals are f
 """
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from .fit import Fit, prior_rows
@@ -19,8 +21,16 @@ REPLICATES = 999
 LEAST = 1e-6     # of a direction that a configuration alone decides: its residual is nought and stays so
 
 
-def bootstrap_errors(folded: Folded, fitted: Fit, rng: np.random.Generator) -> Array:
-    """(p,) standard deviation of every parameter over the replicates; nought where it is not estimable.
+@dataclass(frozen=True, eq=False)
+class Bootstrap:
+    """Standard errors (p,), nought where a parameter is not estimable, and how many configurations (p,) each rests on."""
+
+    errors: Array
+    configurations: Array
+
+
+def bootstrap(folded: Folded, fitted: Fit, rng: np.random.Generator) -> Bootstrap:
+    """Of every parameter.
 
     `folded`: the training scene at the optimum, a fold per configuration. Shrunk coefficients are drawn from their prior, as if
     each were one more configuration, so that their errors compare with those of the posterior.
@@ -40,9 +50,11 @@ def bootstrap_errors(folded: Folded, fitted: Fit, rng: np.random.Generator) -> A
     moved = signs(rng, REPLICATES, len(scores)) @ scores
     if prior is not None and len(prior):
         moved = moved + fitted.sigma * rng.standard_normal((REPLICATES, len(prior))) @ (prior[:, kept] @ factor)
-    out = np.zeros(len(fitted.theta))
-    out[kept] = np.sqrt(np.square(moved @ factor.T).mean(0))
-    return out
+    errors, rests = np.zeros(len(fitted.theta)), np.ones(len(fitted.theta))
+    errors[kept] = np.sqrt(np.square(moved @ factor.T).mean(0))
+    share = np.square(Q @ factor.T).sum(1)                  # (K, r) of a parameter's variance that each configuration brings
+    rests[kept] = np.square(share.sum(0)) / np.square(share).sum(0)
+    return Bootstrap(errors, rests)
 
 
 def signs(rng: np.random.Generator, replicates: int, units: int) -> Array:

@@ -83,7 +83,7 @@ def sampled(found: Confidence, data: Data, fitted: Fit, request: Request, seed: 
     draws = weighted(training, fitted, known, known.draw(rng, draws_for(training)))
     target = target_of(data, fitted, request)
     chain = sample(target, importance(draws), described(target), rng, say=say, keeper=keeper)
-    return replace(found, sampling=chain, parameters=with_posterior(found.parameters, data, fitted, draws, chain))
+    return replace(found, sampling=chain, parameters=with_posterior(found.parameters, fitted, draws, chain))
 
 
 def target_of(data: Data, fitted: Fit, request: Request) -> Target:

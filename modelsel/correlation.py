@@ -36,9 +36,11 @@ class Correlation:
 
 
 def labels(model: Model) -> tuple[str, ...]:
-    """A name of its own for every term: its symbol; where two terms share one, the mechanism is added."""
+    """A name of its own for every term: its symbol; where two terms share one, the mechanism is added, and a number where a
+    mechanism is in the model with several constants."""
     symbols = [t.symbol for t in model.terms]
-    return tuple(s if symbols.count(s) == 1 else f"{s} of {owner}" for s, owner in zip(symbols, owners(model), strict=True))
+    longer = [s if symbols.count(s) == 1 else f"{s} of {owner}" for s, owner in zip(symbols, owners(model), strict=True)]
+    return tuple(s if longer.count(s) == 1 else f"{s} ({longer[:k].count(s) + 1})" for k, s in enumerate(longer))
 
 
 def owners(model: Model) -> tuple[str, ...]:

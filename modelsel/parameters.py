@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .bootstrap import bootstrap_errors
+from .bootstrap import bootstrap
 from .compare import Data
 from .correlation import labels, owners
 from .design import blocks
@@ -17,13 +17,15 @@ from .posterior import Draws, posterior
 from .rigid import Array
 from .sampling import Sampling
 
-RATIO = 1.5      # between two of the three answers; more, where few configurations leave the bootstrap uncertain
+RATIO = 1.5      # between two of the three answers
+CHANCE = 3.5     # standard deviations of the bootstrap's own uncertainty: among hundreds of parameters none by chance
 
 
 @dataclass(frozen=True)
 class Parameter:
     """One estimate: standard errors from least squares, bootstrap and posterior (None: not sampled), the analytic 95 % interval,
-    the displacement it causes (mean and worst over the measured configurations) and whether the three answers differ."""
+    the displacement it causes (mean and worst over the measured configurations), how many configurations it rests on, and whether
+    the three answers differ."""
 
     symbol: str
     mechanism: str
@@ -36,6 +38,7 @@ class Parameter:
     high: float
     mean_mm: float
     max_mm: float
+    configurations: float
     differ: bool
 
 
@@ -44,26 +47,23 @@ def parameters(data: Data, fitted: Fit, rng: np.random.Generator) -> tuple[Param
     training = data.training()
     configurations = np.unique(training.data.block, return_inverse=True)[1].reshape(-1)
     folded = fold(training, fitted.terms, configurations, fitted.at())
-    boot = bootstrap_errors(folded, fitted, rng)
-    bound = _bound(len(folded.rows), fitted)
+    boot = bootstrap(folded, fitted, rng)
     low, high = posterior(fitted).quantile(np.array([0.025, 0.975])).T
     mean, worst = displacement(data, fitted)
     error, names, owner = fitted.standard_errors, labels(fitted.model), owners(fitted.model)
-    return tuple(Parameter(names[k], owner[k], fitted.terms[k].unit, float(fitted.theta[k]), float(error[k]), float(boot[k]),
-                           None, float(low[k]), float(high[k]), float(mean[k]), float(worst[k]),
-                           _differ((float(error[k]), float(boot[k])), bound))
-                 for k in fitted.found.kept)
+    out = []
+    for k in fitted.found.kept:
+        analytic, again, rests = float(error[k]), float(boot.errors[k]), float(boot.configurations[k])
+        out.append(Parameter(names[k], owner[k], fitted.terms[k].unit, float(fitted.theta[k]), analytic, again, None,
+                             float(low[k]), float(high[k]), float(mean[k]), float(worst[k]), rests,
+                             _differ((analytic, again), rests)))
+    return tuple(out)
 
 
-def _bound(configurations: int, fitted: Fit) -> float:
-    """Ratio of two standard errors beyond which they differ: three standard deviations of the bootstrap's own logarithm, taken
-    from the configurations left after fitting, and no less than RATIO."""
-    left = max(configurations * fitted.freedom / fitted.rows, 1.0)
-    return max(RATIO, float(np.exp(3 / np.sqrt(2 * left))))
-
-
-def _differ(errors: Sequence[float], bound: float) -> bool:
-    return max(errors) > bound * min(errors)
+def _differ(errors: Sequence[float], configurations: float) -> bool:
+    """Whether standard errors differ by more than RATIO, and by more than the bootstrap's own chance: the logarithm of one that
+    rests on n configurations has a standard deviation of 1/√(2n)."""
+    return max(errors) > max(RATIO, float(np.exp(CHANCE / np.sqrt(2 * configurations)))) * min(errors)
 
 
 def displacement(data: Data, fitted: Fit) -> tuple[Array, Array]:
@@ -79,7 +79,7 @@ def displacement(data: Data, fitted: Fit) -> tuple[Array, Array]:
     return total / len(scene), worst
 
 
-def with_posterior(found: Sequence[Parameter], data: Data, fitted: Fit, draws: Draws, sampling: Sampling
+def with_posterior(found: Sequence[Parameter], fitted: Fit, draws: Draws, sampling: Sampling
                    ) -> tuple[Parameter, ...]:
     """With the posterior's standard deviations: emcee's where it sampled the parameter and converged, else of the closed-form
     draws weighted on the exact chain."""
@@ -87,9 +87,8 @@ def with_posterior(found: Sequence[Parameter], data: Data, fitted: Fit, draws: D
     spread = dict(zip([labels(fitted.model)[k] for k in fitted.found.kept], draws.spread[list(fitted.found.kept)], strict=True))
     if sampling.converged:
         spread |= {n: s for n, s in zip(sampling.names, sampling.spread, strict=True) if n in spread}
-    bound = _bound(len(np.unique(data.scene.data.block[data.used])), fitted)
     return tuple(replace(one, posterior_error=float(spread[one.symbol]),
-                         differ=_differ((one.standard_error, one.bootstrap_error, float(spread[one.symbol])), bound))
+                         differ=_differ((one.standard_error, one.bootstrap_error, float(spread[one.symbol])), one.configurations))
                  for one in found)
 
 

@@ -98,12 +98,16 @@ def show_significance(result: Result, console: Console) -> None:
         table.add_column(column, justify="right")
     table.add_column("catalogue", overflow="fold")
     for s in rows:
-        table.add_row(s.mechanism, mm(s.mean_mm), mm(s.max_mm), *(f"{v:.3g}" if v is not None else "–" for v in (
-            s.f, s.p, s.log10_evidence)), mm(s.cv_rms_without_mm), mm(s.held_out_rms_without_mm),
-            "–" if s.stability is None else f"{s.stability:.0%}", s.catalogue)
+        table.add_row(s.mechanism, mm(s.mean_mm), mm(s.max_mm), *map(_figure, (s.f, s.p, s.log10_evidence)),
+                      mm(s.cv_rms_without_mm), mm(s.held_out_rms_without_mm),
+                      "–" if s.stability is None else f"{s.stability:.0%}", s.catalogue)
     first = rows[0]
     table.caption = f"with all of them: CV rms {mm(first.cv_rms_mm)}, held-out rms {mm(first.held_out_rms_mm)}"
     console.print(table)
+
+
+def _figure(value: float | None) -> str:
+    return "–" if value is None else "< 1e-99" if 0 <= value < 1e-99 else f"{value:.3g}"
 
 
 def sure_sentences(result: Result) -> list[str]:
@@ -116,8 +120,8 @@ def sure_sentences(result: Result) -> list[str]:
     if s is not None:
         state = (f"{s.effective.min():,.0f} effective samples, R-hat {s.r_hat.max():.3f}" if s.converged
                  else "not converged, and nothing of it is quoted")
-        out.append(f"Sampling: {s.what} {s.steps:,} steps of {s.walkers} walkers, autocorrelation time {s.tau.max():.0f}: {state}. "
-                   f"{s.importance.sentence}")
+        out.append(f"Sampling: {s.what} {s.steps:,} steps of {s.walkers} walkers, autocorrelation time {s.tau.max():.0f}: "
+                   f"{state}. {s.importance.sentence}")
     return out
 
 

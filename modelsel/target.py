@@ -4,11 +4,13 @@ Sampled: some coefficients ψ (those of the named effects, or all), the logarith
 per measured point, the inner constants of scanned mechanisms. Integrated out: all other coefficients β. At each point the exact
 chain is evaluated at (ψ, β*(ψ)), β* the linear answer of β to ψ; what is left is minimised over β in the columns J_β at the
 optimum (one projection, or Fisher scoring under a Student-t: Lange, Little & Taylor 1989), and the normal integral about that
-minimum is taken (Laplace; exact for normal noise up to the curvature of the chain in β). With normal noise of one scale,
+minimum is taken (Laplace; exact for normal noise up to the curvature of the chain in β; under a Student-t the information of a
+row, w (1 − 2 w d² / (ν + c) c) in units of s⁻² with w = (ν + c) / (ν + d²), is averaged over the rows). With normal noise of
+one scale,
     ln p(ψ, s | y) = −(rows + k − r_β) ln s − |(I − QQᵀ) ρ(ψ, β*)|² / 2s²,   Q an orthonormal basis of J_β, k shrunk coefficients,
 and with several scales ½ ln |Σ_t s_t⁻² Q_tᵀQ_t| stands in place of −r_β ln s (restricted likelihood; Patterson & Thompson 1971).
-Priors: flat on coefficients and constants, 1/s on every scale, 1/ν uniform below ½. Shrunk coefficients keep their normal prior,
-its variance held at the most probable one.
+Priors: flat on coefficients and constants, 1/s on every scale (within a factor of 1,000), 1/ν uniform below ½. Shrunk
+coefficients keep their normal prior, its variance held at the most probable one.
 """
 from __future__ import annotations
 
@@ -27,6 +29,7 @@ from .rigid import Array
 
 TAIL = "tail 1/ν"
 HEAVIEST, LIGHTEST = 0.5, 1e-6
+FARTHEST = np.log(1000)
 SCORING = 3       # steps; each leaves about 2/(ν + 5) of the distance
 
 
@@ -129,7 +132,7 @@ class Target:
     def log_density(self, walkers: Array) -> Array:
         """(W,) up to a constant, at walkers (W, d) in their own units; −inf outside the priors."""
         points = self.natural(walkers)
-        inside = np.isfinite(points).all(1)
+        inside = (np.abs(points[:, slice(*self._split)] - np.log(posterior(self.fitted).scale)) < FARTHEST).all(1)
         if self.tail:
             inside &= (points[:, self._split[1]] > LIGHTEST) & (points[:, self._split[1]] < HEAVIEST)
         for i, constant in enumerate(self.constants):
@@ -190,17 +193,17 @@ class Target:
                 w[:, :N] = np.tile(weight, (1, c))
         rows = np.bincount(of, minlength=noise.count)
         out = -log_s @ rows - 0.5 * np.square((e * inverse)[:, N:]).sum(1)
-        kappa = np.ones(W)
+        curved = np.ones(W)
         if nu is None:
             out = out - 0.5 * np.square((e * inverse)[:, :N]).sum(1)
         else:
             from scipy.special import gammaln
-            kappa = (nu + c + 2) / (nu + c)
+            curved = (weight * (1 - 2 / c * weight * distance / (nu[:, None] + c))).mean(1).clip(0.05)
             out = out + m * (gammaln((nu + c) / 2) - gammaln(nu / 2) - c / 2 * np.log(nu)) - (nu + c) / 2 * np.log1p(
                 distance / nu[:, None]).sum(1)
         if A is None:
-            return np.asarray(out + len(h) * log_s[:, 0] - 0.5 * np.log(h / kappa[:, None] + 1 - h).sum(1))
-        share = np.concatenate([np.repeat(1 / kappa[:, None], noise.count, 1), np.ones((W, 1))], 1)
+            return np.asarray(out + len(h) * log_s[:, 0] - 0.5 * np.log(h * curved[:, None] + 1 - h).sum(1))
+        share = np.concatenate([np.repeat(curved[:, None], noise.count, 1), np.ones((W, 1))], 1)
         A = np.einsum("wt,tij->wij", share * np.exp(-2 * log_s[:, [*range(noise.count), 0]]), self._grams)
         return np.asarray(out - 0.5 * np.linalg.slogdet(A)[1])
 

@@ -26,7 +26,10 @@ FLOORS: tuple[tuple[str, frozenset[str]], ...] = tuple(
         ("why", "errormap naming extend maps robust faults predictor words"),
         (
             "sure",
-            "bootstrap components constants correlation diagnostics ensemble moves parameters posterior sampling significance target",
+            (
+                "bootstrap components constants correlation diagnostics ensemble "
+                "moves parameters posterior sampling significance target"
+            ),
         ),
         ("elsewhere", "prepare simulate explain confidence"),
         ("use", "compensate export plan"),
