@@ -23,7 +23,8 @@ from .significance import Significance, significance
 from .target import TAIL, Target
 
 MOST = {"default": 24, "all": 64}      # coefficients that are sampled; the others are integrated out
-ROWS = 16_000                          # walkers x configurations a step, up to which the chain itself is evaluated
+ROWS = 16_000                          # walkers x rows a step, up to which the chain itself is evaluated
+POSE = 4                               # how much dearer a row with its orientation is
 WIDE = 80                              # integrated coefficients up to which several noise scales are told apart
 
 
@@ -101,7 +102,8 @@ def target_of(data: Data, fitted: Fit, request: Request) -> Target:
     mean, _ = displacement(data, fitted)
     most = MOST[request.over]
     chosen = tuple(sorted(sorted(wanted, key=lambda k: -mean[k])[:most]))
-    exact = max(WALKERS, PER_NAME * (len(chosen) + 2)) * len(training) <= ROWS
+    dear = POSE if training.components == 6 else 1
+    exact = dear * max(WALKERS, PER_NAME * (len(chosen) + 2)) * len(training) <= ROWS
     noise = components(training, request.instrument, request.stated)
     if noise.count > 1 and (not exact or fitted.rank - len(chosen) > WIDE):
         noise = single(noise)

@@ -6,14 +6,14 @@ x = N_1 H_1 T_1 (… (Last (tool + t_{n+1}))): a third of the work of the whole 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from .design import PLACE, residual_of
+from .design import PLACE
 from .measurements import Index
-from .rigid import Array
+from .rigid import Array, rotation_vector
 from .robot import pose
 from .scene import Scene
 from .screws import Term
@@ -101,11 +101,28 @@ class Ensemble:
         whole = np.zeros((scene.robot.n + 1, 6, D, m))
         for (f, a), values in twist.items():
             whole[f, a] = values
-        rows = np.tile(np.arange(m), D)
-        tool_rotation = None if scene.tool_rotations is None else scene.tool_rotations[scene.data.target[rows]]
-        at = pose(scene.robot, scene.data.q[rows], scene.tool[rows], whole.reshape(scene.robot.n + 1, 6, D * m), tool_rotation)
-        tiled = replace(scene, data=scene.data.take(rows), _values={}, _causes={})
-        return residual_of(tiled, at, slice(0, D * m)).reshape(-1, D, m).transpose(1, 0, 2)
+        data, rows = scene.data, np.tile(np.arange(m), D)
+        tool_rotation = None if scene.tool_rotations is None else scene.tool_rotations[data.target[rows]]
+        at = pose(scene.robot, data.q[rows], scene.tool[rows], whole.reshape(scene.robot.n + 1, 6, D * m), tool_rotation)
+        R, t = scene.placement[0][data.group], scene.placement[1][data.group]
+        out = np.empty((D, 6, m))
+        out[:, :3] = (data.position - t).T - np.einsum("mij,jdm->dim", R, at.target.reshape(3, D, m))
+        assert data.rotation is not None
+        seen = np.einsum("mji,mjk->mik", R, data.rotation)                    # measured, in frame 0's axes
+        turned = np.einsum("mij,kjdm->dmik", seen, at.rotation.reshape(3, 3, D, m))
+        out[:, 3:] = np.einsum("mij,djm->dim", R, _vector(turned).transpose(0, 2, 1))
+        return out
+
+
+def _vector(R: Array) -> Array:
+    """(..., 3) rotation vectors; scipy's only where a rotation is so large that its skew part does not tell the angle."""
+    skew = 0.5 * np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1)
+    trace = np.einsum("...ii->...", R)
+    if trace.min() < 0.5:
+        return rotation_vector(R.reshape(-1, 3, 3)).reshape(skew.shape)
+    size = np.linalg.norm(skew, axis=-1)
+    angle = np.arctan2(size, (trace - 1) / 2)
+    return np.asarray(skew * np.where(size > 0, angle / np.maximum(size, 1e-300), 1.0)[..., None])
 
 
 def _turn(c: Array, s: Array, x: Array, y: Array) -> tuple[Array, Array]:

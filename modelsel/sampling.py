@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 LONG = 50             # autocorrelation times
 STABLE = 0.1          # change of the longest time between two checks
 AGREE = 1.05          # largest R-hat; walkers of 50 autocorrelation times come to 1.02 when all is well
-FIRST, GROWTH = 600, 1.3
+FIRST, GROWTH = 600, 1.5
 MOST_STEPS = 40_000
 THINNED = (1, 2, 4, 5, 10)    # every which step is stored: autocorrelation times grow with the names
 WALKERS, PER_NAME = 48, 3
@@ -137,12 +137,11 @@ class Sampling:
         return from_dict({"posterior": {name: self.chain[:, :, j].T for j, name in enumerate(self.names)}})
 
 
-def checks() -> Sequence[int]:
-    """Steps at which the chain is judged: ever further apart, so that judging stays cheap."""
-    out = [FIRST]
-    while out[-1] < MOST_STEPS:
-        out.append(min(MOST_STEPS, int(round(out[-1] * GROWTH, -2))))
-    return out
+def next_check(check: int, need: float) -> int:
+    """Steps at which the chain is judged next: when it should be long enough, but no more than GROWTH times later, so that the
+    times are seen to settle."""
+    wanted = min(GROWTH * check, max(1.02 * need, 1.15 * check))
+    return min(MOST_STEPS, 100 * int(np.ceil(wanted / 100)))
 
 
 def sample(target: Target, importance: Importance, what: str, rng: np.random.Generator, *,
@@ -152,7 +151,8 @@ def sample(target: Target, importance: Importance, what: str, rng: np.random.Gen
     done = None if keeper is None else keeper.load(target.names)
     walker = _Walk(target, rng, thin, done)
     tau: Array | None = None
-    for previous, check in zip([0, *checks()], checks(), strict=False):
+    check = min(FIRST, MOST_STEPS)
+    while True:
         try:
             while walker.steps < check:
                 walker.run(min(100 * thin, check - walker.steps))
@@ -162,22 +162,18 @@ def sample(target: Target, importance: Importance, what: str, rng: np.random.Gen
             if keeper is not None and walker.steps:
                 keeper.keep(target.names, walker.state(), now=True)
             raise
-        chain = walker.chain[:check // thin]
-        if check < walker.steps:                                   # a resumed chain is judged where the unbroken one was
-            continue
-        if tau is None and previous:
-            tau = _times(walker.chain[:previous // thin], thin)
+        chain = target.values(walker.chain[:check // thin])        # a resumed chain is judged where the unbroken one was
         before, tau = tau, _times(chain, thin)
         longest, kept = float(tau.max()), check - _burn(tau, thin, len(chain)) * thin
         need = LONG * longest + (check - kept)
         say(f"sampling: tau {longest:.0f}, {check:,} of {need:,.0f} steps, {min(check / need, 1):.0%}")
         stable = before is not None and abs(longest - float(before.max())) < STABLE * longest
-        if kept > LONG * longest and stable:
+        long = kept > LONG * longest and stable
+        if long or check == MOST_STEPS:
             agree = r_hat(chain[_burn(tau, thin, len(chain)):])
-            if agree.max() < AGREE:
-                return _finished(target, walker, tau, agree, True, importance, what)
-    assert tau is not None
-    return _finished(target, walker, tau, r_hat(walker.chain[_burn(tau, thin, len(walker.chain)):]), False, importance, what)
+            if check == MOST_STEPS or agree.max() < AGREE:
+                return _finished(target, walker, tau, agree, bool(long and agree.max() < AGREE), importance, what)
+        check = next_check(check, need)
 
 
 def _times(chain: Array, thin: int) -> Array:

@@ -125,9 +125,13 @@ class Target:
         return origin, matrix
 
     def natural(self, walkers: Array) -> Array:
-        """(..., d) coefficients, log scales, tail, constants of walkers in their own units."""
+        """(..., d) coefficients, log scales, tail, constants of walkers in their own units. The tail is folded at nought, so
+        that normal noise is no wall to run against."""
         origin, matrix = self._units
-        return np.asarray(origin + walkers @ matrix.T)
+        out = np.asarray(origin + walkers @ matrix.T)
+        if self.tail:
+            out[..., self._split[1]] = np.abs(out[..., self._split[1]])
+        return out
 
     def log_density(self, walkers: Array) -> Array:
         """(W,) up to a constant, at walkers (W, d) in their own units; −inf outside the priors."""

@@ -445,8 +445,10 @@ def test_many_rows_are_sampled_reduced_and_said(rng: np.random.Generator) -> Non
 
 
 @pytest.mark.parametrize("kind", ["sigma", "orientation", "targets", "sliding"])
-def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
+def test_odd_data_are_sampled(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     """Noise scales per axis or of the orientations come back near what was simulated; outliers stay out."""
+    monkeypatch.setattr(engine, "LONG", 12)
+    monkeypatch.setattr(engine, "AGREE", 1.2)
     arm = small_arm(prismatic=kind == "sliding")
     base = Model((mechanism("geometric", arm),))
     joints = arm.draw(rng, 30)
@@ -468,6 +470,7 @@ def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
         at, _floor = weigh(at, None, None)
     data = study_of(at)
     data.outlying[3] = True
+    data.scene.data.position[3] += 50.0
     fitted = fit(data.training(), base)
     found = sampled(certainty(data, fitted, ("geometric",), 1), data, fitted, Request(base, "default", None, False, BUILTIN), 1)
     chain = found.sampling
