@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from .compare import Data
 from .components import components, single
 from .constants import constants
@@ -23,7 +25,7 @@ from .significance import Significance, significance
 from .target import TAIL, Target
 
 MOST = {"default": 24, "all": 64}      # coefficients that are sampled; the others are integrated out
-ROWS = 16_000                          # walkers x rows a step, up to which the chain itself is evaluated
+ROWS = 9_000                           # walkers x rows a step, up to which the chain itself is evaluated
 POSE = 4                               # how much dearer a row with its orientation is
 WIDE = 80                              # integrated coefficients up to which several noise scales are told apart
 
@@ -58,7 +60,10 @@ class Confidence:
 
 
 def confidence(data: Data, fitted: Fit, names: Sequence[str], seed: int) -> Confidence:
-    """What needs no sampling; cheap. `names`: what the report calls the mechanisms of the model."""
+    """What needs no sampling; cheap. `names`: what the report calls the mechanisms of the model. Empty where it has no
+    estimable parameter."""
+    if not fitted.rank:
+        return Confidence((), Correlation((), np.zeros((0, 0)), (), ()), ())
     return Confidence(parameters(data, fitted, generator(seed, "bootstrap")), correlation(fitted),
                       significance(data, fitted, names, generator(seed, "halves")))
 
@@ -76,8 +81,8 @@ class Request:
 
 def sampled(found: Confidence, data: Data, fitted: Fit, request: Request, seed: int, say: Say = lambda _: None,
             keeper: Keeper | None = None) -> Confidence:
-    """With the posterior sampled; unchanged where the fit leaves no degree of freedom."""
-    if fitted.freedom < 1:
+    """With the posterior sampled; unchanged where there is no estimable parameter or no degree of freedom left."""
+    if not fitted.rank or fitted.freedom < 1:
         return found
     training, rng = data.training(), generator(seed, "sampling")
     known = posterior(fitted)
@@ -88,8 +93,9 @@ def sampled(found: Confidence, data: Data, fitted: Fit, request: Request, seed: 
 
 
 def target_of(data: Data, fitted: Fit, request: Request) -> Target:
-    """What is sampled: by default the coefficients of the named effects (of the base, where nothing is named), every noise scale,
-    the tail and inner constants, with the other coefficients integrated out; over "all" every coefficient and the scales. At
+    """What is sampled: by default the coefficients of the named effects, every noise scale, the tail and inner constants, with
+    the other coefficients integrated out; over "all", and where nothing is named, every coefficient and the scales under normal
+    noise (a Student-t takes what is left unnamed for outliers, and a different part of it in every corner of its density). At
     most MOST coefficients, those that move the target most; free functions are always integrated out. Where the rows are too
     many for the chain to be evaluated at every step, the QR-reduced linear form stands in for it, with normal noise of one
     scale."""
@@ -107,8 +113,8 @@ def target_of(data: Data, fitted: Fit, request: Request) -> Target:
     noise = components(training, request.instrument, request.stated)
     if noise.count > 1 and (not exact or fitted.rank - len(chosen) > WIDE):
         noise = single(noise)
-    tail = exact and request.over == "default"
-    inner = constants(training, fitted.model, request.registry) if exact and request.over == "default" else ()
+    tail = bool(exact and request.over == "default" and named)
+    inner = constants(training, fitted.model, request.registry) if tail else ()
     names = labels(fitted.model)
     return Target(fitted, noise, chosen, (*(names[k] for k in chosen), *noise.names, *((TAIL,) if tail else ()),
                                           *(c.name for c in inner)),

@@ -44,8 +44,8 @@ class Posterior:
         """(p,) of the marginals; (p, k) for k probabilities."""
         from scipy.special import stdtrit
         t = stdtrit(self.freedom, np.asarray(probability))
-        return np.asarray(self.theta[:, None] + np.multiply.outer(self.spread, np.atleast_1d(t))).reshape(
-            (len(self.theta), *np.shape(probability)))
+        theta = self.theta[(slice(None), *[None] * np.ndim(t))]
+        return np.asarray(theta + np.multiply.outer(self.spread, t))
 
     def scale_quantile(self, probability: Array | float) -> Array:
         """Quantiles of the noise scale, in whitened units."""

@@ -12,14 +12,14 @@ from scipy.linalg import sqrtm
 from modelsel.bootstrap import bootstrap, halves, signs
 from modelsel.causes import Named, q, sin
 from modelsel.compare import Data, rung
-from modelsel.confidence import confidence
+from modelsel.confidence import Request, confidence, sampled
 from modelsel.correlation import correlation, labels
 from modelsel.design import Model, design, residuals
 from modelsel.fit import Fit, fit
 from modelsel.folds import fold
 from modelsel.parameters import difference_notes, parameters
 from modelsel.posterior import posterior
-from modelsel.registry import mechanism
+from modelsel.registry import BUILTIN, mechanism
 from modelsel.result import dumps
 from modelsel.significance import nested, significance, stability
 
@@ -188,7 +188,7 @@ def test_shrunk_parameters_have_their_prior_in_the_bootstrap(rng: np.random.Gene
     strong = np.array([0.0, 0.0, 1 / (free.factor[2] @ free.factor[2])])
     scene = planted(at, model.terms, np.zeros(3), rng, 0.1)
     fitted = fit(scene, model, precision=strong)
-    found = bootstrap(fold(scene, model.terms, np.arange(200), fitted.at()), fitted, rng)
+    found = bootstrap(fold(scene, model.terms, np.arange(60), fitted.at()), fitted, rng)
     assert np.allclose(found.errors, posterior(fitted).spread, rtol=0.25)
 
 
@@ -218,6 +218,15 @@ def test_pairs_are_said_in_words(rng: np.random.Generator) -> None:
     assert "rises as" in pair.sentence
     assert found.clusters == ((pair.a, pair.b),)
     assert labels(model)[1:3] == ("k2rz of frame 2 rz · sin(q1)", "k2rz of frame 2 rz · sin(q1+0.05)")
+
+
+def test_nothing_fitted_has_no_tables(rng: np.random.Generator) -> None:
+    data = study_of(drawn(ARM, rng, 12))
+    bare = Model(())
+    fitted = fit(data.training(), bare)
+    found = confidence(data, fitted, (), 3)
+    assert (found.parameters, found.significance, found.correlation.symbols) == ((), (), ())
+    assert sampled(found, data, fitted, Request(bare, "default", None, False, BUILTIN), 3) is found
 
 
 def test_tables_are_the_same_again(data: Data) -> None:
