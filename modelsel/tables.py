@@ -128,8 +128,9 @@ def sure_sentences(result: Result) -> list[str]:
 def sentences(result: Result) -> list[str]:
     """The study in words."""
     first, last = result.ladder[0], result.chosen
+    called = sentence_list(last.names) if last.names else "nominal"
     out = [(f"Nominal model: {mm(first.estimation.mean_mm)} mm mean, {mm(first.estimation.max_mm)} mm worst. Chosen model "
-            f"({sentence_list(last.names)}): {mm(last.estimation.mean_mm)} mm mean; noise floor "
+            f"({called}): {mm(last.estimation.mean_mm)} mm mean; noise floor "
             f"{result.floor.coordinate_mm:.3g} mm per coordinate ({result.floor.source}).")]
     out += [f.sentence for f in result.faults]
     out += [f"Found: {f.sentence}" if f.effect.named.verdict == "found" else f"Not told apart: {f.sentence}"
