@@ -49,6 +49,13 @@ def scene(rng: np.random.Generator) -> Scene:
     return planted(drawn(ARM, rng, 20), MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
 
 
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Chains of 12 autocorrelation times, for tests whose answer does not hang on their number."""
+    monkeypatch.setattr(engine, "LONG", 12)
+    monkeypatch.setattr(engine, "AGREE", 1.2)
+
+
 def target(at: Scene, fitted: Fit, chosen: Sequence[int], **more: object) -> Target:
     noise = components(at)
     tail = (TAIL,) if more.get("tail") else ()
@@ -70,8 +77,9 @@ def close(chain: Sampling, errors: float = 4.0) -> None:
 
 @pytest.mark.parametrize("exact", [True, False])
 def test_emcee_agrees_with_the_closed_form(scene: Scene, rng: np.random.Generator, exact: bool) -> None:
-    """Every coefficient sampled; or some, the others integrated out: the same marginals."""
-    fitted = fit(scene, MODEL)
+    """Every coefficient on the exact chain; or some of many on the reduced data, the others integrated out."""
+    few = Model((one(1, "tx"), one(2, "tx"), one(1, "rz"), one(2, "rz", sin(q(1)))))
+    fitted = fit(scene, few if exact else MODEL)
     chosen = fitted.found.kept if exact else named(fitted)
     chain = sample(target(scene, fitted, chosen, exact=exact), NOTHING, "", rng)
     assert chain.converged
@@ -157,6 +165,7 @@ def test_tail_with_a_coefficient_integrated_out(rng: np.random.Generator, nu: fl
     assert np.allclose(found - found[0], np.array(expected) - expected[0], atol=0.03)
 
 
+@pytest.mark.usefixtures("short")
 def test_tail_is_found(rng: np.random.Generator) -> None:
     """Noise with 3 degrees of freedom is told from normal noise."""
     at = drawn(ARM, rng, 80)
@@ -176,6 +185,7 @@ def stepped(at: float) -> Model:
     return Model((*BASE.mechanisms, tracker_step(ARM, at)))
 
 
+@pytest.mark.usefixtures("short")
 def test_the_moment_of_a_step_is_sampled(rng: np.random.Generator) -> None:
     """tracker-step's constant is scanned in steps of 0.025; the chain finds it between two configurations."""
     model, truth = stepped(0.6), stepped(0.612)
@@ -355,6 +365,7 @@ def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
+@pytest.mark.usefixtures("short")
 def test_interrupted_study_resumes(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C: exit 130 with the command that resumes, and the same bytes in the end; another study is refused."""
     command = ("study", str(folder), "--out", str(folder / "out"))
@@ -363,7 +374,7 @@ def test_interrupted_study_resumes(folder: Path, monkeypatch: pytest.MonkeyPatch
     whole = (folder / "out" / "result.json").read_bytes()
     chain = json.loads(whole)["sampling"]
     assert chain["converged"]
-    assert chain["effective_samples"] > 2000
+    assert chain["effective_samples"] > 500
     assert list((folder / "out").iterdir()) == [folder / "out" / "result.json"]
     (folder / "out" / "result.json").unlink()
 
@@ -403,6 +414,7 @@ def test_unconverged_chain_is_not_quoted(folder: Path, monkeypatch: pytest.Monke
     assert "unconverged" in [w["code"] for w in result["warnings"]]
 
 
+@pytest.mark.usefixtures("short")
 def test_over_all_and_without(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`over = "all"` samples every parameter; --no-sampling none, and the tables stay."""
     (folder / "study.toml").write_text(STUDY + '[sampling]\nover = "all"\n')
@@ -444,11 +456,10 @@ def test_many_rows_are_sampled_reduced_and_said(rng: np.random.Generator) -> Non
     assert "600 rows are too many" in described(aim)
 
 
+@pytest.mark.usefixtures("short")
 @pytest.mark.parametrize("kind", ["sigma", "orientation", "targets", "sliding"])
-def test_odd_data_are_sampled(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
     """Noise scales per axis or of the orientations come back near what was simulated; outliers stay out."""
-    monkeypatch.setattr(engine, "LONG", 12)
-    monkeypatch.setattr(engine, "AGREE", 1.2)
     arm = small_arm(prismatic=kind == "sliding")
     base = Model((mechanism("geometric", arm),))
     joints = arm.draw(rng, 30)
@@ -479,6 +490,7 @@ def test_odd_data_are_sampled(rng: np.random.Generator, monkeypatch: pytest.Monk
     scales = {name: chain.quantiles[j] for j, name in enumerate(chain.names) if name.startswith("noise")}
     if kind == "sigma":
         assert list(scales) == ["noise in x", "noise in y", "noise in z"]
-        assert scales["noise in x"][0] < 1 < scales["noise in x"][2] < scales["noise in z"][1] < 4
+        assert 0.7 < scales["noise in x"][1] < 1.5                      # simulated: 1, and 3 along z
+        assert 2 < scales["noise in z"][1] < 4.5
     if kind == "orientation":
         assert scales["noise of orientation"][0] < 0.3 < scales["noise of orientation"][2] < 1 < scales["noise of position"][1]
