@@ -125,9 +125,9 @@ def target_of(data: Data, fitted: Fit, request: Request) -> Target:
 def described(target: Target) -> str:
     """What was sampled and what was not, in a sentence or two."""
     k, rest = len(target.sampled), target.fitted.rank - len(target.sampled)
-    *first, last = (f"{k} coefficient{'s' * (k != 1)}", *target.noise.names, *((TAIL,) if target.tail else ()),
-                    *(c.name for c in target.constants))
-    what = f"{', '.join(first)} and {last}"
+    parts = [f"{k} coefficient{'s' * (k != 1)}", *target.noise.names, *((TAIL,) if target.tail else ()),
+             *(c.name for c in target.constants)]
+    what = f"{', '.join(parts[:-1])} and {parts[-1]}"
     gone = f"; {rest} further coefficient{'s are' if rest != 1 else ' is'} integrated out" if rest else ""
     if target.exact:
         return f"emcee samples {what} on the exact chain{gone}."
