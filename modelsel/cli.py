@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +15,7 @@ import click
 
 from .version import VERSION
 
-INTERRUPTED = 130
+UNCONVERGED, INTERRUPTED = 5, 130
 
 
 class _Errors(click.Group):
@@ -31,7 +32,8 @@ class _Errors(click.Group):
                 click.echo(f"modelsel: {line}", err=True)
             sys.exit(error.exit_code)
         except KeyboardInterrupt:
-            click.echo(f"modelsel: interrupted; to go on: modelsel {' '.join(sys.argv[1:])}", err=True)
+            again = [*sys.argv[1:], *(["--resume"] if "study" in sys.argv and "--resume" not in sys.argv else [])]
+            click.echo(f"modelsel: interrupted; to go on: modelsel {shlex.join(again)}", err=True)
             sys.exit(INTERRUPTED)
         except BrokenPipeError:
             sys.exit(0)
@@ -83,6 +85,7 @@ def _progress() -> Callable[[str], None]:
 @click.option("--resume", is_flag=True, help="Go on where an interrupted run of the same study stopped.")
 def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_json: bool, resume: bool) -> None:
     """Run a study: what is wrong, the ladder of models, the gain on held-out configurations."""
+    from .checkpoint import Checkpoint
     from .config import read_study
     from .registry import with_plugins
     from .study import run, save
@@ -94,7 +97,8 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
         click.echo(f"modelsel: plug-in {name} is left out: {why}", err=True)
     folder = out if out is not None else Path("reports") / path.resolve().parent.name
     check_writable(folder)
-    result = run(read, path.parent, registry=registry, say=_progress())
+    result = run(read, path.parent, registry=registry, say=_progress(), sampling=not no_sampling,
+                 checkpoint=Checkpoint(folder, resume))
     save(result, folder)
     if as_json:
         click.echo(result.to_json(), nl=False)
@@ -102,6 +106,8 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
         from .tables import show
         show(result, _console())
         click.echo(f"Written: {folder / 'result.json'}")
+    if result.confidence.sampling is not None and not result.confidence.sampling.converged:
+        sys.exit(UNCONVERGED)
 
 
 @main.command()

@@ -24,10 +24,16 @@ FLOORS: tuple[tuple[str, frozenset[str]], ...] = tuple(
         ("fit", "fit noise register shrink"),
         ("which", "folds criteria search split validate candidates compare"),
         ("why", "errormap evidence naming curves extend maps robust faults predictor words"),
-        ("sure", "posterior sampling"),
-        ("elsewhere", "prepare simulate explain"),
+        (
+            "sure",
+            (
+                "bootstrap components constants correlation diagnostics ensemble "
+                "moves parameters posterior sampling significance target"
+            ),
+        ),
+        ("elsewhere", "prepare simulate explain confidence"),
         ("use", "compensate export plan"),
-        ("telling", "findings result tables figures report config write inspect analysis study cli"),
+        ("telling", "findings result tables figures report config write inspect analysis checkpoint study cli"),
         ("door", "__init__ __main__"),
     )
 )
