@@ -79,7 +79,7 @@ def closed(studies: int, rng: np.random.Generator) -> list[str]:
     share = np.mean(covered, axis=0)
     return [(f"closed form, {studies:,} studies of {len(kept)} parameters: 95 % intervals cover {share[:-1].mean():.2%} "
             f"({share[:-1].min():.2%} to {share[:-1].max():.2%}), of the noise scale {share[-1]:.2%}; "
-            f"ranks uniform, smallest p {uniform(np.array(ranks)):.2f} (times their number)")]
+            f"ranks against uniform: smallest p {uniform(np.array(ranks)):.2f} (times their number)")]
 
 
 def chains(count: int, rng: np.random.Generator) -> list[str]:
@@ -100,8 +100,8 @@ def chains(count: int, rng: np.random.Generator) -> list[str]:
         covered.append((low < planted_values) & (planted_values < high))
     share = np.mean(covered, axis=0)
     return [(f"emcee, {count} studies, Student-t noise, 1/ν from its prior, {len(names)} sampled, {len(fitted.found.kept) - 4} "
-            f"integrated out: 95 % intervals cover {share.mean():.1%} ({', '.join(f'{s:.0%}' for s in share)}); ranks uniform, "
-            f"smallest p {uniform(np.array(ranks)):.2f} (times their number)")]
+            f"integrated out: 95 % intervals cover {share.mean():.1%} ({', '.join(f'{s:.0%}' for s in share)}); ranks against "
+            f"uniform: smallest p {uniform(np.array(ranks)):.2f} (times their number)")]
 
 
 def snookers(rng: np.random.Generator, d: int = 11) -> list[str]:

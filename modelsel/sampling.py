@@ -213,6 +213,7 @@ class _Walk:
             self.here = emcee.State(done.chain[-1], log_prob=done.log_density[-1], random_state=done.random)
         self.thin = thin
         self.sampler = emcee.EnsembleSampler(walkers, target.size, target.log_density, moves=moves(), vectorize=True)
+        self.sampler.log_prob_fn = target.log_density     # bare: emcee's wrapper prints a traceback, on Ctrl-C too
 
     @property
     def chain(self) -> Array:

@@ -3,10 +3,11 @@
 Sampled: some coefficients ψ (those of the named effects, or all), the logarithm of every noise scale, the tail 1/ν of a Student-t
 per measured point, the inner constants of scanned mechanisms. Integrated out: all other coefficients β. At each point the exact
 chain is evaluated at (ψ, β*(ψ)), β* the linear answer of β to ψ; what is left is minimised over β in the columns J_β at the
-optimum (one projection, or Fisher scoring under a Student-t: Lange, Little & Taylor 1989), and the normal integral about that
-minimum is taken (Laplace; exact for normal noise up to the curvature of the chain in β; under a Student-t the information of a
-row, w (1 − 2 w d² / (ν + c) c) in units of s⁻² with w = (ν + c) / (ν + d²), is averaged over the rows). With normal noise of
-one scale,
+optimum (one projection, or expectation-maximisation under a Student-t: Lange, Little & Taylor 1989), and the normal integral
+about that minimum is taken (Laplace; exact for normal noise up to the curvature of the chain in β). Under a Student-t the
+information of a row, w (1 − 2 w d² / (ν + c) c) in units of s⁻² with w = (ν + c) / (ν + d²), is averaged over the rows; with 12
+coefficients integrated out of 25 points, tails of ν < 4 come out up to 0.4 too unlikely in ln p, and the noise scale too sure
+(89 % intervals for 95 %, benchmarks/calibration.py). With normal noise of one scale,
     ln p(ψ, s | y) = −(rows + k − r_β) ln s − |(I − QQᵀ) ρ(ψ, β*)|² / 2s²,   Q an orthonormal basis of J_β, k shrunk coefficients,
 and with several scales ½ ln |Σ_t s_t⁻² Q_tᵀQ_t| stands in place of −r_β ln s (restricted likelihood; Patterson & Thompson 1971).
 Priors: flat on coefficients and constants, 1/s on every scale (within a factor of 1,000), 1/ν uniform below ½. Shrunk
@@ -30,7 +31,7 @@ from .rigid import Array
 TAIL = "tail 1/ν"
 HEAVIEST, LIGHTEST = 0.5, 1e-6
 FARTHEST = np.log(1000)
-SCORING = 3       # steps; each leaves about 2/(ν + 5) of the distance
+SCORING = 5       # steps of expectation-maximisation; each leaves about 2/(ν + 5) of the distance
 
 
 @dataclass(frozen=True, eq=False)

@@ -366,7 +366,7 @@ def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, str]:
 
 
 @pytest.mark.usefixtures("short")
-def test_interrupted_study_resumes(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_study_resumes(folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     """Ctrl-C: exit 130 with the command that resumes, and the same bytes in the end; another study is refused."""
     command = ("study", str(folder), "--out", str(folder / "out"))
     status, _ = invoke(monkeypatch, *command)
@@ -378,19 +378,20 @@ def test_interrupted_study_resumes(folder: Path, monkeypatch: pytest.MonkeyPatch
     assert list((folder / "out").iterdir()) == [folder / "out" / "result.json"]
     (folder / "out" / "result.json").unlink()
 
-    run, left = engine._Walk.run, [4]
+    density, left = Target.log_density, [700]
 
-    def stops(self: engine._Walk, steps: int) -> None:
+    def stops(self: Target, walkers: Array) -> Array:
         left[0] -= 1
         if not left[0]:
             raise KeyboardInterrupt
-        run(self, steps)
+        return density(self, walkers)
 
-    monkeypatch.setattr(engine._Walk, "run", stops)
+    monkeypatch.setattr(Target, "log_density", stops)
     status, output = invoke(monkeypatch, *command)
     assert status == 130
+    assert "Traceback" not in output + capfd.readouterr().err
     assert f"modelsel {' '.join(command)} --resume" in output
-    monkeypatch.setattr(engine._Walk, "run", run)
+    monkeypatch.setattr(Target, "log_density", density)
     text = (folder / "study.toml").read_text()
     (folder / "study.toml").write_text(text.replace("seed = 4", "seed = 5"))
     status, output = invoke(monkeypatch, *command, "--resume")
