@@ -1,0 +1,139 @@
+"""A page per finding: the sentence, the picture that convinces, who else it could be, what would tell them apart."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..tables import mm
+from ..words import quantity
+from .document import Block, Source, heading, points, table, text
+from .figures import finding as draw
+from .front import name_of
+
+ESTIMATES = 6  # numbers listed; a free function has dozens
+REMEDIES = (  # names in a cause, how to measure again
+    (("progress", "time_s", "temperature_C"), "measured again at another time of the campaign"),
+    (("approach", "move"), "approached from both sides, by short and by long moves"),
+    (("payload_kg",), "measured with and without the payload"),
+)
+
+
+def findings(source: Source) -> list[Block]:
+    """All findings, each on a page of its own, and what absence of a finding means."""
+    result, details = source.result, source.details
+    nothing = result["nothing_else"]["sentence"]
+    if not result["findings"]:
+        return [heading("Findings"), text(nothing)]
+    blocks: list[Block] = []
+    for k, (found, said) in enumerate(zip(result["findings"], details["findings"], strict=True), 1):
+        blocks += _one(source, k, found, said)
+    return [*blocks, heading("What else was looked for", 2), text(nothing)]
+
+
+def _one(source: Source, k: int, found: dict[str, Any], said: dict[str, Any]) -> list[Block]:
+    blocks = [heading(f"Finding {k}: {said['label']}"), text(found["sentence"]), text(_verdict(found), "quiet")]
+    if said["panels"]:
+        caption = (
+            "Open squares: what the model without this effect leaves about this axis. Blue: what the chosen model "
+            "leaves. Large marks: "
+            "means. Orange: the fitted effect. The effect is real where the squares follow the line, and gone where "
+            "the blue lies flat."
+        )
+        if any("folded" in p["against"] for p in said["panels"]):
+            caption += " All waves of a turn are laid over each other."
+        if said["more_panels"]:
+            caption += f" The {len(said['panels'])} largest of {len(said['panels']) + said['more_panels']} parts are drawn."
+        against = "; ".join(f"{draw.axis_name(p)} against {p['against']}" for p in said["panels"])
+        blocks.append(
+            source.figure(
+                f"finding-{k}", draw.finding(said["panels"]), caption, f"Residual {against}, without and with {said['label']}."
+            )
+        )
+    entries = [(name_of(e), e["probability"], bool(e["alike"])) for e in found["credible_set"]]
+    if entries:
+        more = found["more_entries"] + max(len(entries) - draw.BARS, 0)
+        blocks.append(
+            source.figure(
+                f"credible-{k}",
+                draw.credible(entries),
+                "What it could be. Filled: moves the target as the first does; hatched: differently."
+                + (f" {more} more are less probable." if more else ""),
+                "Credible set: " + "; ".join(f"{name} {p:.2f}" for name, p, _ in entries[: draw.BARS]) + ".",
+            )
+        )
+    rivals = separation(found)
+    if rivals:
+        blocks += [heading("What would tell them apart", 2), points(rivals)]
+    if found["estimate"]:
+        shown = found["estimate"][:ESTIMATES]
+        rest = len(found["estimate"]) - len(shown)
+        rows = [[e["symbol"], quantity(e["value"], e["standard_error"], e["unit"])] for e in shown]
+        blocks.append(
+            table(
+                [("parameter", "left"), ("estimate ± standard error", "left")],
+                rows,
+                f"And {rest} more numbers: in result.json." if rest > 0 else "",
+                [0.0, 0.0],
+            )
+        )
+    return blocks
+
+
+def _verdict(found: dict[str, Any]) -> str:
+    """p-value and gain in one line."""
+    gain = found["gain"]
+    chance = f"{found['p_value']:.2g} over the whole search"
+    words = [f"Verdict: {found['verdict']}; chance alone would do as well with probability {chance}"]
+    if gain["held_out_rms_before_mm"] is not None:
+        sure = (
+            ""
+            if gain["interval_mm"] is None
+            else f" (95 %: {gain['interval_mm'][0]:.3g} to {gain['interval_mm'][1]:.3g} mm less)"
+        )
+        words.append(
+            f"held-out error when it joins the ladder: {mm(gain['held_out_rms_before_mm'])} to "
+            f"{mm(gain['held_out_rms_after_mm'])} mm rms{sure}"
+        )
+    if found.get("rows"):
+        rows = found["rows"]
+        words.append(
+            f"it concerns {len(rows)} rows of the file (lines "
+            f"{', '.join(str(r + 2) for r in rows[:12])}{' …' if len(rows) > 12 else ''})"
+        )
+    return ". ".join(w[0].upper() + w[1:] for w in words) + "."
+
+
+def separation(found: dict[str, Any]) -> list[str]:
+    """What measurement would tell the first entry from its rivals, in words, by what they differ in."""
+    entries = found["credible_set"]
+    if len(entries) < 2:
+        return []
+    first, out = entries[0], dict[str, None]()
+    for rival in entries[1:6]:
+        words = _difference(first, rival)
+        if words:
+            out[words] = None
+    return list(out)[:4]
+
+
+def _difference(first: dict[str, Any], rival: dict[str, Any]) -> str:
+    a, b = name_of(first), name_of(rival)
+    if a == b:
+        return f"{a} with another constant: more readings of that joint, spread evenly over its turn, sharpen the wave length."
+    causes = [sorted({str(s["cause"]) for s in e["screws"]}) for e in (first, rival)]
+    if not causes[0] or not causes[1]:
+        return ""
+    if causes[0] == causes[1]:
+        where = " and ".join(f"frame {e['screws'][0]['frame']} {e['screws'][0]['axis']}" for e in (first, rival))
+        return (
+            f"{a} and {b} have the same cause at {where}: a second target off the last axis, or measured orientations, may tell "
+            "them apart; where no target can, either name corrects the same error."
+        )
+    both = " ".join(set(causes[0]) ^ set(causes[1]))
+    remedy = next((words for names, words in REMEDIES if any(name in both for name in names)), None)
+    if remedy is not None:
+        return f"{a} and {b} part company when the same configurations are {remedy}."
+    return (
+        f"{a} and {b} have different causes ({causes[0][0]} against {causes[1][0]}): configurations in which these change "
+        "independently of each other tell them apart."
+    )
