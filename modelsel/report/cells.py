@@ -51,7 +51,7 @@ def column_dict(causes: tuple[Cause, ...], scene: Scene) -> dict[str, Any]:
 def _values(cause: Cause, scene: Scene) -> list[Any]:
     values = np.broadcast_to(np.asarray(scene.cause(cause), float), (len(scene),))
     biggest = float(np.abs(values).max(initial=0))
-    digits = int(np.clip(4 - np.ceil(np.log10(biggest)) if biggest > 0 else 0, 0, 9))
+    digits = int(np.clip(5 - np.ceil(np.log10(biggest)) if biggest > 0 else 0, 0, 9))
     out: list[Any] = (np.round(values, digits) + 0.0).tolist()
     return out
 

@@ -25,9 +25,9 @@ class Source:
         return {"kind": "figure", "file": f"{name}.svg", "caption": caption, "alt": alt}
 
 
-def heading(text: str, level: int = 1) -> Block:
-    """A heading; a first-level one starts a page."""
-    return {"kind": "heading", "text": text, "level": level}
+def heading(text: str, level: int = 1, opens: bool = True) -> Block:
+    """A heading; a first-level one opens a page unless told otherwise."""
+    return {"kind": "heading", "text": text, "level": level, "opens": opens and level == 1}
 
 
 def text(words: str, style: str = "body") -> Block:

@@ -29,7 +29,7 @@ def outliers(source: Source) -> list[Block]:
     rows = result["outliers"]
     shown = ", ".join(str(r + 2) for r in rows[:ROWS]) + (" …" if len(rows) > ROWS else "")
     blocks = [
-        heading("Outliers and warnings"),
+        heading("Outliers and warnings", opens=False),
         text(
             f"Left out: {len(rows)} rows (lines {shown} of the file; the header is line 1)." if rows else "No row was left out."
         ),
@@ -55,12 +55,12 @@ def provenance(source: Source) -> list[Block]:
         *([names.get(k, k), str(v)] for k, v in result["provenance"].items()),
     ]
     steps = result["path"]
-    blocks = [heading("Provenance"), table([("what", "left"), ("value", "left")], rows, "", [0.0, 1.0])]
+    blocks = [heading("Provenance", opens=False), table([("what", "left"), ("value", "left")], rows, "", [0.0, 1.0])]
     if steps:
         blocks += [
             heading("How the model grew", 2),
             text(
-                "+ an effect joined, − it was dropped, → it was given a better name, in this order: "
+                "An effect joined (+), was dropped (−) or got a better name (→), in this order: "
                 + ";  ".join(s.replace("->", "→").replace("- ", "− ") for s in steps)
                 + "."
             ),

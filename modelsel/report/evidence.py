@@ -61,7 +61,7 @@ def held_out(source: Source) -> list[Block]:
     first, last = result["ladder"][0], result["ladder"][-1]
     key = "held_out" if last["held_out"]["p95_mm"] is not None else "estimation"
     return [
-        heading("Held-out errors" if side == "held-out" else "Errors (nothing is held out)"),
+        heading("Held-out errors" if side == "held-out" else "Errors (nothing is held out)", opens=False),
         source.figure(
             "held-out",
             picture,

@@ -8,9 +8,10 @@ from ..tables import mm
 from ..words import quantity
 from .document import Block, Source, heading, points, table, text
 from .figures import finding as draw
-from .front import name_of
+from .front import name_of, names_of
 
-ESTIMATES = 6  # numbers listed; a free function has dozens
+ESTIMATES = 4  # numbers listed; a free function has dozens
+ADVICE = 2  # ways to tell rivals apart
 REMEDIES = (  # names in a cause, how to measure again
     (("progress", "time_s", "temperature_C"), "measured again at another time of the campaign"),
     (("approach", "move"), "approached from both sides, by short and by long moves"),
@@ -33,50 +34,44 @@ def findings(source: Source) -> list[Block]:
 def _one(source: Source, k: int, found: dict[str, Any], said: dict[str, Any]) -> list[Block]:
     blocks = [heading(f"Finding {k}: {said['label']}"), text(found["sentence"]), text(_verdict(found), "quiet")]
     if said["panels"]:
-        caption = (
-            "Open squares: what the model without this effect leaves about this axis. Blue: what the chosen model "
-            "leaves. Large marks: "
-            "means. Orange: the fitted effect. The effect is real where the squares follow the line, and gone where "
-            "the blue lies flat."
-        )
-        if any("folded" in p["against"] for p in said["panels"]):
-            caption += " All waves of a turn are laid over each other."
-        if said["more_panels"]:
-            caption += f" The {len(said['panels'])} largest of {len(said['panels']) + said['more_panels']} parts are drawn."
-        against = "; ".join(f"{draw.axis_name(p)} against {p['against']}" for p in said["panels"])
-        blocks.append(
-            source.figure(
-                f"finding-{k}", draw.finding(said["panels"]), caption, f"Residual {against}, without and with {said['label']}."
-            )
-        )
-    entries = [(name_of(e), e["probability"], bool(e["alike"])) for e in found["credible_set"]]
+        blocks.append(_residuals(source, k, said))
+    if found["estimate"]:
+        blocks.append(_estimates(found["estimate"]))
+    listed = found["credible_set"]
+    entries = [(name, e["probability"], bool(e["alike"])) for name, e in zip(names_of(listed), listed, strict=True)]
     if entries:
         more = found["more_entries"] + max(len(entries) - draw.BARS, 0)
-        blocks.append(
-            source.figure(
-                f"credible-{k}",
-                draw.credible(entries),
-                "What it could be. Filled: moves the target as the first does; hatched: differently."
-                + (f" {more} more are less probable." if more else ""),
-                "Credible set: " + "; ".join(f"{name} {p:.2f}" for name, p, _ in entries[: draw.BARS]) + ".",
-            )
-        )
+        caption = "What it could be. Filled: moves the target as the first does; hatched: differently."
+        words = "; ".join(f"{name} {p:.2f}" for name, p, _ in entries[: draw.BARS])
+        rest = f" {more} more are less probable." if more else ""
+        blocks.append(source.figure(f"credible-{k}", draw.credible(entries), caption + rest, f"Credible set: {words}."))
     rivals = separation(found)
-    if rivals:
-        blocks += [heading("What would tell them apart", 2), points(rivals)]
-    if found["estimate"]:
-        shown = found["estimate"][:ESTIMATES]
-        rest = len(found["estimate"]) - len(shown)
-        rows = [[e["symbol"], quantity(e["value"], e["standard_error"], e["unit"])] for e in shown]
-        blocks.append(
-            table(
-                [("parameter", "left"), ("estimate ± standard error", "left")],
-                rows,
-                f"And {rest} more numbers: in result.json." if rest > 0 else "",
-                [0.0, 0.0],
-            )
-        )
-    return blocks
+    return [*blocks, heading("What would tell them apart", 2), points(rivals)] if rivals else blocks
+
+
+def _residuals(source: Source, k: int, said: dict[str, Any]) -> Block:
+    panels = said["panels"]
+    caption = (
+        "Open squares: what the model without this effect leaves about this axis; blue: what the chosen model leaves; large "
+        "marks: means; orange: the fitted effect. Where the squares follow the line and the blue lies flat, the effect is there "
+        "and gone."
+    )
+    if any("folded" in p["against"] for p in panels):
+        caption += " All waves of a turn are laid over each other."
+    if said["more_panels"]:
+        caption += f" The {len(panels)} largest of {len(panels) + said['more_panels']} parts are drawn."
+    against = "; ".join(f"{draw.axis_name(p)} against {p['against']}" for p in panels)
+    return source.figure(f"finding-{k}", draw.finding(panels), caption, f"Residual {against}, without and with {said['label']}.")
+
+
+def _estimates(estimate: list[dict[str, Any]]) -> Block:
+    """Symbols above, numbers below: one line of a page that has room for one."""
+    shown, rest = estimate[:ESTIMATES], max(len(estimate) - ESTIMATES, 0)
+    return table(
+        [("", "left"), *((e["symbol"], "left") for e in shown)],
+        [["estimate ± standard error", *(quantity(e["value"], e["standard_error"], e["unit"]) for e in shown)]],
+        f"And {rest} more numbers: in result.json." if rest else "",
+    )
 
 
 def _verdict(found: dict[str, Any]) -> str:
@@ -113,14 +108,14 @@ def separation(found: dict[str, Any]) -> list[str]:
         words = _difference(first, rival)
         if words:
             out[words] = None
-    return list(out)[:4]
+    return list(out)[:ADVICE]
 
 
 def _difference(first: dict[str, Any], rival: dict[str, Any]) -> str:
     a, b = name_of(first), name_of(rival)
-    if a == b:
-        return f"{a} with another constant: more readings of that joint, spread evenly over its turn, sharpen the wave length."
     causes = [sorted({str(s["cause"]) for s in e["screws"]}) for e in (first, rival)]
+    if a == b and all("sin(" in c for c in map("".join, causes)):
+        return f"{a} with another constant: more readings of that joint, spread evenly over its turn, sharpen the wave length."
     if not causes[0] or not causes[1]:
         return ""
     if causes[0] == causes[1]:

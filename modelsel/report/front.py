@@ -22,6 +22,15 @@ def name_of(entry: dict[str, Any]) -> str:
     return f"frame {first['frame']} {first['axis']} · {causes}"
 
 
+def names_of(entries: list[dict[str, Any]]) -> list[str]:
+    """Names of a credible set; where one stands there more than once, with the cause that tells them apart."""
+    names = [name_of(e) for e in entries]
+    return [
+        f"{n}, {e['screws'][0]['cause']}" if names.count(n) > 1 and e["screws"] else n
+        for n, e in zip(names, entries, strict=True)
+    ]
+
+
 def sure(finding: dict[str, Any]) -> str:
     """How probable those are, together, that move the target as the first of the set does."""
     alike = [e for e in finding["credible_set"] if e["alike"]]

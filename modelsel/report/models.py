@@ -10,7 +10,7 @@ from .figures import ladder
 
 SIDES = ("estimation", "held_out")
 ASIDE = 12  # names of what the table of subsets does not hold
-ROWS = 8  # of the table of subsets
+ROWS = 6  # of the table of subsets
 
 
 def models(source: Source) -> list[Block]:
@@ -53,7 +53,7 @@ def _subsets(candidates: dict[str, Any]) -> list[Block]:
             str(r["rank"]),
             mm(r["cv_rms_mm"]),
             mm(r["held_out"]["mean_mm"]),
-            "–" if r["weight"] is None else f"{r['weight']:.3f}",
+            "–" if r["weight"] is None else "<0.001" if r["weight"] < 0.0005 else f"{r['weight']:.3f}",
             r["note"],
         ]
         for r in shown
@@ -61,8 +61,8 @@ def _subsets(candidates: dict[str, Any]) -> list[Block]:
     columns = [(" + ".join(common) + " and" if common else "mechanisms", "left")]
     columns += [("rank", "right"), ("CV rms", "right"), ("held-out", "right"), ("weight", "right"), ("note", "left")]
     said = (
-        f"Of {candidates['compared']:,} subsets of the strongest registered mechanisms, these stand out. They check the ladder from "
-        "another side: each is fitted by one linear step and measured alike."
+        f"Of {candidates['compared']:,} subsets of the strongest registered mechanisms, these stand out. They check the ladder "
+        "from another side: each is fitted by one linear step and measured alike."
     )
     aside, more = candidates["set_aside"][:ASIDE], len(candidates["set_aside"]) - ASIDE
     rest = f"Not in the table, which holds twelve: {', '.join(aside)}{f' and {more} more' if more > 0 else ''}."

@@ -9,15 +9,17 @@ import numpy as np
 from ..style import INK, QUIET, RING, WIDTH, shortened, styled, svg
 
 COLUMNS = 26
+PLACES = 3  # that a cause needs to be worth a column: the waves of one joint are on the page to explore
 STANDS_OUT = 0.05
 
 
 def strongest(result: dict[str, Any], most: int = COLUMNS) -> list[int]:
-    """The causes whose best cell stands out most, in the map's order."""
+    """The causes whose best cell stands out most, in the map's order; those of few places only where there is room."""
     f = np.array([[np.nan if v is None else v for v in row] for row in result["error_map"]["f"]], dtype=float)
     if not f.size:
         return []
     best = np.nanmax(np.where(np.isnan(f), 0.0, f), axis=0)
+    best = np.where(np.isfinite(f).sum(axis=0) >= PLACES, 1e9 + best, best)
     return sorted(np.argsort(-best, kind="stable")[:most].tolist())
 
 
@@ -48,7 +50,8 @@ def error_map(result: dict[str, Any]) -> bytes | None:
         ax.plot(strong[:, 1], strong[:, 0], "o", ms=7, mfc="none", mec=RING, mew=1.2)
         named = [(i, columns.index(j)) for i, j in named_cells(result) if j in columns]
         if named:
-            ax.plot(*np.array(named).T[::-1], "s", ms=8.5, mfc="none", mec=INK, mew=1.3)
+            ax.plot(*np.array(named).T[::-1], "s", ms=9, mfc="none", mec="white", mew=3)
+            ax.plot(*np.array(named).T[::-1], "s", ms=9, mfc="none", mec=INK, mew=1.4)
         ax.set_ylim(len(f) - 0.5, -0.5)
         ax.set_xticks(
             range(len(columns)),

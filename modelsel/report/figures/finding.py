@@ -19,7 +19,7 @@ def binned(x: Array, y: Array, weight: Array) -> tuple[Array, Array]:
     """Weighted means in bins of equally many points, or at each value where there are few: what the eye should follow."""
     order, values = np.argsort(x, kind="stable"), np.unique(x)
     parts = (
-        [np.flatnonzero(x == v) for v in values]
+        [np.flatnonzero(x == v) for v in values if (x == v).sum() >= min(FEW, len(x))]
         if len(values) <= FEW
         else [p for p in np.array_split(order, min(BINS, max(len(x) // 6, 1))) if len(p)]
     )
@@ -45,7 +45,7 @@ def finding(panels: list[dict[str, Any]]) -> bytes:
     """Up to three panels: grey, what the model without the effect leaves; blue, with it; orange, the fitted effect."""
     n = len(panels)
     with styled() as plt:
-        fig, axes = plt.subplots(1, n, figsize=(WIDTH, 2.7 if n > 1 else 2.9), layout="constrained", squeeze=False)
+        fig, axes = plt.subplots(1, n, figsize=(WIDTH, 2.8 if n > 1 else 3.2), layout="constrained", squeeze=False)
         for ax, panel in zip(axes[0], panels, strict=True):
             x, before, after, weight = (np.array(panel[k], float) for k in ("x", "before", "after", "weight"))
             biggest = float(np.percentile(np.abs(np.concatenate([before, after])), 99))

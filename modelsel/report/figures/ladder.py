@@ -111,7 +111,7 @@ def held_out(result: dict[str, Any], details: dict[str, Any]) -> bytes | None:
                 where="post",
                 lw=1.8 if last else 1.1,
                 ls=("-", "--", "-.", ":", (0, (5, 1)), "-")[n],
-                color=BLUE if last else plt.get_cmap("Greys")(0.35 + 0.1 * n),
+                color=BLUE if last else plt.get_cmap("Greys")(0.45 + 0.08 * n),
                 label=shortened(labels[rungs(result).index(k)], 36),
             )
         ax.set_xscale("log")

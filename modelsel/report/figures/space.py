@@ -9,6 +9,7 @@ import numpy as np
 from ...rigid import Array
 from ..style import AFTER, BLUE, INK, ORANGE, QUIET, WIDTH, shortened, styled, svg
 
+VECTORS = 220  # drawn in one picture
 VIEW = (22.0, -58.0)  # elevation, azimuth in degrees: the same in every picture
 
 
@@ -53,7 +54,7 @@ def _frame(ax: Any, points: Array) -> None:
     middle, half = (low + high) / 2, max(float((high - low).max()) / 2, 1.0) * 1.05
     for k, side in enumerate("xyz"):
         getattr(ax, f"set_{side}lim")(middle[k] - half, middle[k] + half)
-        getattr(ax, f"set_{side}label")(f"{side} [mm]", fontsize=6.5, labelpad=-7)
+        getattr(ax, f"set_{side}label")(f"{side} [mm]", fontsize=6.5, labelpad=-7 if side != "z" else -4)
         axis = getattr(ax, f"{side}axis")
         axis.set_pane_color((1, 1, 1, 0))
         axis._axinfo["grid"].update(color="#E4E4E4", linewidth=0.5)
@@ -110,23 +111,28 @@ def magnification(residual: Array, room: float) -> float:
 
 
 def vectors(details: dict[str, Any], which: list[tuple[int, str]]) -> bytes:
-    """Residual vectors (measured minus predicted) of some rungs side by side, each at its own stated magnification."""
+    """Residual vectors (measured minus predicted) of some rungs, each at its own stated magnification; the last one again at
+    that of the first."""
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
     _, outlying = _rows(details)
     x = np.array(details["rows"]["measured_mm"])[~outlying]
-    thin = np.unique(np.linspace(0, len(x) - 1, min(len(x), 220)).astype(int))
-    x, room = x[thin], float(np.ptp(x, axis=0).max())
+    thin = np.unique(np.linspace(0, len(x) - 1, min(len(x), VECTORS)).astype(int))
+    x, room = x[thin], max(float(np.ptp(x, axis=0).max()), 1.0)
+    shown = [(np.array(details["rungs"][k]["residual_mm"])[~outlying][thin], name) for k, name in which]
+    panels = [(r, name, magnification(r, room)) for r, name in shown]
+    if len(panels) > 1:
+        panels.append((panels[-1][0], f"{panels[-1][1]}, drawn as the first", panels[0][2]))
+    lines = -(-len(panels) // 2)
     with styled() as plt:
-        fig = plt.figure(figsize=(WIDTH, 2.75))
-        for n, (k, name) in enumerate(which):
-            ax = fig.add_axes((n / len(which), 0.0, 1 / len(which) - 0.02, 0.9), projection="3d")
-            r = np.array(details["rungs"][k]["residual_mm"])[~outlying][thin]
-            factor = magnification(r, max(room, 1.0))
-            tips = x + factor * r
-            ax.add_collection3d(Line3DCollection(np.stack([x, tips], 1), colors=AFTER if n else "#555555", linewidths=0.7))
+        fig = plt.figure(figsize=(WIDTH, 2.85 * lines))
+        for n, (r, name, factor) in enumerate(panels):
+            left, bottom, high = 0.5 * (n % 2), 1 - (n // 2 + 1) / lines, 1 / lines
+            ax = fig.add_axes((left, bottom, 0.47, 0.93 * high), projection="3d")
+            colour = AFTER if n >= len(which) - 1 else "#555555"
+            ax.add_collection3d(Line3DCollection(np.stack([x, x + factor * r], 1), colors=colour, linewidths=0.8))
             ax.scatter(*x.T, s=1.5, color=INK, linewidths=0, depthshade=False)
             _frame(ax, x)
-            fig.text(n / len(which) + 0.02, 0.93, shortened(name, 26), fontsize=8, fontweight="bold")
-            fig.text(n / len(which) + 0.02, 0.885, f"drawn {factor:,.0f} times as long", fontsize=7, color=QUIET)
+            fig.text(left + 0.02, bottom + 0.95 * high, shortened(name, 34), fontsize=8, fontweight="bold")
+            fig.text(left + 0.02, bottom + 0.905 * high, f"drawn {factor:,.0f} times as long", fontsize=7, color=QUIET)
         return svg(fig, "Residual vectors")
