@@ -20,7 +20,8 @@ from modelsel.study import candidates_of, plan_of, robot_of
 
 
 def entry(name: str | None, *screws: tuple[int, str, str]) -> dict:
-    return {"mechanism": name, "probability": 0.4, "alike": True, "screws": [{"frame": f, "axis": a, "cause": c} for f, a, c in screws]}
+    return {"mechanism": name, "probability": 0.4, "alike": True,
+            "screws": [{"frame": f, "axis": a, "cause": c} for f, a, c in screws]}
 
 
 @pytest.mark.parametrize(("rival", "word"), [

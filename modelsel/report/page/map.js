@@ -21,11 +21,12 @@ function numbers(data, i, j) {
     out.against = fold ? `${column.wave}*${column.angle}, folded` : column.angle;
     out.against_unit = "deg";
   } else if (causes.length === 1) {
-    out.x = rows.map((k) => causes[0][k]);
+    const shown = column.unit === "rad" ? 180 / Math.PI : 1;
+    out.x = rows.map((k) => causes[0][k] * shown);
     const ends = [Math.min(...out.x), Math.max(...out.x)];
-    out.curve = [ends, ends.map((v) => v * slopes[0])];
+    out.curve = [ends, ends.map((v) => v / shown * slopes[0])];
     out.against = data.result.error_map.causes[j];
-    out.against_unit = column.unit;
+    out.against_unit = column.unit === "rad" ? "deg" : column.unit;
   } else {
     out.x = fitted.map((v) => v * scaled(out.unit, Math.max(...fitted.map(Math.abs)))[0]);
     const ends = [Math.min(...fitted), Math.max(...fitted)], [factor, unit] = scaled(out.unit, Math.max(...fitted.map(Math.abs)));
@@ -55,12 +56,22 @@ function card(data, name) {
   return list;
 }
 
+// The pictures of findings whose own cell this is: every other effect is in the model there.
+function ownPictures(data, i, j) {
+  const place = data.details.map.places[i], mine = (f) => f.credible_set.length && related(data, i, j).some(([g]) => g === f) &&
+    f.credible_set[0].screws.some((s) => s.frame === place.frame && s.axis === place.axis);
+  return data.result.findings.flatMap((f, k) => mine(f) ? data.details.findings[k].panels.filter((p) => p.frames.includes(place.frame) && p.axis === place.axis) : []);
+}
+
 function cellPanel(data, i, j, openFinding) {
   const place = data.details.map.places[i], map = data.result.error_map, name = data.details.map.named.find(([a, b]) => a === i && b === j);
   const out = [el("h3", { text: `${placeName(place)} · ${map.causes[j]}` }),
-    el("p", { text: `F = ${digits(map.f[i][j])} of this cell alone beyond the base; by chance anywhere in the map with p = ${digits(map.p_family_wise[i][j])}.` }),
-    scatter(numbers(data, i, j)),
-    el("p", { class: "quiet", text: "Squares: before, what the base model leaves about this axis. Dots: after, what the chosen model leaves. Line: this cell's fit alone." })];
+    el("p", { text: `F = ${digits(map.f[i][j])} of this cell alone beyond the base; by chance anywhere in the map with p = ${digits(map.p_family_wise[i][j])}.` })];
+  const own = data.named.has(`${i},${j}`) ? ownPictures(data, i, j) : [];
+  for (const p of own.slice(0, 2)) out.push(scatter({ ...p, title: `Residual about ${placeName(place)}` }));
+  if (own.length) out.push(el("p", { class: "quiet", text: "With all other effects in the model. Squares: without this effect. Dots: with it. Line: the fitted effect." }));
+  out.push(scatter(numbers(data, i, j)), el("p", { class: "quiet", text: "From the base, as the map is. Squares: before, what the base model leaves about " +
+    "this axis, other effects with it. Dots: after, what the chosen model leaves. Line: this cell's fit alone." }));
   const findings = related(data, i, j);
   out.push(el("h3", { text: "Credible set" }));
   if (!findings.length) out.push(el("p", { class: "quiet", text: "No finding counts this cell among its explanations." }));
@@ -101,7 +112,8 @@ function grid(data, host, rows, columns, cell, heads, label, open, short) {
       td.tabIndex = -1;
       td.style.setProperty("--s", (100 * Math.max(0, Math.log10(Math.max(f, 1))) / biggest).toFixed(0));
       const named = data.named.has(`${a},${b}`);
-      if (p < 0.05) td.classList.add(named ? "named" : "out");
+      if (p < 0.05) td.classList.add("out");
+      if (named) td.classList.add("named");
       td.dataset.cell = `${a},${b}`;
       td.setAttribute("aria-label", `${place}, cause ${map.causes[b]}, F ${digits(f)}, p ${digits(p)}${named ? ", named in a finding" : ""}`);
       return td;
