@@ -1,5 +1,5 @@
 """README and CONTRIBUTING say what is true: their Python runs and prints what they show, their tables are the registry's, the
-report shown is the study's. `python tests/test_readme.py` writes the README's shown output, excerpt and table of mechanisms anew."""
+report is the study's. `python tests/test_readme.py` writes the README's shown output, excerpt and table of mechanisms anew."""
 from __future__ import annotations
 
 import contextlib

@@ -34,7 +34,8 @@ def residuals(source: Source) -> list[Block]:
             )
             + ".",
         ),
-        text(_predictable(result)),
+        heading("What else was looked for", 2),
+        text(" ".join([result["nothing_else"]["sentence"], _predictable(result)]).strip()),
     ]
 
 

@@ -20,15 +20,14 @@ REMEDIES = (  # names in a cause, how to measure again
 
 
 def findings(source: Source) -> list[Block]:
-    """All findings, each on a page of its own, and what absence of a finding means."""
+    """All findings, each on a page of its own."""
     result, details = source.result, source.details
-    nothing = result["nothing_else"]["sentence"]
     if not result["findings"]:
-        return [heading("Findings"), text(nothing)]
+        return [heading("Findings"), text(result["nothing_else"]["sentence"])]
     blocks: list[Block] = []
     for k, (found, said) in enumerate(zip(result["findings"], details["findings"], strict=True), 1):
         blocks += _one(source, k, found, said)
-    return [*blocks, heading("What else was looked for", 2), text(nothing)]
+    return blocks
 
 
 def _one(source: Source, k: int, found: dict[str, Any], said: dict[str, Any]) -> list[Block]:
@@ -80,15 +79,8 @@ def _verdict(found: dict[str, Any]) -> str:
     chance = f"{found['p_value']:.2g} over the whole search"
     words = [f"Verdict: {found['verdict']}; chance alone would do as well with probability {chance}"]
     if gain["held_out_rms_before_mm"] is not None:
-        sure = (
-            ""
-            if gain["interval_mm"] is None
-            else f" (95 %: {gain['interval_mm'][0]:.3g} to {gain['interval_mm'][1]:.3g} mm less)"
-        )
-        words.append(
-            f"held-out error when it joins the ladder: {mm(gain['held_out_rms_before_mm'])} to "
-            f"{mm(gain['held_out_rms_after_mm'])} mm rms{sure}"
-        )
+        before, after = (mm(gain[f"held_out_rms_{side}_mm"]) for side in ("before", "after"))
+        words.append(f"held-out error when it joins the ladder: {before} to {after} mm rms{_change(gain['interval_mm'])}")
     if found.get("rows"):
         rows = found["rows"]
         words.append(
@@ -96,6 +88,17 @@ def _verdict(found: dict[str, Any]) -> str:
             f"{', '.join(str(r + 2) for r in rows[:12])}{' …' if len(rows) > 12 else ''})"
         )
     return ". ".join(w[0].upper() + w[1:] for w in words) + "."
+
+
+def _change(interval: list[float] | None) -> str:
+    """The interval of a gain in words: positive is less error."""
+    if interval is None:
+        return ""
+    near, far = (quantity(abs(v), None, "mm") for v in sorted(interval, key=abs))
+    low, high = interval
+    if low < 0 < high:
+        return f" (95 %: {quantity(-low, None, 'mm')} more to {quantity(high, None, 'mm')} less)"
+    return f" (95 %: {near} to {far} {'less' if low >= 0 else 'more'})"
 
 
 def separation(found: dict[str, Any]) -> list[str]:

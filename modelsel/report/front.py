@@ -165,7 +165,7 @@ def error_map(source: Source) -> list[Block]:
         text(
             f"{cells:,} cells were scanned, one by one, beyond the base; the {len(columns)} strongest of "
             f"{len(whole['causes'])} causes are shown. "
-            "The page report.html shows them all."
+            "Waves of single joints, 3 and more a turn, and all other causes are in report.html."
         ),
         source.figure(
             "error-map",

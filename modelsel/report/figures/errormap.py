@@ -46,7 +46,7 @@ def error_map(result: dict[str, Any]) -> bytes | None:
         out = np.argwhere((p < STANDS_OUT) & np.isfinite(f))
         best = {tuple(cell) for cell in out if f[tuple(cell)] >= 0.6 * np.nanmax(f[:, cell[1]])}
         strong = np.array([cell for cell in out if tuple(cell) in best]).reshape(-1, 2)
-        ax.plot(out[:, 1], out[:, 0], ".", ms=1.6, color=RING, mec="white", mew=0.2)
+        ax.plot(out[:, 1], out[:, 0], ".", ms=2.6, color=RING, mew=0)
         ax.plot(strong[:, 1], strong[:, 0], "o", ms=7, mfc="none", mec=RING, mew=1.2)
         named = [(i, columns.index(j)) for i, j in named_cells(result) if j in columns]
         if named:
@@ -67,7 +67,7 @@ def error_map(result: dict[str, Any]) -> bytes | None:
         frames = [name.split()[0] for name in whole["places"]]
         for i in range(1, len(frames)):
             if frames[i] != frames[i - 1]:
-                ax.axhline(i - 0.5, color=QUIET, lw=0.5)
+                ax.axhline(i - 0.5, color=QUIET, lw=0.7, zorder=3)
         ax.spines[:].set_visible(False)
         _scale(fig, ax, mesh)
         return svg(fig, "Error map")

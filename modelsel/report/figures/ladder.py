@@ -100,7 +100,7 @@ def held_out(result: dict[str, Any], details: dict[str, Any]) -> bytes | None:
     which = which if len(which) <= 6 else [which[round(k)] for k in np.linspace(0, len(which) - 1, 6)]
     labels = names(result, rungs(result))
     with styled() as plt:
-        fig, ax = plt.subplots(figsize=(WIDTH, 2.9), layout="constrained")
+        fig, ax = plt.subplots(figsize=(WIDTH, 2.4), layout="constrained")
         for n, k in enumerate(which):
             size = np.sort(np.linalg.norm(np.array(details["rungs"][k]["residual_mm"])[side], axis=1))
             share = np.arange(1, len(size) + 1) / len(size)

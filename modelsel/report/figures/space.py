@@ -125,7 +125,7 @@ def vectors(details: dict[str, Any], which: list[tuple[int, str]]) -> bytes:
         panels.append((panels[-1][0], f"{panels[-1][1]}, drawn as the first", panels[0][2]))
     lines = -(-len(panels) // 2)
     with styled() as plt:
-        fig = plt.figure(figsize=(WIDTH, 2.85 * lines))
+        fig = plt.figure(figsize=(WIDTH, 2.3 * lines))
         for n, (r, name, factor) in enumerate(panels):
             left, bottom, high = 0.5 * (n % 2), 1 - (n // 2 + 1) / lines, 1 / lines
             ax = fig.add_axes((left, bottom, 0.47, 0.93 * high), projection="3d")
