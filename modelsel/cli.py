@@ -112,11 +112,16 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
 @main.command()
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
 @click.option("--pages", help="Pages of report.pdf, by name, with commas; all without.")
-def report(folder: Path, pages: str | None) -> None:
+@click.option("--json", "as_json", is_flag=True)
+def report(folder: Path, pages: str | None, as_json: bool) -> None:
     """Draw report.pdf and report.html of a finished study again, from its folder; nothing is computed anew."""
     from .report.drawing import draw
     chosen = None if pages is None else tuple(name.strip() for name in pages.split(",") if name.strip())
-    click.echo(f"Written: {', '.join(map(str, draw(folder, chosen, _progress())))}")
+    written = draw(folder, chosen, _progress())
+    if as_json:
+        _json({"written": [path.name for path in written]})
+    else:
+        click.echo(f"Written: {', '.join(map(str, written))}")
 
 
 @main.command()

@@ -41,7 +41,7 @@ def _named(named: Sequence[tuple[str, str]], extended: bool) -> str:
     if not named:
         return "No error beyond the base model was named."
     several = list(dict.fromkeys(name for name, _ in named))
-    more = len(several) - SHOWN
+    more = len(named) - sum(name in several[:SHOWN] for name, _ in named)
     shown = sentence_list([*several[:SHOWN], f"{more} more"] if more > 1 else several)
     unsure = sum(verdict != "found" for _, verdict in named)
     number = NUMBERS[len(named)] if len(named) < len(NUMBERS) else str(len(named))

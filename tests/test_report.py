@@ -128,7 +128,7 @@ def test_a_page_per_finding(drawn) -> None:
         assert "What it could be" in page
 
 
-def test_nothing_runs_off_the_page(drawn) -> None:
+def within_margins(file: Path | io.BytesIO) -> None:
     """Every letter stands within the margins, those of pictures, too; header and footer stand above and below."""
     from pdfminer.high_level import extract_pages
     from pdfminer.layout import LTChar
@@ -138,12 +138,17 @@ def test_nothing_runs_off_the_page(drawn) -> None:
             return [node]
         return [c for kid in node for c in letters(kid)] if hasattr(node, "__iter__") else []
 
-    for page in extract_pages(drawn / "report.pdf", laparams=None):
+    for page in extract_pages(file, laparams=None):
         found = letters(page)
         assert len(found) > 100
-        assert (min(c.x0 for c in found), min(c.y0 for c in found)) > (60, 20)
+        assert min(c.x0 for c in found) > 60
+        assert min(c.y0 for c in found) > 20
         assert max(c.x1 for c in found) < A4[0] - 55
         assert max(c.y1 for c in found) < A4[1] - 20
+
+
+def test_nothing_runs_off_the_page(drawn) -> None:
+    within_margins(drawn / "report.pdf")
 
 
 def test_same_bytes_anywhere(drawn, tmp_path) -> None:
@@ -166,8 +171,9 @@ def test_study_writes_the_same_details_again(drawn, tmp_path) -> None:
 def test_pages_are_chosen(drawn, tmp_path) -> None:
     for name in ("result.json", "details.json"):
         shutil.copy(drawn / name, tmp_path)
-    done = CliRunner().invoke(main, ["report", str(tmp_path), "--pages", "first, map"])
+    done = CliRunner().invoke(main, ["report", str(tmp_path), "--pages", "first, map", "--json"])
     assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout) == {"written": ["report.pdf", "report.html"]}
     text = pages(tmp_path)
     assert len(text) == 2
     assert "Error map" in text[1]
@@ -203,6 +209,24 @@ def test_words_of_the_data_are_not_markup(drawn) -> None:
     pdf, warnings = compiled(content(source, blocks), source.pictures)
     assert not warnings
     assert plain(name) in plain(texts(pdf)[0])
+
+
+def test_long_names_keep_their_place(drawn) -> None:
+    """The first page stays one, a finding's page too, and nothing stands outside the margins."""
+    source = drawing.read(drawn)
+    result, details, name = source.result, source.details, "a-name-that-nobody-shortened-when-it-was-written-down:12"
+    result["study"] = "The third arm of cell 12 in hall B after the exchange of its elbow gear, measured by the night shift"
+    for said, finding in zip(details["findings"], result["findings"], strict=True):
+        said.update(label=name, what=said["what"] + 12 * " and so on")
+        finding.update(sentence=3 * finding["sentence"], credible_set=8 * [finding["credible_set"][0] | {"mechanism": name}])
+    for rung in result["ladder"][2:]:
+        rung["mechanisms"] = ["geometric", *(len(rung["mechanisms"]) - 1) * [name]]
+    result["findings"], details["findings"] = 3 * result["findings"], 3 * details["findings"]
+    blocks = book(source, drawing.PAGES, ("first", "findings"))
+    pdf, warnings = compiled(content(source, blocks), source.pictures)
+    assert not warnings
+    assert len(texts(pdf)) == 1 + len(result["findings"])
+    within_margins(io.BytesIO(pdf))
 
 
 def test_failure_leaves_the_result(monkeypatch, tmp_path) -> None:

@@ -7,8 +7,9 @@ from typing import Any
 from ..tables import mm
 from .document import Block, Source, heading, points, table, text
 from .figures import errormap, ladder, space
+from .style import shortened
 
-NAMED = 9  # rows of the first page's table
+NAMED, NAME, WHAT = 9, 40, 110  # rows of the first page's table, letters of a name and of what it means
 
 
 def name_of(entry: dict[str, Any]) -> str:
@@ -64,7 +65,11 @@ def first(source: Source) -> list[Block]:
     found = list(zip(result["findings"], details["findings"], strict=True))
     if found:
         rows = [
-            [said["label"], said["what"], sure(f) if f["verdict"] == "found" else f"{sure(f)}, rivals"]
+            [
+                shortened(said["label"], NAME),
+                shortened(said["what"], WHAT),
+                sure(f) if f["verdict"] == "found" else f"{sure(f)}, rivals",
+            ]
             for f, said in found[:NAMED]
         ]
         more = len(found) - len(rows)
@@ -74,7 +79,7 @@ def first(source: Source) -> list[Block]:
                 rows,
                 "Probability: of this name and those that would move the target alike; rivals: others cannot be told from it."
                 + (f" And {more} more: see Findings." if more > 0 else ""),
-                [0.0, 1.0, 0.0],
+                [0.36, 1.0, 0.0],
             )
         )
     return blocks

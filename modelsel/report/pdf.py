@@ -10,6 +10,7 @@ from typing import Any
 
 from ..errors import ModelselError
 from .document import Block, Source
+from .style import shortened
 
 
 class ReportError(ModelselError):
@@ -52,7 +53,7 @@ def content(source: Source, blocks: list[Block]) -> dict[str, Any]:
     result = source.result
     return {
         "title": f"Calibration report: {result['study']}",
-        "short": result["study"],
+        "short": shortened(result["study"], 70),
         "robot": result["robot"],
         "made": f"modelsel {result['provenance']['modelsel']}",
         "blocks": blocks,
