@@ -25,8 +25,8 @@ def said(named: list[tuple[str, str]], gain: Gain = GAIN, extended: bool = True)
 
 def test_three_sentences() -> None:
     first, second, third = said([("gravity-twist", "found")])
-    assert first == ("On held-out configurations the position error falls from 2 to 1 mm rms, a gain of 0.9 to 1.1 mm (95 %); noise "
-                     "of 0.03 mm per coordinate (repeats) would leave 0.052 mm.")
+    assert first == ("On held-out configurations the position error falls from 2 to 1 mm rms, a gain of 0.9 to 1.1 mm (95 %); "
+                     "noise of 0.03 mm per coordinate (repeats) would leave 0.052 mm.")
     assert second == "One error was named beyond the base: gravity-twist."
     assert third == "Nothing else was found; an effect above 0.02 mm rms would have been found with 90 %."
 
