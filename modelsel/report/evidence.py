@@ -137,17 +137,19 @@ def _signed(value: float | None) -> str:
 def correlation(source: Source) -> list[Block]:
     """Which parameters hang together."""
     block = source.result.get("correlation")
-    if not block or len(block["symbols"]) < 2:
+    if not block or not block.get("matrix") or len(block["symbols"]) < 2:
         return []
-    clusters = [", ".join(c) for c in block["clusters"] if len(c) > 1]
+    clusters = [c for c in block["clusters"] if len(c) > 1]
+    count, most = len(block["symbols"]), parameters.MATRIX
+    part = f" {most} of {count} parameters are drawn, the clusters first." if count > most else ""
     out = [
         heading("Correlation"),
         source.figure(
             "correlation",
             parameters.correlation(block),
             "Correlation of the estimates, clusters together. Filled: positive; open ring: "
-            "negative; the larger, the stronger. Parameters of one cluster are known together better than apart.",
-            f"Correlation matrix of {len(block['symbols'])} parameters in {len(clusters)} clusters.",
+            "negative; the larger, the stronger. Parameters of one cluster are known together better than apart." + part,
+            f"Correlation matrix of {count} parameters in {len(clusters)} clusters.",
         ),
     ]
     if block["pairs"]:
@@ -166,7 +168,7 @@ def posterior(source: Source) -> list[Block]:
     if found.get("importance"):
         blocks.append(text(found["importance"]["sentence"]))
     trace = found.get("trace")
-    if trace and len(trace["names"]) and len(trace["draws"]):
+    if found.get("converged") and trace and len(trace["names"]) and len(trace["draws"]):
         blocks.append(
             source.figure(
                 "posterior",

@@ -14,12 +14,14 @@ STANDS_OUT = 0.05
 
 
 def strongest(result: dict[str, Any], most: int = COLUMNS) -> list[int]:
-    """The causes whose best cell stands out most, in the map's order; those of few places only where there is room."""
+    """The causes of findings and those whose best cell stands out most, in the map's order; of the rest, those of few places
+    only where there is room."""
     f = np.array([[np.nan if v is None else v for v in row] for row in result["error_map"]["f"]], dtype=float)
     if not f.size:
         return []
     best = np.nanmax(np.where(np.isnan(f), 0.0, f), axis=0)
     best = np.where(np.isfinite(f).sum(axis=0) >= PLACES, 1e9 + best, best)
+    best[[j for _, j in named_cells(result)]] += 2e9
     return sorted(np.argsort(-best, kind="stable")[:most].tolist())
 
 

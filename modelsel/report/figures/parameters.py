@@ -10,7 +10,7 @@ from ..style import AFTER, BLUE, GREY, INK, ORANGE, QUIET, WIDTH, shortened, sty
 
 MOST = 64  # rows of the forest
 SHOWN = 6  # names of the posterior's picture
-ELLIPSE = 48  # names of the correlation's picture
+MATRIX = 48  # names of the correlation's picture
 
 
 def forest(parameters: list[dict[str, Any]]) -> bytes:
@@ -55,7 +55,7 @@ def correlation(block: dict[str, Any]) -> bytes:
     """The correlation matrix of the estimates, clusters first; size and shade grow with |r|, hollow where it is negative."""
     order = [s for cluster in block["clusters"] for s in cluster]
     order += [s for s in block["symbols"] if s not in order]
-    order = list(dict.fromkeys(order))[:ELLIPSE]
+    order = list(dict.fromkeys(order))[:MATRIX]
     place = {s: k for k, s in enumerate(block["symbols"])}
     at = [place[s] for s in order]
     r = np.array([[np.nan if v is None else v for v in row] for row in block["matrix"]], dtype=float)[np.ix_(at, at)]
