@@ -98,12 +98,12 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     say = _progress()
     result = run(read, path.parent, registry=registry, say=say)
     save(result, folder)
-    save_details(result, folder)
     if as_json:
         click.echo(result.to_json(), nl=False)
     else:
         from .tables import show
         show(result, _console())
+    save_details(result, folder)
     written = [folder / "result.json", folder / "details.json", *([] if no_report else draw(folder, say=say))]
     if not as_json:
         click.echo(f"Written: {', '.join(map(str, written))}")

@@ -168,9 +168,8 @@ def error_map(source: Source) -> list[Block]:
     return [
         heading("Error map"),
         text(
-            f"{cells:,} cells were scanned, one by one, beyond the base; the {len(columns)} strongest of "
-            f"{len(whole['causes'])} causes are shown. "
-            "Waves of single joints, 3 and more a turn, and all other causes are in report.html."
+            f"{cells:,} cells were scanned, one by one, beyond the base. Of {len(whole['causes'])} causes {len(columns)} are shown: those "
+            "of findings and the strongest that act at several places. All others are in report.html."
         ),
         source.figure(
             "error-map",
