@@ -168,8 +168,8 @@ def error_map(source: Source) -> list[Block]:
     return [
         heading("Error map"),
         text(
-            f"{cells:,} cells were scanned, one by one, beyond the base. Of {len(whole['causes'])} causes {len(columns)} are shown: those "
-            "of findings and the strongest that act at several places. All others are in report.html."
+            f"{cells:,} cells were scanned, one by one, beyond the base. Of {len(whole['causes'])} causes {len(columns)} are "
+            "shown: those of findings and the strongest that act at several places. All others are in report.html."
         ),
         source.figure(
             "error-map",
