@@ -33,6 +33,7 @@ from .robust import GROSS, far_off
 from .sampling import Keeper
 from .screws import Mechanism, Screw
 from .validate import Gain, errors, gain
+from .verdict import verdict
 from .version import VERSION
 from .words import display, label
 
@@ -61,6 +62,12 @@ class Result:
     confidence: Confidence
     provenance: Mapping[str, str] = field(repr=False)
 
+    @property
+    def named(self) -> list[tuple[str, str]]:
+        """(name, verdict) of every finding, faults of single rows first, as result.json lists them."""
+        return [*((f"fault:{f.name}", "found") for f in self.faults),
+                *((label(f.effect.candidate), f.effect.named.verdict) for f in self.findings)]
+
     def to_dict(self) -> dict[str, Any]:
         """The contract's result."""
         data = self.data.scene.data
@@ -69,6 +76,8 @@ class Result:
         return {
             "schema": 1, "study": self.study.name, "robot": self.robot.name, "seed": self.study.seed,
             "provenance": dict(self.provenance),
+            "verdict": list(verdict(self.ladder[0], self.chosen, self.gain, self.floor, self.named,
+                                    self.study.model.candidates != [], self.nothing_else[0])),
             "configurations": {"estimation": data.take(estimation).configurations,
                                "held_out": data.take(~estimation).configurations,
                                "estimation_rows": data.row[estimation]},

@@ -79,7 +79,7 @@ def _progress() -> Callable[[str], None]:
 @main.command()
 @click.argument("study", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Output folder; default reports/<study folder>.")
-@click.option("--no-report", is_flag=True, help="Write result.json only.")
+@click.option("--no-report", is_flag=True, help="Leave out report.pdf and report.html.")
 @click.option("--no-sampling", is_flag=True, help="Leave out the sampling of the posterior.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json instead of tables.")
 @click.option("--resume", is_flag=True, help="Go on where an interrupted run of the same study stopped.")
@@ -88,6 +88,7 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     from .checkpoint import Checkpoint
     from .config import read_study
     from .registry import with_plugins
+    from .report.drawing import draw, save_details
     from .study import run, save
     from .write import check_writable
     path = study / "study.toml" if study.is_dir() else study
@@ -97,17 +98,35 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
         click.echo(f"modelsel: plug-in {name} is left out: {why}", err=True)
     folder = out if out is not None else Path("reports") / path.resolve().parent.name
     check_writable(folder)
-    result = run(read, path.parent, registry=registry, say=_progress(), sampling=not no_sampling,
-                 checkpoint=Checkpoint(folder, resume))
+    say = _progress()
+    result = run(read, path.parent, registry=registry, say=say, sampling=not no_sampling, checkpoint=Checkpoint(folder, resume))
     save(result, folder)
     if as_json:
         click.echo(result.to_json(), nl=False)
     else:
         from .tables import show
         show(result, _console())
-        click.echo(f"Written: {folder / 'result.json'}")
+    save_details(result, folder)
+    written = [folder / "result.json", folder / "details.json", *([] if no_report else draw(folder, say=say))]
+    if not as_json:
+        click.echo(f"Written: {', '.join(map(str, written))}")
     if result.confidence.sampling is not None and not result.confidence.sampling.converged:
         sys.exit(UNCONVERGED)
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
+@click.option("--pages", help="Pages of report.pdf, by name, with commas; all without.")
+@click.option("--json", "as_json", is_flag=True)
+def report(folder: Path, pages: str | None, as_json: bool) -> None:
+    """Draw report.pdf and report.html of a finished study again, from its folder; nothing is computed anew."""
+    from .report.drawing import draw
+    chosen = None if pages is None else tuple(name.strip() for name in pages.split(",") if name.strip())
+    written = draw(folder, chosen, _progress())
+    if as_json:
+        _json({"written": [path.name for path in written]})
+    else:
+        click.echo(f"Written: {', '.join(map(str, written))}")
 
 
 @main.command()

@@ -33,11 +33,11 @@ FLOORS: tuple[tuple[str, frozenset[str]], ...] = tuple(
         ),
         ("elsewhere", "prepare simulate explain confidence"),
         ("use", "compensate export plan"),
-        ("telling", "findings result tables figures report config write inspect analysis checkpoint study cli"),
+        ("telling", "findings verdict result tables figures report config write inspect analysis checkpoint study cli"),
         ("door", "__init__ __main__"),
     )
 )
-HEAVY = ("scipy.stats", "matplotlib", "pandas", "pyarrow", "emcee", "rich", "pydantic")
+HEAVY = ("scipy.stats", "matplotlib", "pandas", "pyarrow", "emcee", "rich", "pydantic", "typst")
 ALLOWED = {("config", "pydantic")}  # the study file is its schema; only commands that read one import it
 LONGEST_FILE = 300
 LONGEST_FUNCTION = 60
