@@ -165,6 +165,11 @@ def posterior(source: Source) -> list[Block]:
     blocks = [heading("Posterior")]
     if not found.get("converged"):
         blocks.append(text("The chains had not converged when sampling ended; no quantile of theirs is quoted."))
+    if found.get("sentence"):
+        blocks.append(text(found["sentence"]))
+    if found.get("converged"):
+        blocks.append(text(f"{found['steps']:,} steps of {found['walkers']} walkers, autocorrelation time {found['tau']:.0f}: "
+                           f"{found['effective_samples']:,.0f} effective samples, R-hat {found['r_hat']:.3f}."))
     if found.get("importance"):
         blocks.append(text(found["importance"]["sentence"]))
     trace = found.get("trace")
@@ -172,7 +177,7 @@ def posterior(source: Source) -> list[Block]:
         blocks.append(
             source.figure(
                 "posterior",
-                parameters.posterior(trace),
+                parameters.posterior(trace, {q["name"]: q["unit"] for q in found.get("quantiles") or []}),
                 "Draws from the posterior of the informative few, in the parameters' own "
                 "units. A narrow slanting cloud: two parameters that the data know only together.",
                 f"Pairwise posterior draws of {', '.join(trace['names'][: parameters.SHOWN])}.",
@@ -182,7 +187,8 @@ def posterior(source: Source) -> list[Block]:
         rows = [
             [
                 q["name"],
-                *(quantity(q[k], None, q["unit"]) for k in ("low", "median", "high", "closed_form_low", "closed_form_high")),
+                *("–" if q[k] is None else quantity(q[k], None, q["unit"])
+                  for k in ("low", "median", "high", "closed_form_low", "closed_form_high")),
             ]
             for q in found["quantiles"][:QUANTILES]
         ]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..style import AFTER, BLUE, GREY, INK, ORANGE, QUIET, WIDTH, shortened, styled, svg
+from ..style import AFTER, BLUE, GREY, INK, ORANGE, QUIET, WIDTH, scaled, shortened, styled, svg
 
 MOST = 64  # rows of the forest
 SHOWN = 6  # names of the posterior's picture
@@ -86,10 +86,16 @@ def correlation(block: dict[str, Any]) -> bytes:
         return svg(fig, "Correlation of the estimates")
 
 
-def posterior(trace: dict[str, Any]) -> bytes:
-    """Draws of the informative few, pair by pair, with their distributions on the diagonal."""
+def posterior(trace: dict[str, Any], units: dict[str, str]) -> bytes:
+    """Draws of the informative few, pair by pair, with their distributions on the diagonal; `units` by name."""
     draws, names = np.array(trace["draws"], dtype=float)[:, :SHOWN], trace["names"][:SHOWN]
     n = draws.shape[1]
+    titles = []
+    for k, name in enumerate(names):
+        stem, over, per = units.get(name, "1").partition("/")
+        factor, unit = scaled(stem, float(np.abs(draws[:, k]).max(initial=0)))
+        draws[:, k] *= factor
+        titles.append(shortened(name, 14) + ("" if unit + over + per == "1" else f"\n[{unit}{over}{per}]"))
     with styled() as plt:
         fig, axes = plt.subplots(n, n, figsize=(WIDTH, WIDTH * 0.86), squeeze=False, layout="constrained")
         for a in range(n):
@@ -100,7 +106,7 @@ def posterior(trace: dict[str, Any]) -> bytes:
                     continue
                 if a == b:
                     ax.hist(draws[:, a], bins=20, color=GREY, edgecolor=AFTER, linewidth=0.6)
-                    ax.set_title(shortened(names[a], 14), fontsize=7, loc="center")
+                    ax.set_title(titles[a], fontsize=7, loc="center")
                     ax.set_yticks([])
                 else:
                     ax.plot(draws[:, b], draws[:, a], ".", ms=1.6, color=AFTER, alpha=0.6, mew=0)
