@@ -74,6 +74,16 @@ class Columns:
         """Number of candidates."""
         return len(self.slices)
 
+    def dot(self, values: Array) -> Array:
+        """(C, ...) products of every column with values (N + k, ...): in the k rows of a model's prior the columns are nought."""
+        return np.asarray(self.XT @ values[:self.XT.shape[1]])
+
+    def sum_of(self, weights: Array, g: int, rows: int) -> Array:
+        """(rows, ...) candidate g's columns times weights (k, ...), nought in the rows of a model's prior."""
+        out = np.zeros((rows, *weights.shape[1:]))
+        out[:self.XT.shape[1]] = self.XT[self.slices[g]].T @ weights
+        return out
+
 
 def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], Array] | None = None) -> Columns:
     """Columns of every candidate, each screw's evaluated once. Rows are ordered block, component, configuration."""
@@ -150,7 +160,8 @@ def basis(matrix: Array) -> Array:
 @dataclass(frozen=True, eq=False)
 class Scan:
     """The candidates seen from one fitted model: Z_g bases, effective sizes k (G,), `freedom` N − r; Q (N, ·) spans the model
-    (its columns need not be orthonormal after directions were given back: Q Qᵀ still projects)."""
+    (its columns need not be orthonormal after directions were given back: Q Qᵀ still projects). A model with shrunk terms
+    has its prior's rows below the data's: what is beyond it is then weighed as if those terms were integrated out."""
 
     columns: Columns
     Q: Array
@@ -160,13 +171,13 @@ class Scan:
 
     def strength(self, response: Array) -> Strength:
         """What responses (N, B) have in common with every candidate."""
-        s = self.columns.XT @ response
+        s = self.columns.dot(response)
         return self.gather([np.matmul(bucket.W, s[bucket.block.index]) for bucket in self.buckets])
 
     def small(self, response: Array) -> NDArray[np.bool_]:
         """(G,) whether a response (N,) asks for small screws only: a joint that turns about its own target would have to turn
         by radians to explain a tenth of a millimetre, and is not its cause."""
-        s, out = self.columns.XT @ response, np.ones(len(self.sizes), bool)
+        s, out = self.columns.dot(response), np.ones(len(self.sizes), bool)
         for b in self.buckets:
             z = np.einsum("nkl,nl->nk", b.W, s[b.block.index])
             if b.weights is not None:
@@ -192,14 +203,14 @@ class Scan:
 
 def scan(cols: Columns, Q: Array) -> Scan:
     """Project every candidate off the model's basis Q (N, r)."""
-    A = cols.XT @ Q
+    A = cols.dot(Q)
     lefts = [b.gram - np.matmul(A[b.index], A[b.index].swapaxes(1, 2)) for b in cols.grams]
     return _scan(cols, Q, lefts)
 
 
 def scan_without(seen: Scan, D: Array) -> Scan:
     """The scan from a smaller model, whose basis lacks the directions D (N, d) of `seen.Q`'s span: they are given back."""
-    A = seen.columns.XT @ D
+    A = seen.columns.dot(D)
     lefts = [b.left + np.matmul(A[b.block.index], A[b.block.index].swapaxes(1, 2)) for b in seen.buckets]
     return _scan(seen.columns, seen.Q - D @ (D.T @ seen.Q), lefts, seen.freedom + D.shape[1])
 
@@ -220,7 +231,7 @@ def _scan(cols: Columns, Q: Array, lefts: Sequence[Array], freedom: int | None =
             top = np.maximum(value.max(1, keepdims=True), 1e-300)
             weights = np.where(value > FAINT * top, value / top, 0.0)
         buckets.append(Bucket(block, left, W, weights))
-    return Scan(cols, Q, tuple(buckets), sizes, cols.XT.shape[1] - Q.shape[1] if freedom is None else freedom)
+    return Scan(cols, Q, tuple(buckets), sizes, Q.shape[0] - Q.shape[1] if freedom is None else freedom)
 
 
 def _whitener(value: Array, vector: Array, good: NDArray[np.bool_]) -> Array:

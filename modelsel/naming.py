@@ -66,12 +66,13 @@ def coefficients(seen: Scan, g: int, response: Array) -> Array:
     bucket = next(b for b in seen.buckets if g in b.block.which)
     at = int(np.flatnonzero(bucket.block.which == g)[0])
     W = bucket.W[at]
-    return np.asarray(W.T @ (W @ (seen.columns.XT[bucket.block.index[at]] @ response)))
+    own = seen.columns.XT[bucket.block.index[at]]
+    return np.asarray(W.T @ (W @ (own @ response[:own.shape[1]])))
 
 
 def fitted_displacement(seen: Scan, g: int, response: Array) -> Array:
     """(N,) what candidate g, fitted alone beyond the model, makes of the response."""
-    raw = coefficients(seen, g, response) @ seen.columns.XT[seen.columns.slices[g]]
+    raw = seen.columns.sum_of(coefficients(seen, g, response), g, len(response))
     return np.asarray(raw - seen.Q @ (seen.Q.T @ raw))
 
 
