@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from modelsel.robot import forward
 from modelsel.scene import Scene
 from modelsel.screws import Mechanism, Screw, Term
 
+loop = import_module("modelsel.extend")     # the module: the package's own `extend` is the function
 SIGMA = 0.03
 
 
@@ -158,3 +160,35 @@ def test_a_joint_that_turns_about_its_own_target_is_not_the_cause(rng: np.random
     listed = [e.candidate.mechanism for e in found.effects[0].named.entries]
     assert all(m.name != "gear-eccentricity:6" for m in listed), listed
     assert "7 ty sin(q6) & cos(q6)" in [m.name for m in listed]
+
+
+def test_beyond_a_shrunk_model_is_beyond_it_with_its_terms_integrated_out(rng: np.random.Generator) -> None:
+    """What the scan sees behind a free function against generalised least squares with its covariance written out."""
+    at = drawn("puma760", rng, 150)
+    bent = turned(at, 4, 4e-4 * np.tanh(at.data.q[:, 3] / 0.3), rng)
+    base = Model((mechanism("geometric", at.robot),))
+    found = candidates(bent, base, every(at.robot))
+    search = loop._Search(bent, base, found, rng, fit(bent, base))
+    free = next(g for g, c in enumerate(found) if c.mechanism.name == "free(q4) 20")
+    view = search.fit([free], None)
+    fitted, kept = view.fitted, list(view.fitted.found.kept)
+    precision = fitted.precision
+    assert precision is not None
+    A, r = stacked(bent, view.model.terms, fitted.at())
+    soft = [k for k in kept if precision[k] > 0]
+    firm = [k for k in kept if precision[k] == 0]
+    inverse = fitted.root[:, soft].T @ fitted.root[:, soft]
+    V = np.eye(len(A)) + A[:, soft] @ np.linalg.solve(inverse, A[:, soft].T)
+    y = r + A @ fitted.theta
+    W = np.linalg.inv(V)
+    X = A[:, firm]
+    P = W - W @ X @ np.linalg.solve(X.T @ W @ X, X.T @ W)
+    for name_ in ("encoder-scale:4", "refraction", "settle:2"):
+        g = next(k for k, c in enumerate(found) if c.mechanism.name == name_)
+        x = search.columns.XT[search.columns.slices[g][0]]
+        bucket = next(b for b in view.seen.buckets if g in b.block.which)
+        left = bucket.left[list(bucket.block.which).index(g)][0, 0]
+        assert left == pytest.approx(x @ P @ x, rel=1e-6)
+        strength = view.seen.strength(view.r[:, None]).whole[g, 0]
+        assert strength == pytest.approx((x @ P @ y) ** 2 / (x @ P @ x), rel=1e-5)
+    assert view.r @ view.r == pytest.approx(y @ P @ y, rel=1e-6)
