@@ -16,7 +16,7 @@
 
   const side = result.ladder[0].held_out.mean_mm === null ? "estimation" : "held_out", floor = result.noise_floor.coordinate_mm * Math.sqrt(8 / Math.PI);
   const top = Math.log(Math.max(...result.ladder.map((r) => r[side].mean_mm || 0)) / floor);
-  const ladder = el("table", { class: "plain" }, el("thead", {}, el("tr", {}, ...["model", "mean mm", ""].map((h) => el("th", { scope: "col", text: h })))));
+  const ladder = el("table", { class: "plain" }, el("thead", {}, el("tr", {}, ...["model", "mean mm", ""].map((h) => el("th", { scope: "col", class: h === "mean mm" ? "number" : "", text: h })))));
   const body = el("tbody");
   data.ladder.forEach(([k, name]) => {
     const value = result.ladder[k][side].mean_mm, bar = el("div", { class: "bar" });
