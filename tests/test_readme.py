@@ -29,6 +29,7 @@ README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
 AGAIN = "python tests/test_readme.py writes it anew"
 EXCERPT = ("Nominal model", "Found", "Not told apart", "Nothing else", "On held-out")
 TABLE = re.compile(r"<!-- mechanisms -->\n(.*?)\n\n(?!\|)", re.DOTALL)
+RATES = re.compile(r"<!-- naming -->\n(.*?)\n\n(?!\|)", re.DOTALL)
 SHOWN = re.compile(r"```python\n(.*?)```\n\n```text\n(.*?)```", re.DOTALL)
 
 
@@ -74,6 +75,17 @@ def mechanism_table(registry: Registry = BUILTIN, robot: str = "puma760") -> str
     return "\n".join(rows)
 
 
+def naming_table() -> str:
+    """The benchmark of naming as it was kept, method by method."""
+    kept = json.loads((ROOT / "benchmarks" / "results" / "naming.json").read_text(encoding="utf-8"))["summary"]["table"]
+    rows = [("| method, on the same candidates | false alarm, nothing planted | found | rightly named | surplus findings a case "
+            "| held-out error over the oracle's |"), "|---|---|---|---|---|---|"]
+    for method, row in kept.items():
+        rates = " | ".join(f"{row[key]['rate']:.2f}" for key in ("false alarm", "found", "right"))
+        rows.append(f"| {method} | {rates} | {row['extra']['mean']:.2f} | {row['held-out']['mean']:.3f} |")
+    return "\n".join(rows)
+
+
 def floors(shown: str) -> str:
     """The picture of the package: every floor of test_floors.py with the modules there are; what `shown` says of it stays."""
     said = dict(line.partition(" ")[::2] for line in shown.splitlines() if not line.startswith(" "))
@@ -114,6 +126,10 @@ def test_excerpt_is_what_the_study_prints(page, ran) -> None:
 
 def test_every_mechanism_is_in_the_table(page) -> None:
     assert TABLE.search(page).group(1) == mechanism_table(), AGAIN
+
+
+def test_naming_s_rates_are_the_benchmark_s(page) -> None:
+    assert RATES.search(page).group(1) == naming_table(), AGAIN
 
 
 def test_report_shown_is_the_study_s(ran) -> None:
@@ -204,6 +220,7 @@ def rewrite() -> None:
     said = section("What it says", text)
     text = text.replace(said, said.replace(fenced("text", said)[0], excerpt(names["result"])))
     text = TABLE.sub(lambda old: old.group(0).replace(old.group(1), mechanism_table()), text)
+    text = RATES.sub(lambda old: old.group(0).replace(old.group(1), naming_table()), text)
     (shown,) = fenced("text", section("How it is built", text))
     README.write_text(text.replace(shown, floors(shown)), encoding="utf-8")
 
