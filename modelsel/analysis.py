@@ -143,7 +143,7 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     data, extension, found = explain(data, base, question.everything, study.seed, question.cells, say)
     nominal, base_rung = rung(data, question.model((), measured), ("nominal",)), rung(data, base, base_names)
     say("comparing all subsets of the candidates")
-    offered, aside = strongest(found, extension.single_f)
+    offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects])
     comparison = compare(data, base, _fit(base_rung), offered, base_names, aside) if offered else None
     say("measuring the gain")
     steps = _steps(data, base_rung, extension)
