@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 from importlib import import_module
 from typing import Any
@@ -18,6 +19,7 @@ INTERRUPTED = 130
 
 COMMANDS = {    # name: what `modelsel --help` says of it; modelsel/commands/<name>.py has it
     "study": "Run a study: what is wrong, the ladder of models, the gain.",
+    "report": "Draw the report of a finished study again.",
     "check": "What is in a measurements file, what it can tell and what it cannot.",
     "mechanisms": "The registry of error mechanisms: equations, units, where each acts.",
     "robots": "The built-in nominal robots, each with its source.",
@@ -61,7 +63,8 @@ class _Lazy(click.Group):
                 click.echo(f"modelsel: {line}", err=True)
             sys.exit(error.exit_code)
         except KeyboardInterrupt:
-            click.echo(f"modelsel: interrupted; to go on: modelsel {' '.join(sys.argv[1:])}", err=True)
+            again = [*sys.argv[1:], *(["--resume"] if "study" in sys.argv and "--resume" not in sys.argv else [])]
+            click.echo(f"modelsel: interrupted; to go on: modelsel {shlex.join(again)}", err=True)
             sys.exit(INTERRUPTED)
         except BrokenPipeError:
             sys.exit(0)

@@ -117,17 +117,22 @@ class Comparison:
     set_aside: tuple[str, ...]
 
 
-def strongest(found: Sequence[Candidate], single_f: Array) -> tuple[tuple[Mechanism, ...], tuple[str, ...]]:
-    """(the registered mechanisms of largest single F, at most twelve, in the registry's order; names of the others). Of a
-    scanned mechanism the best constant stands for it."""
+def strongest(found: Sequence[Candidate], single_f: Array, named: Sequence[Candidate] = ()
+              ) -> tuple[tuple[Mechanism, ...], tuple[str, ...]]:
+    """(at most twelve registered mechanisms: the `named`, then those of largest single F, in the registry's order; names of
+    the others). Of a scanned mechanism the best constant, or the named one, stands for it."""
     best: dict[str, tuple[float, int]] = {}
     for g, candidate in enumerate(found):
-        if candidate.registered and single_f[g] > best.get(candidate.mechanism.name, (0.0, -1))[0]:
-            best[candidate.mechanism.name] = (float(single_f[g]), g)
+        f = np.inf if any(candidate is n for n in named) else float(single_f[g])
+        if candidate.registered and f > best.get(candidate.mechanism.name, (0.0, -1))[0]:
+            best[candidate.mechanism.name] = (f, g)
     ranked = [g for _, g in sorted(best.values(), key=lambda pair: -pair[0])]
     screws = {g: {t.screws for t in found[g].mechanism.terms} for g in ranked}
-    unions = {g for g in ranked if screws[g] == set().union(*(screws[h] for h in ranked if screws[h] < screws[g]))}
-    single = [g for g in ranked if g not in unions]          # gravity-twist is joint2-twist and joint3-twist, no third thing
+    first = {g for f, g in best.values() if f == np.inf}
+    parts = {g for g in ranked if g not in first and any(screws[g] < screws[h] for h in first)}
+    unions = {g for g in ranked if g not in first
+              and screws[g] == set().union(*(screws[h] for h in ranked if screws[h] < screws[g]))}
+    single = [g for g in ranked if g not in unions | parts]  # gravity-twist is joint2-twist and joint3-twist, no third thing
     aside = tuple(found[g].mechanism.name for g in ranked if g not in single[:MOST])
     return tuple(found[g].mechanism for g in sorted(single[:MOST])), aside
 

@@ -67,7 +67,7 @@ def chain(curve: Curve, Q: Array, response: Array, given: Sequence[int] | None, 
         best = int(np.argmax(np.where(left, joint, -np.inf)))
         if wanted is None and not joint[best] > 0 or not np.isfinite(joint[best]):
             break
-        X = curve.columns.XT[curve.columns.slices[best]].T
+        X = curve.columns.sum_of(np.eye(len(curve.columns.slices[best])), best, len(response))
         Z = basis(X - Q @ (Q.T @ X))
         Q, response = np.column_stack([Q, Z]), response - Z @ (Z.T @ response)
         total += float(joint[best])

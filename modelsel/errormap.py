@@ -22,17 +22,21 @@ from .screws import Term
 from .smooth import spline, splines
 
 ABSORBED = 1e-5     # share of a direction's squared norm that must be left beyond the model for it to count
+SMALL = {"t": 100.0, "r": 0.1}      # mm, rad: an error screw is small; what would have to be larger is not the cause
+SOLID = 1e-3        # weight from which a smooth function's direction shows in its size
 FAINT = 1e-7        # prior size of a smooth function's direction, against its largest, below which it does not count
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Candidates of one size k: `which` (n,), their columns `index` (n, k), their `gram` (n, k, k); of free functions also
-    the `root` (n, k, k) of their coefficients' prior covariance, to scale."""
+    """Candidates of one size k: `which` (n,), their columns `index` (n, k), their `gram` (n, k, k), the largest coefficients
+    of small screws `most` (n, k); of free functions also the `root` (n, k, k) of their coefficients' prior covariance, to
+    scale."""
 
     which: Index
     index: Index
     gram: Array
+    most: Array
     root: Array | None = None
 
 
@@ -70,6 +74,16 @@ class Columns:
         """Number of candidates."""
         return len(self.slices)
 
+    def dot(self, values: Array) -> Array:
+        """(C, ...) products of every column with values (N + k, ...): in the k rows of a model's prior the columns are nought."""
+        return np.asarray(self.XT @ values[:self.XT.shape[1]])
+
+    def sum_of(self, weights: Array, g: int, rows: int) -> Array:
+        """(rows, ...) candidate g's columns times weights (k, ...), nought in the rows of a model's prior."""
+        out = np.zeros((rows, *weights.shape[1:]))
+        out[:self.XT.shape[1]] = self.XT[self.slices[g]].T @ weights
+        return out
+
 
 def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], Array] | None = None) -> Columns:
     """Columns of every candidate, each screw's evaluated once. Rows are ordered block, component, configuration."""
@@ -81,6 +95,7 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
     slices = [np.array([place[t.screws] for t in c.mechanism.terms], dtype=np.intp) for c in found]
     parts = [c.reshape(len(c), r.size) for _, c, r in blocks(scene, tuple(terms.values()), at)]
     XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+    most = np.array([_most(scene, t) for t in terms.values()])
     soft = np.array([spline(c.mechanism.terms[0]) is not None for c in found])
     grams = []
     for size, smooth in sorted({(len(s), bool(w)) for s, w in zip(slices, soft, strict=True)}):
@@ -88,9 +103,15 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
         index = np.stack([slices[g] for g in which])
         gram = np.stack([XT[i] @ XT[i].T for i in index]) if size > 4 else np.einsum("nkr,nlr->nkl", XT[index], XT[index])
         roots = [_root(found[g].mechanism.terms, np.diag(G)) for g, G in zip(which, gram, strict=True)] if smooth else None
-        grams.append(Block(which, index, gram, None if roots is None else np.stack(roots)))
+        grams.append(Block(which, index, gram, most[index], None if roots is None else np.stack(roots)))
     signs = np.array([c.mechanism.terms[0].sign if len(c.mechanism.terms) == 1 else 0 for c in found], dtype=float)
     return Columns(XT, tuple(slices), tuple(grams), signs)
+
+
+def _most(scene: Scene, term: Term) -> float:
+    """Largest coefficient with which every screw of a term is small, root mean square over the rows."""
+    sizes = (SMALL[s.axis[0]] / max(float(np.sqrt(np.mean(np.square(scene.cause(s.cause))))), 1e-300) for s in term.screws)
+    return min(sizes)
 
 
 def _root(terms: Sequence[Term], norms: Array) -> Array:
@@ -113,7 +134,8 @@ def subset(cols: Columns, which: Index) -> Columns:
         if len(inside):
             own = np.array([position[int(g)] for g in block.which[inside]], dtype=np.intp)
             index = np.stack([place[bounds[k]:bounds[k + 1]] for k in own])
-            grams.append(Block(own, index, block.gram[inside], None if block.root is None else block.root[inside]))
+            grams.append(Block(own, index, block.gram[inside], block.most[inside],
+                               None if block.root is None else block.root[inside]))
     slices = tuple(place[a:b] for a, b in pairwise(bounds))
     return Columns(cols.XT[used], slices, tuple(grams), cols.signs[which])
 
@@ -138,7 +160,8 @@ def basis(matrix: Array) -> Array:
 @dataclass(frozen=True, eq=False)
 class Scan:
     """The candidates seen from one fitted model: Z_g bases, effective sizes k (G,), `freedom` N − r; Q (N, ·) spans the model
-    (its columns need not be orthonormal after directions were given back: Q Qᵀ still projects)."""
+    (its columns need not be orthonormal after directions were given back: Q Qᵀ still projects). A model with shrunk terms
+    has its prior's rows below the data's: what is beyond it is then weighed as if those terms were integrated out."""
 
     columns: Columns
     Q: Array
@@ -148,8 +171,19 @@ class Scan:
 
     def strength(self, response: Array) -> Strength:
         """What responses (N, B) have in common with every candidate."""
-        s = self.columns.XT @ response
+        s = self.columns.dot(response)
         return self.gather([np.matmul(bucket.W, s[bucket.block.index]) for bucket in self.buckets])
+
+    def small(self, response: Array) -> NDArray[np.bool_]:
+        """(G,) whether a response (N,) asks for small screws only: a joint that turns about its own target would have to turn
+        by radians to explain a tenth of a millimetre, and is not its cause."""
+        s, out = self.columns.dot(response), np.ones(len(self.sizes), bool)
+        for b in self.buckets:
+            z = np.einsum("nkl,nl->nk", b.W, s[b.block.index])
+            if b.weights is not None:
+                z = np.where(b.weights > SOLID, z, 0.0)
+            out[b.block.which] = (np.abs(np.einsum("nkl,nk->nl", b.W, z)) < b.block.most).all(1)
+        return out
 
     def gather(self, products: Sequence[Array]) -> Strength:
         """The same from every bucket's Z_gᵀr (n, k, B), in their precision."""
@@ -169,14 +203,14 @@ class Scan:
 
 def scan(cols: Columns, Q: Array) -> Scan:
     """Project every candidate off the model's basis Q (N, r)."""
-    A = cols.XT @ Q
+    A = cols.dot(Q)
     lefts = [b.gram - np.matmul(A[b.index], A[b.index].swapaxes(1, 2)) for b in cols.grams]
     return _scan(cols, Q, lefts)
 
 
 def scan_without(seen: Scan, D: Array) -> Scan:
     """The scan from a smaller model, whose basis lacks the directions D (N, d) of `seen.Q`'s span: they are given back."""
-    A = seen.columns.XT @ D
+    A = seen.columns.dot(D)
     lefts = [b.left + np.matmul(A[b.block.index], A[b.block.index].swapaxes(1, 2)) for b in seen.buckets]
     return _scan(seen.columns, seen.Q - D @ (D.T @ seen.Q), lefts, seen.freedom + D.shape[1])
 
@@ -197,7 +231,7 @@ def _scan(cols: Columns, Q: Array, lefts: Sequence[Array], freedom: int | None =
             top = np.maximum(value.max(1, keepdims=True), 1e-300)
             weights = np.where(value > FAINT * top, value / top, 0.0)
         buckets.append(Bucket(block, left, W, weights))
-    return Scan(cols, Q, tuple(buckets), sizes, cols.XT.shape[1] - Q.shape[1] if freedom is None else freedom)
+    return Scan(cols, Q, tuple(buckets), sizes, Q.shape[0] - Q.shape[1] if freedom is None else freedom)
 
 
 def _whitener(value: Array, vector: Array, good: NDArray[np.bool_]) -> Array:

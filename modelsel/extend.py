@@ -18,7 +18,7 @@ from .errormap import Columns, Scan, basis, columns, scan, scan_without, single_
 from .errors import NotEstimable
 from .evidence import familywise, null, p_value
 from .fit import STEP_MM, Fit
-from .naming import Named, name, name_again, own_evidence
+from .naming import Named, name, name_again, own_evidence, with_candidate
 from .rigid import Array
 from .scene import Scene
 from .shrink import fit_shrunk
@@ -72,8 +72,8 @@ def models(base: Model, chosen: Sequence[Candidate]) -> Model:
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A fitted model seen as projections: orthonormal Q, its R (A_kept = Q R), columns A (N, p), the fit's residual `raw`
-    (shrunk terms leave some of the model in it) and r, its part off the model."""
+    """A fitted model seen as projections: orthonormal Q, its R (A_kept = Q R), columns A (N, p), the fit's residual `raw` and r,
+    its part off the model; the prior's rows of shrunk terms stand below the data's."""
 
     model: Model
     fitted: Fit
@@ -122,6 +122,8 @@ class _Search:
 
     def view(self, model: Model, fitted: Fit) -> _View:
         A, r = stacked(self.scene, model.terms, fitted.at())
+        if fitted.prior is not None:
+            A, r = np.vstack([A, fitted.prior[:, :-1]]), np.concatenate([r, fitted.prior[:, -1]])
         Q, R = np.linalg.qr(A[:, list(fitted.found.kept)])
         return _View(model, fitted, A, Q, R, r, r - Q @ (Q.T @ r), scan(self.columns, Q))
 
@@ -144,7 +146,7 @@ class _Search:
         """Effect g given the others: (named again, the evidence for itself or its like)."""
         seen, y = view.without(self.found[g])
         named = name_again(seen, self.found, g, y, self.dead)
-        return named, own_evidence(seen, named, self.found, g, y)
+        return with_candidate(named, seen, self.found, g, y), own_evidence(seen, named, self.found, g, y)
 
     def redrawn(self, chosen: Sequence[int], view: _View) -> Iterator[tuple[list[int], str]]:
         """(models in which a joint's own-angle effects are explained better together, what changed)."""
@@ -248,8 +250,9 @@ def _moved(before: _View, after: _View, candidate: Candidate) -> bool:
     """Whether a newcomer changed what an effect does to the target by more than a tenth."""
     old = dict(zip((t.screws for t in before.model.terms), before.fitted.theta, strict=True))
     own = np.flatnonzero(after.own(candidate))
-    now = after.A[:, own] @ after.fitted.theta[own]
-    change = after.A[:, own] @ (after.fitted.theta[own] - [old.get(after.model.terms[k].screws, 0.0) for k in own])
+    moves = after.A[:after.seen.columns.XT.shape[1], own]
+    now = moves @ after.fitted.theta[own]
+    change = moves @ (after.fitted.theta[own] - [old.get(after.model.terms[k].screws, 0.0) for k in own])
     return float(np.linalg.norm(change)) > SHIFT * float(np.linalg.norm(now))
 
 

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .analysis import Question, Result, analyse
+from .analysis import Question, Result, analyse, provenance, with_sampling
 from .calibration import NAME, Calibration, calibrate
 from .causes import parse
+from .checkpoint import Checkpoint
 from .config import Study, find_data
 from .errors import StudyError
 from .explain import Say
@@ -85,12 +86,21 @@ def asked(study: Study, folder: Path, registry: Registry) -> tuple[Question, Mea
     return Question(study, plan_of(study), robot, candidates_of(study, robot, registry), registry), measured, labels, path
 
 
-def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN, say: Say = lambda _: None) -> Result:
-    """Run a study whose files stand beside `folder`. Raises StudyError, DataError or NotEstimable; writes nothing."""
+def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN, say: Say = lambda _: None, sampling: bool = True,
+        checkpoint: Checkpoint | None = None) -> Result:
+    """Run a study whose files stand beside `folder`. `checkpoint`: where an unfinished chain is kept and taken up again; without
+    it nothing is written. Raises StudyError, DataError or NotEstimable."""
     say(f"reading {study.measurements.file}")
     question, measured, labels, path = asked(study, Path(folder), registry)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    return analyse(question, measured, labels=labels, say=say, data_sha256=digest)
+    if checkpoint is not None:
+        checkpoint.bind(provenance(study, digest))
+    result = analyse(question, measured, labels=labels, say=say, data_sha256=digest)
+    if sampling:
+        result = with_sampling(question, result, say, checkpoint)
+    if checkpoint is not None:
+        checkpoint.clear()
+    return result
 
 
 def rehearse(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN) -> dict[str, Any]:

@@ -164,6 +164,24 @@ def test_the_twelve_of_largest_f(rng) -> None:
     assert F[[noise.index(m) for m in taken if m in noise]].min() > max(F[int(name.partition(":")[2])] for name in aside)
 
 
+def test_what_was_named_stands_in_the_table(rng) -> None:
+    """However weak alone, with the named constant; a named union in place of its parts."""
+    noise = tuple(harmonics(k, rng, 1) for k in range(14))
+    whole = mechanism("gravity-twist", ARM)
+    parts = tuple(mechanism(name, ARM) for name in ("joint2-twist", "joint3-twist"))
+    ripples = tuple(Mechanism("ripple", harmonics(20 + k, rng, 1).terms) for k in range(2))
+    offered = candidates(drawn(ARM, rng, 5), BASE, (*noise, *ripples, whole, *parts), cells=False)
+    F = np.r_[rng.uniform(5, 9, 14), 0.5, 4.0, 1.0, 50.0, 60.0]
+    plain, _ = strongest(offered, F)
+    assert whole not in plain
+    assert set(parts) <= set(plain)
+    taken, aside = strongest(offered, F, [offered[14], offered[16]])
+    assert {ripples[0], whole} <= set(taken)
+    assert not {ripples[1], *parts} & set(taken)
+    assert len(taken) == MOST
+    assert {p.name for p in parts} <= set(aside)
+
+
 def test_what_may_extend(rng) -> None:
     """What the base holds already, and what the data have no columns for, is no candidate; the prior sums to one."""
     at = drawn(ARM, rng, 10, covariates={})

@@ -136,7 +136,7 @@ def test_arm_in_an_engine_lands_within_the_noise(tmp_path) -> None:
     x = measure(q, before, temperature) + rng.normal(0, NOISE, (160, 3))
     columns = {f"q{j + 1}_rad": q[:, j] for j in range(6)} | dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
     pd.DataFrame(columns | {"temperature_C": temperature}).to_csv(tmp_path / "measurements.csv", index=False)
-    c = calibration_of(run(parse_study(STUDY, "study.toml"), tmp_path))
+    c = calibration_of(run(parse_study(STUDY, "study.toml"), tmp_path, sampling=False))
 
     plan_q = real.draw(rng, 60)
     last = np.vstack([plan_q[:1] - 1e-1, plan_q[:-1]])

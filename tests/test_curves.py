@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -11,16 +12,18 @@ from modelsel.candidates import BETWEEN, Candidate, candidates
 from modelsel.causes import Named, cos, q, sin
 from modelsel.curves import chain, curves, own_angle
 from modelsel.design import Model
-from modelsel.errormap import basis, columns, stacked, subset
+from modelsel.errormap import basis, columns, scan, stacked, subset
 from modelsel.extend import LEVEL, Extension, extend
 from modelsel.fit import fit
 from modelsel.mechanisms.environment import STEPS
+from modelsel.naming import name, with_candidate
 from modelsel.registry import every, mechanism
 from modelsel.rigid import Array
 from modelsel.robot import forward
 from modelsel.scene import Scene
 from modelsel.screws import Mechanism, Screw, Term
 
+loop = import_module("modelsel.extend")     # the module: the package's own `extend` is the function
 SIGMA = 0.03
 
 
@@ -122,7 +125,70 @@ def test_a_part_of_the_columns_scans_like_the_whole(rng: np.random.Generator) ->
     X, r = stacked(at, base.terms, None)
     Q = basis(X)
     wave = int(curve.which[[found[g].mechanism.name for g in curve.which].index("encoder-eccentricity:4")])
-    r = r + 5 * whole.XT[whole.slices[wave]].sum(0)
+    r = r + 5e-3 * whole.XT[whole.slices[wave]].sum(0)
     value, best = chain(curve, Q, r - Q @ (Q.T @ r), None, np.logical_not(curve.free))
     assert best[0] == wave
     assert value == pytest.approx(chain(curve, Q, r - Q @ (Q.T @ r), best, curve.free)[0])
+
+
+def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 80)
+    base = Model((mechanism("geometric", at.robot),))
+    fitted = fit(turned(at, 4, 1e-3 * np.sin(at.data.q[:, 3]), rng), base)
+    found = candidates(at, base, every(at.robot))
+    strange = next(k for k, c in enumerate(found) if c.mechanism.name == "refraction")
+    X, r = stacked(turned(at, 4, 1e-3 * np.sin(at.data.q[:, 3]), rng), base.terms, fitted.at())
+    seen = scan(columns(at, found, fitted.at()), basis(X))
+    y = r - seen.Q @ (seen.Q.T @ r)
+    plain = name(seen, found, y)
+    assert (plain.entries[0].candidate.mechanism.name, plain.verdict) == ("gear-eccentricity:4", "found")
+    assert with_candidate(plain, seen, found, plain.top, y) is plain
+    told = with_candidate(plain, seen, found, strange, y)
+    assert told.verdict == "cannot be told apart"
+    assert told.entries[-1].candidate is found[strange]
+    assert told.entries[-1].probability < 1e-6
+
+
+@seeds(17, 18)
+def test_a_joint_that_turns_about_its_own_target_is_not_the_cause(rng: np.random.Generator) -> None:
+    """With the target a hair off the last axis, a turn of that joint has the right shape and would need radians."""
+    at = drawn("ur10", rng, 100, tool=(0.05, 0.0, 100.0))
+    spin = Mechanism("spin", (Term("m", (Screw(7, "ty", sin(q(6))),)),))
+    bent = planted(at, spin.terms, np.array([0.3]), rng, SIGMA)
+    found = named(bent, rng)
+    assert len(found.effects) == 1, found.path
+    listed = [e.candidate.mechanism for e in found.effects[0].named.entries]
+    assert all(m.name != "gear-eccentricity:6" for m in listed), listed
+    assert "7 ty sin(q6) & cos(q6)" in [m.name for m in listed]
+
+
+def test_beyond_a_shrunk_model_is_beyond_it_with_its_terms_integrated_out(rng: np.random.Generator) -> None:
+    """What the scan sees behind a free function against generalised least squares with its covariance written out."""
+    at = drawn("puma760", rng, 150)
+    bent = turned(at, 4, 4e-4 * np.tanh(at.data.q[:, 3] / 0.3), rng)
+    base = Model((mechanism("geometric", at.robot),))
+    found = candidates(bent, base, every(at.robot))
+    search = loop._Search(bent, base, found, rng, fit(bent, base))
+    free = next(g for g, c in enumerate(found) if c.mechanism.name == "free(q4) 20")
+    view = search.fit([free], None)
+    fitted, kept = view.fitted, list(view.fitted.found.kept)
+    precision = fitted.precision
+    assert precision is not None
+    A, r = stacked(bent, view.model.terms, fitted.at())
+    soft = [k for k in kept if precision[k] > 0]
+    firm = [k for k in kept if precision[k] == 0]
+    inverse = fitted.root[:, soft].T @ fitted.root[:, soft]
+    V = np.eye(len(A)) + A[:, soft] @ np.linalg.solve(inverse, A[:, soft].T)
+    y = r + A @ fitted.theta
+    W = np.linalg.inv(V)
+    X = A[:, firm]
+    P = W - W @ X @ np.linalg.solve(X.T @ W @ X, X.T @ W)
+    for name_ in ("encoder-scale:4", "refraction", "settle:2"):
+        g = next(k for k, c in enumerate(found) if c.mechanism.name == name_)
+        x = search.columns.XT[search.columns.slices[g][0]]
+        bucket = next(b for b in view.seen.buckets if g in b.block.which)
+        left = bucket.left[list(bucket.block.which).index(g)][0, 0]
+        assert left == pytest.approx(x @ P @ x, rel=1e-6)
+        strength = view.seen.strength(view.r[:, None]).whole[g, 0]
+        assert strength == pytest.approx((x @ P @ y) ** 2 / (x @ P @ x), rel=1e-5)
+    assert view.r @ view.r == pytest.approx(y @ P @ y, rel=1e-6)

@@ -24,14 +24,26 @@ FLOORS: tuple[tuple[str, frozenset[str]], ...] = tuple(
         ("fit", "fit noise register shrink"),
         ("which", "folds criteria search split validate candidates compare"),
         ("why", "errormap evidence naming curves extend maps robust faults predictor words"),
-        ("sure", "posterior sampling"),
-        ("elsewhere", "prepare simulate explain"),
+        (
+            "sure",
+            (
+                "bootstrap components constants correlation diagnostics ensemble "
+                "moves parameters posterior sampling significance target"
+            ),
+        ),
+        ("elsewhere", "prepare simulate explain confidence"),
         ("use", "records calibration compensate carried exported lookup export drift campaigns plan laws skeleton"),
-        ("telling", "findings result tables figures report config write inspect analysis study planning commands cli"),
+        (
+            "telling",
+            (
+                "findings verdict result tables figures report config write inspect "
+                "analysis checkpoint study planning commands cli"
+            ),
+        ),
         ("door", "__init__ __main__"),
     )
 )
-HEAVY = ("scipy.stats", "matplotlib", "pandas", "pyarrow", "emcee", "rich", "pydantic")
+HEAVY = ("scipy.stats", "matplotlib", "pandas", "pyarrow", "emcee", "rich", "pydantic", "typst")
 ALLOWED = {("config", "pydantic")}  # the study file is its schema; only commands that read one import it
 LONGEST_FILE = 300
 LONGEST_FUNCTION = 60

@@ -37,7 +37,7 @@ def plan(study: Path, pool_file: Path | None, limits: bool, count: int, purpose:
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
     registry, _ = with_plugins(robot=robot_of(read, path.parent))
-    result = run(read, path.parent, registry=registry, say=progress())
+    result = run(read, path.parent, registry=registry, say=progress(), sampling=False)
     c = calibration_of(result)
     possible = drawn_pool(c, result.study.seed, result.data.scene.data) if pool_file is None else sided(read_measurements(
         pool_file, [j.prismatic for j in c.robot.joints], positions=False), result.study.seed)
