@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .design import Model, residuals
 from .errors import NotEstimable
 from .identify import FAINT_MM, Identified, identify, solve, told, usual_sizes
-from .reduce import Reduction, reduce, reduce_scene
+from .reduce import PROBE, Reduction, reduce, reduce_scene
 from .rigid import Array
 from .scene import Scene
 from .screws import Term
@@ -141,14 +141,15 @@ def fit(scene: Scene, model: Model, *, precision: Array | None = None, iteration
     lost = np.delete(np.arange(len(terms)), kept)
     if theta[lost].any():               # another choice of representatives: the start's parts do not fit together
         theta[:] = 0.0
-    reduction = nominal if not theta.any() else reduce_scene(scene, terms, (terms, theta))
+    only = kept if len(scene) > PROBE[1] else None
+    reduction = nominal if not theta.any() else reduce_scene(scene, terms, (terms, theta), only)
     full, step, done, damping = _with_prior(reduction, root, theta), np.inf, 0, 0.0
     while done < iterations and step >= step_mm and damping < STUCK:
         delta = np.zeros(len(terms))
         delta[kept] = solve(_damped(full, damping), kept)[0]
         trial = theta + delta
         step, done = float(np.linalg.norm(reduction.R[:-1, :-1] @ delta)) / weight, done + 1
-        ahead = reduce_scene(scene, terms, (terms, trial))
+        ahead = reduce_scene(scene, terms, (terms, trial), only)
         there = _with_prior(ahead, root, trial)
         if _cost(there) <= _cost(full) * (1 + 1e-9) or step < step_mm or iterations == 1:
             theta, reduction, full = trial, ahead, there

@@ -52,8 +52,8 @@ class Measurements:
         """Number of configurations (visits)."""
         return len(np.unique(self.configuration))
 
-    def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Measurements:
-        """The rows `index` (integers or a mask); approach and move stay as first read."""
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Measurements:
+        """The rows `index` (integers, a mask or a slice); approach and move stay as first read."""
         rows = {f.name: getattr(self, f.name)[index] for f in fields(self)
                 if isinstance(getattr(self, f.name), np.ndarray)}
         return replace(self, **rows, covariates={k: v[index] for k, v in self.covariates.items()})

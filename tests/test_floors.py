@@ -18,7 +18,7 @@ FLOORS: tuple[tuple[str, frozenset[str]], ...] = tuple(
     for floor, modules in (
         ("words", "version errors rigid"),
         ("data", "measurements io"),
-        ("machine", "robot robotfile urdf gravity"),
+        ("machine", "chain robot robotfile urdf gravity"),
         ("wrong", "causes screws mechanisms registry"),
         ("matrix", "scene design reduce identify smooth"),
         ("fit", "fit noise register shrink"),
