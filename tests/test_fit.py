@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
-from builders import ON_AXIS, drawn, one, planted, seeds
+from builders import drawn, one, planted, seeds
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -190,8 +190,8 @@ def same(one: Reduction, other: Reduction) -> None:
 def test_dependent_terms_are_put_back(late, rng, monkeypatch) -> None:
     """Terms left out of the factorisation come back as they are; one that only the probe's rows made dependent is noticed."""
     from modelsel import reduce as reducer
-    which = whole() + [one(4, "rx", Named("payload_kg", "kg"))]
-    at = planted(drawn("puma760", rng, 400, ON_AXIS), which.terms, 1e-4 * rng.normal(size=len(which.terms)), rng, 0.1)
+    which = Model((*whole().mechanisms, one(4, "rx", Named("payload_kg", "kg"))))
+    at = planted(drawn("puma760", rng, 400), which.terms, 1e-4 * rng.normal(size=len(which.terms)), rng, 0.1)
     load_ = np.full(400, 2.0)
     load_[157] += late                       # a payload that changes in one row, which no probe of 20 sees
     at = replace(at, data=replace(at.data, covariates={**at.data.covariates, "payload_kg": load_}))
