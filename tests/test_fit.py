@@ -194,7 +194,8 @@ def test_dependent_terms_are_put_back(late, rng, monkeypatch) -> None:
     at = planted(drawn("puma760", rng, 400), which.terms, 1e-4 * rng.normal(size=len(which.terms)), rng, 0.1)
     load_ = np.full(400, 2.0)
     load_[157] += late                       # a payload that changes in one row, which no probe of 20 sees
-    at = replace(at, data=replace(at.data, covariates={**at.data.covariates, "payload_kg": load_}))
+    data = replace(at.data, covariates={**at.data.covariates, "payload_kg": load_})
+    at = replace(at, data=data, _values={}, _causes={})
     plain = reduce_scene(at, which.terms)
     monkeypatch.setattr(reducer, "PROBE", (20, 100))
     monkeypatch.setattr(reducer, "STREAM", 64)
