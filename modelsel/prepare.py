@@ -37,7 +37,7 @@ class Plan:
     instrument: Instrument | None = None
 
 
-PURPOSES = ("split", "folds", "gain", "naming", "simulate", "sampling", "null", "nested", "flips")
+PURPOSES = ("split", "folds", "gain", "naming", "simulate", "sampling", "null", "nested", "flips", "scan")
 
 
 def generator(seed: int, purpose: str) -> np.random.Generator:

@@ -112,7 +112,7 @@ def reduce_scene(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], 
     p = len(terms)
     if only is not None:
         triangle = _spread(_stream(plain, terms, at, [*only, p]), [*only, p], p)
-    elif len(scene) <= PROBE[1]:
+    elif len(scene) <= PROBE[1] or not p:
         triangle = _stream(plain, terms, at, range(p + 1))
     else:
         try:
