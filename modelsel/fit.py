@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from .design import Model, residuals
 from .errors import NotEstimable
 from .identify import FAINT_MM, Identified, identify, solve, told, usual_sizes
-from .reduce import PROBE, Reduction, reduce, reduce_scene
+from .reduce import PROBE, Reduction, Source, reduce, reduce_scene
 from .rigid import Array
 from .scene import Scene
 from .screws import Term
@@ -116,7 +116,7 @@ def _cost(reduction: Reduction) -> float:
     return float(np.square(reduction.R[:, -1]).sum())
 
 
-def fit(scene: Scene, model: Model, *, precision: Array | None = None, iterations: int = ITERATIONS,
+def fit(scene: Scene | Source, model: Model, *, precision: Array | None = None, iterations: int = ITERATIONS,
         start: Array | None = None, step_mm: float = STEP_MM) -> Fit:
     """Least squares of a model on a scene. precision (p,): prior 1/variance of each term in whitened units, about zero, the
     terms of a free function correlated (`smooth`).

@@ -174,7 +174,7 @@ def _duplicates(table: Table, m: int) -> NDArray[np.bool_]:
     seen: set[tuple[Any, ...]] = set()
     keep = np.ones(m, bool)
     index = np.flatnonzero(suspect)
-    for k, row in zip(index, zip(*(column[index] for column in table.values()), strict=True), strict=True):
+    for k, row in zip(index.tolist(), zip(*(column[index] for column in table.values()), strict=True), strict=True):
         keep[k] = row not in seen
         seen.add(row)
     return keep
@@ -204,12 +204,13 @@ def _covariates(table: Table, used: set[str], path: Path) -> tuple[dict[str, Arr
     return out, notes
 
 
-def row_groups(path: Path) -> int:
-    """Row groups of a Parquet file, each of which can be read alone. Raises DataError."""
+def row_groups(path: Path) -> tuple[int, ...]:
+    """Rows of every row group of a Parquet file; each can be read alone. Raises DataError."""
     import pyarrow.lib
     import pyarrow.parquet as pq
     try:
-        return int(pq.ParquetFile(path).num_row_groups)
+        told = pq.ParquetFile(path).metadata
+        return tuple(int(told.row_group(k).num_rows) for k in range(told.num_row_groups))
     except FileNotFoundError:
         raise DataError("no such file.", file=path.name) from None
     except (OSError, pyarrow.lib.ArrowException) as error:

@@ -4,6 +4,7 @@ R holds the columns and, last, the response: X'X = R'R of the stacked rows. LAPA
 """
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -100,7 +101,22 @@ def _stack(triangle: Array, matrix: Array) -> None:
         raise ArithmeticError(f"dtpqrt: argument {-info} is wrong")
 
 
-def reduce_scene(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None,
+class Source(ABC):
+    """Configurations that nobody holds whole: they are asked for their reduction. `whiten` as a scene's."""
+
+    whiten: float
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """Rows."""
+
+    @abstractmethod
+    def reduced(self, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None, only: Sequence[int] | None = None
+                ) -> Reduction:
+        """As `reduce_scene`."""
+
+
+def reduce_scene(scene: Scene | Source, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None,
                  only: Sequence[int] | None = None) -> Reduction:
     """Of a scene's whitened design and residual, block by block; the whole matrix is never held, nothing allocated a block.
 
@@ -108,6 +124,8 @@ def reduce_scene(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], 
     the combinations they are; every block checks that they are, else all terms are factorised. `only`: the terms that are
     asked for; the other columns are nought.
     """
+    if isinstance(scene, Source):
+        return scene.reduced(terms, at, only)
     weight, plain = (scene.whiten, replace(scene, whiten=1.0)) if isinstance(scene.whiten, float) else (1.0, scene)
     p = len(terms)
     if only is not None:

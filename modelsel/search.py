@@ -76,13 +76,13 @@ def _sweep(S: Array, W: Array, first: Array, columns: int) -> tuple[Array, Array
     return S, W, gained, worst
 
 
-Node = tuple[int, Array, Array, NDArray[np.bool_], Array, Array]   # depth; S, W, members, columns gained, pivot of several subsets
+Node = tuple[int, Array, Array, NDArray[np.bool_], Array, Array]   # depth; S, W, members, gained, pivot of several subsets
 
 
 def _leaves(root: Node, order: Sequence[int], sizes: Sequence[int], first: Array
             ) -> tuple[Array, Array, NDArray[np.bool_], Array, Array]:
-    """(S, W, members, gained, pivot) of all subsets, S and W (subsets, K) what is left of the response; the subset of bits b of `order` stands at place Σ b_j 2^j. The tree is
-    walked in pieces that stay in cache."""
+    """(S, W, members, gained, pivot) of all subsets, S and W (subsets, K) what is left of the response. The subset of bits b of
+    `order` stands at place Σ b_j 2^j; the tree is walked in pieces that stay in cache."""
     done = np.concatenate([[0], np.cumsum([sizes[g] for g in order])]).astype(int)
     stack, leaves = [root], []
     while stack:

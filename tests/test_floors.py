@@ -22,12 +22,12 @@ FLOORS: tuple[tuple[str, frozenset[str]], ...] = tuple(
         ("wrong", "causes screws mechanisms registry"),
         ("matrix", "scene design reduce identify smooth"),
         ("fit", "fit noise register shrink"),
-        ("which", "folds criteria search split validate candidates compare"),
+        ("which", "folds criteria search split validate candidates compare stream"),
         ("why", "errormap evidence naming curves extend maps robust faults predictor words"),
         ("sure", "posterior sampling"),
         ("elsewhere", "prepare simulate explain"),
         ("use", "compensate export plan"),
-        ("telling", "findings result tables figures report config write inspect analysis study cli"),
+        ("telling", "findings result tables figures report config write inspect analysis study fleet cli"),
         ("door", "__init__ __main__"),
     )
 )
