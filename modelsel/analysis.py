@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .candidates import Candidate
 from .compare import Comparison, Data, Rung, compare, rung, strongest
+from .confidence import Confidence, Request, confidence, sampled
 from .config import Study
 from .design import Model, whitened
 from .explain import Nested, Say, explain, nested
@@ -29,8 +30,10 @@ from .registry import Registry, mechanism
 from .result import candidates_dict, dumps, rung_dict
 from .robot import Robot
 from .robust import GROSS, far_off
+from .sampling import Keeper
 from .screws import Mechanism, Screw
 from .validate import Gain, errors, gain
+from .verdict import verdict
 from .version import VERSION
 from .words import display, label
 
@@ -56,7 +59,14 @@ class Result:
     nested: Nested | None
     unidentifiable: tuple[Unidentifiable, ...]
     warnings: tuple[Note, ...]
+    confidence: Confidence
     provenance: Mapping[str, str] = field(repr=False)
+
+    @property
+    def named(self) -> list[tuple[str, str]]:
+        """(name, verdict) of every finding, faults of single rows first, as result.json lists them."""
+        return [*((f"fault:{f.name}", "found") for f in self.faults),
+                *((label(f.effect.candidate), f.effect.named.verdict) for f in self.findings)]
 
     def to_dict(self) -> dict[str, Any]:
         """The contract's result."""
@@ -66,6 +76,8 @@ class Result:
         return {
             "schema": 1, "study": self.study.name, "robot": self.robot.name, "seed": self.study.seed,
             "provenance": dict(self.provenance),
+            "verdict": list(verdict(self.ladder[0], self.chosen, self.gain, self.floor, self.named,
+                                    self.study.model.candidates != [], self.nothing_else[0])),
             "configurations": {"estimation": data.take(estimation).configurations,
                                "held_out": data.take(~estimation).configurations,
                                "estimation_rows": data.row[estimation]},
@@ -87,8 +99,8 @@ class Result:
                           "p_family_wise": self.error_map.p},
             "outliers": data.row[self.data.outlying],
             "unidentifiable": [{"sentence": u.sentence, "parameters": list(u.parameters)} for u in self.unidentifiable],
-            "warnings": [{"code": w.code, "sentence": w.sentence} for w in self.warnings],
-            "sampling": None,
+            "warnings": [{"code": w.code, "sentence": w.sentence} for w in (*self.warnings, *self.confidence.notes)],
+            **self.confidence.to_dict(),
         }
 
     def to_json(self) -> str:
@@ -161,10 +173,21 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
         say(f"the whole procedure again in {study.split.nested_folds} folds")
         within = nested(data, base, question.everything, study.seed, question.cells, study.split.nested_folds)
     ladder = tuple(remeasured(r, data) for r in rungs)
+    say("weighing every mechanism of the chosen model")
+    sure = confidence(data, _fit(chosen), chosen.names, study.seed)
     return Result(study, question.robot, data, floor or estimated_floor(chosen, data), ladder, comparison,
                   remeasured(chosen, data), paired(nominal, chosen), findings, faults, extension, error_map(extension, found),
                   nothing_else(extension, found, data, steps[-1]), _predictable(question, data, steps[-1]), within,
-                  unidentifiable(_fit(base_rung).found, base.terms), notes, provenance(study, data_sha256))
+                  unidentifiable(_fit(base_rung).found, base.terms), notes, sure, provenance(study, data_sha256))
+
+
+def with_sampling(question: Question, result: Result, say: Say = lambda _: None, keeper: Keeper | None = None) -> Result:
+    """A result with its chosen model's posterior sampled."""
+    plan, study, measured = question.plan, question.study, result.data.scene.data
+    request = Request(question.model(study.model.base, measured), study.sampling.over, plan.instrument,
+                      plan.stated_mm is not None, question.registry)
+    found = sampled(result.confidence, result.data, _fit(result.chosen), request, study.seed, say, keeper)
+    return replace(result, confidence=found)
 
 
 def _predictable(question: Question, data: Data, last: Rung) -> Predictable | None:

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +15,7 @@ import click
 
 from .version import VERSION
 
-INTERRUPTED = 130
+UNCONVERGED, INTERRUPTED = 5, 130
 
 
 class _Errors(click.Group):
@@ -31,7 +32,8 @@ class _Errors(click.Group):
                 click.echo(f"modelsel: {line}", err=True)
             sys.exit(error.exit_code)
         except KeyboardInterrupt:
-            click.echo(f"modelsel: interrupted; to go on: modelsel {' '.join(sys.argv[1:])}", err=True)
+            again = [*sys.argv[1:], *(["--resume"] if "study" in sys.argv and "--resume" not in sys.argv else [])]
+            click.echo(f"modelsel: interrupted; to go on: modelsel {shlex.join(again)}", err=True)
             sys.exit(INTERRUPTED)
         except BrokenPipeError:
             sys.exit(0)
@@ -77,14 +79,16 @@ def _progress() -> Callable[[str], None]:
 @main.command()
 @click.argument("study", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Output folder; default reports/<study folder>.")
-@click.option("--no-report", is_flag=True, help="Write result.json only.")
+@click.option("--no-report", is_flag=True, help="Leave out report.pdf and report.html.")
 @click.option("--no-sampling", is_flag=True, help="Leave out the sampling of the posterior.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json instead of tables.")
 @click.option("--resume", is_flag=True, help="Go on where an interrupted run of the same study stopped.")
 def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_json: bool, resume: bool) -> None:
     """Run a study: what is wrong, the ladder of models, the gain on held-out configurations."""
+    from .checkpoint import Checkpoint
     from .config import read_study
     from .registry import with_plugins
+    from .report.drawing import draw, save_details
     from .study import run, save
     from .write import check_writable
     path = study / "study.toml" if study.is_dir() else study
@@ -94,14 +98,65 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
         click.echo(f"modelsel: plug-in {name} is left out: {why}", err=True)
     folder = out if out is not None else Path("reports") / path.resolve().parent.name
     check_writable(folder)
-    result = run(read, path.parent, registry=registry, say=_progress())
+    say = _progress()
+    result = run(read, path.parent, registry=registry, say=say, sampling=not no_sampling, checkpoint=Checkpoint(folder, resume))
     save(result, folder)
     if as_json:
         click.echo(result.to_json(), nl=False)
     else:
         from .tables import show
         show(result, _console())
-        click.echo(f"Written: {folder / 'result.json'}")
+    save_details(result, folder)
+    written = [folder / "result.json", folder / "details.json", *([] if no_report else draw(folder, say=say))]
+    if not as_json:
+        click.echo(f"Written: {', '.join(map(str, written))}")
+    if result.confidence.sampling is not None and not result.confidence.sampling.converged:
+        sys.exit(UNCONVERGED)
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
+@click.option("--pages", help="Pages of report.pdf, by name, with commas; all without.")
+@click.option("--json", "as_json", is_flag=True)
+def report(folder: Path, pages: str | None, as_json: bool) -> None:
+    """Draw report.pdf and report.html of a finished study again, from its folder; nothing is computed anew."""
+    from .report.drawing import draw
+    chosen = None if pages is None else tuple(name.strip() for name in pages.split(",") if name.strip())
+    written = draw(folder, chosen, _progress())
+    if as_json:
+        _json({"written": [path.name for path in written]})
+    else:
+        click.echo(f"Written: {', '.join(map(str, written))}")
+
+
+@main.command()
+@click.argument("fleet", type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Output folder; default reports/<fleet folder>.")
+@click.option("--workers", type=click.IntRange(1), help="Workers on this machine; default one a core.")
+@click.option("--scheduler", help="Address of a running dask scheduler, tcp://HOST:PORT, instead of workers here.")
+@click.option("--no-sampling", is_flag=True, help="Leave out the sampling of the posteriors.")
+@click.option("--resume", is_flag=True, help="Keep the studies that are finished, of the same data, study and version.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON instead of a table.")
+def fleet(fleet: Path, out: Path | None, workers: int | None, scheduler: str | None, no_sampling: bool, resume: bool,
+          as_json: bool) -> None:
+    """Run many studies as one job, and fit measurement sets that come in many files."""
+    from .fleet import cluster, run_fleet, save_summary, show
+    from .fleetfile import read_fleet
+    from .write import check_writable
+    read = read_fleet(fleet)
+    folder = out if out is not None else Path("reports") / fleet.resolve().parent.name
+    check_writable(folder)
+    with cluster(workers, scheduler) as client:
+        rows = run_fleet(read, folder, client, sampling=not no_sampling, resume=resume, say=_progress())
+    written = save_summary(rows, folder)
+    if as_json:
+        _json({"fleet": read.name, "studies": rows})
+    else:
+        show(rows, _console())
+        click.echo(f"Written: {', '.join(map(str, written))}")
+    worst = max((row["exit"] for row in rows), default=0)
+    if worst:
+        sys.exit(worst)
 
 
 @main.command()

@@ -14,7 +14,7 @@ import numpy as np
 from .causes import ONE
 from .chain import Frame, Space, screws_into
 from .rigid import AXES, Array, rotation_vector
-from .robot import walk
+from .robot import Pose, walk
 from .scene import Scene
 from .screws import Mechanism, Term, terms_of
 
@@ -107,6 +107,24 @@ def assemble(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Arra
     out[stop:p] = others
     out[p] = out[-1]
     return out[:p + 1]
+
+
+def field_of(scene: Scene, at: Pose, rows: slice) -> Array:
+    """Screw field (n+1, 6, c, rows) of a pose in the tracker's frame: mm (and rad of the target frame) per unit screw."""
+    R = scene.placement[0][scene.data.group[rows]]
+    moved: Array = np.einsum("mij,fajm->faim", R, at.displacement())
+    if scene.components == 3:
+        return moved
+    turned = np.zeros_like(moved)
+    turned[:, 3:] = np.einsum("mij,fajm->faim", R, at.axes[:, 3:])
+    return np.concatenate([moved, turned], axis=2)
+
+
+def columns_of(scene: Scene, field: Array, terms: Sequence[Term], rows: slice) -> Array:
+    """Columns (p, c, rows) of terms from a screw field."""
+    out = np.empty((len(terms), *field.shape[2:]))
+    _products(scene, field, terms, rows, out, Space())
+    return out
 
 
 def _run(terms: Sequence[Term]) -> tuple[int, int]:

@@ -22,17 +22,21 @@ from .screws import Term
 from .smooth import spline, splines
 
 ABSORBED = 1e-5     # share of a direction's squared norm that must be left beyond the model for it to count
+SMALL = {"t": 100.0, "r": 0.1}      # mm, rad: an error screw is small; what would have to be larger is not the cause
+SOLID = 1e-3        # weight from which a smooth function's direction shows in its size
 FAINT = 1e-7        # prior size of a smooth function's direction, against its largest, below which it does not count
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Candidates of one size k: `which` (n,), their columns `index` (n, k), their `gram` (n, k, k); of free functions also
-    the `root` (n, k, k) of their coefficients' prior covariance, to scale."""
+    """Candidates of one size k: `which` (n,), their columns `index` (n, k), their `gram` (n, k, k), the largest coefficients
+    of small screws `most` (n, k); of free functions also the `root` (n, k, k) of their coefficients' prior covariance, to
+    scale."""
 
     which: Index
     index: Index
     gram: Array
+    most: Array
     root: Array | None = None
 
 
@@ -81,6 +85,7 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
     slices = [np.array([place[t.screws] for t in c.mechanism.terms], dtype=np.intp) for c in found]
     parts = [c.reshape(len(c), r.size) for _, c, r in blocks(scene, tuple(terms.values()), at)]
     XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+    most = np.array([_most(scene, t) for t in terms.values()])
     soft = np.array([spline(c.mechanism.terms[0]) is not None for c in found])
     grams = []
     for size, smooth in sorted({(len(s), bool(w)) for s, w in zip(slices, soft, strict=True)}):
@@ -88,9 +93,15 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
         index = np.stack([slices[g] for g in which])
         gram = np.stack([XT[i] @ XT[i].T for i in index]) if size > 4 else np.einsum("nkr,nlr->nkl", XT[index], XT[index])
         roots = [_root(found[g].mechanism.terms, np.diag(G)) for g, G in zip(which, gram, strict=True)] if smooth else None
-        grams.append(Block(which, index, gram, None if roots is None else np.stack(roots)))
+        grams.append(Block(which, index, gram, most[index], None if roots is None else np.stack(roots)))
     signs = np.array([c.mechanism.terms[0].sign if len(c.mechanism.terms) == 1 else 0 for c in found], dtype=float)
     return Columns(XT, tuple(slices), tuple(grams), signs)
+
+
+def _most(scene: Scene, term: Term) -> float:
+    """Largest coefficient with which every screw of a term is small, root mean square over the rows."""
+    sizes = (SMALL[s.axis[0]] / max(float(np.sqrt(np.mean(np.square(scene.cause(s.cause))))), 1e-300) for s in term.screws)
+    return min(sizes)
 
 
 def _root(terms: Sequence[Term], norms: Array) -> Array:
@@ -113,7 +124,8 @@ def subset(cols: Columns, which: Index) -> Columns:
         if len(inside):
             own = np.array([position[int(g)] for g in block.which[inside]], dtype=np.intp)
             index = np.stack([place[bounds[k]:bounds[k + 1]] for k in own])
-            grams.append(Block(own, index, block.gram[inside], None if block.root is None else block.root[inside]))
+            grams.append(Block(own, index, block.gram[inside], block.most[inside],
+                               None if block.root is None else block.root[inside]))
     slices = tuple(place[a:b] for a, b in pairwise(bounds))
     return Columns(cols.XT[used], slices, tuple(grams), cols.signs[which])
 
@@ -150,6 +162,17 @@ class Scan:
         """What responses (N, B) have in common with every candidate."""
         s = self.columns.XT @ response
         return self.gather([np.matmul(bucket.W, s[bucket.block.index]) for bucket in self.buckets])
+
+    def small(self, response: Array) -> NDArray[np.bool_]:
+        """(G,) whether a response (N,) asks for small screws only: a joint that turns about its own target would have to turn
+        by radians to explain a tenth of a millimetre, and is not its cause."""
+        s, out = self.columns.XT @ response, np.ones(len(self.sizes), bool)
+        for b in self.buckets:
+            z = np.einsum("nkl,nl->nk", b.W, s[b.block.index])
+            if b.weights is not None:
+                z = np.where(b.weights > SOLID, z, 0.0)
+            out[b.block.which] = (np.abs(np.einsum("nkl,nk->nl", b.W, z)) < b.block.most).all(1)
+        return out
 
     def gather(self, products: Sequence[Array]) -> Strength:
         """The same from every bucket's Z_gᵀr (n, k, B), in their precision."""

@@ -36,8 +36,9 @@ def log_bayes_factors(seen: Scan, strength: Strength, total: Array, ratio: float
 
 
 def evidence(seen: Scan, log_prior: Array, response: Array) -> tuple[float, Array]:
-    """(log Σ prior BF at the ratio v/s² that maximises it, log prior + log BF (G,) there) of a response (N,)."""
-    strength = seen.strength(response[:, None])
+    """(log Σ prior BF at the ratio v/s² that maximises it, log prior + log BF (G,) there) of a response (N,); candidates that
+    would have to be large to explain it have no part in it."""
+    strength, log_prior = seen.strength(response[:, None]), np.where(seen.small(response), log_prior, -np.inf)
     total = np.square(response).sum(keepdims=True)
     best, posterior = -np.inf, np.full(len(log_prior), -np.inf)
     for r in RATIOS:
@@ -49,10 +50,12 @@ def evidence(seen: Scan, log_prior: Array, response: Array) -> tuple[float, Arra
 
 
 def best_factors(seen: Scan, response: Array) -> Array:
-    """(G,) log Bayes factor of every candidate alone, each at the ratio v/s² that suits it best."""
+    """(G,) log Bayes factor of every candidate alone, each at the ratio v/s² that suits it best; −inf for one that would have
+    to be large."""
     strength = seen.strength(response[:, None])
     total = np.square(response).sum(keepdims=True)
-    return np.asarray(np.max([log_bayes_factors(seen, strength, total, float(r))[:, 0] for r in RATIOS], axis=0))
+    best = np.max([log_bayes_factors(seen, strength, total, float(r))[:, 0] for r in RATIOS], axis=0)
+    return np.asarray(np.where(seen.small(response), best, -np.inf))
 
 
 def _null_evidence(seen: Scan, log_prior: Array, strength: Strength, total: Array) -> Array:

@@ -18,7 +18,7 @@ from .errormap import Columns, Scan, basis, columns, scan, scan_without, single_
 from .errors import NotEstimable
 from .evidence import familywise, null, p_value
 from .fit import STEP_MM, Fit
-from .naming import Named, name, name_again, own_evidence
+from .naming import Named, name, name_again, own_evidence, with_candidate
 from .rigid import Array
 from .scene import Scene
 from .shrink import fit_shrunk
@@ -144,7 +144,7 @@ class _Search:
         """Effect g given the others: (named again, the evidence for itself or its like)."""
         seen, y = view.without(self.found[g])
         named = name_again(seen, self.found, g, y, self.dead)
-        return named, own_evidence(seen, named, self.found, g, y)
+        return with_candidate(named, seen, self.found, g, y), own_evidence(seen, named, self.found, g, y)
 
     def redrawn(self, chosen: Sequence[int], view: _View) -> Iterator[tuple[list[int], str]]:
         """(models in which a joint's own-angle effects are explained better together, what changed)."""

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,10 +72,16 @@ class Fit:
         """(p, p) from the residual variance."""
         return np.asarray(self.factor @ self.factor.T * self.sigma ** 2)
 
+    @cached_property
+    def root(self) -> Array:
+        """(k, p) root of the prior's precision matrix, in whitened units: the shrunk terms' prior is root · theta ~ N(0, 1)
+        times the noise; no rows for a plain fit."""
+        return np.zeros((0, len(self.theta))) if self.precision is None else penalty(self.terms, self.precision)
+
     @property
     def prior(self) -> Array | None:
-        """(k, p+1) rows [columns | response] of the prior at theta, in whitened units; None for a plain fit."""
-        return None if self.precision is None else _rows(penalty(self.terms, self.precision), self.theta)
+        """(k, p+1) rows [columns | response] of the prior at theta; None for a plain fit."""
+        return None if self.precision is None else _rows(self.root, self.theta)
 
     def at(self) -> tuple[Sequence[Term], Array]:
         """The point to linearise other models at."""

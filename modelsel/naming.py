@@ -1,7 +1,7 @@
 """Naming one effect: from the evidence of every candidate to a credible set and a verdict."""
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -103,6 +103,16 @@ def name_again(seen: Scan, candidates: tuple[Candidate, ...], g: int, response: 
         strange += others
         named = name(seen, candidates, response, np.array(strange, dtype=np.intp))
     return named
+
+
+def with_candidate(named: Named, seen: Scan, candidates: tuple[Candidate, ...], g: int, response: Array) -> Named:
+    """The same with candidate g, which stands in the model, in the set: where a search that went in a circle stopped at a
+    name that its own set does not hold, the data do not tell, and that is said."""
+    if any(e.candidate is candidates[g] for e in named.entries):
+        return named
+    own = Entry(candidates[g], float(np.exp(named.log_probability[g])), False, coefficients(seen, g, response))
+    return replace(named, entries=(*named.entries[:LISTED - 1], own), verdict="cannot be told apart",
+                   more=max(named.more - 1, 0) + len(named.entries[LISTED - 1:]))
 
 
 def similar(a: Array, b: Array) -> float:

@@ -25,11 +25,13 @@ class PerJoint:
 @dataclass(frozen=True)
 class Scanned:
     """A mechanism with an inner constant (waves a turn, a moment in time, masses): `build(robot, joint, constant)`, or
-    `build(robot, constant)` where `joints` is None; naming scans the constants and counts them all."""
+    `build(robot, constant)` where `joints` is None; naming scans the constants and counts them all. `range`: between which
+    real numbers the constant may lie where it is one; sampling then takes it as continuous."""
 
     build: Callable[..., Mechanism]
     constants: Callable[..., tuple[float, ...]]
     joints: Callable[[Robot], tuple[int, ...]] | None = None
+    range: tuple[float, float] | None = None
 
 
 Entry = Callable[[Robot], Mechanism | None] | PerJoint | Scanned
@@ -60,7 +62,7 @@ BUILTIN: Registry = {
     "thermal-expansion": environment.thermal_expansion,
     "thermal-zero": PerJoint(environment.thermal_zero, transmission.all_joints),
     "tracker-drift": Scanned(environment.tracker_drift, lambda robot: (1.0, 0.25, 0.1)),
-    "tracker-step": Scanned(environment.tracker_step, lambda robot: environment.STEPS),
+    "tracker-step": Scanned(environment.tracker_step, lambda robot: environment.STEPS, range=(0.0, 1.0)),
     "tracker-scale": environment.tracker_scale,
     "refraction": environment.refraction,
 }

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .analysis import Question, Result, analyse
+from .analysis import Question, Result, analyse, provenance, with_sampling
 from .causes import parse
+from .checkpoint import Checkpoint
 from .config import Study, find_data
 from .errors import StudyError
 from .explain import Say
@@ -71,8 +72,10 @@ def candidates_of(study: Study, robot: Robot, registry: Registry) -> tuple[Mecha
     return tuple(dict.fromkeys(part for name in study.model.candidates for part in parts(name, robot, registry)))
 
 
-def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN, say: Say = lambda _: None) -> Result:
-    """Run a study whose files stand beside `folder`. Raises StudyError, DataError or NotEstimable; writes nothing."""
+def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN, say: Say = lambda _: None, sampling: bool = True,
+        checkpoint: Checkpoint | None = None) -> Result:
+    """Run a study whose files stand beside `folder`. `checkpoint`: where an unfinished chain is kept and taken up again; without
+    it nothing is written. Raises StudyError, DataError or NotEstimable."""
     folder = Path(folder)
     robot = robot_of(study, folder)
     check_names(study, robot, registry)
@@ -83,8 +86,15 @@ def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN,
     if study.split.column is not None:
         labels = read_labels(path, study.split.column)[measured.row]
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    if checkpoint is not None:
+        checkpoint.bind(provenance(study, digest))
     question = Question(study, plan_of(study), robot, candidates_of(study, robot, registry), registry)
-    return analyse(question, measured, labels=labels, say=say, data_sha256=digest)
+    result = analyse(question, measured, labels=labels, say=say, data_sha256=digest)
+    if sampling:
+        result = with_sampling(question, result, say, checkpoint)
+    if checkpoint is not None:
+        checkpoint.clear()
+    return result
 
 
 def save(result: Result, folder: Path) -> None:

@@ -53,6 +53,7 @@ def show(result: Result, console: Console) -> None:
                           f"{r.weight:.3f}", r.note)
         console.print(shown)
     show_map(result, console)
+    show_significance(result, console)
     for sentence in sentences(result):
         console.print(sentence, highlight=False)
 
@@ -84,11 +85,52 @@ def show_map(result: Result, console: Console) -> None:
     console.print(table)
 
 
+def show_significance(result: Result, console: Console) -> None:
+    """What each mechanism of the chosen model matters, and what is lost without it."""
+    from rich.table import Table
+    rows = result.confidence.significance
+    if not rows:
+        return
+    table = Table(title="What each mechanism matters: displacement it causes, and errors without it, in mm",
+                  title_justify="left", title_style="bold")
+    table.add_column("mechanism", overflow="fold")
+    for column in ("mean", "worst", "F", "p", "log10 evidence", "CV rms without", "held-out rms without", "stays in halves"):
+        table.add_column(column, justify="right")
+    table.add_column("catalogue", overflow="fold")
+    for s in rows:
+        table.add_row(s.mechanism, mm(s.mean_mm), mm(s.max_mm), *map(_figure, (s.f, s.p, s.log10_evidence)),
+                      mm(s.cv_rms_without_mm), mm(s.held_out_rms_without_mm),
+                      "–" if s.stability is None else f"{s.stability:.0%}", s.catalogue)
+    first = rows[0]
+    table.caption = f"with all of them: CV rms {mm(first.cv_rms_mm)}, held-out rms {mm(first.held_out_rms_mm)}"
+    console.print(table)
+
+
+def _figure(value: float | None) -> str:
+    return "–" if value is None else "< 1e-99" if 0 <= value < 1e-99 else f"{value:.3g}"
+
+
+def sure_sentences(result: Result) -> list[str]:
+    """Parameters that the data tell only together, and what was sampled."""
+    out = [f"Only together: {pair.sentence}" for pair in result.confidence.correlation.pairs[:6]]
+    more = len(result.confidence.correlation.pairs) - 6
+    if more > 0:
+        out.append(f"Only together: {more} further pairs correlate above 0.9.")
+    s = result.confidence.sampling
+    if s is not None:
+        state = (f"{s.effective.min():,.0f} effective samples, R-hat {s.r_hat.max():.3f}" if s.converged
+                 else "not converged, and nothing of it is quoted")
+        out.append(f"Sampling: {s.what} {s.steps:,} steps of {s.walkers} walkers, autocorrelation time {s.tau.max():.0f}: "
+                   f"{state}. {s.importance.sentence}")
+    return out
+
+
 def sentences(result: Result) -> list[str]:
     """The study in words."""
     first, last = result.ladder[0], result.chosen
+    called = sentence_list(last.names) if last.names else "nominal"
     out = [(f"Nominal model: {mm(first.estimation.mean_mm)} mm mean, {mm(first.estimation.max_mm)} mm worst. Chosen model "
-            f"({sentence_list(last.names)}): {mm(last.estimation.mean_mm)} mm mean; noise floor "
+            f"({called}): {mm(last.estimation.mean_mm)} mm mean; noise floor "
             f"{result.floor.coordinate_mm:.3g} mm per coordinate ({result.floor.source}).")]
     out += [f.sentence for f in result.faults]
     out += [f"Found: {f.sentence}" if f.effect.named.verdict == "found" else f"Not told apart: {f.sentence}"
@@ -108,4 +150,5 @@ def sentences(result: Result) -> list[str]:
         out.append(f"On held-out configurations: {mm(gain.held_out_rms_before_mm)} -> {mm(gain.held_out_rms_after_mm)} mm rms"
                    f"{interval}.")
     out += [f"Not identifiable: {u.sentence}" for u in result.unidentifiable]
-    return out + [f"Note: {w.sentence}" for w in result.warnings]
+    out += sure_sentences(result)
+    return out + [f"Note: {w.sentence}" for w in (*result.warnings, *result.confidence.notes)]

@@ -32,7 +32,7 @@ def quantity(value: float, error: float | None, unit: str) -> str:
     shown = f"{value / factor:.3g}"
     if error is not None:
         shown += f" ± {error / factor:.1g}" if error / factor < 10 else f" ± {error / factor:.0f}"
-    return f"{shown} {prefix}{unit}".replace("ppm /", "ppm/")
+    return f"{shown} {prefix}{unit}".replace("ppm /", "ppm/").removesuffix(" 1")
 
 
 def is_wave(terms: Sequence[Term]) -> bool:

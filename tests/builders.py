@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from modelsel.compare import Data
 from modelsel.design import residuals
 from modelsel.measurements import Measurements, measurements
 from modelsel.rigid import Array
-from modelsel.robot import Robot, forward
+from modelsel.robot import Joint, Robot, forward
 from modelsel.robotfile import load
 from modelsel.scene import Scene, scene
 from modelsel.screws import Mechanism, Screw, Term
@@ -51,3 +52,21 @@ def one(frame: int, axis: str, *cause: object) -> Mechanism:
     """A mechanism of one screw, to plant or to try."""
     screw = Screw(frame, axis, *cause)  # type: ignore[arg-type]
     return Mechanism(str(screw), (Term(f"k{frame}{axis}", (screw,)),))
+
+
+def small_arm(prismatic: bool = False) -> Robot:
+    """Three joints, the last one sliding where asked: a study of it takes milliseconds."""
+    first, second, third = (np.eye(4) for _ in range(3))
+    first[2, 3], second[0, 3], third[0, 3] = 300.0, 50.0, 400.0
+    second[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+    last = np.eye(4)
+    last[0, 3] = 350.0
+    slide = Joint(third, True, (0.0, 300.0)) if prismatic else Joint(third)
+    return Robot("small", "made up for tests", (Joint(first), Joint(second), slide), last)
+
+
+def study_of(at: Scene, held_out: int = 0, folds: int = 5) -> Data:
+    """A scene as a study's data: the last configurations held out, folds by row."""
+    m = len(at)
+    estimation = np.arange(m) < m - held_out
+    return Data(at, estimation, np.zeros(m, bool), np.where(estimation, np.arange(m) % folds, -1), False)

@@ -11,10 +11,11 @@ from modelsel.candidates import BETWEEN, Candidate, candidates
 from modelsel.causes import Named, cos, q, sin
 from modelsel.curves import chain, curves, own_angle
 from modelsel.design import Model
-from modelsel.errormap import basis, columns, stacked, subset
+from modelsel.errormap import basis, columns, scan, stacked, subset
 from modelsel.extend import LEVEL, Extension, extend
 from modelsel.fit import fit
 from modelsel.mechanisms.environment import STEPS
+from modelsel.naming import name, with_candidate
 from modelsel.registry import every, mechanism
 from modelsel.rigid import Array
 from modelsel.robot import forward
@@ -122,7 +123,38 @@ def test_a_part_of_the_columns_scans_like_the_whole(rng: np.random.Generator) ->
     X, r = stacked(at, base.terms, None)
     Q = basis(X)
     wave = int(curve.which[[found[g].mechanism.name for g in curve.which].index("encoder-eccentricity:4")])
-    r = r + 5 * whole.XT[whole.slices[wave]].sum(0)
+    r = r + 5e-3 * whole.XT[whole.slices[wave]].sum(0)
     value, best = chain(curve, Q, r - Q @ (Q.T @ r), None, np.logical_not(curve.free))
     assert best[0] == wave
     assert value == pytest.approx(chain(curve, Q, r - Q @ (Q.T @ r), best, curve.free)[0])
+
+
+def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 80)
+    base = Model((mechanism("geometric", at.robot),))
+    fitted = fit(turned(at, 4, 1e-3 * np.sin(at.data.q[:, 3]), rng), base)
+    found = candidates(at, base, every(at.robot))
+    strange = next(k for k, c in enumerate(found) if c.mechanism.name == "refraction")
+    X, r = stacked(turned(at, 4, 1e-3 * np.sin(at.data.q[:, 3]), rng), base.terms, fitted.at())
+    seen = scan(columns(at, found, fitted.at()), basis(X))
+    y = r - seen.Q @ (seen.Q.T @ r)
+    plain = name(seen, found, y)
+    assert (plain.entries[0].candidate.mechanism.name, plain.verdict) == ("gear-eccentricity:4", "found")
+    assert with_candidate(plain, seen, found, plain.top, y) is plain
+    told = with_candidate(plain, seen, found, strange, y)
+    assert told.verdict == "cannot be told apart"
+    assert told.entries[-1].candidate is found[strange]
+    assert told.entries[-1].probability < 1e-6
+
+
+@seeds(17, 18)
+def test_a_joint_that_turns_about_its_own_target_is_not_the_cause(rng: np.random.Generator) -> None:
+    """With the target a hair off the last axis, a turn of that joint has the right shape and would need radians."""
+    at = drawn("ur10", rng, 100, tool=(0.05, 0.0, 100.0))
+    spin = Mechanism("spin", (Term("m", (Screw(7, "ty", sin(q(6))),)),))
+    bent = planted(at, spin.terms, np.array([0.3]), rng, SIGMA)
+    found = named(bent, rng)
+    assert len(found.effects) == 1, found.path
+    listed = [e.candidate.mechanism for e in found.effects[0].named.entries]
+    assert all(m.name != "gear-eccentricity:6" for m in listed), listed
+    assert "7 ty sin(q6) & cos(q6)" in [m.name for m in listed]

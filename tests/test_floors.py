@@ -24,15 +24,24 @@ FLOORS: tuple[tuple[str, frozenset[str]], ...] = tuple(
         ("fit", "fit noise register shrink"),
         ("which", "folds criteria search split validate candidates compare stream"),
         ("why", "errormap evidence naming curves extend maps robust faults predictor words"),
-        ("sure", "posterior sampling"),
-        ("elsewhere", "prepare simulate explain"),
+        (
+            "sure",
+            (
+                "bootstrap components constants correlation diagnostics ensemble "
+                "moves parameters posterior sampling significance target"
+            ),
+        ),
+        ("elsewhere", "prepare simulate explain confidence"),
         ("use", "compensate export plan"),
-        ("telling", "findings result tables figures report config write inspect analysis study fleet cli"),
+        (
+            "telling",
+            "findings verdict result tables figures report config write inspect analysis checkpoint study fleetfile fleet cli",
+        ),
         ("door", "__init__ __main__"),
     )
 )
-HEAVY = ("scipy.stats", "matplotlib", "pandas", "pyarrow", "emcee", "rich", "pydantic")
-ALLOWED = {("config", "pydantic")}  # the study file is its schema; only commands that read one import it
+HEAVY = ("scipy.stats", "matplotlib", "pandas", "pyarrow", "emcee", "rich", "pydantic", "typst")
+ALLOWED = {("config", "pydantic"), ("fleetfile", "pydantic")}  # a study or fleet file is its schema, imported to read one
 LONGEST_FILE = 300
 LONGEST_FUNCTION = 60
 

@@ -1,9 +1,11 @@
 """README and CONTRIBUTING say what is true: their Python runs and prints what they show, their tables are the registry's, the
-picture is the study's. `python tests/test_readme.py` writes the README's shown output, excerpt and table of mechanisms anew."""
+report is the study's. `python tests/test_readme.py` writes the README's shown output, excerpt and table of mechanisms anew."""
 from __future__ import annotations
 
 import contextlib
+import html
 import io
+import json
 import re
 import textwrap
 from pathlib import Path
@@ -114,11 +116,17 @@ def test_every_mechanism_is_in_the_table(page) -> None:
     assert TABLE.search(page).group(1) == mechanism_table(), AGAIN
 
 
-def test_picture_shows_the_study(ran) -> None:
-    text = (ROOT / "reports" / "ladder.svg").read_text(encoding="utf-8")
-    ladder = [r for r in ran[1]["result"].ladder if r.names == ran[1]["result"].chosen.names[:len(r.names)]]
-    found = [word for r in ladder for word in (f"{r.names[-1]}<", f">{r.held_out.mean_mm:.2f}<") if word not in text]
-    assert not found, "studies/draw_ladder.py draws it anew"
+def test_report_shown_is_the_study_s(ran) -> None:
+    """reports/puma760: its verdict and its ladder are those of the study as it runs now, and its page says them."""
+    folder, result = ROOT / "reports" / "puma760", ran[1]["result"].to_dict()
+    kept = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    again = "modelsel study studies/puma760/study.toml writes it anew, python tests/test_page.py its pictures"
+    assert kept["verdict"] == result["verdict"], again
+    for old, new in zip(kept["ladder"], result["ladder"], strict=True):
+        assert old["mechanisms"] == new["mechanisms"], again
+        assert old["held_out"]["mean_mm"] == pytest.approx(new["held_out"]["mean_mm"], rel=1e-6), again
+    page = html.unescape((folder / "report.html").read_text(encoding="utf-8"))
+    assert all(sentence in page for sentence in kept["verdict"]), again
 
 
 def test_commands_and_links_exist(page) -> None:

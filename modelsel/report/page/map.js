@@ -1,0 +1,146 @@
+// The error map: a grid to walk with the arrow keys; a cell opens its panel.
+function numbers(data, i, j) {
+  const { details } = data, place = details.map.places[i], column = details.map.columns[j], slopes = details.map.slopes[i][j] || [];
+  const q = details.rows.q, angle = column.wave === null ? null : column.joint ? q.map((r) => r[column.joint - 1]) : column.values[0];
+  const causes = angle ? [angle.map((a) => Math.sin(column.wave * a)), angle.map((a) => Math.cos(column.wave * a))] : column.values;
+  const levers = place.d.map((d) => Math.hypot(...d)), most = Math.max(...levers);
+  const rows = levers.map((v, k) => k).filter((k) => levers[k] > 0.2 * most && !details.rows.outlying[k]);
+  const about = (rung) => {
+    const r = place.turns_only ? rung.rotation_rad : rung.residual_mm;
+    return rows.map((k) => place.d[k].reduce((sum, v, a) => sum + v * r[k][a], 0) / levers[k] ** 2);
+  };
+  const fitted = rows.map((k) => slopes.reduce((sum, b, n) => sum + b * causes[n][k], 0));
+  const before = about(details.rungs[details.base]).map((v, n) => v + fitted[n]), after = about(details.rungs[details.rungs.length - 1]);
+  const out = { unit: place.axis[0] === "r" ? "rad" : "mm", before, after, kind: "line", title: `Residual about ${placeName(place)}` };
+  if (angle) {
+    const turn = 2 * Math.PI, fold = column.wave >= 3, own = rows.map((k) => angle[k]);
+    out.x = own.map((a) => (fold ? ((column.wave * a) % turn + turn) % turn : a) * 180 / Math.PI);
+    const low = fold ? 0 : Math.min(...out.x), high = fold ? 360 : Math.max(...out.x), grid = [...Array(121).keys()].map((k) => low + (high - low) * k / 120);
+    const phase = grid.map((g) => g * Math.PI / 180 * (fold ? 1 : column.wave));
+    out.curve = [grid, phase.map((a) => slopes[0] * Math.sin(a) + slopes[1] * Math.cos(a))];
+    out.against = fold ? `${column.wave}*${column.angle}, folded` : column.angle;
+    out.against_unit = "deg";
+  } else if (causes.length === 1) {
+    const shown = column.unit === "rad" ? 180 / Math.PI : 1;
+    out.x = rows.map((k) => causes[0][k] * shown);
+    const ends = [Math.min(...out.x), Math.max(...out.x)];
+    out.curve = [ends, ends.map((v) => v / shown * slopes[0])];
+    out.against = data.result.error_map.causes[j];
+    out.against_unit = column.unit === "rad" ? "deg" : column.unit;
+  } else {
+    out.x = fitted.map((v) => v * scaled(out.unit, Math.max(...fitted.map(Math.abs)))[0]);
+    const ends = [Math.min(...fitted), Math.max(...fitted)], [factor, unit] = scaled(out.unit, Math.max(...fitted.map(Math.abs)));
+    out.curve = [ends.map((v) => v * factor), ends];
+    out.against = `fit of ${data.result.error_map.causes[j]}`;
+    out.against_unit = unit;
+  }
+  return out;
+}
+
+const placeName = (place) => `frame ${place.frame} ${place.axis}`;
+
+function related(data, i, j) {
+  const place = data.details.map.places[i], causes = data.result.error_map.causes[j].split(" & ");
+  const hit = (s) => s.frame === place.frame && s.axis === place.axis && causes.includes(s.cause);
+  return data.result.findings.map((f, k) => [f, k]).filter(([f]) => f.credible_set.some((e) => e.screws.some(hit)));
+}
+
+function card(data, name) {
+  const found = data.details.cards[name];
+  if (!found) return null;
+  const list = el("dl", { class: "card" });
+  for (const [term, words] of [["mechanism", found.name], ["what goes wrong", found.sentence], ["equation", found.equation], ["source", found.source],
+    ...found.terms.map((t) => [`${t.symbol} [${t.unit}]`, t.screws.slice(0, 4).join(", ") + (t.screws.length > 4 ? " …" : "") + t.expected])]) {
+    if (words) list.append(el("dt", { text: term }), el("dd", { text: words }));
+  }
+  return list;
+}
+
+// The pictures of findings whose own cell this is: every other effect is in the model there.
+function ownPictures(data, i, j) {
+  const place = data.details.map.places[i], mine = (f) => f.credible_set.length && related(data, i, j).some(([g]) => g === f) &&
+    f.credible_set[0].screws.some((s) => s.frame === place.frame && s.axis === place.axis);
+  return data.result.findings.flatMap((f, k) => mine(f) ? data.details.findings[k].panels.filter((p) => p.frames.includes(place.frame) && p.axis === place.axis) : []);
+}
+
+function cellPanel(data, i, j, openFinding) {
+  const place = data.details.map.places[i], map = data.result.error_map, name = data.details.map.named.find(([a, b]) => a === i && b === j);
+  const out = [el("h3", { text: `${placeName(place)} · ${map.causes[j]}` }),
+    el("p", { text: `F = ${digits(map.f[i][j])} of this cell alone beyond the base; by chance anywhere in the map with p = ${digits(map.p_family_wise[i][j])}.` })];
+  const own = data.named.has(`${i},${j}`) ? ownPictures(data, i, j) : [];
+  for (const p of own.slice(0, 2)) out.push(scatter({ ...p, title: `Residual about ${placeName(place)}` }));
+  if (own.length) out.push(el("p", { class: "quiet", text: "With all other effects in the model. Squares: without this effect. Dots: with it. Line: the fitted effect." }));
+  out.push(scatter(numbers(data, i, j)), el("p", { class: "quiet", text: "From the base, as the map is. Squares: before, what the base model leaves about " +
+    "this axis, other effects with it. Dots: after, what the chosen model leaves. Line: this cell's fit alone." }));
+  const findings = related(data, i, j);
+  out.push(el("h3", { text: "Credible set" }));
+  if (!findings.length) out.push(el("p", { class: "quiet", text: "No finding counts this cell among its explanations." }));
+  for (const [finding, k] of findings.slice(0, 3)) {
+    const button = el("button", { type: "button", text: `Finding ${k + 1}: ${data.details.findings[k].label}` });
+    button.addEventListener("click", () => openFinding(k));
+    out.push(button, probabilities(finding.credible_set.slice(0, 8).map((e, n) => [data.details.findings[k].rivals[n], e.probability, e.alike])));
+  }
+  out.push(el("h3", { text: "Mechanism" }));
+  out.push((name && card(data, name[2])) || el("p", { class: "quiet", text: "No registered mechanism acts at this place by this cause alone." }));
+  return out;
+}
+
+function findingPanel(data, k) {
+  const finding = data.result.findings[k], said = data.details.findings[k];
+  const out = [el("h3", { text: `Finding ${k + 1}: ${said.label}` }), el("p", { text: finding.sentence })];
+  for (const p of said.panels) out.push(scatter({ ...p, title: p.frames.length ? `Residual about frame ${p.frames.join(", ")} ${p.axis}` : "Displacement" }));
+  if (said.panels.length) out.push(el("p", { class: "quiet", text: "Squares: without this effect. Dots: with it. Line: the fitted effect." }));
+  out.push(el("h3", { text: "Credible set" }), probabilities(finding.credible_set.slice(0, 12).map((e, n) => [said.rivals[n], e.probability, e.alike])));
+  const found = card(data, finding.credible_set.length ? finding.credible_set[0].mechanism : null);
+  if (found) out.push(el("h3", { text: "Mechanism" }), found);
+  return out;
+}
+
+function grid(data, host, rows, columns, cell, heads, label, open, short) {
+  const map = data.result.error_map, biggest = Math.log10(Math.max(10, ...map.f.flat().filter((v) => v !== null)));
+  const table = el("table", { class: short ? "map short" : "map", role: "grid", "aria-label": label }), line = el("tr", { role: "row" });
+  line.append(el("td"), ...heads.map((h) => { const th = el("th", { scope: "col", role: "columnheader", title: h }); th.append(el("span", { text: h })); return th; }));
+  table.append(el("thead", {}, line));
+  const body = el("tbody"), cells = [];
+  rows.forEach(([name, i], r) => {
+    const tr = el("tr", { role: "row" }, el("th", { scope: "row", role: "rowheader", text: name }));
+    cells.push(columns.map((c, n) => {
+      const at = cell(i, c, n), td = el("td", { role: "gridcell" });
+      tr.append(td);
+      if (!at || map.f[at[0]][at[1]] === null) return null;
+      const [a, b] = at, f = map.f[a][b], p = map.p_family_wise[a][b], place = placeName(data.details.map.places[a]);
+      td.tabIndex = -1;
+      td.style.setProperty("--s", (100 * Math.max(0, Math.log10(Math.max(f, 1))) / biggest).toFixed(0));
+      const named = data.named.has(`${a},${b}`);
+      if (p < 0.05) td.classList.add("out");
+      if (named) td.classList.add("named");
+      td.dataset.cell = `${a},${b}`;
+      td.setAttribute("aria-label", `${place}, cause ${map.causes[b]}, F ${digits(f)}, p ${digits(p)}${named ? ", named in a finding" : ""}`);
+      return td;
+    }));
+    body.append(tr);
+  });
+  table.append(body);
+  host.append(table);
+  const flat = cells.flatMap((row, r) => row.map((td, c) => [td, r, c])).filter(([td]) => td);
+  if (!flat.length) return;
+  flat[0][0].tabIndex = 0;
+  const walk = (r, c, dr, dc) => { for (r += dr, c += dc; cells[r] && c >= 0 && c < cells[r].length; r += dr, c += dc) if (cells[r][c]) return cells[r][c]; return null; };
+  const focus = (td) => { if (!td) return; for (const [other] of flat) other.tabIndex = -1; td.tabIndex = 0; td.focus(); };
+  for (const [td, r, c] of flat) {
+    const hint = () => { document.getElementById("hover").textContent = td.getAttribute("aria-label"); };
+    td.addEventListener("mouseenter", hint);
+    td.addEventListener("focus", hint);
+    td.addEventListener("click", () => { focus(td); open(td); });
+    td.addEventListener("keydown", (e) => {
+      const move = { ArrowRight: [0, 1], ArrowLeft: [0, -1], ArrowDown: [1, 0], ArrowUp: [-1, 0] }[e.key];
+      const row = cells[r].filter(Boolean);
+      if (move) focus(walk(r, c, ...move));
+      else if (e.key === "Home") focus(row[0]);
+      else if (e.key === "End") focus(row[row.length - 1]);
+      else if (e.key === "Enter" || e.key === " ") open(td);
+      else return;
+      e.preventDefault();
+    });
+  }
+}

@@ -1,0 +1,84 @@
+// Small helpers: elements without markup, a scatter of residual against cause, numbers in words.
+const SVG = "http://www.w3.org/2000/svg";
+
+function el(name, attributes = {}, ...children) {
+  const node = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key === "text") node.textContent = value;
+    else node.setAttribute(key, value);
+  }
+  node.append(...children);
+  return node;
+}
+
+function mark(name, attributes = {}, text = null) {
+  const node = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
+  if (text !== null) node.textContent = text;
+  return node;
+}
+
+function digits(value, count = 3) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  return String(Number(value.toPrecision(count))).replace("-", "−");
+}
+
+function scaled(unit, biggest) {
+  if (unit === "rad") return biggest < 1.5e-3 ? [1e6, "µrad"] : biggest < 1.5 ? [1e3, "mrad"] : [1, "rad"];
+  return unit === "mm" && biggest < 0.5 ? [1e3, "µm"] : [1, unit];
+}
+
+function ticks(low, high) {
+  const step0 = (high - low) / 4, power = 10 ** Math.floor(Math.log10(step0));
+  const step = [1, 2, 5, 10].find((k) => k * power >= step0) * power, out = [];
+  for (let k = Math.ceil(low / step); k <= Math.floor(high / step + 1e-9); k++) out.push(k * step);
+  return out;
+}
+
+// panel: {x, before, after, curve: [[x], [y]], unit, against, against_unit, title}
+function scatter(panel) {
+  const width = 460, height = 300, left = 52, right = 10, top = 14, bottom = 42;
+  const all = [...panel.before, ...panel.after].map(Math.abs).sort((a, b) => a - b);
+  const biggest = all.length ? all[Math.floor(0.98 * (all.length - 1))] : 1;
+  const [factor, unit] = scaled(panel.unit, biggest);
+  const high = Math.max(biggest * factor * 1.2, 1e-12);
+  let low = Math.min(...panel.x, ...panel.curve[0]), far = Math.max(...panel.x, ...panel.curve[0]);
+  if (!(far > low)) { low -= 1; far += 1; }
+  const room = 0.04 * (far - low), x0 = low - room, x1 = far + room;
+  const X = (v) => left + (v - x0) / (x1 - x0) * (width - left - right);
+  const Y = (v) => top + (1 - (v * factor + high) / (2 * high)) * (height - top - bottom);
+  const svg = mark("svg", { viewBox: `0 0 ${width} ${height}`, role: "img" });
+  svg.append(mark("title", {}, `${panel.title} against ${panel.against}: ${panel.x.length} rows, before and after.`));
+  for (const t of ticks(-high, high)) {
+    svg.append(mark("line", { x1: left, x2: width - right, y1: Y(t / factor), y2: Y(t / factor), stroke: "var(--line)" }));
+    svg.append(mark("text", { x: left - 5, y: Y(t / factor) + 4, "text-anchor": "end" }, digits(t)));
+  }
+  for (const t of ticks(low, far)) svg.append(mark("text", { x: X(t), y: height - bottom + 15, "text-anchor": "middle" }, digits(t)));
+  const against = panel.against_unit && panel.against_unit !== "1" ? ` [${panel.against_unit === "deg" ? "°" : panel.against_unit}]` : "";
+  svg.append(mark("text", { x: (left + width) / 2, y: height - 8, "text-anchor": "middle" }, panel.against + against));
+  svg.append(mark("text", { x: 2, y: 10 }, unit));
+  const inside = (v) => Math.abs(v * factor) <= high;
+  panel.x.forEach((x, k) => {
+    if (inside(panel.before[k])) svg.append(mark("rect", { x: X(x) - 2, y: Y(panel.before[k]) - 2, width: 4, height: 4, fill: "none", stroke: "var(--before)" }));
+    if (inside(panel.after[k])) svg.append(mark("circle", { cx: X(x), cy: Y(panel.after[k]), r: 1.9, fill: "var(--accent)", "fill-opacity": 0.75 }));
+  });
+  const step = panel.kind === "step";
+  let path = "", last = null;
+  panel.curve[0].forEach((x, k) => {
+    const jump = last === null || (step && Math.sign(x) !== Math.sign(last));
+    path += `${jump ? "M" : "L"}${X(x).toFixed(1)} ${Math.max(0, Math.min(height, Y(panel.curve[1][k]))).toFixed(1)}`;
+    last = x;
+  });
+  svg.append(mark("path", { d: path, fill: "none", stroke: "var(--ring)", "stroke-width": 2 }));
+  return svg;
+}
+
+function probabilities(entries) {
+  const set = el("div", { class: "set" });
+  for (const [name, p, alike] of entries) {
+    const bar = el("div", { class: alike ? "bar" : "bar other" });
+    bar.style.width = `${Math.max(1, 100 * p)}%`;
+    set.append(el("span", { text: name }), bar, el("span", { text: p < 0.005 ? "<0.01" : p.toFixed(2) }));
+  }
+  return set;
+}

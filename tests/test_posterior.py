@@ -1,0 +1,145 @@
+"""The closed-form posterior: the exact chain at many draws, intervals against statsmodels and quadrature, and calibration by
+simulation."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import statsmodels.api as sm
+from builders import drawn, one, planted, small_arm
+from scipy.stats import chi2
+
+from modelsel.causes import cos, q
+from modelsel.design import Model, design, residuals, whitened
+from modelsel.ensemble import Ensemble
+from modelsel.fit import fit
+from modelsel.mechanisms.geometry import setup
+from modelsel.posterior import importance, posterior, weighted
+from modelsel.registry import mechanism
+from modelsel.rigid import Array
+from modelsel.scene import Scene
+
+ARM = small_arm()
+MODEL = Model((mechanism("geometric", ARM), mechanism("joint-compliance:2", ARM)))
+
+
+def rotations(rng: np.random.Generator, m: int) -> Array:
+    """(m, 3, 3) drawn by QR."""
+    Q = np.linalg.qr(rng.normal(size=(m, 3, 3)))[0]
+    return np.asarray(Q * np.linalg.det(Q)[:, None, None])
+
+
+def oriented(rng: np.random.Generator, m: int = 9) -> Scene:
+    bare = drawn(ARM, rng, m)
+    data = replace(bare.data, rotation=np.einsum("ijm->mij", bare.pose(slice(None)).rotation))
+    whiten = np.tile(np.diag([10.0, 10, 10, 2000, 2000, 2000]), (m, 1, 1))
+    return replace(bare, data=data, tool_rotations=rotations(rng, 1), whiten=whiten)
+
+
+def placed(rng: np.random.Generator) -> Scene:
+    """Two targets, two groups with a placement each, blocks of weights, a sliding joint."""
+    bare = drawn(small_arm(prismatic=True), rng, 12, target=np.array(["a", "b"] * 6), group=np.array(["x"] * 6 + ["y"] * 6),
+                 configuration=np.arange(12) // 2)
+    return replace(bare, placement=(rotations(rng, 2), rng.normal(0, 100, (2, 3))), whiten=rng.normal(size=(12, 3, 3)),
+                   tools=rng.normal(0, 50, (2, 3)))
+
+
+@pytest.mark.parametrize("kind", ["puma760", "orientation", "placed"])
+def test_ensemble_is_the_exact_chain(rng: np.random.Generator, kind: str) -> None:
+    at = {"orientation": oriented, "placed": placed}.get(kind, lambda r: drawn("puma760", r, 11))(rng)
+    named = () if kind != "puma760" else (mechanism("gravity-twist", at.robot), mechanism("backlash:3", at.robot))
+    model = Model((setup(at.robot, len(at.data.targets), len(at.data.groups), kind == "placed", kind == "orientation"),
+                   mechanism("geometric", at.robot), *named))
+    theta = rng.normal(0, 1e-2, (5, len(model.terms)))
+    expected = np.stack([whitened(at, residuals(at, model.terms, t)).T for t in theta])
+    assert np.abs(Ensemble(at, model.terms).residuals(theta) - expected).max() < 1e-9 * np.abs(expected).max()
+
+
+def test_intervals_are_those_of_least_squares(rng: np.random.Generator) -> None:
+    at = drawn(ARM, rng, 15)
+    scene = planted(at, MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
+    fitted = fit(scene, MODEL)
+    kept = list(fitted.found.kept)
+    X, r = design(scene, MODEL.terms, fitted.at())
+    X = X.reshape(-1, len(MODEL.terms))[:, kept]
+    plain = sm.OLS(r.ravel() + X @ fitted.theta[kept], X).fit()
+    low, high = posterior(fitted).quantile(np.array([0.025, 0.975])).T
+    assert np.allclose(np.stack([low[kept], high[kept]], 1), plain.conf_int(), rtol=1e-6, atol=1e-9)
+    assert posterior(fitted).scale == pytest.approx(np.sqrt(plain.scale), rel=1e-6)
+
+
+def test_shrunk_posterior_is_the_conjugate_one(rng: np.random.Generator) -> None:
+    """Against the textbook's formulas for a normal prior in units of the noise, its rows written out."""
+    at = drawn(ARM, rng, 15)
+    scene = planted(at, MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
+    precision = np.zeros(len(MODEL.terms))
+    precision[-1] = 1e8
+    fitted = fit(scene, MODEL, precision=precision)
+    kept = list(fitted.found.kept)
+    X, r = design(scene, MODEL.terms, fitted.at())
+    X = X.reshape(-1, len(MODEL.terms))[:, kept]
+    y = r.ravel() + X @ fitted.theta[kept]
+    gram = X.T @ X + np.diag(precision[kept])
+    beta = np.linalg.solve(gram, X.T @ y)
+    cost = y @ y - beta @ gram @ beta
+    known = posterior(fitted)
+    assert known.freedom == len(y) - (len(kept) - 1)
+    assert known.cost == pytest.approx(cost, rel=1e-6)
+    spread = np.sqrt(np.diag(np.linalg.inv(gram)) * cost / known.freedom)
+    assert np.allclose(known.spread[kept], spread, rtol=1e-6)
+
+
+def test_weights_find_the_curved_posterior() -> None:
+    """One angle known to half a radian: quadrature of the exact posterior against weighted draws, which the plain draws miss."""
+    rng = np.random.default_rng(0)
+    at = drawn(ARM, rng, 8, tool=(0.0, 0.0, 0.0))
+    model = Model((one(1, "rz", 0.02 * cos(q(2)) + 1.0),))
+    scene = planted(at, model.terms, np.array([0.4]), rng, 300.0)
+    fitted = fit(scene, model)
+    known = posterior(fitted)
+    draws = known.draw(rng, 40_000)
+    good = weighted(scene, fitted, known, draws)
+    grid = fitted.theta[0] + np.linspace(-3.0, 3.0, 6001)
+    cost = np.square(Ensemble(scene, model.terms).residuals(grid[:, None])).sum((1, 2))
+    density = cost ** (-known.freedom / 2 - 0.5)          # σ integrated out
+    density /= density.sum()
+    mean = float(density @ grid)
+    spread = float(np.sqrt(density @ np.square(grid - mean)))
+    assert 0.5 < good.effective / 40_000 < 0.95
+    assert abs(good.spread[0] - spread) < 0.03 * spread
+    assert abs(draws.spread[0] - spread) > 0.06 * spread
+    assert abs(float(good.weight @ good.theta[:, 0]) - mean) < 4 * spread / np.sqrt(good.effective)
+    assert "believe" in importance(replace(good, weight=np.eye(1, 40_000)[0])).sentence
+
+
+STUDIES, DRAWS, BINS = 2000, 99, 20
+
+
+def test_calibrated_by_simulation(rng: np.random.Generator) -> None:
+    """2,000 studies: ranks of the planted values among weighted draws are uniform, and 95 % intervals cover 95 ± 1 %."""
+    at = drawn(ARM, rng, 12)
+    p = len(MODEL.terms)
+    kept = list(fit(at, MODEL).found.kept)
+    size = np.array([t.size[1] if t.size else 1e-4 for t in MODEL.terms])
+    ranks, covered, effective = np.zeros((STUDIES, len(kept))), np.zeros((STUDIES, len(kept) + 1)), 0.0
+    for study in range(STUDIES):
+        truth = np.zeros(p)
+        truth[kept] = rng.normal(0, 0.3 * size[kept])
+        sigma = float(np.exp(rng.normal(-2, 0.5)))
+        scene = planted(at, MODEL.terms, truth, rng, sigma)
+        fitted = fit(scene, MODEL, start=truth)
+        known = posterior(fitted)
+        draws = weighted(scene, fitted, known, known.draw(rng, DRAWS))
+        below = draws.weight @ (draws.theta[:, kept] < truth[kept])
+        ranks[study] = below
+        low, high = known.quantile(np.array([0.025, 0.975])).T
+        covered[study, :-1] = (low[kept] < truth[kept]) & (truth[kept] < high[kept])
+        covered[study, -1] = known.scale_quantile(0.025) < sigma < known.scale_quantile(0.975)
+        effective += draws.effective / DRAWS / STUDIES
+    counts = np.stack([np.histogram(r, BINS, (0, 1))[0] for r in ranks.T])
+    statistic = np.square(counts - STUDIES / BINS).sum(1) / (STUDIES / BINS)
+    assert chi2.sf(statistic, BINS - 1).min() > 0.01 / len(kept), statistic
+    assert abs(covered[:, :-1].mean() - 0.95) < 0.01
+    assert (np.abs(covered.mean(0) - 0.95) < 0.015).all(), covered.mean(0)      # three standard deviations of one parameter's
+    assert effective > 0.9

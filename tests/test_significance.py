@@ -1,0 +1,238 @@
+"""Significance, bootstrap and correlation against statsmodels, refits written out, and simulation."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import statsmodels.api as sm
+from builders import drawn, one, planted, small_arm, study_of
+from scipy.linalg import sqrtm
+
+from modelsel.bootstrap import bootstrap, halves, signs
+from modelsel.causes import Named, q, sin
+from modelsel.compare import Data, rung
+from modelsel.confidence import Request, confidence, sampled
+from modelsel.correlation import correlation, labels
+from modelsel.design import Model, design, residuals
+from modelsel.fit import Fit, fit
+from modelsel.folds import fold
+from modelsel.parameters import difference_notes, parameters
+from modelsel.posterior import posterior
+from modelsel.registry import BUILTIN, mechanism
+from modelsel.result import dumps
+from modelsel.significance import nested, significance, stability
+
+ARM = small_arm()
+BASE = Model((mechanism("geometric", ARM),))
+MODEL = Model((*BASE.mechanisms, mechanism("joint-compliance:2", ARM), mechanism("gear-eccentricity:2", ARM)))
+NAMES = ("geometric", "joint-compliance:2", "gear-eccentricity:2")
+TRUTH = np.zeros(len(MODEL.terms))
+TRUTH[-3:] = 2e-4, 1e-3, -5e-4
+
+
+@pytest.fixture
+def data(rng: np.random.Generator) -> Data:
+    """40 configurations, 10 held out, compliance and eccentricity planted, one outlier."""
+    data = study_of(planted(drawn(ARM, rng, 40), MODEL.terms, TRUTH, rng, 0.1), held_out=10)
+    data.outlying[4] = True
+    data.scene.data.position[4] += 30.0
+    return data
+
+
+def linear(data: Data, fitted: Fit) -> tuple[np.ndarray, np.ndarray, list[int]]:
+    """(X (m, 3, p), response (m, 3) as if fitted from nought, kept) of the training rows."""
+    X, r = design(data.training(), fitted.terms, fitted.at())
+    return X, r + X @ fitted.theta, list(fitted.found.kept)
+
+
+def test_nested_f_is_that_of_statsmodels(data: Data) -> None:
+    fitted = fit(data.training(), MODEL)
+    X, y, kept = linear(data, fitted)
+    whole = sm.OLS(y.ravel(), X.reshape(-1, len(TRUTH))[:, kept]).fit()
+    for own in ([kept[-1]], kept[-2:]):
+        less = sm.OLS(y.ravel(), X.reshape(-1, len(TRUTH))[:, [k for k in kept if k not in own]]).fit()
+        f, p, _ = nested(fitted, own)
+        expected = whole.compare_f_test(less)
+        assert f == pytest.approx(expected[0], rel=1e-6)
+        assert p == pytest.approx(expected[1], rel=1e-4, abs=1e-300)
+
+
+def test_what_is_lost_without_a_mechanism(data: Data, rng: np.random.Generator) -> None:
+    """Every column against fits of the smaller model, fold by fold and on held-out rows; the whole model's against its rung."""
+    whole = rung(data, MODEL, NAMES)
+    assert whole.fit is not None
+    rows = {s.mechanism: s for s in significance(data, whole.fit, NAMES, rng)}
+    assert set(rows) == set(NAMES)
+    for s in rows.values():
+        assert s.cv_rms_mm == pytest.approx(whole.cv_rms_mm, rel=1e-6)
+        assert s.held_out_rms_mm == pytest.approx(whole.held_out.rms_mm, rel=1e-6)
+    X, y, kept = linear(data, whole.fit)
+    left = [k for k in kept if k < len(TRUTH) - 2]
+    folds, cv = data.training_folds(), np.zeros(len(X))
+    for k in range(5):
+        inside = folds != k
+        beta = np.linalg.lstsq(X[inside][:, :, left].reshape(-1, len(left)), y[inside].ravel(), rcond=None)[0]
+        cv[~inside] = np.square(y[~inside] - X[~inside][:, :, left] @ beta).sum(1)
+    ecc = rows["gear-eccentricity:2"]
+    assert ecc.cv_rms_without_mm == pytest.approx(np.sqrt(cv.mean()), rel=1e-6)
+    smaller = rung(data, Model(MODEL.mechanisms[:2]), NAMES[:2])
+    assert ecc.held_out_rms_without_mm == pytest.approx(smaller.held_out.rms_mm, rel=1e-3)
+    theta = whole.fit.theta.copy()
+    theta[-2:] = 0
+    scene = data.scene.take(~data.outlying)
+    moved = np.linalg.norm(residuals(scene, MODEL.terms, theta) - whole.fit.residuals(scene), axis=1)
+    assert (ecc.mean_mm, ecc.max_mm) == pytest.approx((moved.mean(), moved.max()), rel=1e-9)
+    sizes = [s.mean_mm for s in significance(data, whole.fit, NAMES, rng)]
+    assert sizes == sorted(sizes, reverse=True)
+
+
+def test_stability_tells_effects_from_none(rng: np.random.Generator) -> None:
+    """A strong effect stays in every half, an absent one in about 5 % of them over many studies."""
+    model = Model((one(1, "tx"), one(1, "rz"), one(2, "rz", sin(q(1))), one(3, "rz", sin(2.0 * q(2)))))
+    at, absent = drawn(ARM, rng, 30), []
+    for _ in range(200):
+        scene = planted(at, model.terms, np.array([1.0, 1e-3, 1e-3, 0.0]), rng, 0.1)
+        fitted = fit(scene, model)
+        folded = fold(scene, model.terms, np.arange(30), fitted.at())
+        strong, none, nothing = stability(folded, fitted, [[2], [3], []], rng, 20)
+        assert strong == 1.0
+        assert nothing is None
+        absent.append(none)
+    assert 0.03 < np.mean(np.array(absent, float)) < 0.07
+
+
+def test_stability_of_the_study_itself(data: Data, rng: np.random.Generator) -> None:
+    fitted = fit(data.training(), MODEL)
+    shares = {s.mechanism: s.stability for s in significance(data, fitted, NAMES, rng)}
+    assert shares["gear-eccentricity:2"] == 1.0
+    few = data.scene.data.block < 6          # too few configurations for a half to carry the model: undefined, not nought
+    small = Data(data.scene.take(few), data.estimation[few], np.zeros(int(few.sum()), bool), data.folds[few], False)
+    tiny = fit(small.training(), Model((one(1, "tx"), one(1, "rz"))))
+    assert stability(fold(small.training(), tiny.terms, np.arange(6), tiny.at()), tiny, [[0]], rng) != [None]
+    pairs = halves(rng, 10, 7)
+    assert pairs.shape == (10, 3)
+    assert all(len(set(a) | set(b)) == 6 for a, b in zip(pairs[::2], pairs[1::2], strict=True))
+
+
+def test_catalogue_says_sign_and_size(rng: np.random.Generator) -> None:
+    wrong = TRUTH.copy()
+    wrong[-3:] = -2e-4, 0.5, 0.0
+    data = study_of(planted(drawn(ARM, rng, 40), MODEL.terms, wrong, rng, 0.1))
+    rows = {s.mechanism: s.catalogue for s in significance(data, fit(data.training(), MODEL), NAMES, rng)}
+    assert rows["joint-compliance:2"] == "c2 has the other sign"
+    assert rows["gear-eccentricity:2"] == "e2s is larger than usual"
+    assert rows["geometric"] == "as expected"
+
+
+def test_no_held_out_and_no_freedom(rng: np.random.Generator) -> None:
+    data = study_of(planted(drawn(ARM, rng, 12), BASE.terms, np.zeros(len(BASE.terms)), rng, 0.1))
+    (only,) = significance(data, fit(data.training(), BASE), ("geometric",), rng)
+    assert only.held_out_rms_mm is None
+    assert only.held_out_rms_without_mm is None
+    assert only.cv_rms_without_mm is not None
+
+
+# -- bootstrap ------------------------------------------------------------------------------------------------------------
+
+
+def test_bootstrap_is_the_cluster_robust_formula(rng: np.random.Generator) -> None:
+    """Against CR2 written out with dense matrices (Bell & McCaffrey 2002), two targets a configuration."""
+    bare = drawn(ARM, rng, 40)
+    pairs = replace(bare.data, configuration=np.arange(40) // 2, block=np.arange(40) // 2,
+                    q=bare.data.q[np.arange(40) // 2 * 2])
+    model = Model((one(1, "tx"), one(1, "rz"), one(2, "rz"), one(2, "rz", sin(q(1)))))
+    at = planted(replace(bare, data=pairs, _values={}, _causes={}), model.terms, np.zeros(4))
+    lump = np.repeat(rng.normal(0, 0.1, (20, 3)), 2, axis=0)
+    at = replace(at, data=replace(at.data, position=at.data.position + lump))
+    fitted = fit(at, model)
+    folded = fold(at, model.terms, np.arange(40) // 2, fitted.at())
+    found = bootstrap(folded, fitted, rng)
+    X, r = design(at, model.terms, fitted.at())
+    X, r = X.reshape(-1, 4), r.ravel()
+    inverse = np.linalg.inv(X.T @ X)
+    meat = np.zeros((4, 4))
+    for k in range(20):
+        rows = slice(6 * k, 6 * k + 6)
+        score = X[rows].T @ np.linalg.inv(np.real(sqrtm(np.eye(6) - X[rows] @ inverse @ X[rows].T))) @ r[rows]
+        meat += np.outer(score, score)
+    expected = np.sqrt(np.diag(inverse @ meat @ inverse))
+    assert np.allclose(found.errors, expected, rtol=4 / np.sqrt(2 * 999))
+    assert np.median(found.errors / fitted.standard_errors) > 1.15      # what a configuration's two targets share counts once
+    assert (found.configurations > 5).all()
+    assert (found.configurations <= 20).all()
+    assert set(np.unique(signs(rng, 3, 5))) == {-1.0, 1.0}
+
+
+def test_three_answers_agree_or_are_flagged(rng: np.random.Generator) -> None:
+    """Equal noise: no parameter is flagged. Noise that grows along the arm's turn: the one it hurts is."""
+    model = Model((one(1, "tx"), one(1, "rz"), one(2, "rz", Named("current_A", "A"))))
+    at = drawn(ARM, rng, 120)
+    even = study_of(planted(at, model.terms, np.zeros(3), rng, 0.1))
+    fitted = fit(even.training(), model)
+    found = parameters(even, fitted, rng)
+    assert not any(p.differ for p in found)
+    assert difference_notes(found) == ()
+    assert np.allclose([p.bootstrap_error / p.standard_error for p in found], 1, atol=0.3)
+    position = even.scene.data.position + rng.normal(0, 0.5, (120, 3)) * np.square(at.data.covariates["current_A"])[:, None]
+    uneven = study_of(replace(at, data=replace(at.data, position=position)))
+    flagged = parameters(uneven, fit(uneven.training(), model), rng)
+    assert [p.symbol for p in flagged if p.differ] == [flagged[-1].symbol]
+    assert flagged[-1].symbol in difference_notes(flagged)[0].sentence
+
+
+def test_shrunk_parameters_have_their_prior_in_the_bootstrap(rng: np.random.Generator) -> None:
+    model = Model((one(1, "tx"), one(1, "rz"), one(2, "rz", sin(q(1)))))
+    at = drawn(ARM, rng, 60)
+    free = fit(planted(at, model.terms, np.zeros(3), rng, 0.1), model)
+    strong = np.array([0.0, 0.0, 1 / (free.factor[2] @ free.factor[2])])
+    scene = planted(at, model.terms, np.zeros(3), rng, 0.1)
+    fitted = fit(scene, model, precision=strong)
+    found = bootstrap(fold(scene, model.terms, np.arange(60), fitted.at()), fitted, rng)
+    assert np.allclose(found.errors, posterior(fitted).spread, rtol=0.25)
+
+
+# -- correlation -----------------------------------------------------------------------------------------------------------
+
+
+def test_correlation_is_that_of_draws(data: Data, rng: np.random.Generator) -> None:
+    fitted = fit(data.training(), MODEL)
+    found = correlation(fitted)
+    kept = list(fitted.found.kept)
+    draws = posterior(fitted).draw(rng, 20_000).theta[:, kept]
+    assert np.abs(np.corrcoef(draws.T) - found.matrix).max() < 5 / np.sqrt(20_000)
+    assert len(found.symbols) == len(set(found.symbols)) == len(kept)
+    assert "c2 of joint-compliance:2" in found.symbols
+    strong = {(a, b) for i, a in enumerate(found.symbols) for j, b in enumerate(found.symbols)
+              if i < j and abs(found.matrix[i, j]) > 0.9}
+    assert {(p.a, p.b) for p in found.pairs} == strong
+    assert all(any({p.a, p.b} <= set(c) for c in found.clusters) for p in found.pairs)
+
+
+def test_pairs_are_said_in_words(rng: np.random.Generator) -> None:
+    model = Model((one(1, "tx"), one(2, "rz", sin(q(1))), one(2, "rz", sin(q(1) + 0.05)), one(1, "ty"), one(3, "rz")))
+    fitted = fit(planted(drawn(ARM, rng, 30), model.terms, np.zeros(5), rng, 0.1), model)
+    found = correlation(fitted)
+    (pair,) = found.pairs
+    assert pair.r < -0.99
+    assert "rises as" in pair.sentence
+    assert found.clusters == ((pair.a, pair.b),)
+    assert labels(model)[1:3] == ("k2rz of frame 2 rz · sin(q1)", "k2rz of frame 2 rz · sin(q1+0.05)")
+
+
+def test_nothing_fitted_has_no_tables(rng: np.random.Generator) -> None:
+    data = study_of(drawn(ARM, rng, 12))
+    bare = Model(())
+    fitted = fit(data.training(), bare)
+    found = confidence(data, fitted, (), 3)
+    assert (found.parameters, found.significance, found.correlation.symbols) == ((), (), ())
+    assert sampled(found, data, fitted, Request(bare, "default", None, False, BUILTIN), 3) is found
+
+
+def test_tables_are_the_same_again(data: Data) -> None:
+    fitted = fit(data.training(), MODEL)
+    found, again = (confidence(data, fitted, NAMES, 3).to_dict() for _ in range(2))
+    assert found["sampling"] is None
+    assert dumps(found) == dumps(again)
+    assert [p["symbol"] for p in found["parameters"]] == found["correlation"]["symbols"]
+    assert all(p["low"] < p["estimate"] < p["high"] for p in found["parameters"])
