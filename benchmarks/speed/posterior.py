@@ -10,7 +10,7 @@ from modelsel.fit import fit
 
 from .timing import arm_scene
 
-M, STEPS, WALKERS = 80, 1500, 60
+M, STEPS, WALKERS = 80, 15_000, 60
 
 
 def run() -> dict[str, float]:
@@ -18,6 +18,7 @@ def run() -> dict[str, float]:
         print("posterior: modelsel.posterior is not there; its figure is left out")
         return {}
     import emcee
+
     from modelsel.ensemble import Ensemble
     from modelsel.posterior import posterior, weighted
     scene, model = arm_scene(M)

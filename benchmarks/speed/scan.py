@@ -21,7 +21,7 @@ def run() -> dict[str, float]:
 
     def ours() -> float:
         gram = np.einsum("nkr,nlr->nkl", XT[index], XT[index])
-        cols = Columns(XT, tuple(index), (Block(np.arange(GROUPS), index, gram),), np.zeros(GROUPS))
+        cols = Columns(XT, tuple(index), (Block(np.arange(GROUPS), index, gram, np.full(index.shape, np.inf)),), np.zeros(GROUPS))
         Q = basis(base)
         seen = scan(cols, Q)
         left = y - Q @ (Q.T @ y)

@@ -22,9 +22,9 @@ def _cpu(*command: str) -> float:
 def run() -> dict[str, float]:
     best = dict.fromkeys(("help", "numpy", "study"), float("inf"))
     with tempfile.TemporaryDirectory() as folder:
-        study = ("-m", "modelsel", "study", str(STUDY), "--out", folder, "--no-report", "--no-sampling")
+        study = ("-m", "modelsel.cli", "study", str(STUDY), "--out", folder, "--no-report", "--no-sampling")
         for k in range(7):
-            best["help"] = min(best["help"], _cpu("-m", "modelsel", "--help"))
+            best["help"] = min(best["help"], _cpu("-m", "modelsel.cli", "--help"))
             best["numpy"] = min(best["numpy"], _cpu("-c", "import numpy"))
             if k < 3:
                 best["study"] = min(best["study"], _cpu(*study))
