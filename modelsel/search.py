@@ -135,18 +135,26 @@ def all_subsets(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[i
 
 def _redone(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]], found: Subsets) -> Subsets:
     """The doubtful subsets once more by orthogonal factors: small pivots, or sums of squares that are a small difference of
-    large ones; the most doubtful first, and no more than REDONE."""
+    large ones, the most doubtful first and no more than REDONE; and, where the orthogonal factors of all columns together see
+    more directions than the sweeps did, every subset that left a column out as dependent."""
+    total = folded.total()
+    sizes = np.array([len(g) for g in groups])
+    whole = list(dict.fromkeys([*base, *(c for g in groups for c in g)]))
+    near = identify(total.select(whole)).rank > found.rank.max()
     lost = np.finfo(float).eps / np.minimum(found.pivot, (found.held_out / found.held_out[0]).clip(1e-300).min(1))
-    worst = np.argsort(-lost, kind="stable")[:REDONE]
-    held_out, rss = found.held_out.copy(), found.rss.copy()
+    skipped = (found.rank < len(base) + found.members @ sizes) & near
+    lost[skipped] = np.inf
+    worst = np.argsort(-lost, kind="stable")[:REDONE + int(skipped.sum())]
+    held_out, rss, rank = found.held_out.copy(), found.rss.copy(), found.rank.copy()
     for s in worst[lost[worst] > DOUBT]:
         columns = list(dict.fromkeys([*base, *(c for g in np.flatnonzero(found.members[s]).tolist() for c in groups[g])]))
-        kept = [columns[k] for k in identify(folded.total().select(columns)).kept]
-        if len(kept) != found.rank[s]:
+        kept = [columns[k] for k in identify(total.select(columns)).kept]
+        if len(kept) != rank[s] and not skipped[s]:
             continue
         try:
             held_out[s] = cross_validate(folded, kept).held_out
         except NotEstimable:
             continue
-        rss[s] = max(solve(folded.total(), kept)[2], float(np.finfo(float).eps * found.rss[0]))
-    return Subsets(found.members, rss, found.rank, held_out, found.pivot)
+        rss[s] = max(solve(total, kept)[2], float(np.finfo(float).eps * found.rss[0]))
+        rank[s] = len(kept)
+    return Subsets(found.members, rss, rank, held_out, found.pivot)
