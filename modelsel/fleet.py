@@ -92,7 +92,7 @@ def _one(task: Task, out: str, sampling: bool) -> Row:
         save(result, Path(out))
     except ModelselError as error:
         return _failed(task.name, str(error), error.exit_code)
-    return _row(task.name, json.loads(result.to_json()))
+    return _row(task.name, json.loads((Path(out) / "result.json").read_text()))
 
 
 def _finished(task: Task, folder: Path, sampling: bool) -> bool:
