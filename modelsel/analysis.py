@@ -142,6 +142,10 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     say("looking for outliers")
     data, extension, found = explain(data, base, question.everything, study.seed, question.cells, say)
     nominal, base_rung = rung(data, question.model((), measured), ("nominal",)), rung(data, base, base_names)
+    if thinned(extension, data):
+        notes = (*notes, Note("scan-of-some", f"What is wrong was looked for in {extension.fit.rows // data.scene.components} of "
+                              f"the {int(data.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
+                              "all rows."))
     say("comparing all subsets of the candidates")
     offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects])
     comparison = compare(data, base, _fit(base_rung), offered, base_names, aside) if offered else None
@@ -224,13 +228,18 @@ def _ladder(question: Question, data: Data, measured: Measurements, base_rung: R
             for names in question.study.model.ladder or [list(base_rung.names)]]
 
 
+def thinned(extension: Extension, data: Data) -> bool:
+    """Whether naming has seen only some of the estimation rows."""
+    return extension.fit.rows < int(data.used.sum()) * data.scene.components
+
+
 def _steps(data: Data, base_rung: Rung, extension: Extension) -> list[Rung]:
     """From the base, a rung to every effect, in the order they were found."""
     steps = [base_rung]
     for k in range(1, len(extension.effects) + 1):
         so_far = [e.candidate for e in extension.effects[:k]]
         names = (*base_rung.names, *(label(c) for c in so_far))
-        last = extension.fit if k == len(extension.effects) else None
+        last = extension.fit if k == len(extension.effects) and not thinned(extension, data) else None
         steps.append(rung(data, models(extension.base, so_far), names, last, start=steps[-1].fit))
     return steps
 
@@ -255,7 +264,7 @@ def nothing_else(extension: Extension, found: tuple[Candidate, ...], data: Data,
     if not found or extension.left is None:
         return "No mechanism may extend the base in this study: nothing was searched.", None
     sigma = estimated_floor(chosen, data).coordinate_mm
-    limit = detection_limit(extension, [c.prior for c in found], int(data.used.sum()), sigma)
+    limit = detection_limit(extension, [c.prior for c in found], extension.fit.rows // data.scene.components, sigma)
     if extension.left_p <= LEVEL:
         first = extension.left.entries[0]
         stopped = (f"The search stopped after {len(extension.effects)} effects, but something systematic is left: chance alone "

@@ -20,6 +20,7 @@ INTERRUPTED = 130
 COMMANDS = {    # name: what `modelsel --help` says of it; modelsel/commands/<name>.py has it
     "study": "Run a study: what is wrong, the ladder of models, the gain.",
     "report": "Draw the report of a finished study again.",
+    "fleet": "Run many studies as one job.",
     "check": "What is in a measurements file, what it can tell and what it cannot.",
     "mechanisms": "The registry of error mechanisms: equations, units, where each acts.",
     "robots": "The built-in nominal robots, each with its source.",

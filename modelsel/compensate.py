@@ -65,7 +65,8 @@ def _error(c: Calibration, at: Scene, wanted: Array) -> tuple[Array, Array]:
     if at.data.rotation is None:
         return error, J
     turned = np.einsum("mji,mjk,mlk->mil", R, at.data.rotation, pose.rotation.transpose(2, 0, 1))
-    K = pose.rotational()[range(at.robot.n), joint].transpose(2, 1, 0)
+    turns = np.array([not j.prismatic for j in at.robot.joints])
+    K = pose.axes[range(at.robot.n), joint].transpose(2, 1, 0) * turns
     return np.concatenate([error, LEVER_MM * rotation_vector(turned)], 1), np.concatenate([J, LEVER_MM * K], 1)
 
 

@@ -26,6 +26,7 @@ from .validate import Errors, errors
 from .words import label
 
 OUTLIER_ROUNDS = 3
+SCANNED = 2500      # rows: beyond it the columns of all candidates take a gigabyte and more
 Say = Callable[[str], None]
 
 
@@ -33,8 +34,14 @@ def explain(data: Data, base: Model, everything: tuple[Mechanism, ...], seed: in
             ) -> tuple[Data, Extension, tuple[Candidate, ...]]:
     """Outliers, then names; where the extended model shows other outliers than the base did, once more with those.
 
-    `everything`: mechanisms that may extend the base; `cells`: whether unregistered causes may, too.
+    `everything`: mechanisms that may extend the base; `cells`: whether unregistered causes may, too. Of more than SCANNED rows
+    a seeded choice of configurations is scanned, so that the scan's columns fit into memory; outliers are judged in all rows.
     """
+    if data.estimation.sum() > SCANNED:
+        some, extension, found = explain(replace(data, estimation=_chosen(data, seed)), base, everything, seed, cells, say)
+        size, used = whitened(data.scene, extension.fit.residuals(data.scene)), some.used
+        outlying = data.estimation & far_off(size, size[used], LEFT if extension.effects else GROSS)
+        return replace(data, outlying=outlying if outlying[data.estimation].mean() <= MOST else some.outlying), extension, found
     training = data.scene.take(data.estimation)
     rows = np.flatnonzero(data.estimation)
     outlying = gross(training, base)
@@ -55,6 +62,14 @@ def explain(data: Data, base: Model, everything: tuple[Mechanism, ...], seed: in
             break
         outlying = again
     return data, extension, found
+
+
+def _chosen(data: Data, seed: int) -> NDArray[np.bool_]:
+    """Mask of about SCANNED estimation rows: configurations drawn by the seed, equal readings together."""
+    block = data.scene.data.block
+    drawn = generator(seed, "scan").permutation(np.unique(block[data.estimation]))
+    share = SCANNED / float(data.estimation.sum())
+    return np.asarray(data.estimation & np.isin(block, drawn[:max(20, int(share * len(drawn)))]))
 
 
 def _left_over(scene: Scene, extension: Extension, outlying: NDArray[np.bool_]) -> NDArray[np.bool_]:

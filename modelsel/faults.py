@@ -14,6 +14,7 @@ from .scene import Scene
 MATCH = 8.0        # robust standard deviations within which a position fits another row
 DRAWS = 1999
 CERTAIN = 0.05
+MOST_ROWS = 1000   # outlying rows: among more, every position finds a reading that it fits
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +31,7 @@ def misplaced(scene: Scene, outlying: Mask, fitted: Fit, rng: np.random.Generato
     """Outlying rows whose positions fit each other's joint readings or targets: swapped reflectors where they share a
     configuration, a wrong order of rows elsewhere. Chance: the same distances in random directions."""
     at = np.flatnonzero(outlying)
-    if len(at) < 2:
+    if not 2 <= len(at) <= MOST_ROWS:
         return ()
     residual = fitted.residuals(scene)[:, :3]
     near = MATCH * scale_of(np.linalg.norm(residual[~outlying], axis=1))

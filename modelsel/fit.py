@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .design import Model, residuals
 from .errors import NotEstimable
 from .identify import FAINT_MM, Identified, identify, solve, told, usual_sizes
-from .reduce import Reduction, reduce, reduce_scene
+from .reduce import PROBE, Reduction, Source, reduce, reduce_scene
 from .rigid import Array
 from .scene import Scene
 from .screws import Term
@@ -123,7 +123,7 @@ def _cost(reduction: Reduction) -> float:
     return float(np.square(reduction.R[:, -1]).sum())
 
 
-def fit(scene: Scene, model: Model, *, precision: Array | None = None, iterations: int = ITERATIONS,
+def fit(scene: Scene | Source, model: Model, *, precision: Array | None = None, iterations: int = ITERATIONS,
         start: Array | None = None, step_mm: float = STEP_MM) -> Fit:
     """Least squares of a model on a scene. precision (p,): prior 1/variance of each term in whitened units, about zero, the
     terms of a free function correlated (`smooth`).
@@ -148,14 +148,15 @@ def fit(scene: Scene, model: Model, *, precision: Array | None = None, iteration
     lost = np.delete(np.arange(len(terms)), kept)
     if theta[lost].any():               # another choice of representatives: the start's parts do not fit together
         theta[:] = 0.0
-    reduction = nominal if not theta.any() else reduce_scene(scene, terms, (terms, theta))
+    only = kept if len(scene) > PROBE[1] else None
+    reduction = nominal if not theta.any() else reduce_scene(scene, terms, (terms, theta), only)
     full, step, done, damping = _with_prior(reduction, root, theta), np.inf, 0, 0.0
     while done < iterations and step >= step_mm and damping < STUCK:
         delta = np.zeros(len(terms))
         delta[kept] = solve(_damped(full, damping), kept)[0]
         trial = theta + delta
         step, done = float(np.linalg.norm(reduction.R[:-1, :-1] @ delta)) / weight, done + 1
-        ahead = reduce_scene(scene, terms, (terms, trial))
+        ahead = reduce_scene(scene, terms, (terms, trial), only)
         there = _with_prior(ahead, root, trial)
         if _cost(there) <= _cost(full) * (1 + 1e-9) or step < step_mm or iterations == 1:
             theta, reduction, full = trial, ahead, there

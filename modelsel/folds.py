@@ -16,9 +16,9 @@ from .design import blocks
 from .errors import NotEstimable
 from .identify import identify, solve
 from .measurements import Index, Measurements
-from .reduce import Reduction
+from .reduce import Reduction, reduce_scene
 from .rigid import Array
-from .scene import Scene
+from .scene import BLOCK, Scene
 from .screws import Term
 
 DEPENDENT = 1e-9   # 1 − largest eigenvalue of Q_kᵀQ_k: below it the model is not estimable without the fold
@@ -65,15 +65,12 @@ def pad(parts: Sequence[Array], rows: Sequence[int] | Index) -> Folded:
 def fold(scene: Scene, terms: Sequence[Term], fold_of: Index, at: tuple[Sequence[Term], Array] | None = None) -> Folded:
     """A scene's whitened design and residual, reduced fold by fold, block of rows by block of rows."""
     count, p1 = int(fold_of.max()) + 1, len(terms) + 1
-    held: list[list[Array]] = [[] for _ in range(count)]
-    for rows, columns, residual in blocks(scene, terms, at):
-        stacked = np.concatenate([columns, residual[None]]).transpose(2, 1, 0)      # (rows, c, p+1)
-        here = fold_of[rows]
-        for k in np.unique(here):
-            held[k].append(stacked[here == k].reshape(-1, p1))
-            if len(held[k]) > 8:                                                    # constant memory, however many blocks
-                held[k] = [Reduction.empty(p1 - 1).add(np.concatenate(held[k])).R]
-    return pad([np.concatenate(h) for h in held], np.bincount(fold_of, minlength=count) * scene.components)
+    rows_of = np.bincount(fold_of, minlength=count) * scene.components
+    if len(scene) > BLOCK:
+        return pad([reduce_scene(scene.take(fold_of == k), terms, at).R for k in range(count)], rows_of)
+    _, columns, residual = next(blocks(scene, terms, at))
+    stacked = np.concatenate([columns, residual[None]]).transpose(2, 1, 0)          # (rows, c, p+1)
+    return pad([stacked[fold_of == k].reshape(-1, p1) for k in range(count)], rows_of)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,11 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from .reduce import Reduction
+from .reduce import Reduction, independent
 from .rigid import Array
 from .screws import Term
 
-TOLERANCE = 1e-11   # of a unit column: structural dependence leaves 1e-14, NIST's Filip 1e-9 or more
 FAINT_MM = 2e-3     # a direction that moves the target less than this (rms) at its largest usual size is lost in practice
 SHARE = 1e-4        # a smaller part of a combination is not worth a word
 
@@ -57,22 +56,8 @@ def usual_sizes(terms: Sequence[Term]) -> Array:
 def identify(reduction: Reduction) -> Identified:
     """Rank by sequential orthogonalisation of the unit columns, in their order: an earlier column represents a later one
     that depends on it, so the choice does not hang on the data. A column below 1e-13 of the largest is zero."""
-    p = reduction.p
-    R = reduction.R[:p, :p]
-    scale = np.linalg.norm(R, axis=0)
-    moves = scale > 1e-13 * scale.max(initial=0)
-    basis = np.zeros((p, p), order="F")
-    kept: list[int] = []
-    for j in range(p):
-        if not moves[j]:
-            continue
-        v = R[:, j] / scale[j]
-        for _ in range(2):                      # twice is enough (Kahan, Parlett)
-            v = v - basis[:, :len(kept)] @ (basis[:, :len(kept)].T @ v)
-        size = np.linalg.norm(v)
-        if size > TOLERANCE:
-            basis[:, len(kept)] = v / size
-            kept.append(j)
+    R = reduction.R[:reduction.p, :reduction.p]
+    kept, scale = independent(R)
     return Identified(tuple(kept), scale, R, tuple(kept))
 
 

@@ -63,11 +63,13 @@ def _read_csv(path: Path) -> Table:
             for k, name in enumerate(header)}
 
 
-def _read_parquet(path: Path) -> Table:
+def _read_parquet(path: Path, group: int | None = None) -> Table:
+    """All of a file, or one of its row groups."""
     import pyarrow.lib
     import pyarrow.parquet as pq
     try:
-        table = pq.read_table(path, use_threads=False, partitioning=None)
+        table = (pq.read_table(path, use_threads=False, partitioning=None) if group is None
+                 else pq.ParquetFile(path).read_row_group(group, use_threads=False))
     except FileNotFoundError:
         raise DataError("no such file.", file=path.name) from None
     except (OSError, pyarrow.lib.ArrowException) as error:
@@ -158,10 +160,21 @@ def _joints(table: Table, path: Path, prismatic: Sequence[bool]) -> Array:
 
 
 def _duplicates(table: Table, m: int) -> NDArray[np.bool_]:
-    """Mask of rows that repeat an earlier one cell for cell."""
+    """Mask of rows that repeat an earlier one cell for cell; compared one by one only where a hash of the numbers agrees."""
+    suspect = np.ones(m, bool)
+    numeric = [column for column in table.values() if column.dtype != object]
+    if numeric:
+        code = np.zeros(m, np.uint64)
+        for k, column in enumerate(numeric):
+            bits = (np.asarray(column, float) + 0.0).view(np.uint64)       # + 0.0: minus nought is nought
+            code = (code ^ (bits >> np.uint64(29 + k % 5))) * np.uint64(0x9E3779B97F4A7C15) + bits
+        order = np.argsort(code, kind="stable")
+        alike = code[order][1:] == code[order][:-1]
+        suspect[order] = np.r_[False, alike] | np.r_[alike, False]
     seen: set[tuple[Any, ...]] = set()
     keep = np.ones(m, bool)
-    for k, row in enumerate(zip(*table.values(), strict=True)):
+    index = np.flatnonzero(suspect)
+    for k, row in zip(index.tolist(), zip(*(column[index] for column in table.values()), strict=True), strict=True):
         keep[k] = row not in seen
         seen.add(row)
     return keep
@@ -172,7 +185,8 @@ def _covariates(table: Table, used: set[str], path: Path) -> tuple[dict[str, Arr
     for name in table:
         if name in used:
             continue
-        values = np.array([_number(cell) for cell in table[name]])
+        column = table[name]
+        values = np.array([_number(cell) for cell in column]) if column.dtype.kind not in "fiub" else np.asarray(column, float)
         if name in ("payload_kg", "temperature_C", "time_s"):
             values = _numbers(table, name, path)
         if not np.isfinite(values).any():
@@ -190,15 +204,28 @@ def _covariates(table: Table, used: set[str], path: Path) -> tuple[dict[str, Arr
     return out, notes
 
 
-def read_measurements(path: Path | str, prismatic: Sequence[bool], columns: Mapping[str, str] | None = None, *,
-                      positions: bool = True) -> Measurements:
+def row_groups(path: Path) -> tuple[int, ...]:
+    """Rows of every row group of a Parquet file; each can be read alone. Raises DataError."""
+    import pyarrow.lib
+    import pyarrow.parquet as pq
+    try:
+        told = pq.ParquetFile(path).metadata
+        return tuple(int(told.row_group(k).num_rows) for k in range(told.num_row_groups))
+    except FileNotFoundError:
+        raise DataError("no such file.", file=path.name) from None
+    except (OSError, pyarrow.lib.ArrowException) as error:
+        raise DataError(f"not a readable Parquet file: {str(error)[:120]}", file=path.name) from None
+
+
+def read_measurements(path: Path | str, prismatic: Sequence[bool], columns: Mapping[str, str] | None = None,
+                      group: int | None = None, *, positions: bool = True) -> Measurements:
     """Measurements of a robot whose joints are `prismatic` or not, from a CSV or Parquet file in contract form.
 
-    `columns` maps contract names to names in the file; where `positions` need not be there, absent ones are nan. Raises
-    DataError.
+    `columns` maps contract names to names in the file; `group`: one row group of a Parquet file alone; where `positions` need
+    not be there, absent ones are nan. Raises DataError.
     """
     path = Path(path)
-    table = _read_parquet(path) if path.suffix.lower() in (".parquet", ".pq") else _read_csv(path)
+    table = _read_parquet(path, group) if path.suffix.lower() in (".parquet", ".pq") else _read_csv(path)
     for wanted, given in (columns or {}).items():
         if given not in table:
             raise DataError(f'the study maps {wanted} to "{given}", which is not in the file. {suggest(given, table)}',

@@ -52,8 +52,8 @@ class Measurements:
         """Number of configurations (visits)."""
         return len(np.unique(self.configuration))
 
-    def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Measurements:
-        """The rows `index` (integers or a mask); approach and move stay as first read."""
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Measurements:
+        """The rows `index` (integers, a mask or a slice); approach and move stay as first read."""
         rows = {f.name: getattr(self, f.name)[index] for f in fields(self)
                 if isinstance(getattr(self, f.name), np.ndarray)}
         return replace(self, **rows, covariates={k: v[index] for k, v in self.covariates.items()})
@@ -75,17 +75,35 @@ def visits(q: Array, explicit: Sequence[object] | None, group: Index) -> Index:
     return np.asarray(np.cumsum(new) - 1, dtype=np.intp)
 
 
+def _near(q: Array, order: Index, close: NDArray[np.bool_]) -> Index | None:
+    """Pairs (k, 2) of rows with readings alike, among those that an order along one direction leaves `close` to the one before;
+    None where too many are."""
+    pairs = [np.zeros((0, 2), dtype=np.intp)]
+    later = np.flatnonzero(close)                         # places in the order, each close to the place before
+    for lag in range(1, 17):
+        if not len(later):
+            return np.concatenate(pairs)
+        couple = np.stack([order[later - lag], order[later]], 1)
+        alike = np.abs(q[couple[:, 0]] - q[couple[:, 1]]).max(1) <= SAME_READING
+        pairs.append(couple[alike])
+        later = later[(later > lag) & close[np.maximum(later - lag, 0)]]
+    return None
+
+
 def blocks(q: Array, configuration: Index) -> Index:
     """Rows whose readings agree to 1e-6, or that share a configuration, get one number."""
     visit, first, which = np.unique(configuration, return_index=True, return_inverse=True)
     slant = np.sqrt(np.arange(1, q.shape[1] + 1))       # readings alike in every joint are alike along any one direction
-    along = np.sort(q[first] @ slant)
-    if len(along) < 2 or np.diff(along).min() > SAME_READING * slant.sum():
+    along = q[first] @ slant
+    order = np.argsort(along, kind="stable")
+    near = _near(q[first], order, np.diff(along[order], prepend=-np.inf) <= SAME_READING * slant.sum())
+    if near is not None and not len(near):
         return np.asarray(which.reshape(-1), dtype=np.intp)
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-    near = cKDTree(q[first]).query_pairs(SAME_READING, p=np.inf, output_type="ndarray")
+    if near is None:
+        from scipy.spatial import cKDTree
+        near = cKDTree(q[first]).query_pairs(SAME_READING, p=np.inf, output_type="ndarray")
     graph = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(visit), len(visit)))
     return np.asarray(connected_components(graph, directed=False)[1][which.reshape(-1)], dtype=np.intp)
 

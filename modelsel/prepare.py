@@ -37,7 +37,7 @@ class Plan:
     instrument: Instrument | None = None
 
 
-PURPOSES = ("split", "folds", "gain", "naming", "simulate", "sampling", "null", "nested", "flips", "bootstrap", "halves")
+PURPOSES = ("split", "folds", "gain", "naming", "simulate", "sampling", "null", "nested", "flips", "bootstrap", "halves", "scan")
 
 
 def generator(seed: int, purpose: str) -> np.random.Generator:

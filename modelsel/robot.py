@@ -8,11 +8,13 @@ Written once: the nominal model is H = I, and a column of the design matrix is i
 """
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
+from .chain import BASE, SAME, Fixed, Frame, Space, add, screws_into, sparse, spin_into, turn_into, turns_of, twisted
 from .rigid import Array
 
 
@@ -49,6 +51,11 @@ class Robot:
         slide = sum(max(map(abs, j.limits)) for j in self.joints if j.prismatic and j.limits)
         return moved + slide + float(np.linalg.norm(self.last[:3, 3]))
 
+    @cached_property
+    def fixed(self) -> tuple[Fixed, ...]:
+        """N_1 … N_n and the last one, ready to be walked."""
+        return tuple(Fixed.of(N) for N in (*(j.before for j in self.joints), self.last))
+
     def unit(self, joint: int) -> str:
         """Unit of a joint's reading (1-based joint)."""
         return "mm" if self.joints[joint - 1].prismatic else "rad"
@@ -75,16 +82,7 @@ class Pose:
     def displacement(self) -> Array:
         """Screw field (n+1, 6, 3, m): mm of the target per unit screw (tx ty tz: axis; rx ry rz: axis x lever)."""
         out = self.axes.copy()
-        lever = self.target - self.origins
-        for f in range(len(out)):
-            for a in (3, 4, 5):
-                out[f, a] = cross(self.axes[f, a], lever[f])
-        return out
-
-    def rotational(self) -> Array:
-        """(n+1, 6, 3, m): rad of the target frame per unit screw; zero for the translations."""
-        out = np.zeros_like(self.axes)
-        out[:, 3:] = self.axes[:, 3:]
+        screws_into(out, self.origins, self.target, True, Space())
         return out
 
 
@@ -103,40 +101,52 @@ def spin(R: Array, axis: int, angle: Array) -> Array:
     return out
 
 
+def walk(robot: Robot, q: Array, tool: Array, into: tuple[Array, Array], twist: Array | None = None, start: Frame = BASE,
+         space: Space | None = None) -> Frame:
+    """The exact chain from frame `start` to the target, written into (axes (n+1, 6, 3, m), of the nominal model the first three
+    only, origins (n+1, 3, m)); arguments as in `pose`. Returns the target's frame."""
+    m, space, (axes, origins) = len(q), space or Space(), into
+    turns, fixed = turns_of(q, space), robot.fixed
+    two, spun = space.array("scratch", 2, 3, m), space.array("spun", 3, 3, m)
+    scratch = two[0]
+
+    def settle(f: int, o: Array, offset: Sequence[tuple[int, Array | float]] = ()) -> Frame:
+        here, origin = axes[f], origins[f]
+        origin[:] = o
+        add(origin, here, fixed[f].offset, scratch)
+        add(origin, here, offset, scratch)
+        return (here[:3], origin) if twist is None else twisted(here, origin, twist[f], space)
+
+    turn_into(start[0], fixed[0].columns, axes[0], scratch)
+    R, o = settle(0, start[1])
+    for k, joint in enumerate(robot.joints):
+        following = fixed[k + 1]
+        if joint.prismatic:
+            o = o + R[2] * q[:, k]
+            turn_into(R, following.columns, axes[k + 1], scratch)
+        elif following.moves:
+            there = axes[k + 1, :3]
+            spin_into(R, 2, turns[k], following.moves, there if there.flags.c_contiguous else spun, two)
+            if not there.flags.c_contiguous:
+                there[:] = spun
+        else:
+            spin_into(R, 2, turns[k], SAME, spun, two)
+            turn_into(spun, following.columns, axes[k + 1], scratch)
+        R, o = settle(k + 1, o, () if k + 1 < robot.n else tuple(enumerate(tool.T)) if tool.ndim > 1 else sparse(tool))
+    return R, o
+
+
 def pose(robot: Robot, q: Array, tool: Array, twist: Array | None = None, tool_rotation: Array | None = None) -> Pose:
     """The exact chain. q: (m, n) rad or mm; tool: (3,) or (m, 3) mm in the flange frame; twist: (n+1, 6, m) the entries
     a b c α β γ of every H, or None for the nominal model; tool_rotation: (m, 3, 3) of the target frame on the flange."""
-    m, frames = len(q), robot.n + 1
-    axes, origins = np.empty((frames, 6, 3, m)), np.empty((frames, 3, m))
-    R, o = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, m)), np.zeros((3, m))
-
-    def inject(f: int, R: Array, o: Array) -> tuple[Array, Array]:
-        axes[f, :3] = R.transpose(1, 0, 2)
-        if twist is None:
-            axes[f, 3:], origins[f] = axes[f, :3], o
-            return R, o
-        o = o + np.einsum("ijm,jm->im", R, twist[f, :3])
-        for a in range(3):                     # Rx, then Ry, then Rz, each about the axis the earlier ones left it
-            axes[f, 3 + a] = R[:, a]
-            R = spin(R, a, twist[f, 3 + a])
-        origins[f] = o
-        return R, o
-
-    for k, joint in enumerate(robot.joints):
-        o = o + np.tensordot(joint.before[:3, 3], R, (0, 1))
-        R = np.tensordot(R, joint.before[:3, :3], (1, 0)).transpose(0, 2, 1)
-        R, o = inject(k, R, o)
-        if joint.prismatic:
-            o = o + R[:, 2] * q[:, k]
-        else:
-            R = spin(R, 2, q[:, k])
-    o = o + np.tensordot(robot.last[:3, 3], R, (0, 1))
-    R = np.tensordot(R, robot.last[:3, :3], (1, 0)).transpose(0, 2, 1)
-    o = o + np.einsum("ijm,mj->im", R, np.broadcast_to(tool, (m, 3)))
-    R, o = inject(frames - 1, R, o)
+    axes, origins = np.empty((robot.n + 1, 6, 3, len(q))), np.empty((robot.n + 1, 3, len(q)))
+    R, o = walk(robot, q, tool, (axes, origins), twist)
+    if twist is None:
+        axes[:, 3:] = axes[:, :3]
+    rotation = np.ascontiguousarray(R.swapaxes(0, 1))
     if tool_rotation is not None:
-        R = np.einsum("ijm,mjk->ikm", R, tool_rotation)
-    return Pose(o, R, axes, origins)
+        rotation = np.einsum("ijm,mjk->ikm", rotation, tool_rotation)
+    return Pose(o.copy(), rotation, axes, origins)
 
 
 def forward(robot: Robot, q: Array, tool: Array) -> Array:

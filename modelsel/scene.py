@@ -48,7 +48,7 @@ class Scene:
         """(m, 3) nominal target of every row."""
         return self.tools[self.data.target]
 
-    def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> Scene:
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Scene:
         """The scene of some rows; values already evaluated come along, so causes stay local in rows."""
         whiten = self.whiten if isinstance(self.whiten, float) else self.whiten[index]
         return replace(self, data=self.data.take(index), whiten=whiten, _causes={},
@@ -62,6 +62,12 @@ class Scene:
     def blocks(self, size: int = BLOCK) -> Iterator[slice]:
         """Slices that cover the rows."""
         return (slice(start, min(start + size, len(self))) for start in range(0, len(self), size))
+
+    def parts(self, size: int = BLOCK) -> Iterator[tuple[slice, Scene]]:
+        """(rows, scene of these rows): causes are evaluated block by block, so that none is ever held whole; a scene of one
+        block is its own only part, and keeps what it has evaluated."""
+        for rows in self.blocks(size):
+            yield rows, self if rows.stop - rows.start == len(self) else self.take(rows)
 
     def cause(self, cause: Cause) -> Array | float:
         """A cause at every row, evaluated once where the data are few enough to keep it."""

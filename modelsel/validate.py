@@ -10,6 +10,7 @@ from .measurements import Index
 from .rigid import Array
 
 DRAWS = 2000
+DRAWN = 5000   # configurations, or bundles of them, that the bootstrap draws from
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,8 @@ def gain(before: Array, after: Array, block: Index, rng: np.random.Generator) ->
     if not len(before):
         return Gain(None, None, None)
     blocks, index = np.unique(block, return_inverse=True)
+    if len(blocks) > DRAWN:                     # many configurations are drawn in bundles: the interval is the same
+        blocks, index = np.arange(DRAWN), index % DRAWN
     rows = np.bincount(index)
     squares = np.stack([np.bincount(index, np.square(r[:, :3]).sum(1)) for r in (before, after)])
     whole = np.sqrt(squares.sum(1) / rows.sum())

@@ -10,13 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
-from builders import drawn, planted, seeds
+from builders import drawn, one, planted, seeds
 from hypothesis import given
 from hypothesis import strategies as st
 
+from modelsel.causes import Named
 from modelsel.design import Model, design
 from modelsel.errors import NotEstimable
 from modelsel.fit import fit, regress
+from modelsel.identify import identify
 from modelsel.reduce import Reduction, merged, reduce, reduce_scene
 from modelsel.registry import mechanism
 from modelsel.robotfile import load
@@ -184,6 +186,28 @@ def same(one: Reduction, other: Reduction) -> None:
     assert one.rows == other.rows
 
 
+@pytest.mark.parametrize("late", [False, True], ids=["dependent", "not dependent after all"])
+def test_dependent_terms_are_put_back(late, rng, monkeypatch) -> None:
+    """Terms left out of the factorisation come back as they are; one that only the probe's rows made dependent is noticed."""
+    from modelsel import reduce as reducer
+    which = Model((*whole().mechanisms, one(4, "rx", Named("payload_kg", "kg"))))
+    at = planted(drawn("puma760", rng, 400), which.terms, 1e-4 * rng.normal(size=len(which.terms)), rng, 0.1)
+    load_ = np.full(400, 2.0)
+    load_[157] += late                       # a payload that changes in one row, which no probe of 20 sees
+    data = replace(at.data, covariates={**at.data.covariates, "payload_kg": load_})
+    at = replace(at, data=data, _values={}, _causes={})
+    plain = reduce_scene(at, which.terms)
+    monkeypatch.setattr(reducer, "PROBE", (20, 100))
+    monkeypatch.setattr(reducer, "STREAM", 64)
+    streams: list[int] = []
+    right = reducer._stream
+    monkeypatch.setattr(reducer, "_stream", lambda *a: streams.append(len(a[3])) or right(*a))
+    again = reduce_scene(at, which.terms)
+    same(plain, again)
+    assert identify(again).kept == identify(plain).kept
+    assert (len(which.terms) + 1 in streams[1:]) == late          # the first is the probe's own
+
+
 @pytest.mark.parametrize("size", [7, 64])
 def test_streamed_is_one_piece(size, rng, monkeypatch) -> None:
     which = whole()
@@ -193,7 +217,7 @@ def test_streamed_is_one_piece(size, rng, monkeypatch) -> None:
     left = once.residuals(at)
     in_one = Scene.blocks
     seen: list[int] = []
-    def small(self: Scene):
+    def small(self: Scene, _: int = 0):
         for rows in in_one(self, size):
             seen.append(rows.stop - rows.start)
             yield rows

@@ -125,14 +125,14 @@ def test_folds_stream(size, rng, monkeypatch) -> None:
     """Folds that many blocks of rows feed, with weights, are those of one block."""
     from dataclasses import replace
 
-    from modelsel.scene import Scene
+    from modelsel import folds, reduce
     which = Model((mechanism("geometric", load("ur5")),))
     at = planted(drawn("ur5", rng, 60), which.terms, np.zeros(len(which.terms)), rng, 0.1)
     at = replace(at, whiten=rng.uniform(0.5, 2, (60, 1, 1)) * np.eye(3))
     fold_of = assign(at.data, 4, rng)
     once = cross_validate(fold(at, which.terms, fold_of))
-    whole = Scene.blocks
-    monkeypatch.setattr(Scene, "blocks", lambda self: whole(self, size))
+    monkeypatch.setattr(folds, "BLOCK", size)
+    monkeypatch.setattr(reduce, "STREAM", size)
     again = cross_validate(fold(at, which.terms, fold_of))
     np.testing.assert_allclose(again.held_out, once.held_out, rtol=1e-10)
     np.testing.assert_allclose(again.density, once.density, rtol=1e-10)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from builders import drawn, one
 
+from modelsel import design
 from modelsel.causes import Cause, Named, Number, cos, q, sin
 from modelsel.mechanisms.geometry import setup
 from modelsel.registry import BUILTIN, Scanned, every, mechanism, parts
@@ -144,9 +145,11 @@ def test_laws_can_fail(law, wrong, rng) -> None:
 
 def test_law1_can_fail(rng, monkeypatch) -> None:
     """A field with the lever the wrong way round is no derivative."""
-    from modelsel.robot import Pose
-    right = Pose.displacement
-    monkeypatch.setattr(Pose, "displacement", lambda pose: np.concatenate([right(pose)[:, :3], -right(pose)[:, 3:]], axis=1))
+    right = design.screws_into
+    def wrong(field, *others):
+        right(field, *others)
+        field[:, 3:] *= -1
+    monkeypatch.setattr(design, "screws_into", wrong)
     with pytest.raises(AssertionError, match="L1"):
         laws.law1_columns_are_derivatives(mechanism("backlash:3", ROBOTS["puma760"]), drawn("puma760", rng, 20), rng)
 

@@ -205,3 +205,20 @@ def test_every_size_of_table() -> None:
     found = all_subsets(folded(rng.normal(size=(N, 6)), rng.normal(size=N), np.arange(N) % K), [0], [[k] for k in range(1, 6)])
     want = {frozenset(c) for size in range(6) for c in combinations(range(5), size)}
     assert {frozenset(np.flatnonzero(m).tolist()) for m in found.members} == want
+
+
+def test_nearly_dependent_columns_are_told_apart(rng) -> None:
+    """A column that copies another but for 1e-8 of it: no sweep of products sees it, orthogonal factors do (condition 1e8)."""
+    X = rng.normal(size=(120, 7))
+    X[:, 5] = X[:, 1] + 2e-8 * X[:, 5]
+    y = X @ rng.normal(size=7) + 0.1 * rng.normal(size=120)
+    fold_of = np.arange(120) % 5
+    folded = pad([np.column_stack([X, y])[fold_of == k] for k in range(5)], [24] * 5)
+    found = all_subsets(folded, [0, 1], [[2, 3], [4, 5], [6]])
+    assert found.rank.tolist() == [2 + members @ [2, 2, 1] for members in found.members.astype(int)]
+    for members, held_out in zip(found.members, found.held_out, strict=True):
+        columns = [0, 1, *(c for g in np.flatnonzero(members) for c in ([2, 3], [4, 5], [6])[g])]
+        for k in range(5):
+            beta = np.linalg.lstsq(X[fold_of != k][:, columns], y[fold_of != k], rcond=1e-12)[0]
+            left = y[fold_of == k] - X[fold_of == k][:, columns] @ beta
+            assert held_out[k] == pytest.approx(float(left @ left), rel=1e-7)

@@ -1,0 +1,1 @@
+"""Speed, as ratios against peers in the same run: one pinned core, BLAS on one thread, interleaved rounds."""

@@ -1,0 +1,144 @@
+"""Many studies as one job: two workers, one of which dies; what fails stops nothing; results as alone, byte for byte."""
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import time
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import pandas as pd
+import pytest
+from builders import drawn
+
+from modelsel.config import read_study
+from modelsel.errors import StudyError
+from modelsel.fleet import cluster, run_fleet, save_summary
+from modelsel.fleetfile import read_fleet
+from modelsel.study import run
+
+STUDY = """
+name = "arm {k}"
+seed = {k}
+[robot]
+name = "puma760"
+tool_mm = [40, -25, 100]
+[measurements]
+file = "measurements.csv"
+[split]
+estimation = 40
+[model]
+candidates = ["backlash:3", "wrist-coupling"]
+[comparison]
+folds = 4
+"""
+
+
+def table(rng: np.random.Generator, m: int = 60) -> pd.DataFrame:
+    at = drawn("puma760", rng, m)
+    position = at.data.position + rng.normal(0, 0.05, (m, 3))
+    names = [*(f"q{j}_rad" for j in range(1, 7)), "x_mm", "y_mm", "z_mm"]
+    return pd.DataFrame(np.column_stack([at.data.q, position]), columns=names)
+
+
+@pytest.fixture
+def folder(rng, tmp_path) -> Path:
+    """Five studies, of which the third has broken data, and a measurement set in two files."""
+    for k in range(5):
+        place = tmp_path / f"arm{k}"
+        place.mkdir()
+        (place / "study.toml").write_text(STUDY.format(k=k))
+        frame = table(rng)
+        if k == 2:
+            frame.loc[7, "x_mm"] = np.nan
+        frame.to_csv(place / "measurements.csv", index=False)
+    for k in range(2):
+        table(rng, 150).to_parquet(tmp_path / f"day{k}.parquet", index=False, row_group_size=60)
+    (tmp_path / "fleet.toml").write_text("""
+name = "five arms"
+studies = ["arm*/study.toml"]
+[[study]]
+file = "arm0/study.toml"
+name = "what-if"
+measurements = "arm1/measurements.csv"
+[[parts]]
+name = "whole"
+files = ["day*.parquet"]
+robot = "puma760"
+tool_mm = [40, -25, 100]
+""")
+    return tmp_path
+
+
+def test_fleet_on_two_workers(folder) -> None:
+    """One worker is killed at work; one study fails; the others are as alone; a second run takes up what is there."""
+    fleet, out = read_fleet(folder / "fleet.toml"), folder / "out"
+    said: list[str] = []
+    killed: list[int] = []
+    with cluster(2) as client:
+        first = dict(client.run(os.getpid))
+
+        def kill() -> None:
+            while not (busy := [address for address, keys in client.processing().items() if keys]):
+                time.sleep(0.01)
+            victim = busy[0]
+            killed.append(first[victim])
+            os.kill(first[victim], signal.SIGKILL)
+        thread = Thread(target=kill)
+        thread.start()
+        rows = run_fleet(fleet, out, client, sampling=False, say=said.append)
+        thread.join()
+        shutil.rmtree(out / "arm3")
+        kept = (out / "arm0" / "result.json").stat().st_mtime_ns
+        again = run_fleet(fleet, out, client, sampling=False, resume=True, say=said.append)
+    assert killed
+    assert [row["name"] for row in rows] == ["arm0", "arm1", "arm2", "arm3", "arm4", "what-if", "whole"]
+    assert [row["state"] for row in rows] == ["done", "done", "failed", *4 * ["done"]]
+    assert (rows[2]["exit"], "line 9" in rows[2]["why"], "x_mm" in rows[2]["why"]) == (3, True, True)
+    assert again == rows
+    assert (out / "arm0" / "result.json").stat().st_mtime_ns == kept
+    assert any("4 of 6 are finished already" in line for line in said)
+    for name in ("arm0", "arm4"):
+        alone = run(read_study(folder / name), folder / name, sampling=False)
+        assert (out / name / "result.json").read_bytes() == alone.to_json().encode()
+    assert json.loads((out / "what-if" / "result.json").read_text())["provenance"]["data_sha256"] == json.loads(
+        (out / "arm1" / "result.json").read_text())["provenance"]["data_sha256"]
+    found = json.loads((out / "whole" / "parts.json").read_text())
+    assert (found["rows"], found["pieces"]) == (300, 6)
+    assert found["sigma_mm"] == pytest.approx(0.05, rel=0.15)
+    written = save_summary(rows, out)
+    assert pd.read_csv(written[0])["name"].tolist() == [row["name"] for row in rows]
+    assert pd.read_parquet(written[1])["exit"].tolist() == [row["exit"] for row in rows]
+    before = [path.read_bytes() for path in written]
+    assert [path.read_bytes() for path in save_summary(again, out)] == before
+
+
+def test_fleet_file_says_all_at_once(folder) -> None:
+    (folder / "fleet.toml").write_text("""
+name = "wrong"
+studies = ["nowhere*/study.toml"]
+[[study]]
+file = "arm0"
+[[study]]
+file = "arm0"
+""")
+    with pytest.raises(StudyError) as wrong:
+        read_fleet(folder / "fleet.toml")
+    assert len(wrong.value.problems) == 2
+    assert 'no file matches "nowhere*' in str(wrong.value)
+    assert '"arm0" stands twice' in str(wrong.value)
+    (folder / "fleet.toml").write_text('name = "x"\n[[study]]\nfiel = "arm0"\n[[parts]]\nname = "p"\n')
+    with pytest.raises(StudyError) as wrong:
+        read_fleet(folder / "fleet.toml")
+    assert 'unknown key "study.1.fiel". Did you mean "file"?' in str(wrong.value)
+    assert "parts.1.tool_mm is missing" in str(wrong.value)
+    with pytest.raises(StudyError, match="no such fleet file"):
+        read_fleet(folder / "absent.toml")
+
+
+def test_no_scheduler_there() -> None:
+    with pytest.raises(StudyError, match="--scheduler nonsense"), cluster(scheduler="nonsense://x"):
+        pass

@@ -1,0 +1,68 @@
+"""Large data: naming sees a drawn share of the rows and says so; fits, errors and gains are of all rows."""
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from builders import drawn, one, planted
+
+from modelsel import explain, validate
+from modelsel.causes import q
+from modelsel.config import parse_study
+from modelsel.measurements import blocks
+from modelsel.study import run
+from modelsel.validate import gain
+
+STUDY = """
+name = "large"
+[robot]
+name = "puma760"
+tool_mm = [40, -25, 100]
+[measurements]
+file = "measurements.csv"
+[split]
+estimation = 200
+[model]
+candidates = ["wrist-coupling", "backlash:3", "joint-compliance"]
+"""
+
+
+def test_naming_sees_a_share_and_says_so(rng, tmp_path, monkeypatch) -> None:
+    at = drawn("puma760", rng, 320)
+    at = planted(at, one(5, "rz", q(4)).terms, np.array([1.5e-3]), rng, 0.05)
+    position = at.data.position.copy()
+    position[[11, 250]] += 5.0                                        # gross, on either side of the split
+    names = [*(f"q{j}_rad" for j in range(1, 7)), "x_mm", "y_mm", "z_mm"]
+    pd.DataFrame(np.column_stack([at.data.q, position]), columns=names).to_csv(tmp_path / "measurements.csv", index=False)
+    monkeypatch.setattr(explain, "SCANNED", 90)
+    result = run(parse_study(STUDY, "study.toml"), tmp_path, sampling=False)
+    assert "wrist-coupling" in " ".join(result.chosen.names)
+    assert result.extension.fit.rows == 3 * 90
+    assert result.chosen.fit is not None
+    assert result.chosen.fit.rows == 3 * int(result.data.used.sum()) >= 3 * 198
+    said = [w.sentence for w in result.warnings if w.code == "scan-of-some"]
+    assert len(said) == 1
+    assert "90 of the" in said[0]
+    assert set(np.flatnonzero(result.data.outlying)) == {11, 250}
+
+
+def test_bundled_bootstrap_has_the_same_interval(rng, monkeypatch) -> None:
+    before, after = rng.normal(0, 2, (4000, 3)), rng.normal(0, 1, (4000, 3))
+    whole = gain(before, after, np.arange(4000), np.random.default_rng(1))
+    monkeypatch.setattr(validate, "DRAWN", 400)
+    bundled = gain(before, after, np.arange(4000), np.random.default_rng(1))
+    assert bundled.held_out_rms_before_mm == pytest.approx(whole.held_out_rms_before_mm, rel=1e-12)
+    assert bundled.interval_mm == pytest.approx(whole.interval_mm, rel=0.01)
+
+
+def test_readings_alike_by_neighbours_or_by_tree(rng, monkeypatch) -> None:
+    """Few close neighbours are compared along one direction, many by a tree: the same blocks."""
+    from modelsel import measurements
+    few = np.repeat(rng.uniform(-1, 1, (50, 3)), 2, axis=0) + rng.uniform(-4e-7, 4e-7, (100, 3))
+    monkeypatch.setattr(measurements, "_near", lambda q, order, close: None)
+    by_tree = blocks(few, np.arange(100))
+    monkeypatch.undo()
+    assert np.array_equal(blocks(few, np.arange(100)), by_tree)
+    assert len(np.unique(by_tree)) == 50
+    many = np.zeros((40, 3))
+    assert len(np.unique(blocks(many, np.arange(40)))) == 1

@@ -1,0 +1,104 @@
+"""Configurations in pieces: any order, any grouping, any machine, and the answers of all rows at once."""
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from builders import drawn, planted
+
+from modelsel.design import Model
+from modelsel.errors import DataError
+from modelsel.fit import fit
+from modelsel.folds import cross_validate, fold
+from modelsel.identify import solve
+from modelsel.registry import mechanism
+from modelsel.robotfile import load
+from modelsel.scene import Scene
+from modelsel.search import all_subsets
+from modelsel.stream import Parts, Stream, fit_parts, fold_of, parts_of
+
+TOOL = (40.0, -25.0, 100.0)
+
+
+def model(*names: str) -> Model:
+    return Model(tuple(mechanism(name, load("puma760")) for name in names or ("geometric", "joint2-twist")))
+
+
+def some_scene(rng: np.random.Generator, m: int = 240) -> Scene:
+    which = model()
+    theta = rng.normal(size=len(which.terms)) * np.array([0.3 if t.unit.startswith("mm") else 3e-4 for t in which.terms])
+    return planted(drawn("puma760", rng, m), which.terms, theta, rng, 0.05)
+
+
+def test_pieces_in_any_order_are_the_whole(rng) -> None:
+    at, which = some_scene(rng), model()
+    fitted = fit(at, which)
+    theta, kept = fitted.theta, fitted.found.kept
+    pieces = np.array_split(rng.permutation(len(at)), 7)
+    streams = [Stream.empty(which.terms, 5, theta).add(at.take(p)) for p in pieces]
+    left = streams[0].merge(streams[1]).merge(streams[2].merge(streams[3]))
+    found = left.merge(streams[6].merge(streams[4].merge(streams[5])))
+    once = Stream.empty(which.terms, 5, theta).add(at)
+    assert found.total().rows == once.total().rows == 3 * len(at)
+    a, b = solve(found.total(), kept), solve(once.total(), kept)
+    np.testing.assert_allclose(a[0], b[0], rtol=0, atol=1e-9 * np.abs(theta).max())
+    assert a[2] == pytest.approx(b[2], rel=1e-11)
+    one = cross_validate(found.folded(), kept)
+    other = cross_validate(fold(at, which.terms, fold_of(at.data, 5), (which.terms, theta)), kept)
+    np.testing.assert_allclose(one.held_out, other.held_out, rtol=1e-9)
+
+
+def test_search_on_the_reduced_data(rng) -> None:
+    at, base, extra = some_scene(rng), model("geometric"), model("geometric", "joint2-twist", "joint3-twist", "backlash:3")
+    kept = list(fit(at, base).found.kept)
+    groups = [[k] for k in range(len(base.terms), len(extra.terms))]
+    stream = Stream.empty(extra.terms, 6)
+    for piece in np.array_split(np.arange(len(at)), 5):
+        stream = stream.add(at.take(piece))
+    found = all_subsets(stream.folded(), kept, groups)
+    whole = all_subsets(fold(at, extra.terms, fold_of(at.data, 6)), kept, groups)
+    np.testing.assert_allclose(found.held_out, whole.held_out, rtol=1e-9)
+    np.testing.assert_allclose(found.rss, whole.rss, rtol=1e-9)
+
+
+def test_streams_of_different_points_do_not_merge(rng) -> None:
+    terms = model().terms
+    with pytest.raises(ValueError, match="different"):
+        Stream.empty(terms).merge(Stream.empty(terms, at=np.ones(len(terms))))
+    with pytest.raises(ValueError, match="different"):
+        Stream.empty(terms, 5).merge(Stream.empty(terms, 6))
+
+
+def test_equal_readings_share_a_fold(rng) -> None:
+    at = some_scene(rng, 60)
+    twice = at.take(np.concatenate([np.arange(60), np.arange(60)]))
+    found = fold_of(twice.data, 10)
+    assert np.array_equal(found[:60], found[60:])
+    counts = np.bincount(fold_of(drawn("puma760", rng, 5000).data, 10))
+    assert counts.min() > 400                                  # 500 each, give or take 21
+
+
+def test_partitions_on_disk(rng, tmp_path) -> None:
+    """Two Parquet files of several row groups give the fit of the rows in memory; a pass reads each piece once."""
+    at, which = some_scene(rng, 300), model("geometric")
+    names = [*(f"q{j}_rad" for j in range(1, 7)), "x_mm", "y_mm", "z_mm"]
+    table = pd.DataFrame(np.column_stack([at.data.q, at.data.position]), columns=names)
+    for k, rows in enumerate((slice(0, 130), slice(130, 300))):
+        table[rows].to_parquet(tmp_path / f"part{k}.parquet", row_group_size=50, index=False)
+    files = [tmp_path / "part0.parquet", tmp_path / "part1.parquet"]
+    asked: list[int] = []
+
+    def watched(work, items):
+        asked.append(len(items))
+        return map(work, items)
+    source = Parts(at.robot, TOOL, parts_of(files), watched)
+    assert (len(source), len(source.parts)) == (300, 7)
+    found, cv = fit_parts(source, which, 5)
+    whole = fit(at, which)
+    assert found.found.kept == whole.found.kept
+    np.testing.assert_allclose(found.theta, whole.theta, rtol=0, atol=1e-7 * np.abs(whole.theta).max())
+    assert found.rss == pytest.approx(whole.rss, rel=1e-9)
+    assert cv.rms == pytest.approx(whole.sigma, rel=0.2)
+    assert set(asked) == {7}
+    with pytest.raises(DataError, match="no such file"):
+        parts_of([tmp_path / "absent.parquet"])
