@@ -55,7 +55,7 @@ def plain(text: str) -> str:
 
 
 def test_files_are_there_and_small(drawn) -> None:
-    assert {p.name for p in drawn.iterdir()} == {"result.json", "details.json", "report.pdf", "report.html"}
+    assert {p.name for p in drawn.iterdir()} == {"result.json", "calibration.json", "details.json", "report.pdf", "report.html"}
     assert (drawn / "report.pdf").stat().st_size < 3e6
     assert (drawn / "details.json").stat().st_size < 2e6
 
