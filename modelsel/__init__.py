@@ -16,7 +16,8 @@ _HOME = {  # a name that is also a module's (fit, scene, extend …) is imported
     "builtin_names": "robotfile", "forward": "robot", "screw_field": "robot", "read_measurements": "io", "Model": "design",
     "residuals": "design", "Fit": "fit", "mechanism": "registry", "every": "registry", "BUILTIN": "registry",
     "PerJoint": "registry", "choose": "split", "gain": "validate", "Cause": "causes", "Screw": "screws", "Term": "screws",
-    "Mechanism": "screws",
+    "Mechanism": "screws", "load_calibration": "calibration", "Calibration": "calibration", "predict": "calibration",
+    "calibration_of": "study",
 }
 __all__ = sorted(_HOME)
 

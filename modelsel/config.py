@@ -23,6 +23,8 @@ class RobotTable(_Table):
 
     name: str | None = None
     file: str | None = None
+    base: str | None = None
+    tip: str | None = None
     tool_mm: Vector | None = None
     tools_mm: dict[str, Vector] | None = None
     register_: bool | Literal["per group"] = Field(False, alias="register")
@@ -31,6 +33,8 @@ class RobotTable(_Table):
     def _one_source(self) -> RobotTable:
         if (self.name is None) == (self.file is None):
             raise ValueError('give either name = "…" (built in) or file = "robot.toml"')
+        if self.file is None and (self.base or self.tip):
+            raise ValueError('base and tip name links of a URDF: file = "robot.urdf" goes with them')
         if self.tool_mm is not None and self.tools_mm is not None:
             raise ValueError("give tool_mm, or [robot.tools_mm] with a line per target, not both")
         if not self.register_ and self.tool_mm is None and self.tools_mm is None:

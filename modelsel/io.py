@@ -218,10 +218,11 @@ def row_groups(path: Path) -> tuple[int, ...]:
 
 
 def read_measurements(path: Path | str, prismatic: Sequence[bool], columns: Mapping[str, str] | None = None,
-                      group: int | None = None) -> Measurements:
+                      group: int | None = None, *, positions: bool = True) -> Measurements:
     """Measurements of a robot whose joints are `prismatic` or not, from a CSV or Parquet file in contract form.
 
-    `columns` maps contract names to names in the file; `group`: one row group of a Parquet file alone. Raises DataError.
+    `columns` maps contract names to names in the file; `group`: one row group of a Parquet file alone; where `positions` need
+    not be there, absent ones are nan. Raises DataError.
     """
     path = Path(path)
     table = _read_parquet(path, group) if path.suffix.lower() in (".parquet", ".pq") else _read_csv(path)
@@ -235,7 +236,8 @@ def read_measurements(path: Path | str, prismatic: Sequence[bool], columns: Mapp
     table = {renamed.get(name, name): column for name, column in table.items() if name in renamed or name not in (columns or {})}
     n, m = len(prismatic), len(next(iter(table.values()), []))
     q = _joints(table, path, prismatic)
-    position = np.stack([_column(table, path, axis, ("mm", "m")) for axis in "xyz"], 1)
+    there = positions or any(name in table for axis in "xyz" for name in (axis, f"{axis}_mm", f"{axis}_m"))
+    position = np.stack([_column(table, path, axis, ("mm", "m")) for axis in "xyz"], 1) if there else np.full((m, 3), np.nan)
     if not m:
         raise DataError("a header, but no rows.", file=path.name, line=2, remedy="Each measured point is a row.")
     sigma = _together(table, path, ("sx_mm", "sy_mm", "sz_mm"), "not positive")

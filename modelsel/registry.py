@@ -124,13 +124,36 @@ def every(robot: Robot, registry: Registry = BUILTIN) -> tuple[Mechanism, ...]:
     return tuple(part for name in registry for part in parts(name, robot, registry))
 
 
-def with_plugins(registry: Registry = BUILTIN) -> tuple[Registry, dict[str, str]]:
-    """The registry with every installed plug-in's entries, and what went wrong with the plug-ins that could not load."""
+def with_plugins(registry: Registry = BUILTIN, robot: Robot | None = None) -> tuple[Registry, dict[str, str]]:
+    """The registry with every installed plug-in's entries, and what is wrong with those left out: plug-ins that cannot be
+    loaded, names that are taken, and entries that cannot be built for `robot`, where one is given."""
     from importlib.metadata import entry_points
     table, broken = dict(registry), {}
     for point in sorted(entry_points(group="modelsel.mechanisms"), key=lambda p: p.name):
         try:
-            table |= {name: entry for name, entry in point.load()().items() if name not in registry}
+            offered = dict(point.load()())
         except Exception as error:  # noqa: BLE001  a stranger's code may fail in any way; it is listed and stops nothing
             broken[point.name] = f"{type(error).__name__}: {error}"
+            continue
+        for name, entry in offered.items():
+            wrong = f'the name "{name}" is taken' if name in table else None if robot is None else unsound(name, entry, robot)
+            if wrong is None:
+                table[name] = entry
+            else:
+                broken[f"{point.name}, {name}"] = wrong
     return table, broken
+
+
+def unsound(name: str, entry: Entry, robot: Robot) -> str | None:
+    """What keeps a stranger's entry from being used on a robot, in words; None where it can be built and printed."""
+    try:
+        for m in parts(name, robot, {name: entry}):
+            if m.name.partition(":")[0] != name:
+                return f'it is registered as "{name}" and calls itself "{m.name}"'
+            for t in m.terms:
+                if not t.screws or any(s.frame > robot.n + 1 for s in t.screws):
+                    return f"{t.symbol} drives no screw, or one on a frame that {robot.name} does not have"
+                str((t.unit, *t.screws))
+    except Exception as error:  # noqa: BLE001  as above
+        return f"{type(error).__name__}: {error}"
+    return None

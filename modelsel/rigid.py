@@ -37,6 +37,13 @@ def rpy(roll: float, pitch: float, yaw: float) -> Array:
     return turn(2, yaw) @ turn(1, pitch) @ turn(0, roll)
 
 
+def to_rpy(R: Array) -> tuple[float, float, float]:
+    """(roll, pitch, yaw) of a rotation (3, 3), yaw first and the others from what it leaves: exact at pitch ±90° too."""
+    yaw = float(np.arctan2(R[1, 0], R[0, 0])) if np.hypot(R[1, 0], R[0, 0]) > 1e-12 else 0.0
+    rest = turn(2, -yaw) @ R
+    return float(np.arctan2(-rest[1, 2], rest[1, 1])), float(np.arctan2(-rest[2, 0], rest[0, 0])), yaw
+
+
 def align_z(axis: ArrayLike) -> Array:
     """The smallest rotation that takes z to `axis` (half a turn about x for -z); (3, 3). Rodrigues' formula."""
     u = np.asarray(axis, float)

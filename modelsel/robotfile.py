@@ -15,7 +15,7 @@ from .robot import Joint, Robot
 
 FORMS = ("transform_mm", "xyz_mm", "dh")
 JOINT_KEYS = {*FORMS, "rpy_deg", "axis", "kind", "limits_deg", "limits_mm", "mass_kg", "com_mm", "name"}
-TOP_KEYS = {"name", "source", "gravity", "convention", "joint", "last"}
+TOP_KEYS = {"name", "source", "gravity", "convention", "base_mm", "joint", "last"}
 DH_KEYS = {"theta_deg", "d_mm", "a_mm", "alpha_deg"}
 
 
@@ -105,6 +105,8 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
     if convention not in ("standard", "modified"):
         read.say("convention", f'expected "standard" or "modified", found "{convention}"')
     pending, joints = np.eye(4), []
+    if "base_mm" in table:                  # frame 0 to where the first row starts: calibrated rows need it
+        pending, _ = _form(read, "base_mm", {"transform_mm": table["base_mm"]}, False)
     for k, row in enumerate(rows, 1):
         place = f"joint {k}"
         read.keys(place, row, JOINT_KEYS)
@@ -133,11 +135,13 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
                  gravity)
 
 
-def read_robot(path: Path) -> Robot:
-    """A robot from a TOML or URDF file. Raises StudyError."""
+def read_robot(path: Path, base: str | None = None, tip: str | None = None) -> Robot:
+    """A robot from a TOML or URDF file; of a URDF the chain between two links, where they are named. Raises StudyError."""
     if path.suffix.lower() in (".urdf", ".xml"):
         from .urdf import read_urdf
-        return read_urdf(path)
+        return read_urdf(path, base, tip)
+    if base is not None or tip is not None:
+        raise StudyError(f"{path.name}: base and tip choose a chain of a URDF; a TOML robot file has one chain.")
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:

@@ -4,20 +4,22 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .analysis import Question, Result, analyse, provenance, with_sampling
+from .calibration import NAME, Calibration, calibrate
 from .causes import parse
 from .checkpoint import Checkpoint
 from .config import Study, find_data
 from .errors import StudyError
 from .explain import Say
 from .io import read_labels, read_measurements
-from .measurements import measurements
+from .measurements import Measurements, measurements
 from .noise import Instrument
-from .prepare import Plan, generator
+from .prepare import Plan, generator, prepare
 from .registry import BUILTIN, Registry, every, faults, mechanism, parts
 from .rigid import Array
 from .robot import Robot
@@ -35,7 +37,7 @@ def robot_of(study: Study, folder: Path) -> Robot:
     """The study's nominal robot. Raises StudyError."""
     if study.robot.name is not None:
         return load(study.robot.name)
-    return read_robot(folder / str(study.robot.file))
+    return read_robot(folder / str(study.robot.file), study.robot.base, study.robot.tip)
 
 
 def plan_of(study: Study) -> Plan:
@@ -72,23 +74,27 @@ def candidates_of(study: Study, robot: Robot, registry: Registry) -> tuple[Mecha
     return tuple(dict.fromkeys(part for name in study.model.candidates for part in parts(name, robot, registry)))
 
 
-def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN, say: Say = lambda _: None, sampling: bool = True,
-        checkpoint: Checkpoint | None = None) -> Result:
-    """Run a study whose files stand beside `folder`. `checkpoint`: where an unfinished chain is kept and taken up again; without
-    it nothing is written. Raises StudyError, DataError or NotEstimable."""
-    folder = Path(folder)
+def asked(study: Study, folder: Path, registry: Registry) -> tuple[Question, Measurements, NDArray[np.object_] | None, Path]:
+    """What a study asks, of which measurements, with its split's labels, and their file. Raises StudyError or DataError."""
     robot = robot_of(study, folder)
     check_names(study, robot, registry)
     path = find_data(study.measurements.file, folder)
-    say(f"reading {study.measurements.file}")
     measured = read_measurements(path, [j.prismatic for j in robot.joints], study.measurements.columns)
     labels = None
     if study.split.column is not None:
         labels = read_labels(path, study.split.column)[measured.row]
+    return Question(study, plan_of(study), robot, candidates_of(study, robot, registry), registry), measured, labels, path
+
+
+def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN, say: Say = lambda _: None, sampling: bool = True,
+        checkpoint: Checkpoint | None = None) -> Result:
+    """Run a study whose files stand beside `folder`. `checkpoint`: where an unfinished chain is kept and taken up again; without
+    it nothing is written. Raises StudyError, DataError or NotEstimable."""
+    say(f"reading {study.measurements.file}")
+    question, measured, labels, path = asked(study, Path(folder), registry)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     if checkpoint is not None:
         checkpoint.bind(provenance(study, digest))
-    question = Question(study, plan_of(study), robot, candidates_of(study, robot, registry), registry)
     result = analyse(question, measured, labels=labels, say=say, data_sha256=digest)
     if sampling:
         result = with_sampling(question, result, say, checkpoint)
@@ -97,9 +103,31 @@ def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN,
     return result
 
 
+def rehearse(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN) -> dict[str, Any]:
+    """Everything that a study checks before it computes, and what it would then do. Raises as `run` does."""
+    question, measured, labels, _ = asked(study, Path(folder), registry)
+    data, floor, notes = prepare(question.robot, measured, question.plan, labels)
+    model = question.model(study.model.base, measured)
+    return {"study": study.name, "robot": question.robot.name, "rows": len(measured), "configurations": {
+        "estimation": measured.take(data.estimation).configurations, "held_out": measured.take(~data.estimation).configurations},
+        "registered": question.plan.register, "noise_floor_mm": None if floor is None else floor.coordinate_mm,
+        "base": list(model.names), "base_parameters": len(model.terms),
+        "mechanisms": len({m.name for m in question.everything}), "cells": question.cells,
+        "warnings": [{"code": n.code, "sentence": n.sentence} for n in notes]}
+
+
+def calibration_of(result: Result) -> Calibration:
+    """The chosen model as a calibration that can be stored, exported and compensated with."""
+    fitted, data = result.chosen.fit, result.data
+    assert fitted is not None
+    return calibrate(result.study.name, data, fitted, result.floor, result.chosen.held_out.rms_mm,
+                     bool(result.study.robot.register_), result.provenance)
+
+
 def save(result: Result, folder: Path) -> None:
-    """Write DIR/result.json, whole or not at all."""
+    """Write DIR/result.json and DIR/calibration.json, each whole or not at all."""
     write_beside(folder / "result.json", result.to_json().encode())
+    write_beside(folder / NAME, calibration_of(result).to_json().encode())
 
 
 def simulate_study(study: Study, folder: Path) -> pd.DataFrame:

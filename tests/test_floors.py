@@ -18,7 +18,7 @@ FLOORS: tuple[tuple[str, frozenset[str]], ...] = tuple(
     for floor, modules in (
         ("words", "version errors rigid"),
         ("data", "measurements io"),
-        ("machine", "chain robot robotfile urdf gravity"),
+        ("machine", "chain robot robotfile urdf dh gravity"),
         ("wrong", "causes screws mechanisms registry"),
         ("matrix", "scene design reduce identify smooth"),
         ("fit", "fit noise register shrink"),
@@ -32,10 +32,13 @@ FLOORS: tuple[tuple[str, frozenset[str]], ...] = tuple(
             ),
         ),
         ("elsewhere", "prepare simulate explain confidence"),
-        ("use", "compensate export plan"),
+        ("use", "records calibration compensate carried exported lookup export drift campaigns plan laws skeleton"),
         (
             "telling",
-            "findings verdict result tables figures report config write inspect analysis checkpoint study fleetfile fleet cli",
+            (
+                "findings verdict result tables figures report config write inspect "
+                "analysis checkpoint study fleetfile fleet planning commands cli"
+            ),
         ),
         ("door", "__init__ __main__"),
     )

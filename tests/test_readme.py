@@ -7,6 +7,8 @@ import html
 import io
 import json
 import re
+import shutil
+import tempfile
 import textwrap
 from pathlib import Path
 
@@ -17,17 +19,19 @@ from click.testing import CliRunner
 from test_floors import FLOORS, PACKAGE
 
 import modelsel
-from modelsel.cli import main
+from modelsel.cli import COMMANDS, main
 from modelsel.design import design, residuals
 from modelsel.errors import DataError, Interrupted, ModelselError, NotEstimable, StudyError
 from modelsel.registry import BUILTIN, Registry, Scanned, parts, with_plugins
 from modelsel.robotfile import load
+from modelsel.study import save
 from modelsel.tables import show
 
 ROOT = Path(__file__).parents[1]
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
 AGAIN = "python tests/test_readme.py writes it anew"
 EXCERPT = ("Nominal model", "Found", "Not told apart", "Nothing else", "On held-out")
+USED = "Use what was found"
 TABLE = re.compile(r"<!-- mechanisms -->\n(.*?)\n\n(?!\|)", re.DOTALL)
 RATES = re.compile(r"<!-- naming -->\n(.*?)\n\n(?!\|)", re.DOTALL)
 SHOWN = re.compile(r"```python\n(.*?)```\n\n```text\n(.*?)```", re.DOTALL)
@@ -115,6 +119,76 @@ def test_python_prints_what_is_shown(page, ran) -> None:
     assert ran[0] == shown, AGAIN
 
 
+CAMPAIGN = """name = "campaign"
+seed = {seed}
+[robot]
+name = "puma760"
+tool_mm = [0, 0, 100]
+[measurements]
+file = "measurements.csv"
+[split]
+estimation = {estimation}
+[model]
+candidates = {candidates}
+[simulate]
+configurations = {count}
+noise_mm = 0.05
+"""
+EFFECT = '[[simulate.effect]]\nframe = {}\naxis = "{}"\ncause = "{}"\nsize = {}\n'
+WORN = ((4, "ty", "1", 0.3), (1, "rz", "approach1", 1.5e-4))
+RIVALS = '["gear-eccentricity", "axis-wobble", "joint-compliance", "base-tilt", "joint2-twist"]'
+
+
+def invoked(*words: str) -> str:
+    """What a command prints on the output; it must be done (0) or have said what a check found (5)."""
+    ran = CliRunner().invoke(main, [*words])
+    assert ran.exit_code in (0, 5), ran.output
+    return ran.stdout
+
+
+def workshop(folder: Path, result: modelsel.analysis.Result) -> None:
+    """The files that the README's commands run on: the PUMA's result, two campaigns before and after, a study with rivals."""
+    save(result, folder / "reports" / "puma760")
+    shutil.copy(ROOT / "studies" / "puma760" / "measurements.csv", folder)
+    shape = {"candidates": '"all"', "estimation": 80, "count": 120}
+    for name, effects, table in (
+            ("before", [(3, "rz", "cos(q2+q3)", 1e-3)], shape | {"seed": 1}),
+            ("after", [(3, "rz", "cos(q2+q3)", 1.4e-3), *WORN], shape | {"seed": 2}),
+            ("rivals", [(2, "rz", "cos(q2)", 1.1e-4)], {"seed": 3, "candidates": RIVALS, "estimation": 50, "count": 60})):
+        here = folder / "studies" / name
+        here.mkdir(parents=True)
+        (here / "study.toml").write_text(CAMPAIGN.format(**table) + "".join(EFFECT.format(*e) for e in effects))
+        invoked("simulate", str(here), "--out", str(here / "measurements.csv"))
+        if name != "rivals":
+            invoked("study", str(here), "--out", str(folder / "reports" / name), "--json", "--no-report",
+                    "--no-sampling")
+
+
+def commands(block: str) -> str:
+    """A console block as it would be now: each command, then what it prints, folded."""
+    out = ""
+    for line in re.findall(r"^\$ modelsel (.*)$", block, re.MULTILINE):
+        shown = invoked(*line.split()).splitlines()
+        out += f"$ modelsel {line}\n" + "".join(textwrap.fill(row, 150, subsequent_indent="    ", break_on_hyphens=False) + "\n"
+                                               for row in shown)
+    return out
+
+
+def used(text: str, result: modelsel.analysis.Result, folder: Path) -> list[tuple[str, str]]:
+    """(as shown, as it is now) of every console block of the section."""
+    part = section(USED, text)
+    workshop(folder, result)
+    (targets,) = fenced("csv", part)
+    (folder / "targets.csv").write_text(targets)
+    with contextlib.chdir(folder):
+        return [(block, commands(block)) for block in fenced("console", part)]
+
+
+def test_commands_print_what_is_shown(page, ran, tmp_path) -> None:
+    for shown, now in used(page, ran[1]["result"], tmp_path):
+        assert shown == now, AGAIN
+
+
 def test_at_most_twelve_lines_beside_imports(page) -> None:
     lines = "".join(fenced("python", page)).splitlines()
     assert len([line for line in lines if line and not re.match(r"from|import", line)]) <= 12
@@ -152,7 +226,7 @@ def test_commands_and_links_exist(page) -> None:
     for target in re.findall(r"(?<![\w/])studies/(?!NAME)[\w-]+/[\w-]+\.\w+", text):
         assert (ROOT / target).exists(), f"{target} does not exist"
     for command in set(re.findall(r"`(?:\.venv/bin/)?modelsel (\w+)", text)):
-        assert command in main.commands, f"modelsel {command} does not exist"
+        assert command in COMMANDS, f"modelsel {command} does not exist"
 
 
 def test_exit_status_table(page) -> None:
@@ -219,6 +293,9 @@ def rewrite() -> None:
         text = text.replace(f"{code}```\n\n```text\n{old}", f"{code}```\n\n```text\n{new}")
     said = section("What it says", text)
     text = text.replace(said, said.replace(fenced("text", said)[0], excerpt(names["result"])))
+    with tempfile.TemporaryDirectory() as folder:
+        for old, new in used(text, names["result"], Path(folder)):
+            text = text.replace(old, new)
     text = TABLE.sub(lambda old: old.group(0).replace(old.group(1), mechanism_table()), text)
     text = RATES.sub(lambda old: old.group(0).replace(old.group(1), naming_table()), text)
     (shown,) = fenced("text", section("How it is built", text))

@@ -1,0 +1,28 @@
+"""modelsel check: what is in a measurements file."""
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from . import print_json
+
+
+@click.command()
+@click.argument("data", type=click.Path(path_type=Path))
+@click.option("--robot", required=True, help="A built-in robot's name, or a robot file.")
+@click.option("--base", help="Of a URDF: the link the chain starts at; default its root.")
+@click.option("--tip", help="Of a URDF: the link the chain ends at; default the longest chain's.")
+@click.option("--json", "as_json", is_flag=True)
+def check(data: Path, robot: str, base: str | None, tip: str | None, as_json: bool) -> None:
+    """What is in a measurements file, what it can tell and what it cannot."""
+    from ..inspect import describe, sentences
+    from ..io import read_measurements
+    from ..robotfile import load, read_robot
+    arm = read_robot(Path(robot), base, tip) if robot.endswith((".toml", ".urdf", ".xml")) else load(robot)
+    found = describe(arm, read_measurements(data, [j.prismatic for j in arm.joints]))
+    if as_json:
+        print_json(found)
+    else:
+        for line in sentences(found):
+            click.echo(line)

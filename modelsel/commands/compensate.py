@@ -1,0 +1,90 @@
+"""modelsel compensate: corrected joint commands."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from . import print_json
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
+    from ..compensate import Commands
+    from ..measurements import Measurements
+
+
+@click.command()
+@click.argument("result", type=click.Path(path_type=Path))
+@click.argument("targets", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="CSV (or Parquet) file to write.")
+@click.option("--bound", nargs=2, type=float, default=(10.0, 20.0), show_default=True, metavar="MRAD MM",
+              help="Most that a joint, and the target, may be changed by.")
+@click.option("--forward", is_flag=True, help="Change no command: say where the real target is at each.")
+@click.option("--json", "as_json", is_flag=True)
+def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float], forward: bool, as_json: bool) -> None:
+    """Joint commands whose real position is the wanted one.
+
+    TARGETS has a row a target: nominal commands q1_rad … (or _deg), wanted positions x_mm y_mm z_mm (left out: where the nominal
+    robot has the target), wanted orientations, and what the model needs beside them.
+    """
+    from ..calibration import load_calibration, predict
+    from ..compensate import compensate as corrected
+    from ..compensate import outside, refuse
+    from ..io import read_measurements
+    c = load_calibration(result)
+    data = read_measurements(targets, [j.prismatic for j in c.robot.joints], positions=False)
+    made, said = corrected(c, data), outside(c, data)
+    if forward:
+        frame = _rows(c, data, data.q, predict(c, c.scene(data)), {})
+    else:
+        refuse(c, made, data, (bound[0] / 1e3, bound[1]), targets.name)
+        figures = {"error_before_mm": made.before_mm, "error_left_mm": made.left_mm, "model_uncertainty_mm": made.model_mm,
+                   "expected_error_mm": made.expected_mm}
+        frame = _rows(c, data, made.q, made.wanted, figures)
+    _write(frame, out)
+    if as_json:
+        print_json({"written": out.name, "rows": len(data), "warnings": said, **({} if forward else _figures(made))})
+    else:
+        click.echo(f"Written: {out}, {len(data)} rows." + ("" if forward else _sentence(made)))
+        for line in said:
+            click.echo(f"Note: {line}")
+    if not forward and not made.reached.all():
+        lines = ", ".join(str(int(k) + 2) for k in data.row[~made.reached][:10])
+        click.echo(f"modelsel: {int((~made.reached).sum())} rows are not reached, beside a jump of the model or at the edge of "
+                   f"the workspace (line {lines}); error_left_mm says what is left.", err=True)
+        raise SystemExit(5)
+
+
+def _figures(made: Commands) -> dict[str, Any]:
+    return {"error_before_mm": {"mean": made.before_mm.mean(), "max": made.before_mm.max()},
+            "expected_error_mm": {"mean": made.expected_mm.mean(), "max": made.expected_mm.max()},
+            "model_uncertainty_mm": {"mean": made.model_mm.mean(), "max": made.model_mm.max()},
+            "largest_change": np.abs(made.change).max(0), "reached": int(made.reached.sum())}
+
+
+def _sentence(made: Commands) -> str:
+    before = f"{made.before_mm.mean():.3f} mm on average and {made.before_mm.max():.3f} mm at most"
+    before = f"{made.before_mm.mean():.3f} mm on average and {made.before_mm.max():.3f} mm at most"
+    after = f"{made.expected_mm.mean():.3f} mm as measured is expected, {made.model_mm.mean():.3f} mm of it from the model"
+    return (f" Without correction the target is off by {before}; with it, {after}. No joint changes by more than "
+            f"{np.abs(made.change).max() * 1e3:.3g} mrad (µm where it slides).")
+
+
+def _rows(c: Calibration, data: Measurements, q: np.ndarray, x: np.ndarray, more: dict[str, np.ndarray]) -> Any:
+    """A table in the form of a measurements file."""
+    import pandas as pd
+    columns: dict[str, Any] = {f"q{j + 1}_{c.robot.unit(j + 1)}": q[:, j] for j in range(c.robot.n)}
+    columns |= dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
+    columns["target"] = np.array(data.targets)[data.target]
+    columns |= {f"approach{j + 1}": data.approach[:, j].astype(int) for j in range(c.robot.n)} | dict(data.covariates)
+    return pd.DataFrame(columns | more)
+
+
+def _write(frame: Any, out: Path) -> None:
+    from ..write import write_beside
+    if out.suffix.lower() in (".parquet", ".pq"):
+        write_beside(out, frame.to_parquet(index=False))
+    else:
+        write_beside(out, frame.to_csv(index=False, float_format="%.10g", lineterminator="\n").encode())

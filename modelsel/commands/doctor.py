@@ -1,0 +1,84 @@
+"""modelsel doctor: does this installation work?"""
+from __future__ import annotations
+
+import os
+import re
+import sys
+from importlib.metadata import PackageNotFoundError, requires, version
+from typing import Any
+
+import click
+
+from . import print_json
+
+
+@click.command()
+@click.option("--json", "as_json", is_flag=True)
+def doctor(as_json: bool) -> None:
+    """Whether this installation works, and with what: libraries, plug-ins, data, and a small calibration from scratch."""
+    checks = [*_libraries(), *_plugins(), _data(), _calibration()]
+    if as_json:
+        print_json({"checks": checks})
+    else:
+        click.echo(f"Python {sys.version.split()[0]}, modelsel {version('modelsel')}")
+        for c in checks:
+            click.echo(f"{'ok   ' if c['ok'] else 'WRONG'}  {c['what']}: {c['says']}")
+    if not all(c["ok"] for c in checks):
+        raise SystemExit(5)
+
+
+def _check(what: str, ok: bool, says: str) -> dict[str, Any]:
+    return {"what": what, "ok": ok, "says": says}
+
+
+def _libraries() -> list[dict[str, Any]]:
+    """Every required library against the lowest version that is asked for."""
+    out = []
+    for line in requires("modelsel") or []:
+        name, least = re.match(r"([\w-]+)(?:>=([\d.]+))?", line.partition(";")[0]).groups()  # type: ignore[union-attr]
+        if "extra" in line:
+            continue
+        try:
+            found = version(name)
+        except PackageNotFoundError:
+            out.append(_check(name, False, f"is not installed; pip install '{name}>={least}'"))
+            continue
+        ok = least is None or _numbers(found) >= _numbers(least)
+        out.append(_check(name, ok, found if ok else f"{found} is older than {least}; pip install --upgrade {name}"))
+    return out
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in re.findall(r"\d+", text)[:3])
+
+
+def _plugins() -> list[dict[str, Any]]:
+    from ..registry import BUILTIN, with_plugins
+    from ..robotfile import load
+    table, broken = with_plugins(robot=load("puma760"))
+    return [*(_check(f"plug-in {name}", False, why) for name, why in broken.items()),
+            _check("mechanisms", True, f"{len(BUILTIN)} built in, {len(table) - len(BUILTIN)} from plug-ins")]
+
+
+def _data() -> dict[str, Any]:
+    root = os.environ.get("MODELSEL_DATA")
+    if root is None:
+        return _check("MODELSEL_DATA", True, "not set; measurements are looked for beside the study file")
+    there = os.path.isdir(root)  # noqa: PTH112  a plain string from the environment
+    return _check("MODELSEL_DATA", there, "is a folder" if there else f"{root} is no folder")
+
+
+def _calibration() -> dict[str, Any]:
+    """Plant the geometry and a backlash on the PUMA, fit, and look whether they come back."""
+    import numpy as np
+
+    from ..laws import LawBroken, check_mechanism
+    from ..registry import mechanism
+    from ..robotfile import load
+    robot = load("puma760")
+    try:
+        for name in ("geometric", "backlash:3"):
+            check_mechanism(mechanism(name, robot), robot, np.random.default_rng(0))
+    except LawBroken as error:
+        return _check("a small calibration", False, str(error))
+    return _check("a small calibration", True, "what was planted came back")

@@ -1,0 +1,62 @@
+"""modelsel plan: what to measure next."""
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from . import print_json, progress
+
+PURPOSES = ("rivals", "d", "a", "o1", "o2", "o3", "o4", "o5")
+
+
+@click.command()
+@click.argument("study", type=click.Path(path_type=Path))
+@click.option("--pool", "pool_file", type=click.Path(path_type=Path), help="File of configurations that could be measured.")
+@click.option("--limits", is_flag=True, help="Draw the pool within the robot's joint limits.")
+@click.option("--count", type=click.IntRange(1), default=10, show_default=True, help="Configurations to choose.")
+@click.option("--for", "purpose", type=click.Choice(PURPOSES), help="What for; default: to tell rivals apart, else D-optimal.")
+@click.option("--size", type=click.FloatRange(0, min_open=True), help="How many more to find an effect of so many mm rms.")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="CSV file for the chosen configurations.")
+@click.option("--json", "as_json", is_flag=True)
+def plan(study: Path, pool_file: Path | None, limits: bool, count: int, purpose: str | None, size: float | None, out: Path | None,
+         as_json: bool) -> None:
+    """What to measure next: what best tells a study's rival explanations apart, or determines its parameters."""
+    import pandas as pd
+
+    from ..config import read_study
+    from ..io import read_measurements
+    from ..plan import more_needed
+    from ..planning import drawn_pool, every_target, sentences, sided, table_of
+    from ..planning import plan as planned
+    from ..registry import with_plugins
+    from ..study import calibration_of, robot_of, run
+    from ..write import write_beside
+    if (pool_file is None) != limits:
+        raise click.UsageError("give either --pool FILE or --limits.")
+    path = study / "study.toml" if study.is_dir() else study
+    read = read_study(path)
+    registry, _ = with_plugins(robot=robot_of(read, path.parent))
+    result = run(read, path.parent, registry=registry, say=progress(), sampling=False)
+    c = calibration_of(result)
+    possible = drawn_pool(c, result.study.seed, result.data.scene.data) if pool_file is None else sided(read_measurements(
+        pool_file, [j.prismatic for j in c.robot.joints], positions=False), result.study.seed)
+    possible = every_target(possible, c.targets)
+    found = planned(result, c, possible, count, purpose)
+    table = pd.DataFrame(table_of(c, possible, found.rows))
+    known, limit = result.data.training().data.configurations, result.nothing_else[1]
+    more = None if size is None or limit is None else more_needed(limit, known, size)
+    if out is not None:
+        write_beside(out, table.to_csv(index=False, float_format="%.6f", lineterminator="\n").encode())
+    if as_json:
+        print_json({"purpose": found.purpose, "pool_rows": found.rows, "configurations": table.to_dict("records"),
+                    "rivals": found.rivals, "alike": found.twins, "told_apart": found.told, "told_apart_random": found.random,
+                    "criteria": {k: {"before": a, "after": b} for k, (a, b) in found.indices.items()},
+                    "learning_curve": [{"size_mm": s, "more_configurations": m} for s, m in found.learning],
+                    "more_for_size": more})
+        return
+    click.echo(table.to_string(index=False, float_format=lambda v: f"{v:.4f}") if out is None else f"Written: {out}")
+    for line in sentences(found, known):
+        click.echo(line)
+    if more is not None:
+        click.echo(f"An effect of {size:g} mm rms beyond the model is found with 90 % after {more} more configurations.")

@@ -1,0 +1,23 @@
+"""modelsel report: the report of a finished study, drawn again."""
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from . import print_json, progress
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
+@click.option("--pages", help="Pages of report.pdf, by name, with commas; all without.")
+@click.option("--json", "as_json", is_flag=True)
+def report(folder: Path, pages: str | None, as_json: bool) -> None:
+    """Draw report.pdf and report.html of a finished study again, from its folder; nothing is computed anew."""
+    from ..report.drawing import draw
+    chosen = None if pages is None else tuple(name.strip() for name in pages.split(",") if name.strip())
+    written = draw(folder, chosen, progress())
+    if as_json:
+        print_json({"written": [path.name for path in written]})
+    else:
+        click.echo(f"Written: {', '.join(map(str, written))}")

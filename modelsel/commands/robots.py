@@ -1,0 +1,26 @@
+"""modelsel robots: the built-in nominal robots."""
+from __future__ import annotations
+
+import click
+
+from . import print_json
+
+
+@click.command()
+@click.argument("name", required=False)
+@click.option("--json", "as_json", is_flag=True)
+def robots(name: str | None, as_json: bool) -> None:
+    """The built-in nominal robots, each with its source."""
+    from ..inspect import robot_card
+    from ..robotfile import builtin_names, load
+    cards = [robot_card(load(n)) for n in ([name] if name else builtin_names())]
+    if as_json:
+        print_json({"robots": cards})
+        return
+    for card in cards:
+        click.echo(f"{card['name']}: {card['joints']} joints, reach {card['reach_mm']:.0f} mm. {card['source']}")
+        if name:
+            for k, joint in enumerate(card["chain"], 1):
+                click.echo(f"  joint {k} ({joint['kind']}), limits {joint['limits']}, mass {joint['mass_kg']}")
+                for row in joint["transform_mm"]:
+                    click.echo("    " + " ".join(f"{v:10.4f}" for v in row))

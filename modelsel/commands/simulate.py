@@ -1,0 +1,29 @@
+"""modelsel simulate: data with planted effects."""
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from . import print_json
+
+
+@click.command()
+@click.argument("study", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="CSV (or Parquet) file to write.")
+@click.option("--json", "as_json", is_flag=True)
+def simulate(study: Path, out: Path, as_json: bool) -> None:
+    """Make data with planted effects: [simulate] and [[simulate.effect]] of a study file."""
+    from ..config import read_study
+    from ..study import simulate_study
+    from ..write import write_beside
+    path = study / "study.toml" if study.is_dir() else study
+    frame = simulate_study(read_study(path), path.parent)
+    if out.suffix.lower() in (".parquet", ".pq"):
+        write_beside(out, frame.to_parquet(index=False))
+    else:
+        write_beside(out, frame.to_csv(index=False, float_format="%.9f", lineterminator="\n").encode())
+    if as_json:
+        print_json({"written": out.name, "rows": len(frame), "columns": list(frame.columns)})
+    else:
+        click.echo(f"Written: {out}, {len(frame)} rows")

@@ -1,0 +1,69 @@
+"""modelsel study: run a study."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from . import console, print_json, progress
+
+UNCONVERGED = 5
+WRITES = ("result.json", "calibration.json", "details.json")
+
+
+@click.command()
+@click.argument("study", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Output folder; default reports/<study folder>.")
+@click.option("--no-report", is_flag=True, help="Leave out report.pdf and report.html.")
+@click.option("--no-sampling", is_flag=True, help="Leave out the sampling of the posterior.")
+@click.option("--json", "as_json", is_flag=True, help="Print result.json instead of tables.")
+@click.option("--dry-run", is_flag=True, help="Read and check everything, say what would be done, compute and write nothing.")
+@click.option("--resume", is_flag=True, help="Go on where an interrupted run of the same study stopped.")
+def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_json: bool, dry_run: bool,
+          resume: bool) -> None:
+    """Run a study: what is wrong, the ladder of models, the gain on held-out configurations."""
+    from ..checkpoint import Checkpoint
+    from ..config import read_study
+    from ..registry import with_plugins
+    from ..report.drawing import draw, save_details
+    from ..study import rehearse, robot_of, run, save
+    from ..write import check_writable
+    path = study / "study.toml" if study.is_dir() else study
+    read = read_study(path)
+    registry, broken = with_plugins(robot=robot_of(read, path.parent))
+    for name, why in broken.items():
+        click.echo(f"modelsel: plug-in {name} is left out: {why}", err=True)
+    folder = out if out is not None else Path("reports") / path.resolve().parent.name
+    check_writable(folder)
+    if dry_run:
+        found = rehearse(read, path.parent, registry=registry)
+        if as_json:
+            print_json(found | {"writes": list(WRITES)})
+        else:
+            click.echo(_would(found, folder))
+        return
+    say = progress()
+    result = run(read, path.parent, registry=registry, say=say, sampling=not no_sampling, checkpoint=Checkpoint(folder, resume))
+    save(result, folder)
+    if as_json:
+        click.echo(result.to_json(), nl=False)
+    else:
+        from ..tables import show
+        show(result, console())
+    save_details(result, folder)
+    written = [*(folder / name for name in WRITES), *([] if no_report else draw(folder, say=say))]
+    if not as_json:
+        click.echo(f"Written: {', '.join(map(str, written))}")
+    if result.confidence.sampling is not None and not result.confidence.sampling.converged:
+        raise SystemExit(UNCONVERGED)
+
+
+def _would(found: dict[str, Any], folder: Path) -> str:
+    counts = found["configurations"]
+    said = (f"{found['study']}: {found['robot']}, {found['rows']} rows; {counts['estimation']} configurations would estimate, "
+            f"{counts['held_out']} would be held out{', tracker and target found first' if found['registered'] else ''}. Base: "
+            f"{', '.join(found['base'])}, {found['base_parameters']} parameters; {found['mechanisms']} mechanisms may extend it"
+            f"{', and any cell of the error map' if found['cells'] else ''}. Would write {', '.join(WRITES)} "
+            f"into {folder}.")
+    return "\n".join([said, *(f"Note: {w['sentence']}" for w in found["warnings"])])

@@ -1,0 +1,38 @@
+"""modelsel validate: a stored calibration on new data."""
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from . import print_json
+
+
+@click.command()
+@click.argument("result", type=click.Path(path_type=Path))
+@click.argument("data", type=click.Path(path_type=Path))
+@click.option("--register", is_flag=True, help="The tracker or the target may have moved: find them anew, keep the arm.")
+@click.option("--json", "as_json", is_flag=True)
+def validate(result: Path, data: Path, register: bool, as_json: bool) -> None:
+    """Whether a stored calibration still holds on new measurements; nothing of it is refitted."""
+    from ..calibration import load_calibration
+    from ..compensate import outside
+    from ..drift import judge, sentences
+    from ..io import read_measurements
+    c = load_calibration(result)
+    measured = read_measurements(data, [j.prismatic for j in c.robot.joints])
+    found = judge(c, measured, register)
+    said, beyond = sentences(measured, found), outside(c, measured)
+    if as_json:
+        print_json({"sentence": said[0], "drifted": found.drifted, "factor": found.factor, "p_value": found.p,
+                    "rms_mm": found.rms_mm, "expected_rms_mm": found.expected_rms_mm, "rows": len(measured),
+                    "beyond_noise": [{"row": int(measured.row[k]), "standardised": found.size[k]} for k in found.worst],
+                    "registered": None if found.moved is None else dict(zip(("tracker_mm", "tracker_rad", "target_mm"),
+                                                                            found.moved, strict=True)), "warnings": beyond})
+    else:
+        for line in said:
+            click.echo(line)
+        for line in beyond:
+            click.echo(f"Note: {line}")
+    if found.drifted:
+        raise SystemExit(5)

@@ -1,0 +1,199 @@
+"""Commands through the correction land where they should: on the model, and on an arm in a rigid-body engine."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from builders import drawn
+from click.testing import CliRunner
+from hidden_arm import arm
+from hidden_engine import Engine
+from test_calibration import wide
+
+from modelsel.calibration import predict
+from modelsel.cli import main
+from modelsel.compensate import BOUND, commanded, compensate, nominal, outside, refuse
+from modelsel.config import parse_study
+from modelsel.errors import DataError
+from modelsel.measurements import measurements
+from modelsel.rigid import from_quaternion
+from modelsel.robot import forward
+from modelsel.robotfile import load
+from modelsel.study import calibration_of, run
+
+NOISE = 0.06
+STUDY = """name = "engine"
+seed = 1
+[robot]
+name = "puma760"
+tool_mm = [0, 0, 100]
+[measurements]
+file = "measurements.csv"
+[split]
+estimation = 100
+"""
+
+
+@pytest.fixture(scope="module")
+def made():
+    return wide(np.random.default_rng(3))
+
+
+def plan(at, rows: slice, **more):
+    """Planned commands, off the readings of a scene by nothing, their wanted positions given."""
+    data = at.data
+    return measurements(data.q[rows].copy(), more.pop("position", np.full((len(data.q[rows]), 3), np.nan)),
+                        target=[data.targets[k] for k in data.target[rows]], group=[data.groups[k] for k in data.group[rows]],
+                        covariates={k: v[rows].copy() for k, v in data.covariates.items()},
+                        approach=data.approach[rows].copy(), **more)
+
+
+def test_lands_on_the_model(made) -> None:
+    c, at = made
+    data = plan(at, slice(1, 90))
+    found = compensate(c, data)
+    there = commanded(c.scene(data), found.q)
+    assert found.reached.all()
+    assert np.abs(predict(c, there) - nominal(c.scene(data))).max() < 1e-3
+    np.testing.assert_allclose(found.before_mm, np.linalg.norm(predict(c, c.scene(data)) - found.wanted, axis=1))
+    assert found.before_mm.mean() > 0.05
+    assert (found.expected_mm > np.sqrt(3) * 0.02).all()
+
+
+def test_least_change(made) -> None:
+    """Of all commands that land there, the nearest: any other direction that keeps the position is longer."""
+    c, at = made
+    found = compensate(c, plan(at, slice(1, 30)))
+    J = c.scene(plan(at, slice(1, 30))).pose(slice(0, 29)).displacement()[:6, 5].transpose(2, 1, 0)
+    still = np.linalg.svd(J)[2][:, 3:]                               # (m, 3, 6) motions that move nothing
+    along = np.abs(np.einsum("mkn,mn->mk", still, found.change)).max(1)
+    assert np.median(along / np.linalg.norm(found.change, axis=1)) < 0.01
+
+
+def test_orientation_is_kept_where_wanted(made, rng) -> None:
+    c, at = made
+    data = plan(at, slice(1, 40), rotation=from_quaternion(rng.normal(size=(39, 4))))
+    free = compensate(c, replace(data, rotation=None))
+    wanted = c.scene(data).pose(slice(0, 39)).rotation.transpose(2, 0, 1)
+    kept = compensate(c, replace(data, rotation=wanted))
+    assert kept.reached.mean() > 0.9
+    def turned(found) -> np.ndarray:
+        from modelsel.calibration import pose_of
+        R = pose_of(commanded(c.scene(data), found.q), c.terms, c.theta).rotation.transpose(2, 0, 1)
+        return np.arccos(np.clip((np.einsum("mij,mij->m", R, wanted) - 1) / 2, -1, 1))
+    assert np.median(turned(kept)) < 1e-5 < np.median(turned(free))
+
+
+def test_refuses_beyond_the_bound(made) -> None:
+    c, at = made
+    data = plan(at, slice(1, 9), position=predict(c, at)[1:9])
+    data.position[4] += 30.0
+    with pytest.raises(DataError, match=r"line 6: .* beyond the bound of 10 mrad and 20 mm"):
+        refuse(c, compensate(c, data), data, BOUND, "t.csv")
+    refuse(c, compensate(c, data), data, (10.0, 1e3), "t.csv")
+
+
+def test_outside_is_said(made) -> None:
+    c, at = made
+    joints = [replace(j, limits=(-3.2, 3.2)) for j in c.robot.joints]
+    c, data = replace(c, robot=replace(c.robot, joints=tuple(joints))), plan(at, slice(1, 9))
+    assert outside(c, data) == []
+    data.q[3, 1] = 4.0
+    data.covariates["temperature_C"][:2] = 80.0
+    data.approach[0, 2] = 0
+    said = " ".join(outside(c, data))
+    assert "q2: 1 of 8" in said
+    assert "temperature_C: 2 of 8" in said
+    assert "joint 2: 1 of 8 rows lie beyond its limits" in said
+    assert "joint 3: the direction of approach" in said
+    assert "payload" not in said          # not needed: not said
+
+
+def engine_error(landed: np.ndarray, wanted: np.ndarray) -> float:
+    return float(np.sqrt(np.square(landed - wanted).mean()))
+
+
+def test_arm_in_an_engine_lands_within_the_noise(tmp_path) -> None:
+    """Masses and springs in a rigid-body engine, play that the last motion decides, ripple of a gear, a warm link's zero."""
+    rng = np.random.default_rng(20)
+    robot = load("puma760")
+    real = arm(robot, rng)
+    places = rng.uniform(-60, 60, (6, 3))
+    places[1, 0] += 300
+    places[3, 2] += 250
+    engine = Engine(real, (4.0, 8.0, 5.0, 2.0, 1.0, 0.5), places)
+    def measure(q: np.ndarray, before: np.ndarray, temperature: np.ndarray) -> np.ndarray:
+        turned = q.copy()
+        turned[:, 0] += 2e-4 * np.sin(12 * q[:, 0] + 0.4) + 2e-4 * np.sign(q[:, 0] - before[:, 0])
+        turned[:, 1] += 3e-5 * (temperature - 22)
+        return engine.measure(turned, drives={2: 9e4, 3: 4e4})
+
+    q = real.draw(rng, 160)
+    before = np.vstack([q[:1], q[:-1]])
+    temperature = rng.uniform(18, 30, 160)
+    x = measure(q, before, temperature) + rng.normal(0, NOISE, (160, 3))
+    columns = {f"q{j + 1}_rad": q[:, j] for j in range(6)} | dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
+    pd.DataFrame(columns | {"temperature_C": temperature}).to_csv(tmp_path / "measurements.csv", index=False)
+    c = calibration_of(run(parse_study(STUDY, "study.toml"), tmp_path, sampling=False))
+
+    plan_q = real.draw(rng, 60)
+    last = np.vstack([plan_q[:1] - 1e-1, plan_q[:-1]])
+    warm = rng.uniform(19, 29, 60)
+    data = measurements(plan_q, np.full((60, 3), np.nan), approach=np.sign(plan_q - last), covariates={"temperature_C": warm})
+    found = compensate(c, data)
+    wanted = forward(robot, plan_q, np.array([0.0, 0, 100]))
+    off = engine_error(measure(plan_q, last, warm), wanted)
+    landed = engine_error(measure(found.q, np.vstack([found.q[:1] - 1e-1, found.q[:-1]]), warm), wanted)
+    assert found.reached.all()
+    assert off > 1.0
+    assert landed < 1.5 * NOISE
+    assert 0.3 < landed / np.sqrt(np.square(found.model_mm).mean() / 3) < 3      # as uncertain as it says
+
+
+def test_command(made, tmp_path) -> None:
+    c, at = made
+    (tmp_path / "calibration.json").write_text(c.to_json())
+    rows = slice(1, 30)
+    columns = {f"q{j + 1}_deg": np.degrees(at.data.q[rows, j]) for j in range(6)}
+    columns |= {f"approach{j + 1}": at.data.approach[rows, j].astype(int) for j in range(6)}
+    columns |= {"target": np.array(at.data.targets)[at.data.target[rows]], "group": "tue",
+                "temperature_C": at.data.covariates["temperature_C"][rows]}
+    pd.DataFrame(columns).to_csv(tmp_path / "plan.csv", index=False)
+    out = tmp_path / "out.csv"
+    ran = CliRunner().invoke(main, ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(out)])
+    assert ran.exit_code == 0, ran.output
+    assert "expected" in ran.output
+    wrote = pd.read_csv(out)
+    assert (wrote["error_left_mm"] < 1e-3).all()
+    back = CliRunner().invoke(main, ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(out), "--forward"])
+    assert back.exit_code == 0
+    assert np.abs(pd.read_csv(out)[["x_mm", "y_mm", "z_mm"]].to_numpy() - wrote[["x_mm", "y_mm", "z_mm"]].to_numpy()).max() > 0.05
+    out.unlink()
+    ran = CliRunner().invoke(main, ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(out), "--bound", "0.01",
+                                    "20"])
+    assert ran.exit_code == 3
+    assert not out.exists()
+
+
+def test_a_slide_is_compensated(rng) -> None:
+    """A joint that slides takes part."""
+    from modelsel.calibration import calibrate
+    from modelsel.compare import Data
+    from modelsel.design import Model
+    from modelsel.fit import fit
+    from modelsel.noise import Floor
+    from modelsel.registry import mechanism
+    puma = load("puma760")
+    joints = [replace(j, prismatic=k == 2, limits=(0.0, 300.0) if k == 2 else j.limits) for k, j in enumerate(puma.joints)]
+    robot = replace(puma, joints=tuple(joints))
+    at = replace(drawn(robot, rng, 80), whiten=50.0)
+    at = replace(at, data=replace(at.data, position=at.data.position + np.array([2.0, 1.0, -1.0])))
+    model = Model((mechanism("geometric", robot),))
+    every_row = np.ones(80, bool)
+    c = calibrate("slide", Data(at, every_row, ~every_row, np.zeros(80, np.intp), True), fit(at, model), Floor(0.02, "stated"),
+                  None, False, {})
+    found = compensate(c, plan(at, slice(1, 40)))
+    assert found.reached.all()
+    assert np.abs(found.change[:, 2]).max() > 0.1          # mm

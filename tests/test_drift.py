@@ -1,0 +1,229 @@
+"""A calibration on another day: false alarms are as rare as promised, changes are seen and named, a new set-up is no change."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from builders import drawn, measured, planted
+from click.testing import CliRunner
+
+from modelsel.calibration import Calibration, calibrate
+from modelsel.campaigns import compare, holm, sentences
+from modelsel.cli import main
+from modelsel.compare import Data
+from modelsel.design import Model
+from modelsel.drift import judge
+from modelsel.drift import sentences as told
+from modelsel.errors import DataError, StudyError
+from modelsel.fit import fit
+from modelsel.measurements import Measurements
+from modelsel.noise import Floor
+from modelsel.registry import mechanism
+from modelsel.rigid import rpy
+from modelsel.robotfile import load
+from modelsel.screws import Screw, Term
+
+NOISE = 0.05
+ROBOT = load("puma760")
+NAMES = ("geometric", "joint-compliance:2", "approach-backlash:1")
+
+
+def truth(names: tuple[str, ...] = NAMES) -> tuple[Model, np.ndarray]:
+    """A model and what the arm really has: drawn once."""
+    model, rng = Model(tuple(mechanism(n, ROBOT) for n in names)), np.random.default_rng(5)
+    sizes = {"geometric": 0.1, "joint-compliance:2": 0.02, "approach-backlash:1": 0.02, "approach-backlash:3": 0.1}
+    return model, np.concatenate([rng.uniform(-1, 1, len(m.terms)) * [t.size[1] * sizes[m.name] for t in m.terms]
+                                  if m.name == "geometric" else np.array([t.size[1] * sizes[m.name] for t in m.terms])
+                                  for m in model.mechanisms])
+
+
+def place(model: Model, symbol: str) -> int:
+    """Index of the last term of a symbol: the compliance's c2, not the geometry's."""
+    return max(k for k, t in enumerate(model.terms) if t.symbol == symbol)
+
+
+def campaign(rng: np.random.Generator, m: int, model: Model, theta: np.ndarray) -> Measurements:
+    at = drawn(ROBOT, rng, m)
+    return planted(at, model.terms, theta, rng, NOISE).data
+
+
+def calibrated(rng: np.random.Generator, model: Model, theta: np.ndarray, m: int = 120, fitted: Model | None = None,
+               floor: Floor | None = None) -> Calibration:
+    at = replace(drawn(ROBOT, rng, m), whiten=1 / NOISE)
+    at = planted(at, model.terms, theta, rng, NOISE)
+    rows = np.ones(m, bool)
+    return calibrate("drift", Data(at, rows, ~rows, np.zeros(m, np.intp), True), fit(at, fitted or model),
+                     floor or Floor(NOISE, "stated"), None, False, {})
+
+
+def test_false_alarms_are_as_rare_as_promised(rng) -> None:
+    """p is uniform where nothing changed, registered or not, with the parameters' own uncertainty in it (20 configurations)."""
+    model, theta = truth()
+    p = np.array([[judge(c, new, registered).p for registered in (False, True)] for c, new in (
+        (calibrated(rng, model, theta, 25), campaign(rng, 30, model, theta)) for _ in range(60))])
+    for column in p.T:
+        assert 0.3 < column.mean() < 0.7
+        assert (column < 0.05).mean() < 0.15
+    assert not any(judge(calibrated(rng, model, theta), campaign(rng, 40, model, theta), False).drifted for _ in range(5))
+
+
+@pytest.mark.parametrize(("symbol", "by"), [("γ3", 4e-4), ("a4", 0.4), ("c2", 8e-6), ("k1", 3e-4)])
+def test_a_change_is_seen(symbol, by, rng) -> None:
+    model, theta = truth()
+    c = calibrated(rng, model, theta)
+    changed = theta.copy()
+    changed[place(model, symbol)] += by
+    found = judge(c, campaign(rng, 40, model, changed), False)
+    assert found.drifted
+    assert 1.2 < found.factor < 8
+
+
+def test_registering_anew_is_no_drift(rng) -> None:
+    """Tracker far away and turned, another target: drifted as it stands, valid when registered; a bent link is still seen."""
+    model, theta = truth()
+    c = calibrated(rng, model, theta)
+    R, t = rpy(0.4, -0.2, 2.0), np.array([2500.0, -800.0, 300.0])
+    moved = [Term("o", (Screw(7, "ty"),)), *model.terms]
+    at = drawn(ROBOT, rng, 40)
+    new = planted(at, moved, np.r_[3.0, theta], rng, NOISE).data
+    new = replace(new, position=new.position @ R.T + t)
+    new.position[5] += 4.0                                              # a gross row must not tilt it
+    found = judge(c, new, True)
+    assert judge(c, new, False).factor > 1e3
+    assert found.worst == (5,)
+    clean = judge(c, new.take(np.arange(40) != 5), True)
+    assert not clean.drifted
+    assert clean.moved[2] == pytest.approx(3.0, abs=0.1)
+    assert clean.moved[1] == pytest.approx(np.arccos((np.trace(R) - 1) / 2), abs=1e-3)
+    bent = theta.copy()
+    bent[place(model, "α4")] += 2e-3
+    new = planted(at, moved, np.r_[3.0, bent], rng, NOISE).data
+    assert judge(c, replace(new, position=new.position @ R.T + t), True).drifted
+    with pytest.raises(DataError, match="--register needs 4"):
+        judge(c, new.take(np.arange(3)), True)
+
+
+def test_which_configurations(rng) -> None:
+    model, theta = truth()
+    c = calibrated(rng, model, theta)
+    new = campaign(rng, 60, model, theta)
+    far = new.q[:, 1] > np.median(new.q[:, 1])
+    new.position[far] += 0.4
+    found = judge(c, new, False)
+    said = told(new, found)
+    assert said[0].startswith("The calibration has drifted")
+    assert "most of it where q2 is above" in said[0]
+    assert set(found.worst) <= set(np.flatnonzero(far))
+    assert f"line {found.worst[0] + 2} (" in said[1]
+
+
+def test_estimated_noise_is_no_certainty(rng) -> None:
+    """With few degrees of freedom behind the floor the same errors are less surprising."""
+    model, theta = truth()
+    sure, unsure = (calibrated(np.random.default_rng(1), model, theta, floor=Floor(NOISE, "estimated", f)) for f in (np.inf, 5.0))
+    new = campaign(rng, 40, model, theta)
+    new = measured(replace(drawn(ROBOT, rng, 40), data=new), new.position + rng.normal(0, 0.5 * NOISE, (40, 3))).data
+    assert judge(sure, new, False).p < judge(unsure, new, False).p
+
+
+# -- two campaigns -------------------------------------------------------------------------------------------------------------
+
+
+def test_nothing_changed(rng) -> None:
+    model, theta = truth()
+    alarms = sum(bool(compare(calibrated(rng, model, theta), calibrated(rng, model, theta)).moved) for _ in range(20))
+    assert alarms <= 4           # 5 % each: more than 4 of 20 once in 400
+    same = calibrated(rng, model, theta)
+    assert sentences(compare(same, same))[0].startswith("Nothing changed beyond chance")
+
+
+def test_what_moved_is_named(rng) -> None:
+    model, theta = truth()
+    changed = theta.copy()
+    changed[place(model, "γ3")] += 1e-3
+    changed[place(model, "c2")] *= 3
+    found = compare(calibrated(rng, model, theta), calibrated(rng, model, changed, 90))
+    by = {e.symbol: e for e in found.explained_by}
+    assert set(by) == {"γ3", "c2"}
+    assert by["γ3"].by == pytest.approx(1e-3, abs=4 * by["γ3"].standard_error)
+    assert by["c2"].by == pytest.approx(2 * theta[place(model, "c2")], abs=4 * by["c2"].standard_error)
+    assert by["γ3"].moves_mm > 0.3
+    assert {m.name: m.what for m in found.mechanisms} == {"joint-compliance:2": "grew"}
+    said = " ".join(sentences(found))
+    assert "γ3 of geometric changed by" in said
+    assert "joint-compliance:2 grew" in said
+
+
+def test_mechanisms_that_came_and_went(rng) -> None:
+    model, theta = truth()
+    other, more = truth(("geometric", "joint-compliance:2", "approach-backlash:3"))
+    found = compare(calibrated(rng, model, theta), calibrated(rng, other, more))
+    assert {m.name: m.what for m in found.mechanisms if m.what in ("came", "went")} == {"approach-backlash:1": "went",
+                                                                                     "approach-backlash:3": "came"}
+
+
+def test_one_motion_under_two_names(rng) -> None:
+    """The wind-up of joint 3, found as the catalogue's twist in one campaign and as a cell in the other, did not come or go."""
+    from modelsel.causes import cos, q
+    from modelsel.screws import Mechanism
+    twist = Mechanism("joint3-twist", (Term("h", (Screw(3, "rz", cos(q(2) + q(3))),)),))
+    cell = Mechanism("cell", (Term("h0", (Screw(3, "rz", cos(q(3) + q(2))),)),))
+    geometry, theta = truth(("geometric",))
+    a, b = Model((*geometry.mechanisms, twist)), Model((*geometry.mechanisms, cell))
+    (only,) = compare(calibrated(rng, a, np.r_[theta, 1e-3]), calibrated(rng, b, np.r_[theta, 2e-3])).mechanisms
+    assert (only.name, only.what) == ("joint3-twist (now cell, which moves the arm alike)", "grew")
+    assert only.after_mm == pytest.approx(2 * only.before_mm, rel=0.1)
+
+
+def test_representatives_do_not_matter(rng) -> None:
+    """The same arm fitted with its terms in another order keeps others at nought: still nothing changed."""
+    model, theta = truth()
+    first = model.mechanisms[0]
+    turned = Model((replace(first, terms=first.terms[::-1]), *model.mechanisms[1:]))
+    found = compare(calibrated(rng, model, theta), calibrated(rng, model, theta, fitted=turned))
+    assert min(c.p for c in found.changes) > 1e-3
+
+
+def test_a_new_set_up_is_left_aside(rng) -> None:
+    model, theta = truth()
+    shifted = theta.copy()
+    shifted[place(model, "a1")] += 1.0
+    a, b = calibrated(rng, model, theta), calibrated(rng, model, shifted)
+    assert any(c.symbol == "a1" for c in compare(a, b).moved)
+    anew = compare(a, replace(b, registered=True))
+    assert not any(c.symbol in ("a1", "a7") for c in anew.changes)
+    assert "cannot be compared" in sentences(anew)[-1]
+
+
+def test_another_robot_is_refused(rng) -> None:
+    model, theta = truth()
+    c = calibrated(rng, model, theta)
+    with pytest.raises(StudyError, match="not the same nominal robot"):
+        compare(c, replace(c, robot=load("ur5")))
+
+
+def test_holm() -> None:
+    np.testing.assert_allclose(holm(np.array([0.01, 0.04, 0.03, 0.005])), [0.03, 0.06, 0.06, 0.02])     # Holm 1979's procedure
+
+
+def test_commands(rng, tmp_path) -> None:
+    model, theta = truth()
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "calibration.json").write_text(calibrated(rng, model, theta).to_json())
+    new = campaign(rng, 30, model, theta)
+    frame = {f"q{j + 1}_rad": new.q[:, j] for j in range(6)} | dict(zip(("x_mm", "y_mm", "z_mm"), new.position.T, strict=True))
+    pd.DataFrame(frame).to_csv(tmp_path / "new.csv", index=False)
+    ran = CliRunner().invoke(main, ["validate", str(tmp_path / "a"), str(tmp_path / "new.csv")])
+    assert ran.exit_code == 0, ran.output
+    assert ran.output.startswith("The calibration is still valid within noise")
+    pd.DataFrame(frame | {"y_mm": new.position[:, 1] + 1.0}).to_csv(tmp_path / "new.csv", index=False)
+    for more, status in (([], 5), (["--register", "--json"], 0)):
+        ran = CliRunner().invoke(main, ["validate", str(tmp_path / "a"), str(tmp_path / "new.csv"), *more])
+        assert ran.exit_code == status, ran.output
+    assert '"drifted": false' in ran.output
+    for more in ([], ["--json"]):
+        ran = CliRunner().invoke(main, ["compare", str(tmp_path / "a"), str(tmp_path / "b"), *more])
+        assert ran.exit_code == 0, ran.output
