@@ -163,7 +163,7 @@ def test_same_bytes_anywhere(drawn, tmp_path) -> None:
 def test_study_writes_the_same_details_again(drawn, tmp_path) -> None:
     again = CliRunner().invoke(main, ["study", str(PUMA / "study.toml"), "--out", str(tmp_path), "--no-report"])
     assert again.exit_code == 0
-    assert {p.name for p in tmp_path.iterdir()} == {"result.json", "details.json"}
+    assert {p.name for p in tmp_path.iterdir()} == {"result.json", "calibration.json", "details.json"}
     for name in ("result.json", "details.json"):
         assert (tmp_path / name).read_bytes() == (drawn / name).read_bytes()
 
