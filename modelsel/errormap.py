@@ -95,7 +95,8 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
     slices = [np.array([place[t.screws] for t in c.mechanism.terms], dtype=np.intp) for c in found]
     parts = [c.reshape(len(c), r.size) for _, c, r in blocks(scene, tuple(terms.values()), at)]
     XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
-    most = np.array([_most(scene, t) for t in terms.values()])
+    rms: dict[int, float] = {}                  # by the cause's identity: a hundred places share one
+    most = np.array([_most(scene, t, rms) for t in terms.values()])
     soft = np.array([spline(c.mechanism.terms[0]) is not None for c in found])
     grams = []
     for size, smooth in sorted({(len(s), bool(w)) for s, w in zip(slices, soft, strict=True)}):
@@ -108,10 +109,12 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
     return Columns(XT, tuple(slices), tuple(grams), signs)
 
 
-def _most(scene: Scene, term: Term) -> float:
-    """Largest coefficient with which every screw of a term is small, root mean square over the rows."""
-    sizes = (SMALL[s.axis[0]] / max(float(np.sqrt(np.mean(np.square(scene.cause(s.cause))))), 1e-300) for s in term.screws)
-    return min(sizes)
+def _most(scene: Scene, term: Term, rms: dict[int, float]) -> float:
+    """Largest coefficient with which every screw of a term is small, root mean square over the rows; `rms` remembers."""
+    for s in term.screws:
+        if id(s.cause) not in rms:
+            rms[id(s.cause)] = max(float(np.sqrt(np.mean(np.square(scene.cause(s.cause))))), 1e-300)
+    return min(SMALL[s.axis[0]] / rms[id(s.cause)] for s in term.screws)
 
 
 def _root(terms: Sequence[Term], norms: Array) -> Array:

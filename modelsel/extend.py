@@ -146,7 +146,7 @@ class _Search:
         """Effect g given the others: (named again, the evidence for itself or its like)."""
         seen, y = view.without(self.found[g])
         named = name_again(seen, self.found, g, y, self.dead)
-        return with_candidate(named, seen, self.found, g, y), own_evidence(seen, named, self.found, g, y)
+        return with_candidate(named, seen, self.found, g, y), own_evidence(seen, named, g, y)
 
     def redrawn(self, chosen: Sequence[int], view: _View) -> Iterator[tuple[list[int], str]]:
         """(models in which a joint's own-angle effects are explained better together, what changed)."""

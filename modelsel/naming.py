@@ -21,12 +21,14 @@ SURE = 0.8         # probability that those who move it alike must hold together
 
 @dataclass(frozen=True)
 class Entry:
-    """One explanation in a credible set; `alike` as the most probable one moves the target; `estimate` (p,) its terms alone."""
+    """One explanation in a credible set; `alike` as the most probable one moves the target; `estimate` (p,) its terms alone;
+    `place` among all candidates."""
 
     candidate: Candidate
     probability: float
     alike: bool
     estimate: Array = field(repr=False, compare=False)
+    place: int = field(repr=False, compare=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +56,7 @@ def name(seen: Scan, candidates: tuple[Candidate, ...], response: Array, without
     count = int(np.searchsorted(np.cumsum(probability[order]), CREDIBLE) + 1)
     shown = order[:min(max(count, 1), LISTED)]
     alike = _alike(seen, shown, response)
-    entries = tuple(Entry(candidates[g], float(probability[g]), bool(a), coefficients(seen, int(g), response))
+    entries = tuple(Entry(candidates[g], float(probability[g]), bool(a), coefficients(seen, int(g), response), int(g))
                     for g, a in zip(shown, alike, strict=True))
     together = sum(e.probability for e in entries if e.alike)
     verdict = "found" if together >= SURE else "cannot be told apart"
@@ -76,15 +78,13 @@ def fitted_displacement(seen: Scan, g: int, response: Array) -> Array:
     return np.asarray(raw - seen.Q @ (seen.Q.T @ raw))
 
 
-def own_evidence(seen: Scan, named: Named, candidates: tuple[Candidate, ...], g: int, response: Array) -> float:
+def own_evidence(seen: Scan, named: Named, g: int, response: Array) -> float:
     """Log evidence of what moves the target as candidate g does: of the listed entries alike to it, and of itself. What
     else may be left in the response does not count for it."""
     mine = fitted_displacement(seen, g, response)
     mass = np.exp(named.log_probability[g])
-    where = {id(c): k for k, c in enumerate(candidates)}
     for entry in named.entries:
-        k = where[id(entry.candidate)]
-        if k != g and similar(mine, fitted_displacement(seen, k, response)) > RELATED:
+        if entry.place != g and similar(mine, fitted_displacement(seen, entry.place, response)) > RELATED:
             mass += entry.probability
     return named.evidence + float(np.log(max(mass, 1e-300)))
 
@@ -93,12 +93,11 @@ def name_again(seen: Scan, candidates: tuple[Candidate, ...], g: int, response: 
     """Candidate g named given all else: among the explanations that speak of the same effect. What may be left beside it in
     the response belongs to another finding; `without` leaves candidates out from the start."""
     mine = fitted_displacement(seen, g, response)
-    where = {id(c): k for k, c in enumerate(candidates)}
     strange: list[int] = without.tolist()
     named = name(seen, candidates, response, without)
     for _ in range(PASSES if np.any(mine) else 0):          # an effect that the others absorb whole has nothing of its own
-        others = [k for e in named.entries if (k := where[id(e.candidate)]) != g
-                  and similar(mine, fitted_displacement(seen, k, response)) <= RELATED]
+        others = [e.place for e in named.entries
+                  if e.place != g and similar(mine, fitted_displacement(seen, e.place, response)) <= RELATED]
         if not others or named.top == g:
             break
         strange += others
@@ -109,9 +108,9 @@ def name_again(seen: Scan, candidates: tuple[Candidate, ...], g: int, response: 
 def with_candidate(named: Named, seen: Scan, candidates: tuple[Candidate, ...], g: int, response: Array) -> Named:
     """The same with candidate g, which stands in the model, in the set: where a search that went in a circle stopped at a
     name that its own set does not hold, the data do not tell, and that is said."""
-    if any(e.candidate is candidates[g] for e in named.entries):
+    if any(e.place == g for e in named.entries):
         return named
-    own = Entry(candidates[g], float(np.exp(named.log_probability[g])), False, coefficients(seen, g, response))
+    own = Entry(candidates[g], float(np.exp(named.log_probability[g])), False, coefficients(seen, g, response), g)
     return replace(named, entries=(*named.entries[:LISTED - 1], own), verdict="cannot be told apart",
                    more=max(named.more - 1, 0) + len(named.entries[LISTED - 1:]))
 
