@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,18 +13,18 @@ from modelsel.design import residuals
 from modelsel.errors import DataError
 from modelsel.measurements import measurements
 from modelsel.register import register
-from modelsel.robot import pose
-from modelsel.robotfile import load
+from modelsel.robot import Robot, pose
+from modelsel.robotfile import load, read_robot
 from modelsel.scene import Scene, scene
 
 SIGMA = 0.05
 TOOLS = np.array([[40.0, -25, 100], [-60, 30, 80], [10, 70, 150]])
 
 
-def site(rng: np.random.Generator, name: str, m: int, *, targets: int = 1, groups: int = 1, sigma: float = SIGMA,
+def site(rng: np.random.Generator, name: str | Robot, m: int, *, targets: int = 1, groups: int = 1, sigma: float = SIGMA,
          orientation: bool = False) -> tuple[Scene, list[np.ndarray], list[np.ndarray], np.ndarray]:
     """(unregistered scene, R and t of every group, target rotations): m configurations, every target at each."""
-    robot = load(name)
+    robot = load(name) if isinstance(name, str) else name
     q = robot.draw(rng, m).repeat(targets, axis=0)
     target, group = np.tile(np.arange(targets), m), np.sort(np.arange(m) % groups).repeat(targets)
     R, t = Rotation.random(groups, rng=rng).as_matrix(), rng.uniform(-8000, 8000, (groups, 3))
@@ -118,6 +119,22 @@ def test_with_orientation(targets, rng) -> None:
     assert np.sqrt(np.square(left[:, :3]).mean()) < 1.1 * SIGMA
     assert np.sqrt(np.square(left[:, 3:]).mean()) < 1.2e-4
     np.testing.assert_allclose(found.tool_rotations, turned, atol=5e-4)
+
+
+@seeds(1, 2, 3, 4, 5, 6)
+@pytest.mark.parametrize("gross", [0, 15])
+def test_two_axes_that_meet_are_placed_by_the_orientations(rng, gross) -> None:
+    """Without them any placement fits: a target where the axes meet never moves."""
+    robot = read_robot(Path(__file__).parents[1] / "studies" / "positioner" / "robot.toml")
+    at, *_ = site(rng, robot, 100, orientation=True)
+    bad = rng.choice(100, gross, replace=False)
+    position, rotation = at.data.position.copy(), at.data.rotation.copy()
+    position[bad] += rng.normal(0, 50, (gross, 3))
+    rotation[bad] = Rotation.random(gross, rng=rng).as_matrix() if gross else rotation[bad]
+    found = register(replace(at, data=replace(at.data, position=position, rotation=rotation)), everything(at), per_group=False)
+    left = np.delete(residuals(found), bad, axis=0)
+    assert np.sqrt(np.square(left[:, :3]).mean()) < (1.5 if gross else 1.1) * SIGMA
+    assert np.sqrt(np.square(left[:, 3:]).mean()) < (1e-2 if gross else 1.2e-4)
 
 
 def test_only_estimation_rows_count(rng) -> None:
