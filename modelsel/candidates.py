@@ -16,7 +16,7 @@ from .causes import Applied, Bump, Cause, Named, cos, q, sign, sin, torque
 from .design import Model
 from .gravity import arm_pair, under_gravity
 from .mechanisms.gravity_effects import far, near
-from .mechanisms.transmission import wave
+from .mechanisms.transmission import WAVES, wave
 from .rigid import AXES
 from .robot import Robot
 from .scene import Scene
@@ -25,7 +25,6 @@ from .screws import Mechanism, Screw, Term
 REGISTERED = 0.6
 KNOTS = tuple(np.radians(degrees) for degrees in (40.0, 20.0, 10.0, 4.0, 2.0))
 DENSITY = 3.0           # configurations per knot interval that a free function needs
-WAVES = tuple(float(k) for k in range(3, 61))
 BETWEEN = tuple(k + part for k in range(3, 60) for part in (0.25, 0.5, 0.75))     # a gear ahead of the joint need not close
 ODD = 0.1               # prior of what is more strange than most (waves between whole numbers, free functions), against a cell
 WARMING = (0.05, 0.1, 0.25, 0.5)      # time constants of a warm-up, in shares of the campaign

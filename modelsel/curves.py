@@ -16,6 +16,7 @@ from .errormap import Columns, basis, scan, subset
 from .evidence import best_factors
 from .measurements import Index
 from .rigid import Array
+from .smooth import spline
 
 LONGEST = 4     # waves and the like that one curve may be made of
 
@@ -47,7 +48,7 @@ def curves(found: Sequence[Candidate], cols: Columns, log_prior: Array) -> dict[
     out = {}
     for joint, members in own.items():
         which = np.array(members, dtype=np.intp)
-        free = np.array([found[g].mechanism.name.startswith("free(") for g in members])
+        free = np.array([spline(found[g].mechanism.terms[0]) is not None for g in members])
         if free.any():
             out[joint] = Curve(which, subset(cols, which), log_prior[which], free)
     return out

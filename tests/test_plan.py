@@ -10,6 +10,7 @@ from builders import drawn
 from click.testing import CliRunner
 
 from modelsel.cli import main
+from modelsel.commands.plan import PURPOSES
 from modelsel.design import design
 from modelsel.plan import (
     CRITERIA,
@@ -159,6 +160,11 @@ def test_criterion_beats_chance(criterion, rng) -> None:
     drawn_ = max(indices(p, terms, rng.choice(150, 6, replace=False).tolist())[criterion] for _ in range(40))
     assert indices(p, terms, rows)[criterion] > drawn_
     assert len(set(rows)) == 6
+
+
+def test_the_command_offers_every_criterion() -> None:
+    """Listed there once more, so that `modelsel plan --help` loads no numpy."""
+    assert ("rivals", *CRITERIA) == PURPOSES
 
 
 def test_more_needed() -> None:
