@@ -16,18 +16,18 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2
 
-import modelsel.sampling as engine
+import modelsel.sure.sampling as engine
 from modelsel import Model, mechanism, read_study
-from modelsel.analysis import Result
-from modelsel.components import components
-from modelsel.design import residuals
-from modelsel.fit import Fit, fit
-from modelsel.measurements import measurements
-from modelsel.posterior import Importance, importance, posterior, weighted
-from modelsel.robot import Joint, Robot, forward
-from modelsel.scene import Scene, scene
-from modelsel.study import run
-from modelsel.target import TAIL, Target
+from modelsel.data.measurements import measurements
+from modelsel.fitting.fit import Fit, fit
+from modelsel.machine.robot import Joint, Robot, forward
+from modelsel.matrix.design import residuals
+from modelsel.matrix.scene import Scene, scene
+from modelsel.sure.components import components
+from modelsel.sure.posterior import Importance, importance, posterior, weighted
+from modelsel.sure.target import TAIL, Target
+from modelsel.telling.analysis import Result
+from modelsel.telling.study import run
 
 TOOL = np.array([40.0, -25.0, 100.0])
 BINS = 10
@@ -107,7 +107,7 @@ def chains(count: int, rng: np.random.Generator) -> list[str]:
 def snookers(rng: np.random.Generator, d: int = 11) -> list[str]:
     import emcee
 
-    from modelsel.moves import moves
+    from modelsel.sure.moves import moves
     spread = []
     for mix in ([(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)], moves()):
         sampler = emcee.EnsembleSampler(48, d, lambda x: -0.5 * np.square(x).sum(1), moves=mix, vectorize=True)

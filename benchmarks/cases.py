@@ -9,9 +9,9 @@ from hidden_arm import Arm, Effect, State, arm, geometry, measured, off
 from hidden_effects import REGISTERED, UNREGISTERED
 from hidden_oracle import power
 
-from modelsel.measurements import measurements
-from modelsel.robotfile import load
-from modelsel.scene import Scene, scene
+from modelsel.data.measurements import measurements
+from modelsel.machine.robotfile import load
+from modelsel.matrix.scene import Scene, scene
 
 ROBOTS = ("puma760", "ur10", "irb120")
 COUNTS = (40, 80, 200)

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import betaincc, gammaln
 
-from modelsel.candidates import Candidate
-from modelsel.design import Model
-from modelsel.errormap import Columns, Scan, basis, columns, scan, stacked
-from modelsel.fit import Fit
-from modelsel.scene import Scene
+from modelsel.fitting.fit import Fit
+from modelsel.matrix.design import Model
+from modelsel.matrix.scene import Scene
+from modelsel.which.candidates import Candidate
+from modelsel.why.errormap import Columns, Scan, basis, columns, scan, stacked
 
 MOST = 40       # groups at which forward selection gives up
 FOLDS = 5

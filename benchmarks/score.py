@@ -9,11 +9,11 @@ import numpy as np
 from hidden_arm import geometry, holds, said
 from hidden_oracle import critical_p, held_by, naming_limit
 
-from modelsel.candidates import Candidate, candidates
-from modelsel.design import Model
-from modelsel.extend import extend
-from modelsel.fit import fit
-from modelsel.registry import every, mechanism
+from modelsel.fitting.fit import fit
+from modelsel.matrix.design import Model
+from modelsel.which.candidates import Candidate, candidates
+from modelsel.why.extend import extend
+from modelsel.wrong.registry import every, mechanism
 
 from .cases import EXPLAINS, NOISE, Array, Case, draw, oracle_error, powers
 from .rivals import as_candidates, bench, forward, lasso, stlsq

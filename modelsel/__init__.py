@@ -7,18 +7,26 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from .version import VERSION
+from .words.version import VERSION
 
 __version__ = VERSION
 
-_HOME = {  # a name that is also a module's (fit, scene, extend …) is imported from there: from modelsel.fit import fit
-    "read_study": "config", "Study": "config", "run": "study", "save": "study", "load": "robotfile", "read_robot": "robotfile",
-    "builtin_names": "robotfile", "forward": "robot", "screw_field": "robot", "read_measurements": "io", "Model": "design",
-    "residuals": "design", "Fit": "fit", "mechanism": "registry", "every": "registry", "BUILTIN": "registry",
-    "PerJoint": "registry", "choose": "split", "gain": "validate", "Cause": "causes", "Screw": "screws", "Term": "screws",
-    "Mechanism": "screws", "load_calibration": "calibration", "Calibration": "calibration", "predict": "calibration",
-    "calibration_of": "study",
+_NAMES = {  # a name that is also a module's (fit, scene, extend …) is imported from there: from modelsel.fitting.fit import fit
+    "data.io": "read_measurements",
+    "machine.robot": "forward screw_field",
+    "machine.robotfile": "load read_robot builtin_names",
+    "wrong.causes": "Cause",
+    "wrong.registry": "mechanism every BUILTIN PerJoint",
+    "wrong.screws": "Screw Term Mechanism",
+    "matrix.design": "Model residuals",
+    "fitting.fit": "Fit",
+    "which.split": "choose",
+    "which.validate": "gain",
+    "use.calibration": "load_calibration Calibration predict",
+    "telling.config": "read_study Study",
+    "telling.study": "run save calibration_of",
 }
+_HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)
 
 

@@ -12,7 +12,7 @@ for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import click
 
-from .version import VERSION
+from .words.version import VERSION
 
 INTERRUPTED = 130
 
@@ -44,7 +44,7 @@ class _Lazy(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
-            from .errors import suggest
+            from .words.errors import suggest
             ctx.fail(f'No such command "{cmd_name}". {suggest(cmd_name, COMMANDS)}')
         found: click.Command = getattr(import_module(f".commands.{cmd_name}", __package__), cmd_name)
         return found
@@ -54,7 +54,7 @@ class _Lazy(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
     def invoke(self, ctx: click.Context) -> Any:
-        from .errors import ModelselError
+        from .words.errors import ModelselError
         try:
             return super().invoke(ctx)
         except ModelselError as error:

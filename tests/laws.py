@@ -1,5 +1,5 @@
-"""The laws of modelsel.laws, and two more that only this project's own tests need: nothing is written into, and a mechanism is a
-value in every sense. `check_mechanism(mechanism, robot, rng)` is all of them.
+"""The laws of modelsel.use.laws, and two more that only this project's own tests need: nothing is written into, and a mechanism
+is a value in every sense. `check_mechanism(mechanism, robot, rng)` is all of them.
 """
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from dataclasses import fields
 import numpy as np
 from builders import bind, drawn
 
-from modelsel import causes, laws
-from modelsel.design import design, residuals
-from modelsel.laws import (
+from modelsel.machine.robot import Robot
+from modelsel.matrix.design import design, residuals
+from modelsel.matrix.scene import Scene
+from modelsel.use import laws
+from modelsel.use.laws import (
     M,
     law1_columns_are_derivatives,
     law2_rows_are_local,
@@ -22,10 +24,9 @@ from modelsel.laws import (
     step,
     usual,
 )
-from modelsel.rigid import AXES
-from modelsel.robot import Robot
-from modelsel.scene import Scene
-from modelsel.screws import Mechanism, Screw, Term
+from modelsel.words.rigid import AXES
+from modelsel.wrong import causes
+from modelsel.wrong.screws import Mechanism, Screw, Term
 
 
 def check_mechanism(mechanism: Mechanism, robot: Robot, rng: np.random.Generator) -> None:

@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from builders import drawn, planted
 
-from modelsel.calibration import NAME, Calibration, calibrate, in_tracker, load_calibration, loads, predict, uncertainty
-from modelsel.causes import Bump, Member, Named, Number, cos, q, sign, sin
-from modelsel.compare import Data
-from modelsel.config import read_study
-from modelsel.design import Model, residuals
-from modelsel.errors import DataError, StudyError
-from modelsel.fit import fit
-from modelsel.measurements import measurements
-from modelsel.noise import Floor
-from modelsel.records import cause_of, cause_record
-from modelsel.registry import every, mechanism
-from modelsel.robotfile import load
-from modelsel.scene import Scene
-from modelsel.screws import Mechanism, Screw, Term
-from modelsel.study import calibration_of, run, save
+from modelsel.data.measurements import measurements
+from modelsel.fitting.fit import fit
+from modelsel.fitting.noise import Floor
+from modelsel.machine.robotfile import load
+from modelsel.matrix.design import Model, residuals
+from modelsel.matrix.scene import Scene
+from modelsel.telling.config import read_study
+from modelsel.telling.study import calibration_of, run, save
+from modelsel.use.calibration import NAME, Calibration, calibrate, in_tracker, load_calibration, loads, predict, uncertainty
+from modelsel.use.records import cause_of, cause_record
+from modelsel.which.compare import Data
+from modelsel.words.errors import DataError, StudyError
+from modelsel.wrong.causes import Bump, Member, Named, Number, cos, q, sign, sin
+from modelsel.wrong.registry import every, mechanism
+from modelsel.wrong.screws import Mechanism, Screw, Term
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"
 

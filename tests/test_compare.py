@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from builders import drawn, planted, seeds
 
-from modelsel.candidates import candidates
-from modelsel.causes import ONE, Named, cos, q, sin
-from modelsel.compare import MOST, Comparison, Data, compare, rung, strongest
-from modelsel.criteria import aic, bic
-from modelsel.design import Model, design
-from modelsel.fit import fit
-from modelsel.folds import assign, fold
-from modelsel.registry import every, mechanism
-from modelsel.robotfile import load
-from modelsel.screws import Mechanism, Screw, Term
-from modelsel.search import all_subsets
+from modelsel.fitting.fit import fit
+from modelsel.machine.robotfile import load
+from modelsel.matrix.design import Model, design
+from modelsel.which.candidates import candidates
+from modelsel.which.compare import MOST, Comparison, Data, compare, rung, strongest
+from modelsel.which.criteria import aic, bic
+from modelsel.which.folds import assign, fold
+from modelsel.which.search import all_subsets
+from modelsel.wrong.causes import ONE, Named, cos, q, sin
+from modelsel.wrong.registry import every, mechanism
+from modelsel.wrong.screws import Mechanism, Screw, Term
 
 ARM = load("puma760")
 BASE = Model((mechanism("geometric", ARM),))

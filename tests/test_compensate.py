@@ -12,16 +12,16 @@ from hidden_arm import arm
 from hidden_engine import Engine
 from test_calibration import wide
 
-from modelsel.calibration import predict
 from modelsel.cli import main
-from modelsel.compensate import BOUND, commanded, compensate, nominal, outside, refuse
-from modelsel.config import parse_study
-from modelsel.errors import DataError
-from modelsel.measurements import measurements
-from modelsel.rigid import from_quaternion
-from modelsel.robot import forward
-from modelsel.robotfile import load
-from modelsel.study import calibration_of, run
+from modelsel.data.measurements import measurements
+from modelsel.machine.robot import forward
+from modelsel.machine.robotfile import load
+from modelsel.telling.config import parse_study
+from modelsel.telling.study import calibration_of, run
+from modelsel.use.calibration import predict
+from modelsel.use.compensate import BOUND, commanded, compensate, nominal, outside, refuse
+from modelsel.words.errors import DataError
+from modelsel.words.rigid import from_quaternion
 
 NOISE = 0.06
 STUDY = """name = "engine"
@@ -80,7 +80,7 @@ def test_orientation_is_kept_where_wanted(made, rng) -> None:
     kept = compensate(c, replace(data, rotation=wanted))
     assert kept.reached.mean() > 0.9
     def turned(found) -> np.ndarray:
-        from modelsel.calibration import pose_of
+        from modelsel.use.calibration import pose_of
         R = pose_of(commanded(c.scene(data), found.q), c.terms, c.theta).rotation.transpose(2, 0, 1)
         return np.arccos(np.clip((np.einsum("mij,mij->m", R, wanted) - 1) / 2, -1, 1))
     assert np.median(turned(kept)) < 1e-5 < np.median(turned(free))
@@ -179,12 +179,12 @@ def test_command(made, tmp_path) -> None:
 
 def test_a_slide_is_compensated(rng) -> None:
     """A joint that slides takes part."""
-    from modelsel.calibration import calibrate
-    from modelsel.compare import Data
-    from modelsel.design import Model
-    from modelsel.fit import fit
-    from modelsel.noise import Floor
-    from modelsel.registry import mechanism
+    from modelsel.fitting.fit import fit
+    from modelsel.fitting.noise import Floor
+    from modelsel.matrix.design import Model
+    from modelsel.use.calibration import calibrate
+    from modelsel.which.compare import Data
+    from modelsel.wrong.registry import mechanism
     puma = load("puma760")
     joints = [replace(j, prismatic=k == 2, limits=(0.0, 300.0) if k == 2 else j.limits) for k, j in enumerate(puma.joints)]
     robot = replace(puma, joints=tuple(joints))

@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 from builders import drawn, measured, planted, seeds
 
-from modelsel.candidates import BETWEEN, Candidate, candidates
-from modelsel.causes import Named, cos, q, sin
-from modelsel.curves import chain, curves, own_angle
-from modelsel.design import Model
-from modelsel.errormap import basis, columns, scan, stacked, subset
-from modelsel.extend import LEVEL, Extension, extend
-from modelsel.fit import fit
-from modelsel.mechanisms.environment import STEPS
-from modelsel.naming import name, with_candidate
-from modelsel.registry import every, mechanism
-from modelsel.rigid import Array
-from modelsel.robot import forward
-from modelsel.scene import Scene
-from modelsel.screws import Mechanism, Screw, Term
+from modelsel.fitting.fit import fit
+from modelsel.machine.robot import forward
+from modelsel.matrix.design import Model
+from modelsel.matrix.scene import Scene
+from modelsel.which.candidates import BETWEEN, Candidate, candidates
+from modelsel.why.curves import chain, curves, own_angle
+from modelsel.why.errormap import basis, columns, scan, stacked, subset
+from modelsel.why.extend import LEVEL, Extension, extend
+from modelsel.why.naming import name, with_candidate
+from modelsel.words.rigid import Array
+from modelsel.wrong.causes import Named, cos, q, sin
+from modelsel.wrong.mechanisms.environment import STEPS
+from modelsel.wrong.registry import every, mechanism
+from modelsel.wrong.screws import Mechanism, Screw, Term
 
-loop = import_module("modelsel.extend")     # the module: the package's own `extend` is the function
+loop = import_module("modelsel.why.extend")     # the module: the package's own `extend` is the function
 SIGMA = 0.03
 
 

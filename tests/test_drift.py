@@ -9,21 +9,21 @@ import pytest
 from builders import drawn, measured, planted
 from click.testing import CliRunner
 
-from modelsel.calibration import Calibration, calibrate
-from modelsel.campaigns import compare, holm, sentences
 from modelsel.cli import main
-from modelsel.compare import Data
-from modelsel.design import Model
-from modelsel.drift import judge
-from modelsel.drift import sentences as told
-from modelsel.errors import DataError, StudyError
-from modelsel.fit import fit
-from modelsel.measurements import Measurements
-from modelsel.noise import Floor
-from modelsel.registry import mechanism
-from modelsel.rigid import rpy
-from modelsel.robotfile import load
-from modelsel.screws import Screw, Term
+from modelsel.data.measurements import Measurements
+from modelsel.fitting.fit import fit
+from modelsel.fitting.noise import Floor
+from modelsel.machine.robotfile import load
+from modelsel.matrix.design import Model
+from modelsel.use.calibration import Calibration, calibrate
+from modelsel.use.campaigns import compare, holm, sentences
+from modelsel.use.drift import judge
+from modelsel.use.drift import sentences as told
+from modelsel.which.compare import Data
+from modelsel.words.errors import DataError, StudyError
+from modelsel.words.rigid import rpy
+from modelsel.wrong.registry import mechanism
+from modelsel.wrong.screws import Screw, Term
 
 NOISE = 0.05
 ROBOT = load("puma760")
@@ -166,8 +166,8 @@ def test_mechanisms_that_came_and_went(rng) -> None:
 
 def test_one_motion_under_two_names(rng) -> None:
     """The wind-up of joint 3, found as the catalogue's twist in one campaign and as a cell in the other, did not come or go."""
-    from modelsel.causes import cos, q
-    from modelsel.screws import Mechanism
+    from modelsel.wrong.causes import cos, q
+    from modelsel.wrong.screws import Mechanism
     twist = Mechanism("joint3-twist", (Term("h", (Screw(3, "rz", cos(q(2) + q(3))),)),))
     cell = Mechanism("cell", (Term("h0", (Screw(3, "rz", cos(q(3) + q(2))),)),))
     geometry, theta = truth(("geometric",))

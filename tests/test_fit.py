@@ -14,15 +14,15 @@ from builders import drawn, one, planted, seeds
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modelsel.causes import Named
-from modelsel.design import Model, design
-from modelsel.errors import NotEstimable
-from modelsel.fit import fit, regress
-from modelsel.identify import identify
-from modelsel.reduce import Reduction, merged, reduce, reduce_scene
-from modelsel.registry import mechanism
-from modelsel.robotfile import load
-from modelsel.scene import Scene
+from modelsel.fitting.fit import fit, regress
+from modelsel.machine.robotfile import load
+from modelsel.matrix.design import Model, design
+from modelsel.matrix.identify import identify
+from modelsel.matrix.reduce import Reduction, merged, reduce, reduce_scene
+from modelsel.matrix.scene import Scene
+from modelsel.words.errors import NotEstimable
+from modelsel.wrong.causes import Named
+from modelsel.wrong.registry import mechanism
 
 SETS = ("norris", "pontius", "noint1", "noint2", "filip", "longley", *(f"wampler{k}" for k in range(1, 6)))
 ENOUGH, HALF = 12.0, 0.5
@@ -189,7 +189,7 @@ def same(one: Reduction, other: Reduction) -> None:
 @pytest.mark.parametrize("late", [False, True], ids=["dependent", "not dependent after all"])
 def test_dependent_terms_are_put_back(late, rng, monkeypatch) -> None:
     """Terms left out of the factorisation come back as they are; one that only the probe's rows made dependent is noticed."""
-    from modelsel import reduce as reducer
+    from modelsel.matrix import reduce as reducer
     which = Model((*whole().mechanisms, one(4, "rx", Named("payload_kg", "kg"))))
     at = planted(drawn("puma760", rng, 400), which.terms, 1e-4 * rng.normal(size=len(which.terms)), rng, 0.1)
     load_ = np.full(400, 2.0)

@@ -14,11 +14,11 @@ import pandas as pd
 import pytest
 from builders import drawn
 
-from modelsel.config import read_study
-from modelsel.errors import StudyError
-from modelsel.fleet import cluster, run_fleet, save_summary
-from modelsel.fleetfile import read_fleet
-from modelsel.study import run
+from modelsel.telling.config import read_study
+from modelsel.telling.fleet import cluster, run_fleet, save_summary
+from modelsel.telling.fleetfile import read_fleet
+from modelsel.telling.study import run
+from modelsel.words.errors import StudyError
 
 STUDY = """
 name = "arm {k}"

@@ -8,13 +8,13 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from modelsel.design import Model, design
-from modelsel.errors import NotEstimable
-from modelsel.fit import fit
-from modelsel.folds import Folded, assign, cross_validate, fold, held_out_residuals, pad
-from modelsel.measurements import measurements
-from modelsel.registry import mechanism
-from modelsel.robotfile import load
+from modelsel.data.measurements import measurements
+from modelsel.fitting.fit import fit
+from modelsel.machine.robotfile import load
+from modelsel.matrix.design import Model, design
+from modelsel.which.folds import Folded, assign, cross_validate, fold, held_out_residuals, pad
+from modelsel.words.errors import NotEstimable
+from modelsel.wrong.registry import mechanism
 
 
 def parts_of(X: np.ndarray, y: np.ndarray, fold_of: np.ndarray) -> Folded:
@@ -125,7 +125,8 @@ def test_folds_stream(size, rng, monkeypatch) -> None:
     """Folds that many blocks of rows feed, with weights, are those of one block."""
     from dataclasses import replace
 
-    from modelsel import folds, reduce
+    from modelsel.matrix import reduce
+    from modelsel.which import folds
     which = Model((mechanism("geometric", load("ur5")),))
     at = planted(drawn("ur5", rng, 60), which.terms, np.zeros(len(which.terms)), rng, 0.1)
     at = replace(at, whiten=rng.uniform(0.5, 2, (60, 1, 1)) * np.eye(3))

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from builders import bind, drawn
 
-from modelsel.design import design
-from modelsel.gravity import G, arm_pair, moment, torques, under_gravity
-from modelsel.measurements import measurements
-from modelsel.registry import mechanism
-from modelsel.rigid import transform, turn
-from modelsel.robot import Robot, forward, pose
-from modelsel.robotfile import builtin_names, load, robot_from_table
+from modelsel.data.measurements import measurements
+from modelsel.machine.gravity import G, arm_pair, moment, torques, under_gravity
+from modelsel.machine.robot import Robot, forward, pose
+from modelsel.machine.robotfile import builtin_names, load, robot_from_table
+from modelsel.matrix.design import design
+from modelsel.words.rigid import transform, turn
+from modelsel.wrong.registry import mechanism
 
 
 def test_puma560_published_gravity_load() -> None:

@@ -21,18 +21,18 @@ from hidden_effects import REGISTERED, UNREGISTERED
 from hidden_engine import Engine
 from hidden_oracle import critical_p, detection, held_by, naming_limit
 
-from modelsel.candidates import Candidate, candidates
-from modelsel.design import Model
-from modelsel.errormap import Scan, basis, columns, scan, stacked
-from modelsel.extend import Effect as Found
-from modelsel.extend import Extension, extend
-from modelsel.fit import fit
-from modelsel.measurements import measurements
-from modelsel.registry import every, mechanism
-from modelsel.robotfile import load
-from modelsel.scene import Scene, scene
+from modelsel.data.measurements import measurements
+from modelsel.fitting.fit import fit
+from modelsel.machine.robotfile import load
+from modelsel.matrix.design import Model
+from modelsel.matrix.scene import Scene, scene
+from modelsel.which.candidates import Candidate, candidates
+from modelsel.why.errormap import Scan, basis, columns, scan, stacked
+from modelsel.why.extend import Effect as Found
+from modelsel.why.extend import Extension, extend
+from modelsel.wrong.registry import every, mechanism
 
-loop = import_module("modelsel.extend")     # the module: the package's own `extend` is the function
+loop = import_module("modelsel.why.extend")     # the module: the package's own `extend` is the function
 CHOSEN = os.environ.get("MODELSEL_HIDDEN_SEED", "12")      # a run must be repeatable; "new" draws a seed
 SEED = secrets.randbits(32) if CHOSEN == "new" else int(CHOSEN)
 M, FRESH, NOISE = 80, 300, 0.06

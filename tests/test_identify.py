@@ -9,13 +9,13 @@ from builders import OFF_AXIS, ON_AXIS, drawn, planted, seeds
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modelsel.design import Model, design, residuals
-from modelsel.fit import fit
-from modelsel.identify import FAINT_MM, Identified, identify, solve, told, unidentifiable, usual_sizes
-from modelsel.reduce import reduce, reduce_scene
-from modelsel.registry import mechanism
-from modelsel.robotfile import load
-from modelsel.scene import Scene
+from modelsel.fitting.fit import fit
+from modelsel.machine.robotfile import load
+from modelsel.matrix.design import Model, design, residuals
+from modelsel.matrix.identify import FAINT_MM, Identified, identify, solve, told, unidentifiable, usual_sizes
+from modelsel.matrix.reduce import reduce, reduce_scene
+from modelsel.matrix.scene import Scene
+from modelsel.wrong.registry import mechanism
 
 GEOMETRIC = ("geometric",)
 H34 = ("geometric", "joint3-twist", "backlash:3")                         # the paper's 41 parameters

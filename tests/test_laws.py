@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from builders import drawn, one
 
-from modelsel import design
-from modelsel.causes import Cause, Named, Number, cos, q, sin
-from modelsel.mechanisms.geometry import setup
-from modelsel.registry import BUILTIN, Scanned, every, mechanism, parts
-from modelsel.robot import Robot
-from modelsel.robotfile import builtin_names, load
-from modelsel.screws import Mechanism, Screw, Term
+from modelsel.machine.robot import Robot
+from modelsel.machine.robotfile import builtin_names, load
+from modelsel.matrix import design
+from modelsel.wrong.causes import Cause, Named, Number, cos, q, sin
+from modelsel.wrong.mechanisms.geometry import setup
+from modelsel.wrong.registry import BUILTIN, Scanned, every, mechanism, parts
+from modelsel.wrong.screws import Mechanism, Screw, Term
 
 ROBOTS = {name: load(name) for name in builtin_names()}
 JOINED = (laws.law1_columns_are_derivatives, laws.law2_rows_are_local, laws.law3_linear_in_the_cause, laws.law7_inputs_stay)
@@ -159,14 +159,14 @@ def test_setup_columns_with_orientation(rng) -> None:
     robot = ROBOTS["ur5"]
     at = drawn(robot, rng, 20)
     turned = at.pose(slice(None)).rotation.transpose(2, 0, 1)
-    from modelsel.measurements import measurements
-    from modelsel.scene import scene
+    from modelsel.data.measurements import measurements
+    from modelsel.matrix.scene import scene
     data = measurements(at.data.q, at.data.position, rotation=turned)
     six = scene(robot, data, at.tools)
     assert six.components == 6
     whole = setup(robot, 1, 1, True, True)
     both = Mechanism("all", (*whole.terms, *mechanism("wrist-coupling", robot).terms))
-    from modelsel.design import design, residuals
+    from modelsel.matrix.design import design, residuals
     columns, residual = design(six, both.terms)
     assert np.abs(residual).max() < 1e-9
     for j, term in enumerate(both.terms):

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from builders import drawn, seeds
 
-from modelsel.errors import DataError
-from modelsel.io import read_labels, read_measurements
-from modelsel.measurements import Measurements, measurements
-from modelsel.prepare import Plan, prepare
-from modelsel.robotfile import load
+from modelsel.data.io import read_labels, read_measurements
+from modelsel.data.measurements import Measurements, measurements
+from modelsel.elsewhere.prepare import Plan, prepare
+from modelsel.machine.robotfile import load
+from modelsel.words.errors import DataError
 
 Q = "q1_rad,q2_rad"
 PLAIN = f"{Q},x_mm,y_mm,z_mm"

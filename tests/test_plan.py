@@ -11,8 +11,9 @@ from click.testing import CliRunner
 
 from modelsel.cli import main
 from modelsel.commands.plan import PURPOSES
-from modelsel.design import design
-from modelsel.plan import (
+from modelsel.machine.robotfile import load
+from modelsel.matrix.design import design
+from modelsel.use.plan import (
     CRITERIA,
     Pool,
     Rivals,
@@ -26,9 +27,8 @@ from modelsel.plan import (
     tell_apart,
     told_with,
 )
-from modelsel.registry import mechanism, parts
-from modelsel.robotfile import load
-from modelsel.screws import Term
+from modelsel.wrong.registry import mechanism, parts
+from modelsel.wrong.screws import Term
 
 ROBOT = load("puma760")
 GEOMETRY = mechanism("geometric", ROBOT)
@@ -131,8 +131,8 @@ def test_what_no_choice_tells_is_one(rng) -> None:
 
 
 def kept(p: Pool) -> list[Term]:
-    from modelsel.identify import identify
-    from modelsel.reduce import reduce
+    from modelsel.matrix.identify import identify
+    from modelsel.matrix.reduce import reduce
     A = p.known[:, :, :len(GEOMETRY.terms)].reshape(-1, len(GEOMETRY.terms))
     return [GEOMETRY.terms[k] for k in identify(reduce(A, A[:, 0])).kept]
 
@@ -217,9 +217,9 @@ def test_command(tmp_path, rng) -> None:
 
 def test_every_target_is_seen_at_every_configuration(rng) -> None:
     """A pool without targets is seen through all of the study's; one that lists them unevenly is refused."""
-    from modelsel.errors import DataError
-    from modelsel.measurements import measurements
-    from modelsel.planning import every_target, table_of
+    from modelsel.data.measurements import measurements
+    from modelsel.telling.planning import every_target, table_of
+    from modelsel.words.errors import DataError
     at = drawn(ROBOT, rng, 40, target=["a", "b"] * 20, configuration=np.repeat(np.arange(20), 2))
     q = ROBOT.draw(rng, 7)
     possible = every_target(measurements(q, np.zeros((7, 3))), ("a", "b"))
@@ -239,11 +239,11 @@ def test_every_target_is_seen_at_every_configuration(rng) -> None:
 
 def load_calibration_like(at):
     """A calibration of the geometry alone, for its robot."""
-    from modelsel.calibration import calibrate
-    from modelsel.compare import Data
-    from modelsel.design import Model
-    from modelsel.fit import fit
-    from modelsel.noise import Floor
+    from modelsel.fitting.fit import fit
+    from modelsel.fitting.noise import Floor
+    from modelsel.matrix.design import Model
+    from modelsel.use.calibration import calibrate
+    from modelsel.which.compare import Data
     rows = np.ones(len(at), bool)
     return calibrate("plan", Data(at, rows, ~rows, np.zeros(len(at), np.intp), True), fit(at, Model((GEOMETRY,))),
                      Floor(SIGMA, "stated"), None, False, {})

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from modelsel.calibration import load_calibration
-from modelsel.causes import Named, Number, q
 from modelsel.cli import main
-from modelsel.errors import StudyError
-from modelsel.laws import LawBroken, broken, check_mechanism
-from modelsel.registry import BUILTIN, mechanism, unsound, with_plugins
-from modelsel.robotfile import load
-from modelsel.screws import Mechanism, Screw, Term
-from modelsel.skeleton import skeleton, table, tried
+from modelsel.machine.robotfile import load
+from modelsel.use.calibration import load_calibration
+from modelsel.use.laws import LawBroken, broken, check_mechanism
+from modelsel.use.skeleton import skeleton, table, tried
+from modelsel.words.errors import StudyError
+from modelsel.wrong.causes import Named, Number, q
+from modelsel.wrong.registry import BUILTIN, mechanism, unsound, with_plugins
+from modelsel.wrong.screws import Mechanism, Screw, Term
 
 PUMA = load("puma760")
 STUDY = """name = "outside"
@@ -91,8 +91,8 @@ def test_skeleton_obeys_the_laws(installed) -> None:
     assert by_name.stdout == "hose-twist on ur5: obeys the laws\n"
 
 
-WRONG = """from modelsel.causes import q, Named
-from modelsel.screws import Mechanism, Screw, Term
+WRONG = """from modelsel.wrong.causes import q, Named
+from modelsel.wrong.screws import Mechanism, Screw, Term
 def lever(robot):
     return Mechanism("lever", (Term("k", (Screw(2, "rz", Named("q3", "mm")),)),), "Wrong unit.", "k", "nowhere")
 def raises(robot):

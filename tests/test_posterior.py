@@ -10,15 +10,15 @@ import statsmodels.api as sm
 from builders import drawn, one, planted, small_arm
 from scipy.stats import chi2
 
-from modelsel.causes import cos, q
-from modelsel.design import Model, design, residuals, whitened
-from modelsel.ensemble import Ensemble
-from modelsel.fit import fit
-from modelsel.mechanisms.geometry import setup
-from modelsel.posterior import importance, posterior, weighted
-from modelsel.registry import mechanism
-from modelsel.rigid import Array
-from modelsel.scene import Scene
+from modelsel.fitting.fit import fit
+from modelsel.matrix.design import Model, design, residuals, whitened
+from modelsel.matrix.scene import Scene
+from modelsel.sure.ensemble import Ensemble
+from modelsel.sure.posterior import importance, posterior, weighted
+from modelsel.words.rigid import Array
+from modelsel.wrong.causes import cos, q
+from modelsel.wrong.mechanisms.geometry import setup
+from modelsel.wrong.registry import mechanism
 
 ARM = small_arm()
 MODEL = Model((mechanism("geometric", ARM), mechanism("joint-compliance:2", ARM)))

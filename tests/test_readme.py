@@ -2,6 +2,7 @@
 report is the study's. `python tests/test_readme.py` writes the README's shown output, excerpt and table of mechanisms anew."""
 from __future__ import annotations
 
+import ast
 import contextlib
 import html
 import io
@@ -16,16 +17,16 @@ import numpy as np
 import pytest
 from builders import drawn
 from click.testing import CliRunner
-from test_floors import FLOORS, PACKAGE
+from test_floors import DOOR, FLOORS, PACKAGE
 
 import modelsel
 from modelsel.cli import COMMANDS, main
-from modelsel.design import design, residuals
-from modelsel.errors import DataError, Interrupted, ModelselError, NotEstimable, StudyError
-from modelsel.registry import BUILTIN, Registry, Scanned, parts, with_plugins
-from modelsel.robotfile import load
-from modelsel.study import save
-from modelsel.tables import show
+from modelsel.machine.robotfile import load
+from modelsel.matrix.design import design, residuals
+from modelsel.telling.study import save
+from modelsel.telling.tables import show
+from modelsel.words.errors import DataError, Interrupted, ModelselError, NotEstimable, StudyError
+from modelsel.wrong.registry import BUILTIN, Registry, Scanned, parts, with_plugins
 
 ROOT = Path(__file__).parents[1]
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
@@ -57,7 +58,7 @@ def printed(blocks: list[str], names: dict[str, object]) -> list[str]:
     return out
 
 
-def excerpt(result: modelsel.analysis.Result) -> str:
+def excerpt(result: modelsel.telling.analysis.Result) -> str:
     """The sentences of a study's output."""
     from rich.console import Console
     stream = io.StringIO()
@@ -90,15 +91,16 @@ def naming_table() -> str:
     return "\n".join(rows)
 
 
-def floors(shown: str) -> str:
-    """The picture of the package: every floor of test_floors.py with the modules there are; what `shown` says of it stays."""
-    said = dict(line.partition(" ")[::2] for line in shown.splitlines() if not line.startswith(" "))
+def floors() -> str:
+    """The picture of the package: every floor of test_floors.py, what its folder says of itself, and the modules there."""
     lines = []
-    for floor, names in FLOORS:
-        there = [path.name for name in sorted(names) for path in (PACKAGE / f"{name}.py", PACKAGE / name) if path.exists()]
-        if there:
-            lines.append(f"{floor:10}{said.get(floor, '').strip()}".strip())
-            lines += textwrap.wrap(" ".join(there), 120, initial_indent=" " * 10, subsequent_indent=" " * 10)
+    for floor in FLOORS:
+        folder, listed = (PACKAGE, DOOR) if floor == "door" else (PACKAGE / floor, ())
+        said = (ast.get_docstring(ast.parse((folder / "__init__.py").read_text(encoding="utf-8"))) or "").partition("\n")[0]
+        there = sorted(path.name for path in folder.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists())
+        there = [name for name in there if name.removesuffix(".py") in listed or not (listed or name == "__init__.py")]
+        lines.append(f"{floor:10}{said}")
+        lines += textwrap.wrap(" ".join(there), 120, initial_indent=" " * 10, subsequent_indent=" " * 10)
     return "\n".join(lines) + "\n"
 
 
@@ -146,7 +148,7 @@ def invoked(*words: str) -> str:
     return ran.stdout
 
 
-def workshop(folder: Path, result: modelsel.analysis.Result) -> None:
+def workshop(folder: Path, result: modelsel.telling.analysis.Result) -> None:
     """The files that the README's commands run on: the PUMA's result, two campaigns before and after, a study with rivals."""
     save(result, folder / "reports" / "puma760")
     shutil.copy(ROOT / "studies" / "puma760" / "measurements.csv", folder)
@@ -174,7 +176,7 @@ def commands(block: str) -> str:
     return out
 
 
-def used(text: str, result: modelsel.analysis.Result, folder: Path) -> list[tuple[str, str]]:
+def used(text: str, result: modelsel.telling.analysis.Result, folder: Path) -> list[tuple[str, str]]:
     """(as shown, as it is now) of every console block of the section."""
     part = section(USED, text)
     workshop(folder, result)
@@ -237,7 +239,7 @@ def test_exit_status_table(page) -> None:
 
 def test_floors_are_those_of_the_test(page) -> None:
     (shown,) = fenced("text", section("How it is built", page))
-    assert shown == floors(shown), AGAIN
+    assert shown == floors(), AGAIN
 
 
 # -- CONTRIBUTING: a mechanism in ten lines ----------------------------------------------------------------------------
@@ -299,7 +301,7 @@ def rewrite() -> None:
     text = TABLE.sub(lambda old: old.group(0).replace(old.group(1), mechanism_table()), text)
     text = RATES.sub(lambda old: old.group(0).replace(old.group(1), naming_table()), text)
     (shown,) = fenced("text", section("How it is built", text))
-    README.write_text(text.replace(shown, floors(shown)), encoding="utf-8")
+    README.write_text(text.replace(shown, floors()), encoding="utf-8")
 
 
 if __name__ == "__main__":

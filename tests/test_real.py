@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from modelsel.analysis import Result
-from modelsel.config import read_study
-from modelsel.study import run
+from modelsel.telling.analysis import Result
+from modelsel.telling.config import read_study
+from modelsel.telling.study import run
 
 STUDIES = Path(__file__).parents[1] / "studies"
 DATA = {"wam-tracker": "jacobi-wam", "positioner": "rct-positioner"}

@@ -9,13 +9,13 @@ import pytest
 from builders import seeds
 from scipy.spatial.transform import Rotation
 
-from modelsel.design import residuals
-from modelsel.errors import DataError
-from modelsel.measurements import measurements
-from modelsel.register import register
-from modelsel.robot import Robot, pose
-from modelsel.robotfile import load, read_robot
-from modelsel.scene import Scene, scene
+from modelsel.data.measurements import measurements
+from modelsel.fitting.register import register
+from modelsel.machine.robot import Robot, pose
+from modelsel.machine.robotfile import load, read_robot
+from modelsel.matrix.design import residuals
+from modelsel.matrix.scene import Scene, scene
+from modelsel.words.errors import DataError
 
 SIGMA = 0.05
 TOOLS = np.array([[40.0, -25, 100], [-60, 30, 80], [10, 70, 150]])

@@ -17,11 +17,11 @@ from click.testing import CliRunner
 
 from modelsel import read_study, run
 from modelsel.cli import main
-from modelsel.errors import StudyError
-from modelsel.report import drawing
-from modelsel.report.document import book
-from modelsel.report.pdf import ReportError, compiled, content
-from modelsel.study import save
+from modelsel.telling.report import drawing
+from modelsel.telling.report.document import book
+from modelsel.telling.report.pdf import ReportError, compiled, content
+from modelsel.telling.study import save
+from modelsel.words.errors import StudyError
 
 ROOT = Path(__file__).parents[1]
 PUMA = ROOT / "studies" / "puma760"
@@ -154,7 +154,7 @@ def test_nothing_runs_off_the_page(drawn) -> None:
 def test_same_bytes_anywhere(drawn, tmp_path) -> None:
     for name in ("result.json", "details.json"):
         shutil.copy(drawn / name, tmp_path)
-    code = f"from pathlib import Path; from modelsel.report.drawing import draw; draw(Path({str(tmp_path)!r}))"
+    code = f"from pathlib import Path; from modelsel.telling.report.drawing import draw; draw(Path({str(tmp_path)!r}))"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)          # another process, another hash seed
     for name in ("report.pdf", "report.html"):
         assert (tmp_path / name).read_bytes() == (drawn / name).read_bytes()
@@ -250,9 +250,9 @@ def small(folder: Path, *, estimation: int = 40, candidates: str = '["backlash"]
     if orientation:
         from scipy.spatial.transform import Rotation
 
-        from modelsel.rigid import turn
-        from modelsel.robot import pose
-        from modelsel.robotfile import load
+        from modelsel.machine.robot import pose
+        from modelsel.machine.robotfile import load
+        from modelsel.words.rigid import turn
         q = data[[f"q{j}_rad" for j in range(1, 7)]].to_numpy()
         R = pose(load("puma760"), q, np.array([0.0, 0, 100])).rotation.transpose(2, 0, 1)
         data[["qx", "qy", "qz", "qw"]] = Rotation.from_matrix(R @ turn(2, 1e-3)).as_quat()

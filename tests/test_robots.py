@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from builders import drawn
 
-from modelsel.design import design, residuals
-from modelsel.errors import StudyError
-from modelsel.mechanisms.geometry import geometric
-from modelsel.rigid import turn
-from modelsel.robot import Robot, forward, pose, screw_field
-from modelsel.robotfile import builtin_names, load, read_robot, robot_from_table
+from modelsel.machine.robot import Robot, forward, pose, screw_field
+from modelsel.machine.robotfile import builtin_names, load, read_robot, robot_from_table
+from modelsel.matrix.design import design, residuals
+from modelsel.words.errors import StudyError
+from modelsel.words.rigid import turn
+from modelsel.wrong.mechanisms.geometry import geometric
 
 POSES = tomllib.loads((Path(__file__).parent / "poses.toml").read_text(encoding="utf-8"))["pose"]
 

@@ -13,30 +13,30 @@ from builders import drawn, one, planted, small_arm, study_of
 from click.testing import CliRunner
 from scipy.integrate import quad
 
-import modelsel.sampling as engine
-from modelsel.causes import q, sin
-from modelsel.checkpoint import Checkpoint
+import modelsel.sure.sampling as engine
 from modelsel.cli import main
-from modelsel.components import components
-from modelsel.confidence import Request, described, sampled, target_of
-from modelsel.confidence import confidence as certainty
-from modelsel.constants import constants
-from modelsel.correlation import labels
-from modelsel.design import Model, design
-from modelsel.diagnostics import autocorrelation_time, r_hat
-from modelsel.errors import StudyError
-from modelsel.fit import Fit, fit
-from modelsel.measurements import measurements
-from modelsel.mechanisms.environment import tracker_step
-from modelsel.moves import snooker
-from modelsel.noise import Instrument, weigh
-from modelsel.posterior import Importance
-from modelsel.registry import BUILTIN, mechanism
-from modelsel.rigid import Array, rpy
-from modelsel.robot import forward
-from modelsel.sampling import Sampling, State, sample
-from modelsel.scene import Scene
-from modelsel.target import TAIL, Target
+from modelsel.data.measurements import measurements
+from modelsel.elsewhere.confidence import Request, described, sampled, target_of
+from modelsel.elsewhere.confidence import confidence as certainty
+from modelsel.fitting.fit import Fit, fit
+from modelsel.fitting.noise import Instrument, weigh
+from modelsel.machine.robot import forward
+from modelsel.matrix.design import Model, design
+from modelsel.matrix.scene import Scene
+from modelsel.sure.components import components
+from modelsel.sure.constants import constants
+from modelsel.sure.correlation import labels
+from modelsel.sure.diagnostics import autocorrelation_time, r_hat
+from modelsel.sure.moves import snooker
+from modelsel.sure.posterior import Importance
+from modelsel.sure.sampling import Sampling, State, sample
+from modelsel.sure.target import TAIL, Target
+from modelsel.telling.checkpoint import Checkpoint
+from modelsel.words.errors import StudyError
+from modelsel.words.rigid import Array, rpy
+from modelsel.wrong.causes import q, sin
+from modelsel.wrong.mechanisms.environment import tracker_step
+from modelsel.wrong.registry import BUILTIN, mechanism
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))
@@ -346,7 +346,7 @@ xyz_mm = [350, 0, 0]
 @pytest.fixture
 def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
     """A study of its own in a folder, with an angle of joint 2 off."""
-    from modelsel.robotfile import read_robot
+    from modelsel.machine.robotfile import read_robot
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "robot.toml").write_text(ROBOT)
     arm = read_robot(tmp_path / "robot.toml")
@@ -359,7 +359,7 @@ def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
 
 def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, str]:
     """The command; its chains on the QR-reduced data, which take a second."""
-    monkeypatch.setattr("modelsel.confidence.ROWS", 0)
+    monkeypatch.setattr("modelsel.elsewhere.confidence.ROWS", 0)
     monkeypatch.setattr(sys, "argv", ["modelsel", *arguments])
     done = CliRunner().invoke(main, list(arguments))
     return done.exit_code, done.output

@@ -11,17 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
-from modelsel import criteria
-from modelsel.candidates import Candidate
-from modelsel.causes import ONE
-from modelsel.design import Model, design
-from modelsel.errormap import basis, columns, scan, single_f, stacked
-from modelsel.fit import fit
-from modelsel.folds import Folded, assign, fold, pad
-from modelsel.registry import mechanism
-from modelsel.robotfile import load
-from modelsel.screws import Mechanism, Screw, Term
-from modelsel.search import all_subsets
+from modelsel.fitting.fit import fit
+from modelsel.machine.robotfile import load
+from modelsel.matrix.design import Model, design
+from modelsel.which import criteria
+from modelsel.which.candidates import Candidate
+from modelsel.which.folds import Folded, assign, fold, pad
+from modelsel.which.search import all_subsets
+from modelsel.why.errormap import basis, columns, scan, single_f, stacked
+from modelsel.wrong.causes import ONE
+from modelsel.wrong.registry import mechanism
+from modelsel.wrong.screws import Mechanism, Screw, Term
 
 N, K = 48, 4
 
@@ -112,7 +112,7 @@ def test_subsets_of_mechanisms(rng) -> None:
     fold_of = assign(at.data, 5, rng)
     X, r = design(at, terms)
     X, y, rows = X.reshape(150, -1), r.ravel(), fold_of.repeat(3)
-    from modelsel.identify import identify
+    from modelsel.matrix.identify import identify
     reduced = fold(at, terms, fold_of)
     base = list(identify(reduced.select(range(len(geometric.terms))).total()).kept)
     ends = np.cumsum([len(geometric.terms), *(len(m.terms) for m in some)])

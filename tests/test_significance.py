@@ -9,19 +9,19 @@ import statsmodels.api as sm
 from builders import drawn, one, planted, small_arm, study_of
 from scipy.linalg import sqrtm
 
-from modelsel.bootstrap import bootstrap, halves, signs
-from modelsel.causes import Named, q, sin
-from modelsel.compare import Data, rung
-from modelsel.confidence import Request, confidence, sampled
-from modelsel.correlation import correlation, labels
-from modelsel.design import Model, design, residuals
-from modelsel.fit import Fit, fit
-from modelsel.folds import fold
-from modelsel.parameters import difference_notes, parameters
-from modelsel.posterior import posterior
-from modelsel.registry import BUILTIN, mechanism
-from modelsel.result import dumps
-from modelsel.significance import nested, significance, stability
+from modelsel.elsewhere.confidence import Request, confidence, sampled
+from modelsel.fitting.fit import Fit, fit
+from modelsel.matrix.design import Model, design, residuals
+from modelsel.sure.bootstrap import bootstrap, halves, signs
+from modelsel.sure.correlation import correlation, labels
+from modelsel.sure.parameters import difference_notes, parameters
+from modelsel.sure.posterior import posterior
+from modelsel.sure.significance import nested, significance, stability
+from modelsel.telling.result import dumps
+from modelsel.which.compare import Data, rung
+from modelsel.which.folds import fold
+from modelsel.wrong.causes import Named, q, sin
+from modelsel.wrong.registry import BUILTIN, mechanism
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))

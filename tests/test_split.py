@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from builders import seeds
 
-from modelsel.errors import StudyError
-from modelsel.measurements import Measurements, measurements
-from modelsel.prepare import Plan, split
-from modelsel.robotfile import load
-from modelsel.split import _features, choose
+from modelsel.data.measurements import Measurements, measurements
+from modelsel.elsewhere.prepare import Plan, split
+from modelsel.machine.robotfile import load
+from modelsel.which.split import _features, choose
+from modelsel.words.errors import StudyError
 
 ARM = load("puma760")
 TURNS = tuple(j.prismatic for j in ARM.joints)

@@ -6,16 +6,16 @@ import pandas as pd
 import pytest
 from builders import drawn, planted
 
-from modelsel.design import Model
-from modelsel.errors import DataError
-from modelsel.fit import fit
-from modelsel.folds import cross_validate, fold
-from modelsel.identify import solve
-from modelsel.registry import mechanism
-from modelsel.robotfile import load
-from modelsel.scene import Scene
-from modelsel.search import all_subsets
-from modelsel.stream import Parts, Stream, fit_parts, fold_of, parts_of
+from modelsel.fitting.fit import fit
+from modelsel.machine.robotfile import load
+from modelsel.matrix.design import Model
+from modelsel.matrix.identify import solve
+from modelsel.matrix.scene import Scene
+from modelsel.which.folds import cross_validate, fold
+from modelsel.which.search import all_subsets
+from modelsel.which.stream import Parts, Stream, fit_parts, fold_of, parts_of
+from modelsel.words.errors import DataError
+from modelsel.wrong.registry import mechanism
 
 TOOL = (40.0, -25.0, 100.0)
 

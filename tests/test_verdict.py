@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from modelsel.noise import Floor
-from modelsel.validate import Gain
-from modelsel.verdict import verdict
+from modelsel.fitting.noise import Floor
+from modelsel.telling.verdict import verdict
+from modelsel.which.validate import Gain
 
 FLOOR = Floor(0.03, "repeats", 100)
 GAIN = Gain(2.0, 1.0, (0.9, 1.1))

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from modelsel.config import read_study
-from modelsel.fleet import cluster, run_fleet
-from modelsel.fleetfile import read_fleet
-from modelsel.robot import forward
-from modelsel.robotfile import load
-from modelsel.study import run as alone
+from modelsel.machine.robot import forward
+from modelsel.machine.robotfile import load
+from modelsel.telling.config import read_study
+from modelsel.telling.fleet import cluster, run_fleet
+from modelsel.telling.fleetfile import read_fleet
+from modelsel.telling.study import run as alone
 
 from .timing import TOOL
 

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from modelsel.fit import fit
+from modelsel.fitting.fit import fit
 
 from .timing import arm_scene
 
@@ -14,13 +14,13 @@ M, STEPS, WALKERS = 80, 15_000, 60
 
 
 def run() -> dict[str, float]:
-    if importlib.util.find_spec("modelsel.posterior") is None:
-        print("posterior: modelsel.posterior is not there; its figure is left out")
+    if importlib.util.find_spec("modelsel.sure.posterior") is None:
+        print("posterior: modelsel.sure.posterior is not there; its figure is left out")
         return {}
     import emcee
 
-    from modelsel.ensemble import Ensemble
-    from modelsel.posterior import posterior, weighted
+    from modelsel.sure.ensemble import Ensemble
+    from modelsel.sure.posterior import posterior, weighted
     scene, model = arm_scene(M)
     fitted = fit(scene, model)
     kept = list(fitted.found.kept)

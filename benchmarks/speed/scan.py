@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from modelsel.errormap import Block, Columns, basis, scan
-from modelsel.evidence import evidence, null, p_value
+from modelsel.why.errormap import Block, Columns, basis, scan
+from modelsel.why.evidence import evidence, null, p_value
 
 from .timing import interleaved
 

@@ -6,9 +6,9 @@ import tracemalloc
 
 import numpy as np
 
-from modelsel.design import assemble
-from modelsel.identify import identify, solve
-from modelsel.reduce import reduce_scene
+from modelsel.matrix.design import assemble
+from modelsel.matrix.identify import identify, solve
+from modelsel.matrix.reduce import reduce_scene
 
 from .timing import arm_scene, interleaved
 

@@ -5,8 +5,8 @@ import time
 
 import numpy as np
 
-from modelsel.folds import pad
-from modelsel.search import Subsets, all_subsets
+from modelsel.which.folds import pad
+from modelsel.which.search import Subsets, all_subsets
 
 from .timing import interleaved
 

@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from modelsel.design import Model
-from modelsel.measurements import measurements
-from modelsel.registry import mechanism
-from modelsel.robot import forward
-from modelsel.robotfile import load
-from modelsel.scene import Scene, scene
+from modelsel.data.measurements import measurements
+from modelsel.machine.robot import forward
+from modelsel.machine.robotfile import load
+from modelsel.matrix.design import Model
+from modelsel.matrix.scene import Scene, scene
+from modelsel.wrong.registry import mechanism
 
 TOOL = np.array([0.0, 0.0, 100.0])
 FLEXURE = ("geometric", "joint2-twist", "joint3-twist", "backlash:3")

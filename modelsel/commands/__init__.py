@@ -10,7 +10,7 @@ import click
 
 def print_json(value: Any) -> None:
     """A value as JSON on the output, numbers to ten digits."""
-    from ..result import dumps
+    from ..telling.result import dumps
     click.echo(dumps(value), nl=False)
 
 

@@ -16,9 +16,9 @@ from . import print_json
 @click.option("--json", "as_json", is_flag=True)
 def check(data: Path, robot: str, base: str | None, tip: str | None, as_json: bool) -> None:
     """What is in a measurements file, what it can tell and what it cannot."""
-    from ..inspect import describe, sentences
-    from ..io import read_measurements
-    from ..robotfile import load, read_robot
+    from ..data.io import read_measurements
+    from ..machine.robotfile import load, read_robot
+    from ..telling.inspect import describe, sentences
     arm = read_robot(Path(robot), base, tip) if robot.endswith((".toml", ".urdf", ".xml")) else load(robot)
     found = describe(arm, read_measurements(data, [j.prismatic for j in arm.joints]))
     if as_json:

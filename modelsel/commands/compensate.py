@@ -10,9 +10,9 @@ import numpy as np
 from . import print_json
 
 if TYPE_CHECKING:
-    from ..calibration import Calibration
-    from ..compensate import Commands
-    from ..measurements import Measurements
+    from ..data.measurements import Measurements
+    from ..use.calibration import Calibration
+    from ..use.compensate import Commands
 
 
 @click.command()
@@ -29,10 +29,10 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
     TARGETS has a row a target: nominal commands q1_rad … (or _deg), wanted positions x_mm y_mm z_mm (left out: where the nominal
     robot has the target), wanted orientations, and what the model needs beside them.
     """
-    from ..calibration import load_calibration, predict
-    from ..compensate import compensate as corrected
-    from ..compensate import outside, refuse
-    from ..io import read_measurements
+    from ..data.io import read_measurements
+    from ..use.calibration import load_calibration, predict
+    from ..use.compensate import compensate as corrected
+    from ..use.compensate import outside, refuse
     c = load_calibration(result)
     data = read_measurements(targets, [j.prismatic for j in c.robot.joints], positions=False)
     made, said = corrected(c, data), outside(c, data)
@@ -83,7 +83,7 @@ def _rows(c: Calibration, data: Measurements, q: np.ndarray, x: np.ndarray, more
 
 
 def _write(frame: Any, out: Path) -> None:
-    from ..write import write_beside
+    from ..telling.write import write_beside
     if out.suffix.lower() in (".parquet", ".pq"):
         write_beside(out, frame.to_parquet(index=False))
     else:

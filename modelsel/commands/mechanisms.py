@@ -25,9 +25,9 @@ def mechanisms(name: str | None, robot: str | None, new: str | None, test: str |
 
 
 def _begin(name: str) -> None:
-    from ..errors import StudyError
-    from ..skeleton import skeleton
-    from ..write import write_beside
+    from ..telling.write import write_beside
+    from ..use.skeleton import skeleton
+    from ..words.errors import StudyError
     folder, texts = Path(name), skeleton(name)
     if folder.exists():
         raise StudyError(f"{folder}: is there already; nothing was written.")
@@ -38,8 +38,8 @@ def _begin(name: str) -> None:
 
 
 def _try(where: str, robot: str | None, as_json: bool) -> None:
-    from ..robotfile import builtin_names, load
-    from ..skeleton import table, tried
+    from ..machine.robotfile import builtin_names, load
+    from ..use.skeleton import table, tried
     found = tried(table(where), [load(n) for n in ([robot] if robot else builtin_names())])
     wrong = [(m, r, what) for m, r, what in found if what]
     if as_json:
@@ -52,9 +52,9 @@ def _try(where: str, robot: str | None, as_json: bool) -> None:
 
 
 def _show(name: str | None, robot: str, as_json: bool) -> None:
-    from ..inspect import mechanism_card
-    from ..registry import every, parts, with_plugins
-    from ..robotfile import load
+    from ..machine.robotfile import load
+    from ..telling.inspect import mechanism_card
+    from ..wrong.registry import every, parts, with_plugins
     arm = load(robot)
     registry, broken = with_plugins(robot=arm)
     built = parts(name, arm, registry) if name else every(arm, registry)

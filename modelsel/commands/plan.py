@@ -24,14 +24,14 @@ def plan(study: Path, pool_file: Path | None, limits: bool, count: int, purpose:
     """What to measure next: what best tells a study's rival explanations apart, or determines its parameters."""
     import pandas as pd
 
-    from ..config import read_study
-    from ..io import read_measurements
-    from ..plan import more_needed
-    from ..planning import drawn_pool, every_target, sentences, sided, table_of
-    from ..planning import plan as planned
-    from ..registry import with_plugins
-    from ..study import calibration_of, robot_of, run
-    from ..write import write_beside
+    from ..data.io import read_measurements
+    from ..telling.config import read_study
+    from ..telling.planning import drawn_pool, every_target, sentences, sided, table_of
+    from ..telling.planning import plan as planned
+    from ..telling.study import calibration_of, robot_of, run
+    from ..telling.write import write_beside
+    from ..use.plan import more_needed
+    from ..wrong.registry import with_plugins
     if (pool_file is None) != limits:
         raise click.UsageError("give either --pool FILE or --limits.")
     path = study / "study.toml" if study.is_dir() else study

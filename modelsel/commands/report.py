@@ -14,7 +14,7 @@ from . import print_json, progress
 @click.option("--json", "as_json", is_flag=True)
 def report(folder: Path, pages: str | None, as_json: bool) -> None:
     """Draw report.pdf and report.html of a finished study again, from its folder; nothing is computed anew."""
-    from ..report.drawing import draw
+    from ..telling.report.drawing import draw
     chosen = None if pages is None else tuple(name.strip() for name in pages.split(",") if name.strip())
     written = draw(folder, chosen, progress())
     if as_json:

@@ -23,12 +23,12 @@ WRITES = ("result.json", "calibration.json", "details.json")
 def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_json: bool, dry_run: bool,
           resume: bool) -> None:
     """Run a study: what is wrong, the ladder of models, the gain on held-out configurations."""
-    from ..checkpoint import Checkpoint
-    from ..config import read_study
-    from ..registry import with_plugins
-    from ..report.drawing import draw, save_details
-    from ..study import rehearse, robot_of, run, save
-    from ..write import check_writable
+    from ..telling.checkpoint import Checkpoint
+    from ..telling.config import read_study
+    from ..telling.report.drawing import draw, save_details
+    from ..telling.study import rehearse, robot_of, run, save
+    from ..telling.write import check_writable
+    from ..wrong.registry import with_plugins
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
     registry, broken = with_plugins(robot=robot_of(read, path.parent))
@@ -49,7 +49,7 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     if as_json:
         click.echo(result.to_json(), nl=False)
     else:
-        from ..tables import show
+        from ..telling.tables import show
         show(result, console())
     save_details(result, folder)
     written = [*(folder / name for name in WRITES), *([] if no_report else draw(folder, say=say))]

@@ -15,10 +15,10 @@ from . import print_json
 @click.option("--json", "as_json", is_flag=True)
 def validate(result: Path, data: Path, register: bool, as_json: bool) -> None:
     """Whether a stored calibration still holds on new measurements; nothing of it is refitted."""
-    from ..calibration import load_calibration
-    from ..compensate import outside
-    from ..drift import judge, sentences
-    from ..io import read_measurements
+    from ..data.io import read_measurements
+    from ..use.calibration import load_calibration
+    from ..use.compensate import outside
+    from ..use.drift import judge, sentences
     c = load_calibration(result)
     measured = read_measurements(data, [j.prismatic for j in c.robot.joints])
     found = judge(c, measured, register)

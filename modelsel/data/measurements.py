@@ -1,0 +1,160 @@
+"""What was measured: joint readings, positions, and what else is known of each row. Frozen; indexable by row."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..words.rigid import Array
+
+Index = NDArray[np.intp]
+SAME_READING = 1e-6  # rad or mm: two readings closer than this are the same configuration
+
+
+@dataclass(frozen=True)
+class Note:
+    """Something the user should know; a code for programs and a sentence for people."""
+
+    code: str
+    sentence: str
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """m measured points. Positions in the tracker's frame [mm]; residual = measured - predicted everywhere."""
+
+    q: Array                                   # (m, n) joint readings, rad or mm
+    position: Array                            # (m, 3) mm
+    row: Index                                 # (m,) row of the file, 0-based
+    configuration: Index                       # (m,) visit of the arm; several targets share one
+    block: Index                               # (m,) readings alike to 1e-6: never apart in folds or split
+    target: Index                              # (m,) index into `targets`
+    group: Index                               # (m,) index into `groups`
+    order: Array                               # (m,) order of motion within the group
+    approach: Array                            # (m, n) sign of each joint's last motion, 0 unknown
+    move: Array                                # (m, n) size of the motion that led here, rad or mm
+    progress: Array                            # (m,) place in the order of motion of the whole campaign, 0 to 1
+    targets: tuple[str, ...] = ("target",)
+    groups: tuple[str, ...] = ("all",)
+    covariates: Mapping[str, Array] = field(default_factory=dict)
+    sigma: Array | None = None                 # (m, 3) standard uncertainty of each coordinate [mm]
+    rotation: Array | None = None              # (m, 3, 3) measured orientation of the target frame
+    sigma_rotation: Array | None = None        # (m, 3) rad
+    notes: tuple[Note, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    @property
+    def configurations(self) -> int:
+        """Number of configurations (visits)."""
+        return len(np.unique(self.configuration))
+
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Measurements:
+        """The rows `index` (integers, a mask or a slice); approach and move stay as first read."""
+        rows = {f.name: getattr(self, f.name)[index] for f in fields(self)
+                if isinstance(getattr(self, f.name), np.ndarray)}
+        return replace(self, **rows, covariates={k: v[index] for k, v in self.covariates.items()})
+
+
+def _numbered(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tuple[str, ...]]:
+    """Index of each key's first appearance, and the distinct keys in that order."""
+    names: dict[str, int] = {}
+    index = np.array([names.setdefault(str(key), len(names)) for key in keys], dtype=np.intp)
+    return index, tuple(names)
+
+
+def visits(q: Array, explicit: Sequence[object] | None, group: Index) -> Index:
+    """Configuration of every row: the given column, else adjacent rows with equal readings in one group."""
+    if explicit is not None:
+        return _numbered(explicit)[0]
+    new = np.ones(len(q), bool)
+    new[1:] = (np.abs(np.diff(q, axis=0)).max(1) > SAME_READING) | (np.diff(group) != 0)
+    return np.asarray(np.cumsum(new) - 1, dtype=np.intp)
+
+
+def _near(q: Array, order: Index, close: NDArray[np.bool_]) -> Index | None:
+    """Pairs (k, 2) of rows with readings alike, among those that an order along one direction leaves `close` to the one before;
+    None where too many are."""
+    pairs = [np.zeros((0, 2), dtype=np.intp)]
+    later = np.flatnonzero(close)                         # places in the order, each close to the place before
+    for lag in range(1, 17):
+        if not len(later):
+            return np.concatenate(pairs)
+        couple = np.stack([order[later - lag], order[later]], 1)
+        alike = np.abs(q[couple[:, 0]] - q[couple[:, 1]]).max(1) <= SAME_READING
+        pairs.append(couple[alike])
+        later = later[(later > lag) & close[np.maximum(later - lag, 0)]]
+    return None
+
+
+def blocks(q: Array, configuration: Index) -> Index:
+    """Rows whose readings agree to 1e-6, or that share a configuration, get one number."""
+    visit, first, which = np.unique(configuration, return_index=True, return_inverse=True)
+    slant = np.sqrt(np.arange(1, q.shape[1] + 1))       # readings alike in every joint are alike along any one direction
+    along = q[first] @ slant
+    order = np.argsort(along, kind="stable")
+    near = _near(q[first], order, np.diff(along[order], prepend=-np.inf) <= SAME_READING * slant.sum())
+    if near is not None and not len(near):
+        return np.asarray(which.reshape(-1), dtype=np.intp)
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    if near is None:
+        from scipy.spatial import cKDTree
+        near = cKDTree(q[first]).query_pairs(SAME_READING, p=np.inf, output_type="ndarray")
+    graph = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(visit), len(visit)))
+    return np.asarray(connected_components(graph, directed=False)[1][which.reshape(-1)], dtype=np.intp)
+
+
+def motion(q: Array, configuration: Index, group: Index, order: Array) -> tuple[Array, Array]:
+    """(approach, move), each (m, n), from the order of motion; the first configuration of a group has 0.
+
+    Approach keeps its sign while a joint rests: the play in a gear stays on the side of its last motion.
+    """
+    sequence = np.lexsort((np.arange(len(q)), order, group))
+    start = np.unique(configuration[sequence], return_index=True)[1]
+    start = sequence[np.sort(start)]                      # one row per visit, in order of motion
+    step = np.zeros((len(start), q.shape[1]))
+    step[1:] = np.diff(q[start], axis=0)
+    step[1:][np.diff(group[start]) != 0] = 0
+    step[np.abs(step) <= SAME_READING] = 0
+    index = np.arange(len(start))[:, None]
+    opening = np.r_[True, np.diff(group[start]) != 0] if len(start) else np.zeros(0, bool)
+    last = np.maximum.accumulate(np.where((step != 0) | opening[:, None], index, 0), axis=0)
+    sign = np.sign(np.take_along_axis(step, last, axis=0))
+    where = np.empty(int(configuration.max(initial=-1)) + 1, dtype=np.intp)
+    where[configuration[start]] = np.arange(len(start))
+    return sign[where[configuration]], np.abs(step)[where[configuration]]
+
+
+def campaign(group: Index, order: Array) -> Array:
+    """(m,) place of every row in the campaign, 0 to 1: groups in the order of their first rows, each in order of motion."""
+    rank = np.empty(len(group))
+    rank[np.lexsort((np.arange(len(group)), order, group))] = np.arange(len(group))
+    return rank / max(len(group) - 1, 1)
+
+
+def measurements(q: Array, position: Array, *, row: Index | None = None, configuration: Sequence[object] | None = None,
+                 target: Sequence[object] | None = None, group: Sequence[object] | None = None,
+                 order: Array | None = None, approach: Array | None = None,
+                 covariates: Mapping[str, Array] | None = None, sigma: Array | None = None,
+                 rotation: Array | None = None, sigma_rotation: Array | None = None,
+                 notes: tuple[Note, ...] = ()) -> Measurements:
+    """Measurements from plain arrays; everything optional is derived as contract.md says. Units: rad (or mm) and mm."""
+    q, position = np.asarray(q, float), np.asarray(position, float)
+    m = len(q)
+    target_index, targets = _numbered(target) if target is not None else (np.zeros(m, np.intp), ("target",))
+    group_index, groups = _numbered(group) if group is not None else (np.zeros(m, np.intp), ("all",))
+    order = np.arange(m, dtype=float) if order is None else np.asarray(order, float)
+    visit = visits(q, configuration, group_index)
+    derived, move = motion(q, visit, group_index, order)
+    if approach is None:
+        approach = derived
+        notes = (*notes, Note("approach-from-order", "Directions of approach are taken from the order of motion, once, "
+                                                     "on reading: the data have no approach columns."))
+    return Measurements(q, position, np.arange(m) if row is None else row, visit, blocks(q, visit), target_index,
+                        group_index, order, np.asarray(approach, float), move, campaign(group_index, order),
+                        targets, groups, dict(covariates or {}),
+                        sigma, rotation, sigma_rotation, notes)

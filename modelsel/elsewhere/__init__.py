@@ -1,0 +1,1 @@
+"""The study's data made ready, the search as a whole, its confidence, planted effects."""

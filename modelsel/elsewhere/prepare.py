@@ -1,0 +1,148 @@
+"""From a study and its measurements to one scene, registered, weighed, split and folded."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.measurements import Measurements, Note
+from ..fitting.noise import Floor, Instrument, weigh
+from ..fitting.register import register
+from ..machine.robot import Robot
+from ..matrix.design import residuals
+from ..matrix.scene import scene
+from ..which.compare import Data
+from ..which.folds import assign
+from ..which.split import choose
+from ..words.errors import DataError, StudyError, suggest
+from ..words.rigid import Array
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What `prepare` needs of a study file, as plain values."""
+
+    seed: int
+    tools: Mapping[str, tuple[float, ...]] | tuple[float, ...] | None
+    register: bool = False
+    per_group: bool = False
+    estimation: int | None = None
+    column: str | None = None
+    held_out: str = "held-out"
+    folds: int = 10
+    by: str = "configuration"
+    stated_mm: float | None = None
+    instrument: Instrument | None = None
+
+
+PURPOSES = ("split", "folds", "gain", "naming", "simulate", "sampling", "null", "nested", "flips", "bootstrap", "halves", "scan")
+
+
+def generator(seed: int, purpose: str) -> np.random.Generator:
+    """The one stream of a purpose: every random choice derives from the study's seed, none from another's use of it."""
+    return np.random.default_rng(np.random.SeedSequence([seed, PURPOSES.index(purpose)]))
+
+
+def tools_of(data: Measurements, tools: Mapping[str, tuple[float, ...]] | tuple[float, ...] | None) -> Array:
+    """(T, 3) nominal targets in the data's order. Raises StudyError for a target without one."""
+    if tools is None:
+        return np.zeros((len(data.targets), 3))
+    if not isinstance(tools, Mapping):
+        return np.tile(np.array(tools, float), (len(data.targets), 1))
+    missing = [name for name in data.targets if name not in tools]
+    if missing:
+        raise StudyError(*(f'robot.tools_mm: no line for target "{name}". {suggest(name, tools)}' for name in missing))
+    return np.array([tools[name] for name in data.targets], float)
+
+
+def split(data: Measurements, labels: NDArray[np.object_] | None, plan: Plan, prismatic: tuple[bool, ...]) -> NDArray[np.bool_]:
+    """(m,) mask of the estimation rows. Raises StudyError where the split cannot be made."""
+    if plan.column is not None and labels is not None:
+        held = labels == plan.held_out
+        other = sorted({str(v) for v in labels[~held]} - {"estimation"}) if plan.held_out == "held-out" else []
+        if other:
+            raise StudyError(f'split.column: column {plan.column} holds "{other[0]}"; expected "estimation" or "held-out" '
+                             f"(or name the held-out value: held_out = \"{other[0]}\").")
+        if held.all():
+            raise StudyError(f'split.column: every row of column {plan.column} is "{plan.held_out}": nothing is left for '
+                             "estimation.")
+        torn = np.intersect1d(data.block[held], data.block[~held])
+        if len(torn):
+            line = int(data.row[np.flatnonzero(data.block == torn[0])[0]]) + 2
+            raise StudyError(f"split.column: equal joint readings stand on both sides of the split (line {line}, for one): "
+                             "held-out configurations must not have been seen.")
+        return np.asarray(~held)
+    count = data.configurations
+    wanted = plan.estimation
+    if wanted is None:
+        wanted = count if count < 30 else max(20, round(0.4 * count))
+    if wanted > count:
+        raise StudyError(f"split.estimation = {wanted}, but the file has {count} configurations: ask for fewer.")
+    return choose(data, wanted, prismatic, generator(plan.seed, "split"))
+
+
+def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.object_] | None = None
+            ) -> tuple[Data, Floor | None, tuple[Note, ...]]:
+    """The scene with its split and folds, the noise floor where it is known, and what is to be said.
+
+    Raises StudyError or DataError.
+    """
+    notes = list(data.notes)
+    estimation = split(data, labels, plan, tuple(j.prismatic for j in robot.joints))
+    data, unseen = _timeless(data, estimation)
+    if unseen:
+        notes.append(Note("other-session", f"Nothing of {', '.join(unseen)} estimates: when it was measured in the campaign is "
+                                           "not known to the model, and drift is taken at the campaign's middle there."))
+    bound = scene(robot, data, tools_of(data, plan.tools))
+    if plan.register:
+        bound = register(bound, estimation, plan.per_group)
+    size = np.linalg.norm(residuals(bound)[:, :3], axis=1)
+    reach = robot.reach + float(np.linalg.norm(bound.tools, axis=1).max(initial=0))
+    if np.median(size) > reach / 4:
+        hint = ("the coordinates look like metres: name them x_m y_m z_m"
+                if np.median(np.linalg.norm(data.position, axis=1)) < reach / 100 else
+                "this looks like the wrong robot or tool, a tracker frame that needs register = true, or metres called "
+                "millimetres")
+        raise DataError(f"measured and nominal positions are {np.median(size):.4g} mm apart (median), more than a quarter of "
+                        f"the arm's reach ({reach:.4g} mm):", remedy=f"{hint}.")
+    bound, floor = weigh(bound, plan.instrument, plan.stated_mm)
+    if robot.gravity is None:
+        notes.append(Note("gravity-unknown", f"The robot file of {robot.name} gives no direction of gravity: mechanisms that "
+                                             "need it are left out."))
+    if plan.by == "group" and len(np.unique(data.group[estimation])) < 2:
+        raise StudyError('comparison.by = "group": the estimation rows belong to one group; two and more are needed to leave one '
+                         'out. Use by = "configuration".')
+    if len(np.unique(data.block[estimation])) < 2:
+        raise StudyError("split: the estimation rows have one set of joint readings: nothing can be compared or cross-validated.")
+    fold = np.full(len(data), -1, dtype=np.intp)
+    fold[estimation] = assign(data.take(estimation), plan.folds, generator(plan.seed, "folds"), plan.by)
+    if not (~estimation).any():
+        notes.append(Note("nothing-held-out", "All configurations estimate: nothing is held out, and no gain can be measured."))
+    known = floor is not None and floor.source == "stated"
+    return Data(bound, estimation, np.zeros(len(data), bool), fold, known), floor, tuple(notes)
+
+
+def _timeless(data: Measurements, estimation: NDArray[np.bool_]) -> tuple[Measurements, tuple[str, ...]]:
+    """Groups that are held out whole stand at the middle of the estimated campaign: a drift must not be drawn out to them."""
+    strange = ~np.isin(data.group, data.group[estimation])
+    if not strange.any():
+        return data, ()
+    own = data.progress[estimation]
+    progress = (data.progress - own.min()) / max(float(np.ptp(own)), 1e-12)
+    progress[strange] = 0.5
+    return replace(data, progress=progress), tuple(data.groups[g] for g in np.unique(data.group[strange]))
+
+
+def reweigh_rotation(data: Data, plan: Plan, residual: Array) -> Data:
+    """With orientations: whichever of position and rotation has no stated uncertainty is weighed by its own residuals."""
+    measured = data.scene.data
+    known = plan.stated_mm is not None or plan.instrument is not None or measured.sigma is not None
+    if measured.rotation is None or known and measured.sigma_rotation is not None:
+        return data
+    used = residual[data.used]
+    position = plan.stated_mm if known else float(np.sqrt(np.square(used[:, :3]).mean()))
+    turning = float(np.sqrt(np.square(used[:, 3:]).mean()))
+    bound, _ = weigh(data.scene, plan.instrument, position, turning)
+    return replace(data, scene=bound)

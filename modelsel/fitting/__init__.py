@@ -1,0 +1,1 @@
+"""Weights, least squares on the exact chain, the tracker's frame."""

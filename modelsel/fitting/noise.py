@@ -1,0 +1,108 @@
+"""The noise floor: what one coordinate's standard uncertainty is, where that comes from, and the weights that follow."""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..data.measurements import Measurements
+from ..matrix.scene import Scene
+from ..words.errors import StudyError
+from ..words.rigid import Array
+
+NORMAL = 1.4826   # standard deviation over median absolute deviation: a swapped reflector must not set the floor
+ENOUGH = 10  # degrees of freedom before repeats or target pairs are believed
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """A tracker: radial range_mm + range_ppm of the distance, angle_urad across; `at` its position in the data's frame."""
+
+    range_mm: float = 0.0
+    range_ppm: float = 0.0
+    angle_urad: float = 0.0
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Floor:
+    """Standard uncertainty of one coordinate [mm] and its source; `freedom` its degrees of freedom (inf where stated)."""
+
+    coordinate_mm: float
+    source: str
+    freedom: float = np.inf
+
+
+def covariance(data: Measurements, instrument: Instrument) -> Array:
+    """(m, 3, 3) mm²: σ_r² uuᵀ + σ_a² d² (I − uuᵀ), u from the tracker to the point, d its distance."""
+    line = data.position - np.array(instrument.at)
+    d = np.linalg.norm(line, axis=1)
+    if not d.all():
+        raise StudyError("noise: the tracker stands on a measured point; give [noise] tracker_mm in the data's frame")
+    u = line / d[:, None]
+    along = np.einsum("mi,mj->mij", u, u)
+    radial = (instrument.range_mm + instrument.range_ppm * 1e-6 * d) ** 2
+    across = (instrument.angle_urad * 1e-6 * d) ** 2
+    out = radial[:, None, None] * along + across[:, None, None] * (np.eye(3) - along)
+    if not (radial > 0).all() or not (across > 0).all():
+        raise StudyError("noise: range_mm or range_ppm, and angle_urad, must both be above zero")
+    return np.asarray(out)
+
+
+def from_repeats(data: Measurements) -> Floor | None:
+    """Pooled standard deviation of positions at equal joint readings, per target; None with too few."""
+    key = data.block * len(data.targets) + data.target
+    _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
+    freedom = 3 * int((count - 1).sum())
+    if freedom < ENOUGH:
+        return None
+    mean = np.stack([np.bincount(inverse, data.position[:, a]) / count for a in range(3)], 1)
+    repeated = count[inverse] > 1
+    scaled = (data.position - mean[inverse])[repeated] * np.sqrt(count / np.maximum(count - 1, 1))[inverse[repeated]][:, None]
+    return Floor(NORMAL * float(np.median(np.abs(scaled))), "repeats", freedom)
+
+
+def from_target_pairs(data: Measurements) -> Floor | None:
+    """From the scatter of the distance between two reflectors on one flange: its variance is 2 σ²; None with too few."""
+    deviations, freedom = [], 0
+    for a in range(len(data.targets)):
+        for b in range(a + 1, len(data.targets)):
+            first, second = (np.flatnonzero(data.target == t) for t in (a, b))
+            _, i, j = np.intersect1d(data.configuration[first], data.configuration[second], return_indices=True)
+            if len(i) > 2:
+                d = np.linalg.norm(data.position[first[i]] - data.position[second[j]], axis=1)
+                deviations.append(np.abs(d - np.median(d)) / np.sqrt(2))
+                freedom += len(i) - 1
+    return Floor(NORMAL * float(np.median(np.concatenate(deviations))), "target pairs", freedom) if freedom >= ENOUGH else None
+
+
+def weigh(scene: Scene, instrument: Instrument | None, stated_mm: float | None, rotation_rad: float | None = None
+          ) -> tuple[Scene, Floor | None]:
+    """The scene with its weights, and the floor where it is known before any fit (None: estimate it from the residuals).
+
+    Uncertainties in the data go first, then the stated floor, the instrument, repeats, target pairs.
+    """
+    data = scene.data
+    blocks: Array | None = None
+    if data.sigma is not None:
+        blocks = np.einsum("mi,ij->mij", 1 / data.sigma, np.eye(3))
+        floor: Floor | None = Floor(float(np.sqrt(np.square(data.sigma).mean())), "stated")
+    elif stated_mm is not None:
+        floor = Floor(stated_mm, "stated")
+    elif instrument is not None:
+        spread = covariance(data, instrument)
+        blocks = np.linalg.inv(np.linalg.cholesky(spread))
+        floor = Floor(float(np.sqrt(np.trace(spread, axis1=1, axis2=2).mean() / 3)), "instrument")
+    else:
+        floor = from_repeats(data) or from_target_pairs(data)
+    at = instrument.at if instrument is not None else scene.tracker
+    weight = 1.0 if floor is None else 1.0 / max(floor.coordinate_mm, 1e-9)
+    if data.rotation is not None:
+        whole = np.zeros((len(data), 6, 6))
+        whole[:, :3, :3] = weight * np.eye(3) if blocks is None else blocks
+        spread_r = data.sigma_rotation
+        if spread_r is None:
+            spread_r = np.full((len(data), 3), rotation_rad or 1e-3 / weight)
+        whole[:, 3:, 3:] = np.einsum("mi,ij->mij", 1 / spread_r, np.eye(3))
+        blocks = whole
+    return replace(scene, whiten=weight if blocks is None else blocks, tracker=at, _values={}, _causes={}), floor

@@ -1,0 +1,1 @@
+"""The chain, its screw field, nominal robots, gravity's moments."""

@@ -1,0 +1,154 @@
+"""Walking a chain without allocating: arrays kept by name, fixed transforms without their noughts, turns and crosses in place.
+
+Every array has its components first and the configurations last, so that an operation is one stride.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..words.rigid import Array
+
+Frame = tuple[Array, Array]                # its axes (3, 3, m) or (3, 3, 1), an axis a row, and its origin (3, m) or (3, 1)
+FRAMES = 4         # whose cross products are made together: few calls, and they stay in cache
+BASE: Frame = (np.eye(3)[:, :, None], np.zeros((3, 1)))
+Sparse = tuple[tuple[int, float], ...]     # (index, value) of what is not nought
+
+
+def sparse(vector: Array) -> Sparse:
+    """What a vector has that is not nought: fixed transforms are mostly noughts."""
+    return tuple((i, v) for i, v in enumerate(vector.tolist()) if v)
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """A fixed transform: the `offset` of its origin on its own axes, these axes' `columns` on the earlier ones, and where each
+    of the earlier ones goes, (index, ±1), if it goes whole."""
+
+    offset: Sparse
+    columns: tuple[Sparse, ...]
+    moves: tuple[tuple[int, float], ...]
+
+    @staticmethod
+    def of(N: Array) -> Fixed:
+        """Of (4, 4); what rounding leaves of cos 90° is nought."""
+        R = np.where(np.abs(N[:3, :3]) < 1e-15, 0.0, N[:3, :3])
+        whole = bool(np.isin(R, (-1.0, 0.0, 1.0)).all())
+        return Fixed(sparse(R.T @ N[:3, 3]), tuple(sparse(column) for column in R.T),
+                     tuple(sparse(row)[0] for row in R) if whole else ())
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """Arrays by name, made once for blocks of one size: walking the chain again then allocates nothing."""
+
+    _arrays: dict[str, Array] = field(default_factory=dict)
+
+    _values: dict[str, tuple[object, Any]] = field(default_factory=dict)
+
+    def once(self, name: str, of: Any, make: Callable[[Any], Any]) -> Any:
+        """make(of), as long as it is asked of the same object."""
+        if name not in self._values or self._values[name][0] is not of:
+            self._values[name] = of, make(of)
+        return self._values[name][1]
+
+    def array(self, name: str, *shape: int) -> Array:
+        """The array of that name and shape; its numbers are whatever was left in it."""
+        found = self._arrays.get(name)
+        if found is None or found.shape != shape:
+            found = self._arrays[name] = np.empty(shape)
+        return found
+
+
+def turns_of(q: Array, space: Space) -> Array:
+    """(n, 3, 3, m): cos, sin and −sin of the readings, thrice for the three components, from t = tan(q/2): (1 − t²)/(1 + t²) and
+    2t/(1 + t²); numpy's tan is the fast one."""
+    m, n = q.shape
+    t, u = space.array("tan", n, m), space.array("square", n, m)
+    np.multiply(q.T, 0.5, out=t)
+    np.tan(t, out=t)
+    np.multiply(t, t, out=u)
+    u += 1.0
+    np.divide(t, u, out=t)
+    np.divide(2.0, u, out=u)
+    t += t
+    u -= 1.0
+    wide = space.array("turns", n, 3, 3, m)
+    wide[:, 0], wide[:, 1] = u[:, None], t[:, None]
+    np.negative(wide[:, 1], out=wide[:, 2])
+    return wide
+
+
+def add(out: Array, vectors: Array, weights: Sequence[tuple[int, Array | float]], scratch: Array) -> None:
+    """out += Σ weight · vector over (which vector, weight)."""
+    for i, weight in weights:
+        np.multiply(vectors[i], weight, out=scratch)
+        out += scratch
+
+
+def turn_into(axes: Array, columns: Sequence[Sparse], out: Array, scratch: Array) -> None:
+    """Axes (three of (3, m)) times a constant rotation, given by its columns, into out (3, 3, m)."""
+    for j, ((first, weight), *others) in enumerate(columns):
+        np.multiply(axes[first], weight, out=out[j])
+        add(out[j], axes, others, scratch)
+
+
+def spin_into(axes: Array, axis: int, turn: Array, to: Sequence[tuple[int, float]], out: Array, scratch: Array) -> None:
+    """Axes (3, 3, m) after a turn about one of them by an angle whose (cos; sin, −sin) stand in `turn` (3, 3, m), each sent
+    `to` a place in out (3, 3, m) with a sign."""
+    i, j = [(1, 2), (2, 0), (0, 1)][axis]
+    flat, there, angle = axes.reshape(3, -1), out.reshape(3, -1), turn.reshape(3, -1)
+    (first, sign), (second, other), (still, kept) = to[i], to[j], to[axis]
+    pair = there[first::second - first][:2]
+    np.multiply(flat[i::j - i][:2], angle[0], out=pair)
+    pair += np.multiply(flat[j::i - j][:2], angle[1:], out=scratch.reshape(2, -1))
+    for row, turned in ((first, sign), (second, other)):
+        if turned < 0:
+            np.negative(there[row], out=there[row])
+    np.multiply(flat[axis], kept, out=there[still])
+
+
+SAME = ((0, 1.0), (1, 1.0), (2, 1.0))      # every axis stays where it is
+
+
+def twisted(here: Array, origin: Array, entries: Array, space: Space) -> Frame:
+    """The frame after its H: Trans, then Rx, Ry, Rz, each about the axis that the earlier ones left it; entries (6, m)."""
+    m = entries.shape[1]
+    two, turn = space.array("scratch", 2, 3, m), space.array("turn", 3, 3, m)
+    add(origin, here, tuple(enumerate(entries[:3])), two[0])
+    R = here[:3]
+    for a in range(3):
+        here[3 + a] = R[a]
+        angle = entries[3 + a]
+        if angle.any():
+            turn[0], turn[1] = np.cos(angle), np.sin(angle)
+            np.negative(turn[1], out=turn[2])
+            out = space.array(f"twisted{a}", 3, 3, m)
+            spin_into(R, a, turn, SAME, out, two)
+            R = out
+    return R, origin
+
+
+def screws_into(field_: Array, origins: Array, target: Array, twisted: bool, space: Space) -> None:
+    """Axes (n+1, 6, c, m) become the screw field, in place: tx ty tz the axis, rx ry rz axis x lever; with c = 6 the target
+    frame's rotation below."""
+    frames, _, c, m = field_.shape
+    for start in range(0, frames, FRAMES):
+        some = field_[start:start + FRAMES]
+        n = len(some)
+        lever, five = space.array("lever", n, 1, 5 * m), space.array("five", n, 3, 5 * m)   # x y z x y: a cross product is one
+        product = space.array("product", n, 3, 3 * m)                                       # stride
+        source = some[:, 3:, :3] if twisted else some[:, :3, :3]
+        np.subtract(target, origins[start:start + n], out=lever.reshape(n, 5, m)[:, :3])
+        lever[..., 3 * m:] = lever[..., :2 * m]
+        five.reshape(n, 3, 5, m)[:, :, :3] = source
+        five[..., 3 * m:] = five[..., :2 * m]
+        if c == 6:
+            some[:, :3, 3:], some[:, 3:, 3:] = 0.0, source
+        np.multiply(five[..., 2 * m:], lever[..., m:4 * m], out=product)
+        out = some[:, 3:].reshape(n, 3, c * m)[..., :3 * m]                              # a view: a frame is one piece
+        np.multiply(five[..., m:4 * m], lever[..., 2 * m:], out=out)
+        out -= product

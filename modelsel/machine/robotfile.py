@@ -1,0 +1,166 @@
+"""Robot TOML files -> Robot: 3x4 transforms, URDF-like origins, standard and modified DH rows, in any mixture."""
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..words.errors import StudyError, suggest
+from ..words.rigid import Array, align_z, inverse, rpy, transform, turn
+from .robot import Joint, Robot
+
+FORMS = ("transform_mm", "xyz_mm", "dh")
+JOINT_KEYS = {*FORMS, "rpy_deg", "axis", "kind", "limits_deg", "limits_mm", "mass_kg", "com_mm", "name"}
+TOP_KEYS = {"name", "source", "gravity", "convention", "base_mm", "joint", "last"}
+DH_KEYS = {"theta_deg", "d_mm", "a_mm", "alpha_deg"}
+
+
+class _Reader:
+    """Collects every problem of one file, so that all are said at once."""
+
+    def __init__(self, where: str):
+        self.where, self.problems = where, list[str]()
+
+    def say(self, place: str, what: str) -> None:
+        self.problems.append(f"{self.where}: {place}: {what}")
+
+    def keys(self, place: str, table: Mapping[str, Any], known: set[str]) -> None:
+        for key in table:
+            if key not in known:
+                self.say(place, f'unknown key "{key}". {suggest(key, known)}')
+
+    def numbers(self, place: str, value: Any, shape: tuple[int, ...]) -> Array:
+        """A finite array of the wanted shape; zeros, and a problem noted, where it is not one."""
+        try:
+            out = np.array(value, dtype=float)
+        except (TypeError, ValueError):
+            out = np.array(np.nan)
+        if out.shape != shape or not np.isfinite(out).all() or isinstance(value, (bool, str)):
+            wanted = " x ".join(map(str, shape)) + " finite numbers" if shape else "one finite number"
+            self.say(place, f"expected {wanted}, found {str(value)[:60]}")
+            return np.zeros(shape)
+        return out
+
+
+def _form(read: _Reader, place: str, row: Mapping[str, Any], modified: bool) -> tuple[Array, Array]:
+    """(transform before the joint, what is left for the next row) of one joint or of [last]."""
+    given = [form for form in FORMS if form in row]
+    if len(given) != 1:
+        read.say(place, f"give exactly one of {', '.join(FORMS)}" + (f", not {' and '.join(given)}" if given else ""))
+        return np.eye(4), np.eye(4)
+    if given == ["transform_mm"]:
+        N = read.numbers(f"{place}.transform_mm", row["transform_mm"], (3, 4))
+        if N.any() and np.abs(N[:, :3] @ N[:, :3].T - np.eye(3)).max() > 1e-6 or np.linalg.det(N[:, :3]) < 0:
+            read.say(f"{place}.transform_mm", "its first three columns are not a rotation")
+        return transform(N[:, :3], N[:, 3]), np.eye(4)
+    if given == ["xyz_mm"]:
+        origin = transform(rpy(*np.radians(read.numbers(f"{place}.rpy_deg", row.get("rpy_deg", (0, 0, 0)), (3,)))),
+                           read.numbers(f"{place}.xyz_mm", row["xyz_mm"], (3,)))
+        axis = read.numbers(f"{place}.axis", row.get("axis", (0, 0, 1)), (3,))
+        if not np.linalg.norm(axis):
+            read.say(f"{place}.axis", "the axis has no length")
+            axis = np.array([0.0, 0.0, 1.0])
+        B = transform(align_z(axis))
+        return origin @ B, inverse(B)
+    dh = row["dh"]
+    if not isinstance(dh, Mapping):
+        read.say(f"{place}.dh", "expected { theta_deg = …, d_mm = …, a_mm = …, alpha_deg = … }")
+        return np.eye(4), np.eye(4)
+    read.keys(f"{place}.dh", dh, DH_KEYS)
+    theta, d, a, alpha = (float(read.numbers(f"{place}.dh.{key}", dh.get(key, 0), ()))
+                          for key in ("theta_deg", "d_mm", "a_mm", "alpha_deg"))
+    Rz, Rx = transform(turn(2, np.radians(theta))), transform(turn(0, np.radians(alpha)))
+    Tz, Tx = transform(t=(0, 0, d)), transform(t=(a, 0, 0))
+    return (Rx @ Tx @ Tz @ Rz, np.eye(4)) if modified else (Rz, Tz @ Tx @ Rx)
+
+
+def _joint(read: _Reader, place: str, row: Mapping[str, Any], before: Array) -> Joint:
+    kind = row.get("kind", "revolute")
+    if kind not in ("revolute", "prismatic"):
+        read.say(f"{place}.kind", f'expected "revolute" or "prismatic", found "{kind}"')
+    prismatic = kind == "prismatic"
+    limits, key = None, "limits_mm" if prismatic else "limits_deg"
+    if key in row:
+        low, high = read.numbers(f"{place}.{key}", row[key], (2,)) * (1 if prismatic else np.pi / 180)
+        limits = (float(low), float(high))
+        if not low < high:
+            read.say(f"{place}.{key}", "the lower limit must be below the upper one")
+    mass = float(read.numbers(f"{place}.mass_kg", row["mass_kg"], ())) if "mass_kg" in row else None
+    com = read.numbers(f"{place}.com_mm", row.get("com_mm", (0, 0, 0)), (3,))
+    return Joint(before, prismatic, limits, mass, (float(com[0]), float(com[1]), float(com[2])))
+
+
+def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
+    """The robot a TOML table describes; raises StudyError with every problem, each with its place in `where`."""
+    read = _Reader(where)
+    read.keys("robot file", table, TOP_KEYS)
+    rows, last = table.get("joint"), table.get("last")
+    if not isinstance(rows, list) or not rows or not all(isinstance(row, Mapping) for row in rows):
+        raise StudyError(*read.problems, f"{where}: no [[joint]] found: one table per joint, from the base on")
+    convention = table.get("convention", "standard")
+    if convention not in ("standard", "modified"):
+        read.say("convention", f'expected "standard" or "modified", found "{convention}"')
+    pending, joints = np.eye(4), []
+    if "base_mm" in table:                  # frame 0 to where the first row starts: calibrated rows need it
+        pending, _ = _form(read, "base_mm", {"transform_mm": table["base_mm"]}, False)
+    for k, row in enumerate(rows, 1):
+        place = f"joint {k}"
+        read.keys(place, row, JOINT_KEYS)
+        before, after = _form(read, place, row, convention == "modified")
+        joints.append(_joint(read, place, row, pending @ before))
+        pending = after
+    end = pending
+    if last is not None:
+        if isinstance(last, Mapping):
+            read.keys("last", last, JOINT_KEYS)
+            before, after = _form(read, "last", last, convention == "modified")
+            end = pending @ before @ after
+        else:
+            read.say("last", "expected a table [last]")
+    gravity = None
+    if "gravity" in table:
+        g = read.numbers("gravity", table["gravity"], (3,))
+        size = float(np.linalg.norm(g))
+        if size:
+            gravity = (float(g[0] / size), float(g[1] / size), float(g[2] / size))
+        else:
+            read.say("gravity", "the direction has no length; leave the key out where it is not known")
+    if read.problems:
+        raise StudyError(*read.problems)
+    return Robot(str(table.get("name", Path(where).stem)), str(table.get("source", "not stated")), tuple(joints), end,
+                 gravity)
+
+
+def read_robot(path: Path, base: str | None = None, tip: str | None = None) -> Robot:
+    """A robot from a TOML or URDF file; of a URDF the chain between two links, where they are named. Raises StudyError."""
+    if path.suffix.lower() in (".urdf", ".xml"):
+        from .urdf import read_urdf
+        return read_urdf(path, base, tip)
+    if base is not None or tip is not None:
+        raise StudyError(f"{path.name}: base and tip choose a chain of a URDF; a TOML robot file has one chain.")
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise StudyError(f"{path.name}: the robot file cannot be read: {getattr(error, 'strerror', None) or 'not text'}."
+                         " Give it beside the study file.") from None
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise StudyError(f"{path.name}: not valid TOML: {error}") from None
+    return robot_from_table(table, path.name)
+
+
+def builtin_names() -> list[str]:
+    """Names of the built-in robots, sorted."""
+    return sorted(entry.name.removesuffix(".toml") for entry in files("modelsel").joinpath("robots").iterdir()
+                  if entry.name.endswith(".toml"))
+
+
+def load(name: str) -> Robot:
+    """A built-in robot by name. Raises StudyError with a suggestion."""
+    if name not in builtin_names():
+        raise StudyError(f'unknown robot "{name}". {suggest(name, builtin_names())}')
+    text = files("modelsel").joinpath("robots").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    return robot_from_table(tomllib.loads(text), f"{name}.toml")

@@ -1,0 +1,190 @@
+"""URDF -> Robot: the one serial chain of moving joints in a file, base to tip."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from ..words.errors import StudyError, suggest
+from ..words.rigid import Array, align_z, inverse, rpy, to_rpy, transform
+from .robot import Joint, Robot
+
+MOVING = ("revolute", "continuous", "prismatic")
+
+
+def _vector(element: ET.Element | None, key: str, default: tuple[float, ...]) -> Array:
+    if element is None or element.get(key) is None:
+        return np.array(default)
+    try:
+        out = np.array([float(v) for v in str(element.get(key)).split()])
+    except ValueError:
+        out = np.array([np.nan])
+    if out.shape != (len(default),) or not np.isfinite(out).all():
+        raise StudyError(f'<{element.tag} {key}="{element.get(key)}">: expected {len(default)} finite numbers')
+    return out
+
+
+def _origin(element: ET.Element) -> Array:
+    origin = element.find("origin")
+    roll, pitch, yaw = _vector(origin, "rpy", (0.0, 0.0, 0.0))
+    return transform(rpy(roll, pitch, yaw), _vector(origin, "xyz", (0.0, 0.0, 0.0)) * 1e3)
+
+
+def _ends(joint: ET.Element) -> tuple[str, str] | None:
+    """Names of a joint's parent and child link; None where it lacks one."""
+    parent, child = joint.find("parent"), joint.find("child")
+    return None if parent is None or child is None else (str(parent.get("link")), str(child.get("link")))
+
+
+def _below(root: ET.Element) -> dict[str, list[ET.Element]]:
+    """Link -> the joints that hang on it."""
+    out: dict[str, list[ET.Element]] = {}
+    for joint in root.iter("joint"):
+        if (ends := _ends(joint)) is not None:
+            out.setdefault(ends[0], []).append(joint)
+    return out
+
+
+def _child(joint: ET.Element) -> str:
+    ends = _ends(joint)
+    assert ends is not None
+    return ends[1]
+
+
+def _chain(root: ET.Element, where: str, base: str | None, tip: str | None) -> list[ET.Element]:
+    """The joints from the base link (the root) to the tip, without one to the tip with the most moving joints on its way."""
+    below = _below(root)
+    links = {*below, *(_child(j) for joints in below.values() for j in joints)}
+    for word, name in (("base", base), ("tip", tip)):
+        if name is not None and name not in links:
+            raise StudyError(f'{where}: {word} = "{name}" is no link of the chain. {suggest(name, links)}')
+    roots = [link for link in below if link not in {_child(j) for joints in below.values() for j in joints}]
+    if base is None and len(roots) != 1:
+        raise StudyError(f"{where}: expected one root link, found {len(roots)}: {', '.join(sorted(roots)[:5])}. Say which: "
+                         "base = \"…\"")
+    paths: list[tuple[int, int, list[ET.Element]]] = []
+    stack: list[tuple[str, list[ET.Element]]] = [(base or roots[0], [])]
+    while stack:
+        link, path = stack.pop()
+        if len(path) > 1000:
+            raise StudyError(f"{where}: the links form a loop; a serial chain is expected")
+        if tip is None or link == tip:
+            paths.append((sum(j.get("type") in MOVING for j in path), -len(path), path))
+        stack += [(_child(j), [*path, j]) for j in below.get(link, [])]
+    if not paths:
+        raise StudyError(f'{where}: no chain leads from "{base or roots[0]}" to "{tip}": the tip must hang on the base.')
+    best = max(count for count, _, _ in paths)
+    if not best:
+        raise StudyError(f"{where}: no moving joint found" + ("" if tip is None else f' from "{base or roots[0]}" to "{tip}"'))
+    longest = [path for count, _, path in paths if count == best]
+    return max(longest, key=len)
+
+
+def _weights(root: ET.Element, start: str, stop: set[str]) -> tuple[float, Array] | None:
+    """(mass [kg], centre of mass [mm] in the frame of link `start`) of all that moves with it: the links on it and on them, at
+    zero readings, but for those that hang on the joints `stop`; None where no link has a mass."""
+    links = {str(link.get("name")): link for link in root.iter("link")}
+    below, found = _below(root), list[tuple[float, Array]]()
+    stack = [(start, np.eye(4))]
+    while stack:
+        name, place = stack.pop()
+        inertial = links[name].find("inertial") if name in links else None
+        if inertial is not None and inertial.find("mass") is not None:
+            found.append((float(_vector(inertial.find("mass"), "value", (0.0,))[0]), (place @ _origin(inertial))[:3, 3]))
+        stack += [(_child(j), place @ _origin(j)) for j in below.get(name, []) if str(j.get("name")) not in stop]
+    total = sum(mass for mass, _ in found)
+    if not found:
+        return None
+    return total, np.asarray(sum(m * c for m, c in found) / total if total else np.zeros(3))
+
+
+def read_urdf(path: Path, base: str | None = None, tip: str | None = None) -> Robot:
+    """A robot from a URDF file. Raises StudyError."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise StudyError(f"{path.name}: the URDF cannot be read: {getattr(error, 'strerror', None) or 'not text'}") from None
+    return read_urdf_text(text, path.name, base, tip)
+
+
+def read_urdf_text(text: str, where: str, base: str | None = None, tip: str | None = None) -> Robot:
+    """A robot from a URDF's text (lengths m -> mm): the serial chain from link `base` to link `tip`. A joint carries the masses
+    of all links that move with it, a gripper's and a tool's too. Raises StudyError.
+
+    Entities and document types are refused: a URDF needs none, and they are how XML files attack their reader.
+    """
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise StudyError(f"{where}: a document type or entity in a URDF is refused; remove it")
+    try:
+        root = ET.fromstring(text)
+    except ET.ParseError as error:
+        raise StudyError(f"{where}: not valid XML: {error}") from None
+    pending, joints = np.eye(4), []
+    chain = _chain(root, where, base, tip)
+    moving = {str(j.get("name")) for j in chain if j.get("type") in MOVING}
+    for element in chain:
+        pending = pending @ _origin(element)
+        kind = element.get("type")
+        if kind not in MOVING:
+            continue
+        axis = _vector(element.find("axis"), "xyz", (1.0, 0.0, 0.0))
+        if not axis.any():
+            raise StudyError(f'{where}: joint "{element.get("name")}": the axis has no length')
+        B = transform(align_z(axis))
+        limit, limits = element.find("limit"), None
+        if limit is not None and kind != "continuous" and limit.get("upper"):
+            scale = 1e3 if kind == "prismatic" else 1.0
+            limits = (float(_vector(limit, "lower", (0.0,))[0]) * scale, float(_vector(limit, "upper", (0.0,))[0]) * scale)
+        mass, com = None, np.zeros(3)
+        if (carried := _weights(root, _child(element), moving)) is not None:
+            mass, com = carried[0], B[:3, :3].T @ carried[1]
+        joints.append(Joint(pending @ B, kind == "prismatic", limits, mass, (float(com[0]), float(com[1]), float(com[2]))))
+        pending = inverse(B)
+    return Robot(str(root.get("name", Path(where).stem)), f"URDF {where}", tuple(joints), pending)
+
+
+def _fixed(root: ET.Element, parent: str, child: str, place: Array) -> None:
+    joint = ET.SubElement(root, "joint", name=f"{parent}-{child}", type="fixed")
+    _place(joint, place)
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=child)
+    ET.SubElement(root, "link", name=child)
+
+
+def _place(joint: ET.Element, place: Array) -> None:
+    ET.SubElement(joint, "origin", xyz=" ".join(repr(float(v) / 1e3) for v in place[:3, 3]),
+                  rpy=" ".join(repr(v) for v in to_rpy(place[:3, :3])))
+
+
+def write_urdf(robot: Robot, tips: Mapping[str, Array], frames: Mapping[str, Array], notes: Sequence[str] = ()) -> str:
+    """A URDF of a chain: links base, link1 … flange; `tips` (4, 4) hang on the flange, `frames` (4, 4) on the base [mm].
+
+    Inertias are nought and efforts and velocities are 0: they are not known here.
+    """
+    root = ET.Element("robot", name=robot.name)
+    root.extend(ET.Comment(f" {note.replace('--', '- -')} ") for note in notes)
+    ET.SubElement(root, "link", name="base")
+    for k, joint in enumerate(robot.joints, 1):
+        kind = "prismatic" if joint.prismatic else "revolute" if joint.limits else "continuous"
+        element = ET.SubElement(root, "joint", name=f"joint{k}", type=kind)
+        _place(element, joint.before)
+        ET.SubElement(element, "parent", link="base" if k == 1 else f"link{k - 1}")
+        ET.SubElement(element, "child", link=f"link{k}")
+        ET.SubElement(element, "axis", xyz="0 0 1")
+        if joint.limits is not None:
+            low, high = (v / 1e3 if joint.prismatic else v for v in joint.limits)
+            ET.SubElement(element, "limit", lower=repr(float(low)), upper=repr(float(high)), effort="0", velocity="0")
+        link = ET.SubElement(root, "link", name=f"link{k}")
+        if joint.mass is not None:
+            inertial = ET.SubElement(link, "inertial")
+            ET.SubElement(inertial, "origin", xyz=" ".join(repr(float(v) / 1e3) for v in joint.com), rpy="0 0 0")
+            ET.SubElement(inertial, "mass", value=repr(float(joint.mass)))
+            ET.SubElement(inertial, "inertia", ixx="0", ixy="0", ixz="0", iyy="0", iyz="0", izz="0")
+    _fixed(root, f"link{robot.n}", "flange", robot.last)
+    for parent, places in (("flange", tips), ("base", frames)):
+        for name, place in places.items():
+            _fixed(root, parent, name, place)
+    ET.indent(root)
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"

@@ -1,0 +1,1 @@
+"""Robot and data bound together: columns, rank, alias groups."""

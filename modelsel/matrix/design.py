@@ -1,0 +1,183 @@
+"""Design matrix of any model: screw field x causes, in whitened blocks, at the nominal or at a fitted point.
+
+Arrays keep configurations last: columns (p, c, m), residuals (c, m); reshaped to (p, c·m) a block is a Fortran-ordered
+matrix without a copy.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..machine.chain import Frame, Space, screws_into
+from ..machine.robot import Pose, walk
+from ..words.rigid import AXES, Array, rotation_vector
+from ..wrong.causes import ONE
+from ..wrong.screws import Mechanism, Term, terms_of
+from .scene import Scene
+
+PLACE = {axis: a for a, axis in enumerate(AXES)}
+
+
+@dataclass(frozen=True)
+class Model:
+    """A candidate model: mechanisms, in order; terms they share are fitted once."""
+
+    mechanisms: tuple[Mechanism, ...]
+
+    @cached_property
+    def terms(self) -> tuple[Term, ...]:
+        """The fitted numbers."""
+        return terms_of(self.mechanisms)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the mechanisms."""
+        return tuple(m.name for m in self.mechanisms)
+
+    def __add__(self, more: Sequence[Mechanism]) -> Model:
+        return Model((*self.mechanisms, *(m for m in more if m not in self.mechanisms)))
+
+
+def twist_of(scene: Scene, terms: Sequence[Term], theta: Array, rows: slice) -> Array:
+    """Entries (n+1, 6, rows) of every frame's H at parameters theta (p,)."""
+    out = np.zeros((scene.robot.n + 1, 6, rows.stop - rows.start))
+    for value, term in zip(theta, terms, strict=True):
+        if value:
+            for s in term.screws:
+                out[s.frame - 1, PLACE[s.axis]] += value * _rows(scene.cause(s.cause), rows)
+    return out
+
+
+def _rows(cause: Array | float, rows: slice) -> Array | float:
+    return cause if isinstance(cause, float) else cause[rows]
+
+
+def whiten(scene: Scene, values: Array) -> Array:
+    """Values (..., c, m) in units of their standard uncertainty; in place where one weight does."""
+    if isinstance(scene.whiten, float):
+        if scene.whiten != 1.0:
+            values *= scene.whiten
+        return values
+    return np.asarray(np.einsum("mij,...jm->...im", scene.whiten, values))
+
+
+def _start(scene: Scene, rows: slice) -> Frame:
+    """Frame 0 as the tracker sees it, at these rows."""
+    R, t = scene.placement
+    if len(R) == 1:
+        return R[0].T[:, :, None], t[0][:, None]
+    group = scene.data.group[rows]
+    return np.ascontiguousarray(R[group].transpose(2, 1, 0)), np.ascontiguousarray(t[group].T)
+
+
+def _tool(scene: Scene, rows: slice) -> Array:
+    return scene.tools[0] if len(scene.tools) == 1 else scene.tool[rows]
+
+
+def _residual(scene: Scene, at: Frame, rows: slice, out: Array) -> None:
+    """Measured minus predicted into out (c, rows): mm, and with orientations the rotation vector [rad], in the tracker's
+    frame; `at` is the target's frame."""
+    data = scene.data
+    np.subtract(data.position[rows].T, at[1], out=out[:3])
+    if data.rotation is not None and scene.tool_rotations is not None:
+        predicted = np.einsum("jim,mjk->mik", at[0], scene.tool_rotations[data.target[rows]])
+        out[3:] = rotation_vector(np.einsum("mij,mkj->mik", data.rotation[rows], predicted)).T
+
+
+def assemble(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None,
+             rows: slice | None = None, space: Space | None = None) -> Array:
+    """[columns | residual] (p+1, c, rows) of some rows, not whitened, linearised at the fitted point `at` (terms, theta) or at
+    the nominal model. With `space` the array is overwritten by the next call."""
+    rows, space = rows or slice(0, len(scene)), space or Space()
+    m, n, c, p = rows.stop - rows.start, scene.robot.n, scene.components, len(terms)
+    twist = None if at is None else twist_of(scene, *at, rows)
+    first, stop = space.once("run", terms, _run)           # the screw field stands where these columns do: nothing is copied
+    out = space.array("design", max(p, first + 6 * n + 6) + 1, c, m)
+    field, origins = out[first:first + 6 * n + 6].reshape(n + 1, 6, c, m), space.array("origins", n + 1, 3, m)
+    into = field[:, :, :3], origins
+    seen = walk(scene.robot, scene.data.q[rows], _tool(scene, rows), into, twist, _start(scene, rows), space)
+    _residual(scene, seen, rows, out[-1])
+    screws_into(field, origins, origins[-1], twist is not None, space)
+    _products(scene, field, terms[:first], rows, out[:first], space)
+    others = space.array("others", p - stop, c, m)                      # the field is read before it is overwritten
+    _products(scene, field, terms[stop:], rows, others, space)
+    out[stop:p] = others
+    out[p] = out[-1]
+    return out[:p + 1]
+
+
+def field_of(scene: Scene, at: Pose, rows: slice) -> Array:
+    """Screw field (n+1, 6, c, rows) of a pose in the tracker's frame: mm (and rad of the target frame) per unit screw."""
+    R = scene.placement[0][scene.data.group[rows]]
+    moved: Array = np.einsum("mij,fajm->faim", R, at.displacement())
+    if scene.components == 3:
+        return moved
+    turned = np.zeros_like(moved)
+    turned[:, 3:] = np.einsum("mij,fajm->faim", R, at.axes[:, 3:])
+    return np.concatenate([moved, turned], axis=2)
+
+
+def columns_of(scene: Scene, field: Array, terms: Sequence[Term], rows: slice) -> Array:
+    """Columns (p, c, rows) of terms from a screw field."""
+    out = np.empty((len(terms), *field.shape[2:]))
+    _products(scene, field, terms, rows, out, Space())
+    return out
+
+
+def _run(terms: Sequence[Term]) -> tuple[int, int]:
+    """(start, stop) of the first run of terms that are the screw field's own entries, in its order from frame 1."""
+    def is_entry(term: Term, k: int) -> bool:
+        screw = term.screws[0]
+        return (len(term.screws), screw.frame, screw.axis) == (1, k // 6 + 1, AXES[k % 6]) and screw.cause == ONE
+    start = next((k for k, term in enumerate(terms) if is_entry(term, 0)), 0)
+    stop = start
+    while stop < len(terms) and is_entry(terms[stop], stop - start):
+        stop += 1
+    return start, stop
+
+
+def _products(scene: Scene, field: Array, terms: Sequence[Term], rows: slice, out: Array, space: Space) -> None:
+    """Columns of terms, screw field times cause, into out (len(terms), c, rows)."""
+    scaled = space.array("scaled", *out.shape[1:])
+    for column, term in zip(out, terms, strict=True):
+        first, *others = term.screws
+        np.multiply(field[first.frame - 1, PLACE[first.axis]], _rows(scene.cause(first.cause), rows), out=column)
+        for s in others:
+            np.multiply(field[s.frame - 1, PLACE[s.axis]], _rows(scene.cause(s.cause), rows), out=scaled)
+            np.add(column, scaled, out=column)
+
+
+def residuals(scene: Scene, terms: Sequence[Term] = (), theta: Array | None = None) -> Array:
+    """Exact residuals (m, c) [mm, rad], not whitened, at parameters theta; the nominal model without."""
+    out, space = np.empty((len(scene), scene.components)), Space()
+    for rows in scene.blocks():
+        twist = None if theta is None else twist_of(scene, terms, theta, rows)
+        frames, m = scene.robot.n + 1, rows.stop - rows.start
+        axes, origins = space.array("axes", frames, 6, 3, m), space.array("origins", frames, 3, m)
+        seen = walk(scene.robot, scene.data.q[rows], _tool(scene, rows), (axes, origins), twist, _start(scene, rows), space)
+        _residual(scene, seen, rows, out[rows].T)
+    return out
+
+
+def whitened(scene: Scene, residual: Array) -> Array:
+    """Residuals (m, c) in units of their standard uncertainty, (m, c)."""
+    return np.asarray(whiten(scene, residual.T.copy()).T)
+
+
+def blocks(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None
+           ) -> Iterator[tuple[slice, Array, Array]]:
+    """(rows, whitened columns (p, c, rows), whitened residual (c, rows)), linearised at the fitted point `at`
+    (terms, theta), or at the nominal model."""
+    for rows, part in scene.parts():
+        block = whiten(part, assemble(part, terms, at))
+        yield rows, block[:-1], block[-1]
+
+
+def design(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None) -> tuple[Array, Array]:
+    """Whole design (m, c, p) and residual (m, c), whitened; for data that fit in memory."""
+    parts = [(columns, residual) for _, columns, residual in blocks(scene, terms, at)]
+    return (np.concatenate([c for c, _ in parts], axis=2).transpose(2, 1, 0),
+            np.concatenate([r for _, r in parts], axis=1).T)

@@ -1,0 +1,141 @@
+"""What the data determine: rank, a stable choice of representatives, alias groups and lost combinations in words."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..words.rigid import Array
+from ..wrong.screws import Term
+from .reduce import Reduction, independent
+
+FAINT_MM = 2e-3     # a direction that moves the target less than this (rms) at its largest usual size is lost in practice
+SHARE = 1e-4        # a smaller part of a combination is not worth a word
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """`kept`: indices of the representatives, in the columns' order; `scale` (p,) norms of the columns; `triangle` (p, p);
+    `exact`: the representatives before any was lost in practice (see `told`)."""
+
+    kept: tuple[int, ...]
+    scale: Array
+    triangle: Array
+    exact: tuple[int, ...] = ()
+
+    @property
+    def rank(self) -> int:
+        """Number of independent columns."""
+        return len(self.kept)
+
+    @cached_property
+    def relation(self) -> Array:
+        """(p, len(exact)): every column is these coefficients times the exact representatives."""
+        kept = list(self.exact)
+        if not kept:
+            return np.zeros((len(self.scale), 0))
+        unit = self.triangle[:, kept] / self.scale[kept]
+        return np.asarray(np.linalg.lstsq(unit, self.triangle, rcond=None)[0].T / self.scale[kept])
+
+    @cached_property
+    def condition(self) -> float:
+        """Condition number of the kept columns, scaled to unit norm."""
+        kept = list(self.kept)
+        singular = np.linalg.svd(self.triangle[:, kept] / self.scale[kept], compute_uv=False) if kept else np.ones(1)
+        return float(singular[0] / singular[-1])
+
+
+def usual_sizes(terms: Sequence[Term]) -> Array:
+    """(p,) largest usual size of every geometric term; infinite for the others, which stand for themselves."""
+    return np.array([np.inf if t.size is None or any(s.cause.names() - {"target", "group"} for s in t.screws) else t.size[1]
+                     for t in terms])
+
+
+def identify(reduction: Reduction) -> Identified:
+    """Rank by sequential orthogonalisation of the unit columns, in their order: an earlier column represents a later one
+    that depends on it, so the choice does not hang on the data. A column below 1e-13 of the largest is zero."""
+    R = reduction.R[:reduction.p, :reduction.p]
+    kept, scale = independent(R)
+    return Identified(tuple(kept), scale, R, tuple(kept))
+
+
+def told(found: Identified, sizes: Array, least: float) -> Identified:
+    """Without what is lost in practice: a combination of geometric terms whose whitened norm at their usual `sizes` (p,)
+    stays below `least`.
+
+    A target 0.7 mm off the last axis makes combinations estimable on paper that need radians to move it by a micrometre,
+    and least squares would put such radians in. The last of the terms that dominate a combination gives way.
+    """
+    judged = [k for k in found.kept if np.isfinite(sizes[k])]
+    lost: set[int] = set()
+    while judged:
+        _, singular, Vt = np.linalg.svd(found.triangle[:, judged] * sizes[judged], full_matrices=False)
+        if singular[-1] > least:
+            break
+        share = np.abs(Vt[-1])
+        lost.add(judged.pop(int(np.flatnonzero(share > 0.5 * share.max())[-1])))
+    return replace(found, kept=tuple(k for k in found.kept if k not in lost))
+
+
+def solve(reduction: Reduction, kept: Sequence[int]) -> tuple[Array, Array, float]:
+    """(estimate of the kept columns, their unscaled covariance factor R⁻¹ with cov = R⁻¹R⁻ᵀ, residual sum of squares)."""
+    from scipy.linalg import solve_triangular
+    inner = reduction.select(kept)
+    k = len(kept)
+    if not k:
+        return np.zeros(0), np.zeros((0, 0)), float(inner.R[0, 0] ** 2)
+    scale = np.linalg.norm(inner.R[:k, :k], axis=0)
+    T = inner.R[:k, :k] / scale
+    estimate = solve_triangular(T, inner.R[:k, k]) / scale
+    factor = solve_triangular(T, np.eye(k)) / scale[:, None]
+    return estimate, factor, float(inner.R[k, k] ** 2)
+
+
+@dataclass(frozen=True)
+class Unidentifiable:
+    """A combination of parameters that the data cannot tell, in words."""
+
+    sentence: str
+    parameters: tuple[str, ...]
+
+
+def unidentifiable(found: Identified, terms: Sequence[Term]) -> tuple[Unidentifiable, ...]:
+    """Parameters that move nothing, and groups of which only combinations are determined."""
+    symbols = [t.symbol for t in terms]
+    biggest = found.scale.max(initial=0)
+    still = [symbols[j] for j in range(len(terms)) if found.scale[j] <= 1e-13 * biggest]
+    out = []
+    if still:
+        verb = "moves" if len(still) == 1 else "move"
+        out.append(Unidentifiable(f"{_list(still)} {verb} no measured coordinate: the data say nothing of "
+                                  f"{'it' if len(still) == 1 else 'them'}.", tuple(still)))
+    lost = [j for j in range(len(terms)) if j not in found.exact and found.scale[j] > 1e-13 * biggest]
+    partners = {j: [found.exact[k] for k in np.flatnonzero(
+        np.abs(found.relation[j] * found.scale[list(found.exact)]) > SHARE * found.scale[j])] for j in lost}
+    for group in _connected(partners):
+        names = [symbols[j] for j in sorted(group)]
+        dropped = [symbols[j] for j in sorted(group) if j in partners]
+        free = len(group) - len(dropped)
+        what = "only their sum effect is" if free == 1 else f"only {free} combinations of them are"
+        out.append(Unidentifiable(f"{_list(names)} cannot be told apart: {what} determined; "
+                                  f"{_list(dropped)} {'is' if len(dropped) == 1 else 'are'} kept at zero.", tuple(names)))
+    faint = [symbols[j] for j in found.exact if j not in found.kept]
+    if faint:
+        out.append(Unidentifiable(f"{_list(faint)} {'is' if len(faint) == 1 else 'are'} kept at zero: beside the others, what "
+                                  "they add at their usual size drowns in the noise of these configurations.", tuple(faint)))
+    return tuple(out)
+
+
+def _connected(partners: dict[int, list[int]]) -> list[set[int]]:
+    groups: list[set[int]] = []
+    for j, others in partners.items():
+        together = {j, *others}
+        touching = [g for g in groups if g & together]
+        groups = [g for g in groups if g not in touching] + [together.union(*touching)]
+    return sorted(groups, key=min)
+
+
+def _list(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

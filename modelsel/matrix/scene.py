@@ -1,0 +1,142 @@
+"""Scene: a robot, what was measured on it, where the tracker stands and how well it measures, bound together.
+
+A scene gives causes their state (named values per row) and the design its blocks of rows. Frozen; `take` selects rows.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.measurements import Measurements
+from ..machine.gravity import moment, moments, unit_moments
+from ..machine.robot import Pose, Robot, pose
+from ..words.rigid import Array
+from ..wrong.causes import Cause
+
+REMEMBER = 20_000  # rows up to which causes are kept once evaluated
+BLOCK = 4096  # rows: the arrays of one block stay in cache
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Residuals and columns live in the tracker's frame; G groups have a placement each, T targets an offset each."""
+
+    robot: Robot
+    data: Measurements
+    tools: Array                                   # (T, 3) mm, nominal target in the flange frame
+    placement: tuple[Array, Array]                 # R (G, 3, 3), t (G, 3) mm: frame 0 in the tracker's frame
+    tool_rotations: Array | None = None            # (T, 3, 3), with orientation measured
+    whiten: Array | float = 1.0                    # 1/mm, or (m, c, c): times residual = unit variance
+    tracker: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the instrument's own position, for range_mm
+    _values: dict[str, Array] = field(default_factory=dict, repr=False)
+    _causes: dict[Cause, Array | float] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.data)
+
+    @property
+    def components(self) -> int:
+        """3 for positions, 6 with orientations."""
+        return 3 if self.data.rotation is None else 6
+
+    @cached_property
+    def tool(self) -> Array:
+        """(m, 3) nominal target of every row."""
+        return self.tools[self.data.target]
+
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Scene:
+        """The scene of some rows; values already evaluated come along, so causes stay local in rows."""
+        whiten = self.whiten if isinstance(self.whiten, float) else self.whiten[index]
+        return replace(self, data=self.data.take(index), whiten=whiten, _causes={},
+                       _values={name: values[index] for name, values in self._values.items()})
+
+    def pose(self, rows: slice, twist: Array | None = None) -> Pose:
+        """Kinematics of a block of rows in frame 0; twist (n+1, 6, rows)."""
+        R = None if self.tool_rotations is None else self.tool_rotations[self.data.target[rows]]
+        return pose(self.robot, self.data.q[rows], self.tool[rows], twist, R)
+
+    def blocks(self, size: int = BLOCK) -> Iterator[slice]:
+        """Slices that cover the rows."""
+        return (slice(start, min(start + size, len(self))) for start in range(0, len(self), size))
+
+    def parts(self, size: int = BLOCK) -> Iterator[tuple[slice, Scene]]:
+        """(rows, scene of these rows): causes are evaluated block by block, so that none is ever held whole; a scene of one
+        block is its own only part, and keeps what it has evaluated."""
+        for rows in self.blocks(size):
+            yield rows, self if rows.stop - rows.start == len(self) else self.take(rows)
+
+    def cause(self, cause: Cause) -> Array | float:
+        """A cause at every row, evaluated once where the data are few enough to keep it."""
+        if cause not in self._causes:
+            value = cause.of(self)
+            if len(self) > REMEMBER:
+                return value
+            self._causes[cause] = value
+        return self._causes[cause]
+
+    # -- the state that causes look at -------------------------------------------------------------------------------
+
+    def names(self) -> dict[str, str]:
+        """Every name a cause may use on these data, with its unit."""
+        n = self.robot.n
+        known = {f"q{j}": self.robot.unit(j) for j in range(1, n + 1)} | {"x_mm": "mm", "y_mm": "mm", "z_mm": "mm",
+                                                                          "range_mm": "mm", "target": "1", "group": "1",
+                                                                          "progress": "1"}
+        known |= {f"approach{j}": "1" for j in range(1, n + 1)} | {f"move{j}": self.robot.unit(j) for j in range(1, n + 1)}
+        if self.robot.gravity is not None:
+            known |= {f"torque{j}": "N" if self.robot.joints[j - 1].prismatic else "N m" for j in range(1, n + 1)}
+            known |= {f"moment_{axis}": "N m" for axis in "xyz"} | {f"down_{axis}": "1" for axis in "xyz"}
+            known |= {f"moment{j}_{axis}": "N m" for j in range(1, n + 1) for axis in "xy"}
+            bodies = [(j, k) for j in range(1, n + 1) for k in range(j + 1, n + 2)]
+            known |= {f"{stem}_{k}": "N m/kg" for j, k in bodies for stem in (f"moment{j}_x", f"moment{j}_y", f"torque{j}")}
+        return known | {name: unit_of(name) for name in self.data.covariates}
+
+    def value(self, name: str) -> Array:
+        """(m,) values of a name at every row; KeyError for one these data do not have."""
+        if name not in self._values:
+            self._values.update(self._evaluate(name))
+        return self._values[name]
+
+    def _evaluate(self, name: str) -> dict[str, Array]:
+        data = self.data
+        if name in data.covariates:
+            return {name: data.covariates[name]}
+        if name in ("target", "group", "progress"):
+            return {name: np.asarray(getattr(data, name), float)}
+        for stem, values in (("q", data.q), ("approach", data.approach), ("move", data.move)):
+            if name.removeprefix(stem).isdigit() and name.startswith(stem):
+                return {f"{stem}{j + 1}": values[:, j] for j in range(self.robot.n)}
+        if name not in self.names():
+            raise KeyError(name)
+        at = self.pose(slice(None))
+        R, t = self.placement
+        seen = np.einsum("mij,jm->mi", R[data.group], at.target) + t[data.group] - np.array(self.tracker)
+        out = dict(zip(("x_mm", "y_mm", "z_mm"), at.target, strict=True)) | {"range_mm": np.linalg.norm(seen, axis=1)}
+        if self.robot.gravity is not None:
+            bends = moments(self.robot, at, data.q)
+            out |= {f"torque{j + 1}": m[2] for j, m in enumerate(bends)}
+            out |= {f"moment{j + 1}_{axis}": m[a] for j, m in enumerate(bends) for a, axis in enumerate("xy")}
+            out |= {f"moment_{axis}": row for axis, row in zip("xyz", moment(self.robot, at, data.q), strict=True)}
+            for (j, k), each in unit_moments(self.robot, at).items():
+                out |= {f"moment{j}_x_{k}": each[0], f"moment{j}_y_{k}": each[1], f"torque{j}_{k}": each[2]}
+            down = np.einsum("aim,i->am", at.axes[-1, :3], np.array(self.robot.gravity))
+            out |= {f"down_{axis}": row for axis, row in zip("xyz", down, strict=True)}
+        return out
+
+
+def unit_of(name: str) -> str:
+    """Unit of a covariate by the last part of its name: temperature_C -> "°C", payload_kg -> "kg"; else the name itself."""
+    last = name.rpartition("_")[2]
+    return {"C": "°C", "K": "K", "kg": "kg", "s": "s", "mm": "mm", "rad": "rad", "N": "N", "A": "A", "h": "h"}.get(
+        last, name) if "_" in name else name
+
+
+def scene(robot: Robot, data: Measurements, tools: Array, groups: int = 1) -> Scene:
+    """A scene with the tracker's frame on frame 0 (no registration) and unit weights."""
+    placement = (np.tile(np.eye(3), (len(data.groups), 1, 1)), np.zeros((len(data.groups), 3)))
+    rotations = np.tile(np.eye(3), (len(tools), 1, 1)) if data.rotation is not None else None
+    return Scene(robot, data, np.asarray(tools, float), placement, rotations)

@@ -1,0 +1,1 @@
+"""Posterior in closed form and by emcee, bootstrap, correlation, what each mechanism matters."""

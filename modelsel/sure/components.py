@@ -1,0 +1,76 @@
+"""Components of the noise: which whitened coordinate shares which noise scale, where the study gives reason for several.
+
+Stated uncertainties set the ratios inside a component; the scale of each component is left open.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..data.measurements import Index
+from ..fitting.noise import Instrument
+from ..matrix.scene import Scene
+from ..words.rigid import Array
+
+SINGLE = "noise scale"
+
+
+@dataclass(frozen=True, eq=False)
+class Components:
+    """A scene whose whitened coordinates each belong to one component: `of` (c,) its number per coordinate, names and units
+    of the scales, `unit_mm` what a scale of 1 means in that unit."""
+
+    scene: Scene
+    of: Index
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    factor: Array
+
+    @property
+    def count(self) -> int:
+        """How many scales."""
+        return len(self.names)
+
+
+def components(scene: Scene, instrument: Instrument | None = None, stated: bool = False) -> Components:
+    """Of a weighed scene. Per-coordinate uncertainties in the data: a scale per axis of the tracker's frame; an instrument
+    (where no floor is `stated`): one along the beam, one across; orientations: one of their own; else one scale in mm."""
+    six = scene.components == 6
+    rest, rest_names = ([3, 3, 3], ["noise of orientation"]) if six else ([], [])
+    if scene.data.sigma is not None:
+        of, names = [0, 1, 2, *rest], ["noise in x", "noise in y", "noise in z", *rest_names]
+    elif instrument is not None and not stated:
+        scene = along_beam(scene, instrument)
+        of, names = [0, 1, 1, *(k - 1 for k in rest)], ["noise along the beam", "noise across the beam", *rest_names]
+    elif six:
+        of, names = [0, 0, 0, 1, 1, 1], ["noise of position", *rest_names]
+    else:
+        if isinstance(scene.whiten, float):
+            return Components(scene, np.zeros(3, dtype=np.intp), (SINGLE,), ("mm",), np.array([1 / scene.whiten]))
+        of, names = [0, 0, 0], [SINGLE]
+    return Components(scene, np.array(of, dtype=np.intp), tuple(names), ("of the stated",) * len(names), np.ones(len(names)))
+
+
+def along_beam(scene: Scene, instrument: Instrument) -> Scene:
+    """The same weights, each row's first whitened coordinate along the beam and the others across it: an orthogonal turn of
+    the whitened coordinates, which no least-squares fit feels."""
+    if isinstance(scene.whiten, float):
+        raise TypeError("an instrument's weights are a block per row")
+    line = scene.data.position - np.array(instrument.at)
+    u = line / np.linalg.norm(line, axis=1)[:, None]
+    least = np.argmin(np.abs(u), axis=1)
+    v = np.cross(u, np.eye(3)[least])
+    v /= np.linalg.norm(v, axis=1)[:, None]
+    basis = np.stack([u, v, np.cross(u, v)], axis=1)                          # rows: along, across, across
+    position = scene.whiten[:, :3, :3]
+    spread = np.linalg.inv(np.einsum("mji,mjk->mik", position, position))     # covariance of a row
+    sigma = np.sqrt(np.einsum("mai,mij,maj->ma", basis, spread, basis))
+    whiten = scene.whiten.copy()
+    whiten[:, :3, :3] = basis / sigma[:, :, None]
+    return replace(scene, whiten=whiten, _values={}, _causes={})
+
+
+def single(of: Components) -> Components:
+    """With one scale for all."""
+    return Components(of.scene, np.zeros_like(of.of), (SINGLE,), of.units[:1], of.factor[:1])

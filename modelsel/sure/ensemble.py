@@ -1,0 +1,142 @@
+"""The exact chain at many parameter values at once: a row is one draw at one configuration, and no loop runs over draws.
+
+Where only positions are measured, the target's position alone is carried from the flange back to the base,
+x = N_1 H_1 T_1 (… (Last (tool + t_{n+1}))): a third of the work of the whole pose (`robot.pose`, its referee in the tests).
+"""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ..data.measurements import Index
+from ..machine.robot import pose
+from ..matrix.design import PLACE
+from ..matrix.scene import Scene
+from ..words.rigid import Array, rotation_vector
+from ..wrong.screws import Term
+
+ROWS = 8192        # draws x configurations in one block: its arrays stay in cache
+Place = tuple[int, int]
+Twist = Mapping[Place, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """A scene and the terms of a model, made ready for many parameter values."""
+
+    scene: Scene
+    terms: Sequence[Term]
+    _places: dict[Place, tuple[Index, Array]] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        found: dict[Place, tuple[list[int], list[Array]]] = {}
+        for k, term in enumerate(self.terms):
+            for s in term.screws:
+                index, causes = found.setdefault((s.frame - 1, PLACE[s.axis]), ([], []))
+                index.append(k)
+                causes.append(np.asarray(self.scene.cause(s.cause), float))
+        m = len(self.scene)
+        object.__setattr__(self, "_places", {
+            place: (np.array(index, dtype=np.intp),
+                    np.stack([c.reshape(1) for c in causes]) if all(c.ndim == 0 for c in causes)
+                    else np.stack([np.broadcast_to(c, (m,)) for c in causes]))
+            for place, (index, causes) in sorted(found.items())})
+
+    @cached_property
+    def _turns(self) -> tuple[tuple[Array, Array], ...]:
+        """(cos, sin) (m,) of every joint reading."""
+        return tuple((np.cos(q), np.sin(q)) for q in self.scene.data.q.T)
+
+    def twist(self, theta: Array) -> dict[Place, Array]:
+        """(frame, axis) -> entries (D, m), or (D, 1) where they are alike at every configuration, at theta (D, p)."""
+        return {place: np.asarray(theta[:, index] @ causes) for place, (index, causes) in self._places.items()}
+
+    def residuals(self, theta: Array, more: Twist | None = None) -> Array:
+        """Whitened exact residuals (D, c, m) at parameters theta (D, p); `more`: further entries (D, m) of some places."""
+        scene, D, m = self.scene, len(theta), len(self.scene)
+        out = np.empty((D, scene.components, m))
+        step = max(1, ROWS // m)
+        for start in range(0, D, step):
+            draws = slice(start, min(start + step, D))
+            twist = self.twist(theta[draws])
+            for place, values in (more or {}).items():
+                twist[place] = twist.get(place, np.zeros((1, 1))) + values[draws]
+            left = self._positions(twist, draws.stop - start) if scene.components == 3 else self._poses(twist, draws.stop - start)
+            out[draws] = (left * scene.whiten if isinstance(scene.whiten, float)
+                          else np.einsum("mij,djm->dim", scene.whiten, left))
+        return out
+
+    def _positions(self, twist: Twist, D: int) -> Array:
+        """Measured minus predicted (D, 3, m) [mm]."""
+        scene, robot = self.scene, self.scene.robot
+        n = robot.n
+        p = [scene.tool[:, a] + twist.get((n, a), np.zeros((1, 1))) for a in range(3)]
+        p = _carry(robot.last, p)
+        for k in range(n - 1, -1, -1):
+            if robot.joints[k].prismatic:
+                p[2] = p[2] + scene.data.q[:, k]
+            else:
+                p[0], p[1] = _turn(*self._turns[k], p[0], p[1])
+            for a, (i, j) in ((2, (0, 1)), (1, (2, 0)), (0, (1, 2))):            # H = Trans Rx Ry Rz, from the right
+                angle = twist.get((k, 3 + a))
+                if angle is not None:
+                    p[i], p[j] = _turn(np.cos(angle), np.sin(angle), p[i], p[j])
+            for a in range(3):
+                if (k, a) in twist:
+                    p[a] = p[a] + twist[k, a]
+            p = _carry(robot.joints[k].before, p)
+        out = np.empty((D, 3, len(scene)))
+        R, t = scene.placement
+        group, measured = scene.data.group, scene.data.position
+        for a in range(3):
+            out[:, a] = measured[:, a] - t[group, a] - sum(R[group, a, b] * p[b] for b in range(3))
+        return out
+
+    def _poses(self, twist: Twist, D: int) -> Array:
+        """Measured minus predicted (D, 6, m) [mm, rad], by the whole pose."""
+        scene, m = self.scene, len(self.scene)
+        whole = np.zeros((scene.robot.n + 1, 6, D, m))
+        for (f, a), values in twist.items():
+            whole[f, a] = values
+        data, rows = scene.data, np.tile(np.arange(m), D)
+        tool_rotation = None if scene.tool_rotations is None else scene.tool_rotations[data.target[rows]]
+        at = pose(scene.robot, data.q[rows], scene.tool[rows], whole.reshape(scene.robot.n + 1, 6, D * m), tool_rotation)
+        R, t = scene.placement[0][data.group], scene.placement[1][data.group]
+        out = np.empty((D, 6, m))
+        out[:, :3] = (data.position - t).T - np.einsum("mij,jdm->dim", R, at.target.reshape(3, D, m))
+        assert data.rotation is not None
+        seen = np.einsum("mji,mjk->mik", R, data.rotation)                    # measured, in frame 0's axes
+        turned = np.einsum("mij,kjdm->dmik", seen, at.rotation.reshape(3, 3, D, m))
+        out[:, 3:] = np.einsum("mij,djm->dim", R, _vector(turned).transpose(0, 2, 1))
+        return out
+
+
+def _vector(R: Array) -> Array:
+    """(..., 3) rotation vectors; scipy's only where a rotation is so large that its skew part does not tell the angle."""
+    skew = 0.5 * np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1)
+    trace = np.einsum("...ii->...", R)
+    if trace.min() < 0.5:
+        return rotation_vector(R.reshape(-1, 3, 3)).reshape(skew.shape)
+    size = np.linalg.norm(skew, axis=-1)
+    angle = np.arctan2(size, (trace - 1) / 2)
+    return np.asarray(skew * np.where(size > 0, angle / np.maximum(size, 1e-300), 1.0)[..., None])
+
+
+def _turn(c: Array, s: Array, x: Array, y: Array) -> tuple[Array, Array]:
+    """(x, y) turned by the angle of cosine c and sine s."""
+    return c * x - s * y, s * x + c * y
+
+
+def _carry(transform: Array, p: Sequence[Array]) -> list[Array]:
+    """A fixed transform (4, 4) applied to the coordinates of points; zeros cost nothing."""
+    out = []
+    for row in transform[:3]:
+        parts = [p[b] if row[b] == 1 else row[b] * p[b] for b in range(3) if row[b]]
+        total = parts[0]
+        for part in parts[1:]:
+            total = total + part
+        out.append(total + row[3] if row[3] else total)
+    return out

@@ -1,0 +1,103 @@
+"""Every estimable parameter with three answers side by side: analytic, configuration bootstrap, posterior."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..data.measurements import Note
+from ..fitting.fit import Fit
+from ..matrix.design import blocks
+from ..which.compare import Data
+from ..which.folds import fold
+from ..words.rigid import Array
+from .bootstrap import bootstrap
+from .correlation import labels, owners
+from .posterior import Draws, posterior
+from .sampling import Sampling
+
+RATIO = 1.5      # between two of the three answers
+CHANCE = 3.5     # standard deviations of the bootstrap's own uncertainty: among hundreds of parameters none by chance
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One estimate: standard errors from least squares, bootstrap and posterior (None: not sampled), the analytic 95 % interval,
+    the displacement it causes (mean and worst over the measured configurations), how many configurations it rests on, and whether
+    the three answers differ."""
+
+    symbol: str
+    mechanism: str
+    unit: str
+    estimate: float
+    standard_error: float
+    bootstrap_error: float
+    posterior_error: float | None
+    low: float
+    high: float
+    mean_mm: float
+    max_mm: float
+    configurations: float
+    differ: bool
+
+
+def parameters(data: Data, fitted: Fit, rng: np.random.Generator) -> tuple[Parameter, ...]:
+    """Every estimable parameter of a fit, in the model's order; the posterior's answers come later (`with_posterior`)."""
+    training = data.training()
+    configurations = np.unique(training.data.block, return_inverse=True)[1].reshape(-1)
+    folded = fold(training, fitted.terms, configurations, fitted.at())
+    boot = bootstrap(folded, fitted, rng)
+    low, high = posterior(fitted).quantile(np.array([0.025, 0.975])).T
+    mean, worst = displacement(data, fitted)
+    error, names, owner = fitted.standard_errors, labels(fitted.model), owners(fitted.model)
+    out = []
+    for k in fitted.found.kept:
+        analytic, again, rests = float(error[k]), float(boot.errors[k]), float(boot.configurations[k])
+        out.append(Parameter(names[k], owner[k], fitted.terms[k].unit, float(fitted.theta[k]), analytic, again, None,
+                             float(low[k]), float(high[k]), float(mean[k]), float(worst[k]), rests,
+                             _differ((analytic, again), rests)))
+    return tuple(out)
+
+
+def _differ(errors: Sequence[float], configurations: float) -> bool:
+    """Whether standard errors differ by more than RATIO, and by more than the bootstrap's own chance: the logarithm of one that
+    rests on n configurations has a standard deviation of 1/√(2n)."""
+    return max(errors) > max(RATIO, float(np.exp(CHANCE / np.sqrt(2 * configurations)))) * min(errors)
+
+
+def displacement(data: Data, fitted: Fit) -> tuple[Array, Array]:
+    """(mean, worst) (p,) displacement [mm] of the target that each parameter causes, over all measured configurations, held out
+    or not: the workspace as it was measured. Linear about the optimum."""
+    from dataclasses import replace
+    scene = data.scene.take(~data.outlying)
+    total, worst = np.zeros(len(fitted.theta)), np.zeros(len(fitted.theta))
+    for _, columns, _ in blocks(replace(scene, whiten=1.0), fitted.terms, fitted.at()):
+        size = np.linalg.norm(columns[:, :3], axis=1) * np.abs(fitted.theta)[:, None]
+        total += size.sum(1)
+        worst = np.maximum(worst, size.max(1))
+    return total / len(scene), worst
+
+
+def with_posterior(found: Sequence[Parameter], fitted: Fit, draws: Draws, sampling: Sampling
+                   ) -> tuple[Parameter, ...]:
+    """With the posterior's standard deviations: emcee's where it sampled the parameter and converged, else of the closed-form
+    draws weighted on the exact chain."""
+    from dataclasses import replace
+    spread = dict(zip([labels(fitted.model)[k] for k in fitted.found.kept], draws.spread[list(fitted.found.kept)], strict=True))
+    if sampling.converged:
+        spread |= {n: s for n, s in zip(sampling.names, sampling.spread, strict=True) if n in spread}
+    return tuple(replace(one, posterior_error=float(spread[one.symbol]),
+                         differ=_differ((one.standard_error, one.bootstrap_error, float(spread[one.symbol])), one.configurations))
+                 for one in found)
+
+
+def difference_notes(found: Sequence[Parameter]) -> tuple[Note, ...]:
+    """A warning that names the parameters whose answers differ."""
+    named = [f"{p.symbol} ({p.mechanism})" for p in found if p.differ]
+    if not named:
+        return ()
+    shown = ", ".join(named[:6]) + (f" and {len(named) - 6} more" if len(named) > 6 else "")
+    return (Note("errors-differ", f"The standard errors of {shown} differ between least squares, configuration bootstrap and "
+                                  "posterior: the noise is not the same everywhere, or something systematic is left; believe the "
+                                  "largest."),)

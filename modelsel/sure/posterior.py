@@ -1,0 +1,128 @@
+"""The posterior in closed form: draws relinearised at the optimum, importance weights from the exact chain.
+
+Flat prior on the coefficients (a normal one, in units of the noise, on those that are shrunk) and 1/σ on the noise scale. With
+cost Q(θ) = |ρ(θ)|² + θᵀΛθ of the whitened residual ρ, linearised at its minimum θ̂ where it is Q₀,
+    σ² | y ~ Q₀ / χ²_ν,   θ | σ, y ~ N(θ̂, σ² (JᵀJ + Λ)⁻¹),   ν = rows − coefficients that are not shrunk
+(Gelman et al. 2013, 14.2), so each θ is a t with ν degrees of freedom. A draw's weight is the exact posterior over this one; the
+effective number of draws, (Σw)²/Σw², says how good the linear posterior is.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..fitting.fit import Fit
+from ..matrix.scene import Scene
+from ..words.rigid import Array
+from .ensemble import Ensemble
+
+DRAWS = (400, 4000)     # fewest and most
+WORK = 1_000_000        # draws x configurations to stay within
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Student-t at the optimum: theta (p,), `factor` (p, r) with covariance σ² factor factorᵀ, least cost Q₀ and ν."""
+
+    theta: Array
+    factor: Array = field(repr=False)
+    cost: float
+    freedom: float
+
+    @property
+    def scale(self) -> float:
+        """The noise scale, in whitened units: the square root of Q₀/ν."""
+        return float(np.sqrt(self.cost / self.freedom))
+
+    @property
+    def spread(self) -> Array:
+        """(p,) scale of the marginal t of every parameter; nought where it is not estimable."""
+        return np.asarray(np.sqrt(np.square(self.factor).sum(1)) * self.scale)
+
+    def quantile(self, probability: Array | float) -> Array:
+        """(p,) of the marginals; (p, k) for k probabilities."""
+        from scipy.special import stdtrit
+        t = stdtrit(self.freedom, np.asarray(probability))
+        theta = self.theta[(slice(None), *[None] * np.ndim(t))]
+        return np.asarray(theta + np.multiply.outer(self.spread, t))
+
+    def scale_quantile(self, probability: Array | float) -> Array:
+        """Quantiles of the noise scale, in whitened units."""
+        from scipy.special import chdtri
+        return np.asarray(np.sqrt(self.cost / chdtri(self.freedom, np.asarray(probability))))
+
+    def draw(self, rng: np.random.Generator, count: int) -> Draws:
+        """Independent draws; all weights alike."""
+        sigma = np.sqrt(self.cost / rng.chisquare(self.freedom, count))
+        normal = rng.standard_normal((count, self.factor.shape[1]))
+        return Draws(self.theta + sigma[:, None] * (normal @ self.factor.T), sigma, np.full(count, 1 / count), normal)
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """theta (n, p), sigma (n,) in whitened units, weights (n,) that sum to one, and the normal numbers (n, r) behind."""
+
+    theta: Array
+    sigma: Array
+    weight: Array
+    normal: Array = field(repr=False)
+
+    @property
+    def effective(self) -> float:
+        """Effective number of independent draws (Kish 1965)."""
+        return float(1 / np.square(self.weight).sum())
+
+    @property
+    def spread(self) -> Array:
+        """(p,) weighted standard deviation of every parameter."""
+        mean = self.weight @ self.theta
+        return np.asarray(np.sqrt(np.maximum(self.weight @ np.square(self.theta - mean), 0.0)))
+
+
+def posterior(fitted: Fit) -> Posterior:
+    """Of a fit at its optimum."""
+    shrunk = 0 if fitted.precision is None else int((fitted.precision[list(fitted.found.kept)] > 0).sum())
+    cost = fitted.rss + float(np.square(fitted.root @ fitted.theta).sum())
+    return Posterior(fitted.theta, fitted.factor, cost, fitted.rows - (fitted.rank - shrunk))
+
+
+def weighted(scene: Scene, fitted: Fit, exact: Posterior, draws: Draws) -> Draws:
+    """The draws with importance weights: the exact chain's posterior over the linear one, on the fit's own scene."""
+    ensemble, cost = Ensemble(scene, fitted.terms), np.empty(len(draws.theta))
+    step = max(1, WORK // (10 * len(scene)))
+    for start in range(0, len(cost), step):
+        some = slice(start, start + step)
+        cost[some] = np.square(ensemble.residuals(draws.theta[some])).sum((1, 2))
+    cost += np.square(draws.theta @ fitted.root.T).sum(1)
+    linear = exact.cost + np.square(draws.sigma) * np.square(draws.normal).sum(1)
+    log_weight = (linear - cost) / (2 * np.square(draws.sigma))
+    weight = np.exp(log_weight - log_weight.max())
+    return Draws(draws.theta, draws.sigma, np.asarray(weight / weight.sum()), draws.normal)
+
+
+def draws_for(scene: Scene) -> int:
+    """How many draws a scene of this size gets: bounded work, whatever its size."""
+    return int(np.clip(WORK // len(scene), *DRAWS))
+
+
+@dataclass(frozen=True)
+class Importance:
+    """How good the posterior linear about the optimum is, in numbers and words."""
+
+    draws: int
+    effective: float
+    sentence: str
+
+
+def importance(draws: Draws) -> Importance:
+    """Of weighted draws."""
+    count, effective = len(draws.weight), draws.effective
+    share = effective / count
+    if share > 0.9:
+        what = "the exact chain's posterior is the linear one"
+    elif share > 0.3:
+        what = "the chain's curvature is felt, and the weights account for it"
+    else:
+        what = "the chain is too curved for the linear posterior; believe the sampled one"
+    return Importance(count, effective, f"Of {count:,} closed-form draws {effective:,.0f} are effective: {what}.")

@@ -1,0 +1,203 @@
+"""What each mechanism of a model matters, in mm, in evidence, and in what is lost without it; by exact folds, nothing refitted.
+
+All linear about the model's optimum: leaving a mechanism out is fitting the other columns to the residual with that mechanism's
+part put back.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..data.measurements import Index
+from ..fitting.fit import Fit
+from ..matrix.design import Model, blocks
+from ..matrix.identify import identify, solve
+from ..matrix.reduce import Reduction
+from ..which.compare import Data
+from ..which.criteria import log_evidence
+from ..which.folds import Folded, cross_validate, fold, held_out_residuals
+from ..words.errors import NotEstimable
+from ..words.rigid import Array
+from ..wrong.screws import Mechanism
+from .bootstrap import halves
+from .ensemble import Ensemble
+
+HALVES = 100
+LEVEL = 0.05
+SETUP = "set-up"      # the placement is no error of the arm
+
+
+@dataclass(frozen=True)
+class Significance:
+    """One mechanism: displacement it causes over the measured configurations; nested F, p and the evidence for it given all
+    others; cross-validated and held-out rms with and without it; what the catalogue says of sign and size; the share of
+    half-samples in which it stays significant. None where undefined."""
+
+    mechanism: str
+    parameters: tuple[str, ...]
+    mean_mm: float
+    max_mm: float
+    f: float | None
+    p: float | None
+    log10_evidence: float | None
+    cv_rms_mm: float | None
+    cv_rms_without_mm: float | None
+    held_out_rms_mm: float | None
+    held_out_rms_without_mm: float | None
+    catalogue: str
+    stability: float | None
+
+
+def significance(data: Data, fitted: Fit, names: Sequence[str], rng: np.random.Generator) -> tuple[Significance, ...]:
+    """Of every mechanism of a fitted model, by what matters in mm. `names`: what the report calls the model's last mechanisms."""
+    model = fitted.model
+    called = dict(zip(model.mechanisms[-len(names):], names, strict=True)) if names else {}
+    judged = [m for m in model.mechanisms if m.name != SETUP and set(_terms(model, m)) & set(fitted.found.kept)]
+    without = _Without(data, fitted)
+    moved = _displaced(data, fitted, [_terms(model, m) for m in judged])
+    stable = stability(without.folded_by_configuration(), fitted, [_own(model, m, fitted) for m in judged], rng)
+    cv, held = without.rms([])
+    out = []
+    for m, (mean, worst), share in zip(judged, moved, stable, strict=True):
+        own = _own(model, m, fitted)
+        f, p, evidence = nested(fitted, own)
+        cv_without, held_without = without.rms(own) if own else (None, None)
+        terms = _terms(model, m)
+        symbols = tuple(model.terms[k].symbol for k in terms if k in fitted.found.kept)
+        out.append(Significance(called.get(m, m.name), symbols, mean, worst, f, p, evidence, cv, cv_without, held,
+                                held_without, catalogue(fitted, terms), share))
+    return tuple(sorted(out, key=lambda s: -s.mean_mm))
+
+
+def _terms(model: Model, m: Mechanism) -> list[int]:
+    """Indices of a mechanism's terms."""
+    mine = {t.screws for t in m.terms}
+    return [k for k, t in enumerate(model.terms) if t.screws in mine]
+
+
+def _own(model: Model, m: Mechanism, fitted: Fit) -> list[int]:
+    """Estimable terms that this mechanism alone brings."""
+    others = {t.screws for o in model.mechanisms if o != m for t in o.terms}
+    return [k for k in _terms(model, m) if model.terms[k].screws not in others and k in fitted.found.kept]
+
+
+def _displaced(data: Data, fitted: Fit, groups: Sequence[Sequence[int]]) -> list[tuple[float, float]]:
+    """(mean, worst) displacement [mm] of the target that each group of terms causes on the exact chain, over all measured
+    configurations."""
+    scene = replace(data.scene.take(~data.outlying), whiten=1.0)
+    theta = np.tile(fitted.theta, (1 + len(groups), 1))
+    for row, group in zip(theta[1:], groups, strict=True):
+        row[list(group)] = 0.0
+    ensemble = Ensemble(scene, fitted.terms)
+    full = ensemble.residuals(theta[:1])[0, :3]
+    sizes = [np.linalg.norm(ensemble.residuals(row[None])[0, :3] - full, axis=0) for row in theta[1:]]
+    return [(float(s.mean()), float(s.max())) for s in sizes]
+
+
+def nested(fitted: Fit, own: Sequence[int]) -> tuple[float | None, float | None, float | None]:
+    """(F, its p, log10 of the Bayes factor with a unit-information prior) of the model against itself without some terms:
+    RSS grows by θᵀ C⁻¹ θ, C their unscaled covariance."""
+    from scipy.special import fdtrc
+    if not own or fitted.freedom <= 0:
+        return None, None, None
+    factor, theta = fitted.factor[list(own)], fitted.theta[list(own)]
+    more = float(theta @ np.linalg.solve(factor @ factor.T, theta))
+    f = more / len(own) / fitted.sigma ** 2
+    rank = round(fitted.rows - fitted.freedom)
+    evidence = log_evidence(fitted.rss, fitted.rss + more, fitted.rows, rank - len(own), len(own))
+    return f, float(fdtrc(len(own), fitted.freedom, f)), float(evidence / np.log(10)) if fitted.precision is None else None
+
+
+class _Without:
+    """Cross-validated and held-out errors of the model without some terms, from blocks made once."""
+
+    def __init__(self, data: Data, fitted: Fit):
+        self.data, self.fitted, self.training = data, fitted, data.training()
+        self.folds = data.training_folds()
+        self.folded = fold(self.training, fitted.terms, self.folds, fitted.at())
+        self.held = data.scene.take(~data.estimation & ~data.outlying)
+
+    def folded_by_configuration(self) -> Folded:
+        """A fold per configuration."""
+        own = np.unique(self.training.data.block, return_inverse=True)[1].reshape(-1)
+        return fold(self.training, self.fitted.terms, own, self.fitted.at())
+
+    def rms(self, out: Sequence[int]) -> tuple[float | None, float | None]:
+        """(cross-validated, held-out) rms [mm] of the lengths of the residual vectors."""
+        fitted, gone = self.fitted, list(out)
+        kept = [k for k in fitted.found.kept if k not in gone]
+        changed = self.folded.blocks.copy()
+        changed[:, :, -1] += changed[:, :, gone] @ fitted.theta[gone]
+        total = Reduction.empty(changed.shape[2] - 1).add(changed.reshape(-1, changed.shape[2]))
+        prior = None if fitted.prior is None else fitted.prior.copy()
+        if prior is not None:
+            prior[:, -1] += prior[:, gone] @ fitted.theta[gone]
+            prior = prior[np.abs(prior[:, kept]).any(1)] if kept else prior[:0]
+            total = Reduction(total.add(prior).R, total.rows)
+        kept = [kept[i] for i in identify(total.select(kept)).kept]
+        try:
+            cv = cross_validate(Folded(changed, self.folded.rows), kept, prior)
+            per_fold = cv.without.copy()
+            per_fold[:, gone] -= fitted.theta[gone]
+            left = held_out_residuals(self.training, fitted.terms, self.folds, per_fold, fitted.at())
+            crossed: float | None = float(np.sqrt(np.square(left).sum(1).mean()))
+        except NotEstimable:
+            crossed = None
+        delta = np.zeros(len(fitted.theta))
+        delta[kept] = solve(total, kept)[0]
+        delta[gone] = -fitted.theta[gone]
+        return crossed, self._held_out(delta)
+
+    def _held_out(self, delta: Array) -> float | None:
+        if not len(self.held):
+            return None
+        squares = [np.square(residual[:3] - np.einsum("pcm,p->cm", columns[:, :3], delta)).sum()
+                   for _, columns, residual in blocks(replace(self.held, whiten=1.0), self.fitted.terms, self.fitted.at())]
+        return float(np.sqrt(sum(squares) / len(self.held)))
+
+
+def stability(folded: Folded, fitted: Fit, groups: Sequence[Sequence[int]], rng: np.random.Generator, count: int = HALVES
+              ) -> list[float | None]:
+    """Share of half-samples of the configurations in which each group of terms stays significant (nested F, p below 0.05)."""
+    from scipy.special import fdtrc
+    kept = list(fitted.found.kept)
+    where = {k: i for i, k in enumerate(kept)}
+    inside: list[Index] = [np.array([where[k] for k in g], dtype=np.intp) for g in groups]
+    X = folded.blocks[:, :, kept]
+    y = folded.blocks[:, :, -1] + X @ fitted.theta[kept]
+    scale = np.linalg.norm(X, axis=(0, 1))
+    root = fitted.root[:, kept] / scale
+    hits, judged = np.zeros(len(groups)), 0
+    for half in halves(rng, count, len(X)):
+        A, b = X[half].reshape(-1, len(kept)) / scale, y[half].ravel()
+        gram = A.T @ A + root.T @ root
+        rows = int(folded.rows[half].sum())
+        try:
+            C = np.linalg.inv(gram)
+        except np.linalg.LinAlgError:
+            continue
+        beta = C @ (A.T @ b)
+        freedom = rows - np.einsum("ij,ji->", C, A.T @ A)
+        if freedom < 1 or np.abs(C @ gram - np.eye(len(kept))).max() > 1e-6:
+            continue
+        judged += 1
+        variance = float(np.square(b - A @ beta).sum()) / freedom
+        for g, i in enumerate(inside):
+            if len(i):
+                f = beta[i] @ np.linalg.solve(C[np.ix_(i, i)], beta[i]) / len(i) / variance
+                hits[g] += fdtrc(len(i), freedom, f) < LEVEL
+    return [float(h / judged) if judged and len(i) else None for h, i in zip(hits, inside, strict=True)]
+
+
+def catalogue(fitted: Fit, terms: Sequence[int]) -> str:
+    """Whether signs and sizes are what the catalogue expects, else which are not; two standard errors are allowed."""
+    off, error = [], fitted.standard_errors
+    for k in terms:
+        term, value = fitted.terms[k], float(fitted.theta[k])
+        if term.sign and value * term.sign < -2 * error[k]:
+            off.append(f"{term.symbol} has the other sign")
+        if term.size is not None and abs(value) - 2 * error[k] > term.size[1]:
+            off.append(f"{term.symbol} is larger than usual")
+    return "; ".join(off) if off else "as expected"

@@ -1,0 +1,233 @@
+"""What emcee samples: the logarithm of a posterior density, vectorised over walkers.
+
+Sampled: some coefficients ψ (those of the named effects, or all), the logarithm of every noise scale, the tail 1/ν of a Student-t
+per measured point, the inner constants of scanned mechanisms. Integrated out: all other coefficients β. At each point the exact
+chain is evaluated at (ψ, β*(ψ)), β* the linear answer of β to ψ; what is left is minimised over β in the columns J_β at the
+optimum (one projection, or expectation-maximisation under a Student-t: Lange, Little & Taylor 1989), and the normal integral
+about that minimum is taken (Laplace; exact for normal noise up to the curvature of the chain in β). Under a Student-t the
+information of a row, w (1 − 2 w d² / (ν + c) c) in units of s⁻² with w = (ν + c) / (ν + d²), is averaged over the rows; with 12
+coefficients integrated out of 25 points, tails of ν < 4 come out up to 0.4 too unlikely in ln p, and the noise scale too sure
+(89 % intervals for 95 %, benchmarks/calibration.py). With normal noise of one scale,
+    ln p(ψ, s | y) = −(rows + k − r_β) ln s − |(I − QQᵀ) ρ(ψ, β*)|² / 2s²,   Q an orthonormal basis of J_β, k shrunk coefficients,
+and with several scales ½ ln |Σ_t s_t⁻² Q_tᵀQ_t| stands in place of −r_β ln s (restricted likelihood; Patterson & Thompson 1971).
+Priors: flat on coefficients and constants, 1/s on every scale (within a factor of 1,000), 1/ν uniform below ½. Shrunk
+coefficients keep their normal prior, its variance held at the most probable one.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ..fitting.fit import Fit
+from ..words.rigid import Array
+from .components import Components
+from .constants import Constant
+from .ensemble import Ensemble
+from .posterior import posterior
+
+TAIL = "tail 1/ν"
+HEAVIEST, LIGHTEST = 0.5, 1e-6
+FARTHEST = np.log(1000)
+SCORING = 5       # steps of expectation-maximisation; each leaves about 2/(ν + 5) of the distance
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A density of d numbers: coefficients (term indices `sampled`), log scales, tail (if `tail`), constants; `exact` tells
+    whether the chain is evaluated, or its QR-reduced linear form."""
+
+    fitted: Fit
+    noise: Components
+    sampled: tuple[int, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    tail: bool = False
+    constants: tuple[Constant, ...] = ()
+    exact: bool = True
+    _split: tuple[int, int] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        k = len(self.sampled)
+        object.__setattr__(self, "_split", (k, k + self.noise.count))
+
+    @property
+    def size(self) -> int:
+        """Number of sampled numbers."""
+        return len(self.names)
+
+    @cached_property
+    def _integrated(self) -> list[int]:
+        return [k for k in self.fitted.found.kept if k not in self.sampled]
+
+    @cached_property
+    def _ensemble(self) -> Ensemble:
+        return Ensemble(self.noise.scene, self.fitted.terms)
+
+    @cached_property
+    def _basis(self) -> tuple[Array, Array, Array]:
+        """(Q (N + k, r_β) turned so that the data's part of QᵀQ is diagonal, that diagonal h (r_β,), response B (r_β, ψ) of β
+        to ψ); the N data rows in the order (coordinate, configuration), then a row per shrunk coefficient."""
+        from ..matrix.design import design
+        fitted, beta, psi = self.fitted, self._integrated, list(self.sampled)
+        X = design(self.noise.scene, fitted.terms, fitted.at())[0].transpose(1, 0, 2).reshape(-1, len(fitted.theta))
+        N = len(X)
+        X = np.vstack([X, fitted.root])
+        Q, R = np.linalg.qr(X[:, beta])
+        B = np.linalg.solve(R, Q.T @ X[:, psi]) if beta else np.zeros((0, len(psi)))
+        h = np.ones(len(beta))
+        if len(X) > N and beta:
+            h, V = np.linalg.eigh(Q[:N].T @ Q[:N])
+            Q = Q @ V
+        return Q, h.clip(0, 1), B
+
+    @cached_property
+    def _grams(self) -> Array:
+        """(T + 1, r_β, r_β) QᵀQ of each component's rows, and of the prior's."""
+        Q, m = self._basis[0], len(self.noise.scene)
+        N = m * len(self.noise.of)
+        part = Q[:N].reshape(len(self.noise.of), m, -1)
+        return np.stack([*(np.einsum("cmi,cmj->ij", part[self.noise.of == t], part[self.noise.of == t])
+                           for t in range(self.noise.count)), Q[N:].T @ Q[N:]])
+
+    @cached_property
+    def _reduced(self) -> Array:
+        """(ψ, ψ) triangle of the linear problem with β projected out; the prior's rows are in."""
+        from ..matrix.reduce import Reduction
+        reduction = self.fitted.reduction
+        if self.fitted.prior is not None:
+            reduction = Reduction(reduction.add(self.fitted.prior).R, reduction.rows)
+        b = len(self._integrated)
+        return reduction.select([*self._integrated, *self.sampled]).R[b:-1, b:-1]
+
+    @cached_property
+    def _units(self) -> tuple[Array, Array]:
+        """(origin (d,), matrix (d, d)): walkers live in units of the closed form, in which the coefficients are uncorrelated;
+        a snooker's lines have no meaning across millimetres and radians."""
+        known, k = posterior(self.fitted), self._split[0]
+        origin, matrix = np.zeros(self.size), np.zeros((self.size, self.size))
+        index = list(self.sampled)
+        origin[:k] = known.theta[index]
+        matrix[:k, :k] = np.linalg.qr(known.factor[index].T)[1].T * known.scale
+        scales = slice(*self._split)
+        origin[scales] = np.log(known.scale)
+        wide = [1 / np.sqrt(2 * known.freedom / self.noise.count)] * self.noise.count + [0.05] * self.tail
+        wide += [0.1 * (constant.high - constant.low) for constant in self.constants]
+        matrix[range(k, self.size), range(k, self.size)] = wide
+        return origin, matrix
+
+    def natural(self, walkers: Array) -> Array:
+        """(..., d) coefficients, log scales, tail, constants of walkers in their own units. The tail is folded at nought, so
+        that normal noise is no wall to run against."""
+        origin, matrix = self._units
+        out = np.asarray(origin + walkers @ matrix.T)
+        if self.tail:
+            out[..., self._split[1]] = np.abs(out[..., self._split[1]])
+        return out
+
+    def log_density(self, walkers: Array) -> Array:
+        """(W,) up to a constant, at walkers (W, d) in their own units; −inf outside the priors."""
+        points = self.natural(walkers)
+        inside = (np.abs(points[:, slice(*self._split)] - np.log(posterior(self.fitted).scale)) < FARTHEST).all(1)
+        if self.tail:
+            inside &= (points[:, self._split[1]] > LIGHTEST) & (points[:, self._split[1]] < HEAVIEST)
+        for i, constant in enumerate(self.constants):
+            value = points[:, self._split[1] + self.tail + i]
+            inside &= (value > constant.low) & (value < constant.high)
+        out = np.full(len(points), -np.inf)
+        if inside.any():
+            out[inside] = self._exact(points[inside]) if self.exact else self._linear(points[inside])
+        return out
+
+    def _linear(self, points: Array) -> Array:
+        """Normal noise of one scale, linear about the optimum, on the QR-reduced data."""
+        known = posterior(self.fitted)
+        step = (points[:, :self._split[0]] - self.fitted.theta[list(self.sampled)]) @ self._reduced.T
+        log_s = points[:, self._split[0]]
+        power = known.freedom + len(self.sampled)
+        return np.asarray(-power * log_s - (known.cost + np.square(step).sum(1)) / 2 * np.exp(-2 * log_s))
+
+    def _theta(self, points: Array) -> Array:
+        """(W, p) with β at its linear answer."""
+        theta = np.tile(self.fitted.theta, (len(points), 1))
+        step = points[:, :self._split[0]] - self.fitted.theta[list(self.sampled)]
+        theta[:, list(self.sampled)] += step
+        theta[:, self._integrated] -= step @ self._basis[2].T
+        return theta
+
+    def _exact(self, points: Array) -> Array:
+        theta, W = self._theta(points), len(points)
+        more: dict[tuple[int, int], Array] = {}
+        for i, constant in enumerate(self.constants):
+            constant.twist(theta, points[:, self._split[1] + self.tail + i], more)
+        e = self._ensemble.residuals(theta, more).reshape(W, -1)
+        e = np.hstack([e, -theta @ self.fitted.root.T])
+        log_s = points[:, self._split[0]:self._split[1]]
+        nu = 1 / points[:, self._split[1]] if self.tail else None
+        return self._marginal(e, log_s, nu)
+
+    def _marginal(self, e: Array, log_s: Array, nu: Array | None) -> Array:
+        """β integrated out of residuals e (W, N + k) at log scales (W, T) and degrees of freedom (W,)."""
+        noise, m, W = self.noise, len(self.noise.scene), len(e)
+        c, N = len(noise.of), m * len(noise.of)
+        Q, h, _ = self._basis
+        of = np.concatenate([np.repeat(noise.of, m), np.zeros(e.shape[1] - N, dtype=np.intp)])
+        inverse = np.exp(-log_s)[:, of] if noise.count > 1 else np.exp(-log_s)
+        A = None
+        if noise.count > 1:
+            A = np.einsum("wt,tij->wij", np.exp(-2 * log_s[:, [*range(noise.count), 0]]), self._grams)
+        w: Array | float = 1.0
+        for _ in range(1 if nu is None else 1 + SCORING):
+            b = (w * e if A is None else w * e * inverse ** 2) @ Q
+            e = e - (b if A is None else np.linalg.solve(A, b[:, :, None])[:, :, 0]) @ Q.T
+            if nu is not None:
+                distance = np.square((e * inverse)[:, :N]).reshape(W, c, m).sum(1)
+                weight = (nu[:, None] + c) / (nu[:, None] + distance)
+                w = np.ones_like(e)
+                w[:, :N] = np.tile(weight, (1, c))
+        rows = np.bincount(of, minlength=noise.count)
+        out = -log_s @ rows - 0.5 * np.square((e * inverse)[:, N:]).sum(1)
+        curved = np.ones(W)
+        if nu is None:
+            out = out - 0.5 * np.square((e * inverse)[:, :N]).sum(1)
+        else:
+            from scipy.special import gammaln
+            curved = (weight * (1 - 2 / c * weight * distance / (nu[:, None] + c))).mean(1).clip(0.05)
+            out = out + m * (gammaln((nu + c) / 2) - gammaln(nu / 2) - c / 2 * np.log(nu)) - (nu + c) / 2 * np.log1p(
+                distance / nu[:, None]).sum(1)
+        if A is None:
+            return np.asarray(out + len(h) * log_s[:, 0] - 0.5 * np.log(h * curved[:, None] + 1 - h).sum(1))
+        share = np.concatenate([np.repeat(curved[:, None], noise.count, 1), np.ones((W, 1))], 1)
+        A = np.einsum("wt,tij->wij", share * np.exp(-2 * log_s[:, [*range(noise.count), 0]]), self._grams)
+        return np.asarray(out - 0.5 * np.linalg.slogdet(A)[1])
+
+    def start(self, rng: np.random.Generator, walkers: int) -> Array:
+        """(walkers, d) from exact draws of the closed form; tails and constants over what is likely."""
+        draws = posterior(self.fitted).draw(rng, walkers)
+        parts = [draws.theta[:, list(self.sampled)],
+                 np.log(draws.sigma)[:, None] + 0.02 * rng.standard_normal((walkers, self.noise.count))]
+        if self.tail:
+            parts.append(rng.uniform(0.001, 0.1, (walkers, 1)))
+        parts += [constant.start(rng, walkers) for constant in self.constants]
+        origin, matrix = self._units
+        return np.asarray(np.linalg.solve(matrix, (np.hstack(parts) - origin).T).T)
+
+    def values(self, walkers: Array) -> Array:
+        """Walkers (..., d) in the units of the report: scales not as logarithms."""
+        out = self.natural(walkers)
+        scales = slice(*self._split)
+        out[..., scales] = np.exp(out[..., scales]) * self.noise.factor
+        return out
+
+    def closed_form(self, probability: Sequence[float]) -> Array:
+        """(d, k) quantiles of the closed form; NaN where there is none."""
+        known = posterior(self.fitted)
+        p = np.array(probability)
+        out = np.full((self.size, len(p)), np.nan)
+        out[:self._split[0]] = known.quantile(p)[list(self.sampled)]
+        if self.noise.count == 1:
+            out[self._split[0]] = known.scale_quantile(p) * self.noise.factor[0]
+        return out
+

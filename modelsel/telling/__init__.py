@@ -1,0 +1,1 @@
+"""Results as words, tables, JSON, pictures and pages; one study, or many."""

@@ -1,0 +1,118 @@
+"""From named effects to the contract's findings, and what absence of a finding means."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ..matrix.scene import Scene
+from ..which.candidates import Candidate
+from ..which.validate import Gain
+from ..why.evidence import RATIOS
+from ..why.extend import Effect, Extension
+from ..why.faults import Fault
+from ..why.naming import Entry
+from ..why.words import sentence
+from ..words.rigid import Array
+from ..wrong.causes import Bump
+from ..wrong.screws import Term
+
+PLAIN = ("payload_kg", "temperature_C", "time_s")
+POWER = 0.90
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """One decision: an effect, its sentence, what it gains on held-out rows."""
+
+    effect: Effect
+    gain: Gain
+
+    @property
+    def sentence(self) -> str:
+        """In a metrologist's words."""
+        return sentence(self.effect)
+
+
+def derived(names: frozenset[str], scene: Scene) -> bool:
+    """Whether a cause uses a name that is neither a joint reading nor a column of the data."""
+    plain = {f"q{j}" for j in range(1, scene.robot.n + 1)} | set(scene.data.covariates) | set(PLAIN)
+    return bool(names - plain)
+
+
+def screws_of(candidate: Candidate, scene: Scene, curve: dict[tuple[int, str], Array] | None = None) -> list[dict[str, Any]]:
+    """The contract's screws of an entry: each place and cause once; derived causes and free functions with their values at
+    the scene's rows (the estimation rows, in file order). Screws that move nothing on these data are left out."""
+    out: dict[tuple[int, str, str], dict[str, Any]] = {}
+    for term in candidate.mechanism.terms:
+        for s in term.screws:
+            key = (s.frame, s.axis, str(s.cause))
+            if key in out:
+                continue
+            entry: dict[str, Any] = {"frame": s.frame, "axis": s.axis, "cause": str(s.cause)}
+            if isinstance(s.cause, Bump):
+                fitted = (curve or {}).get((s.frame, s.axis))
+                entry["values"] = np.zeros(len(scene)) if fitted is None else fitted
+            elif derived(s.cause.names(), scene):
+                entry["values"] = np.broadcast_to(s.cause.of(scene), (len(scene),))
+            out[key] = entry
+    return list(out.values())
+
+
+def curve_of(terms: Sequence[Term], estimate: Array, scene: Scene) -> dict[tuple[int, str], Array]:
+    """(frame, axis) -> fitted values of a free function at the scene's rows."""
+    out: dict[tuple[int, str], Array] = {}
+    for term, value in zip(terms, estimate, strict=True):
+        for s in term.screws:
+            if isinstance(s.cause, Bump):
+                key = (s.frame, s.axis)
+                out[key] = out.get(key, np.zeros(len(scene))) + value * s.cause.of(scene)
+    return out
+
+
+def finding_dict(finding: Finding, scene: Scene) -> dict[str, Any]:
+    """The contract's finding; `scene` holds the estimation rows in file order."""
+    effect = finding.effect
+    def curve(entry: Entry) -> dict[tuple[int, str], Array]:
+        estimate = effect.estimate if entry.candidate == effect.candidate else entry.estimate
+        return curve_of(entry.candidate.mechanism.terms, estimate, scene)
+
+    rows = {}
+    if effect.candidate.mechanism.name.startswith("fault:"):
+        cause = scene.cause(effect.candidate.mechanism.terms[0].screws[0].cause)
+        rows = {"rows": scene.data.row[np.broadcast_to(cause, (len(scene),)) > 0] if "bumped" in effect.candidate.mechanism.name
+                else scene.data.row}
+    return {
+        "sentence": finding.sentence, "verdict": effect.named.verdict, "p_value": effect.p, **rows,
+        "credible_set": [{"mechanism": e.candidate.label, "probability": e.probability,
+                          "screws": screws_of(e.candidate, scene, curve(e)), "alike": e.alike} for e in effect.named.entries],
+        "more_entries": effect.named.more,
+        "estimate": [{"symbol": t.symbol, "value": v, "standard_error": e, "unit": t.unit}
+                     for t, v, e in zip(effect.candidate.mechanism.terms, effect.estimate, effect.standard_error, strict=True)],
+        "gain": asdict(finding.gain)}
+
+
+def fault_dict(fault: Fault) -> dict[str, Any]:
+    """The contract's finding of a data fault."""
+    return {"sentence": fault.sentence, "verdict": "found", "p_value": fault.p, "rows": fault.rows,
+            "credible_set": [{"mechanism": f"fault:{fault.name}", "probability": 1 - fault.p, "screws": [], "alike": True}],
+            "more_entries": 0, "estimate": [], "gain": asdict(Gain(None, None, None))}
+
+
+def detection_limit(extension: Extension, priors: Sequence[float], configurations: int, sigma: float) -> float:
+    """Root mean square displacement per row [whitened units of sigma] beyond the model of a single-column effect that the
+    scan would find with 90 %: the noncentrality at which its evidence passes the bound (methods.md A.7)."""
+    from scipy.special import chndtr
+    log_prior = float(np.log(np.median(priors)))
+    freedom = extension.fit.freedom
+    share = np.linspace(0.0, 0.9, 4001)[1:]
+    best = np.max([log_prior - 0.5 * np.log1p(r) - 0.5 * freedom * np.log1p(-share * r / (1 + r)) for r in RATIOS], axis=0)
+    passing = share[np.argmax(best > extension.bound)]
+    critical = passing / (1 - passing) * (freedom - 1)
+    low, high = 0.0, 10 * critical + 100
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if 1 - chndtr(critical, 1, middle) < POWER else (low, middle)
+    return float(sigma * np.sqrt(high / configurations))

@@ -1,0 +1,139 @@
+"""The fleet file: TOML -> the studies of one job, and measurements in pieces; every problem of a file is said at once."""
+from __future__ import annotations
+
+import os
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ..words.errors import StudyError, suggest
+from .config import Study, Vector, find_data, read_study
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class StudyTable(_Table):
+    """[[study]]: a study file, and what is different here: a robot, a day, a what-if."""
+
+    file: str
+    name: str | None = None
+    measurements: str | None = None
+    estimation: Annotated[int, Field(ge=1)] | None = None
+    candidates: list[str] | None = None
+    seed: Annotated[int, Field(ge=0)] | None = None
+
+
+class PartsTable(_Table):
+    """[[parts]]: one measurement set in many Parquet files, fitted without ever being held whole."""
+
+    name: str
+    files: Annotated[list[str], Field(min_length=1)]
+    robot: str
+    tool_mm: Vector
+    base: list[str] = ["geometric"]
+    folds: Annotated[int, Field(ge=2)] = 10
+
+
+class FleetFile(_Table):
+    """A fleet file, checked."""
+
+    name: str
+    studies: list[str] = []
+    study: list[StudyTable] = []
+    parts: list[PartsTable] = []
+
+
+@dataclass(frozen=True)
+class Task:
+    """A study of the fleet: the name of its folder, the study, the folder its files stand in."""
+
+    name: str
+    study: Study
+    folder: Path
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """A fleet, its files found: studies in the file's order, measurement sets in pieces."""
+
+    name: str
+    tasks: tuple[Task, ...]
+    parts: tuple[PartsTable, ...]
+    folder: Path
+
+
+def read_fleet(path: Path) -> Fleet:
+    """A fleet file and the study files it names. Raises StudyError with every problem and its place."""
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise StudyError(f"{path}: no such fleet file") from None
+    except (OSError, ValueError) as error:
+        raise StudyError(f"{path.name}: not valid TOML: {error}") from None
+    try:
+        found = FleetFile.model_validate(_floats(table))
+    except ValidationError as error:
+        raise StudyError(*(f"{path.name}: {_sentence(e)}" for e in error.errors())) from None
+    problems: list[str] = []
+    entries = [StudyTable(file=str(file.relative_to(path.parent))) for pattern in found.studies
+               for file in _matching(path.parent, pattern, problems)]
+    tasks = [task for entry in (*entries, *found.study) if (task := _task(entry, path.parent, problems)) is not None]
+    names = [task.name for task in tasks] + [part.name for part in found.parts]
+    problems += [f'"{name}" stands twice: give [[study]] name = "…"' for name in dict.fromkeys(names) if names.count(name) > 1]
+    problems += [f'"{name}" is no name for a folder' for name in names if not name or Path(name).name != name]
+    if not names and not problems:
+        problems.append('no studies: give studies = ["*/study.toml"], [[study]] or [[parts]]')
+    if problems:
+        raise StudyError(*(f"{path.name}: {problem}" for problem in problems))
+    return Fleet(found.name, tuple(tasks), tuple(found.parts), path.parent)
+
+
+def _matching(folder: Path, pattern: str, problems: list[str]) -> list[Path]:
+    files = sorted(folder.glob(pattern))
+    if not files:
+        problems.append(f'studies: no file matches "{pattern}"')
+    return files
+
+
+def _task(entry: StudyTable, folder: Path, problems: list[str]) -> Task | None:
+    path = folder / entry.file
+    try:
+        study = read_study(path)
+    except StudyError as error:
+        problems += [f"{entry.file}: {problem}" for problem in error.problems]
+        return None
+    path = path / "study.toml" if path.is_dir() else path
+    changes: dict[str, Any] = {}
+    if entry.measurements is not None:
+        file = find_data(entry.measurements, folder)
+        changes["measurements"] = study.measurements.model_copy(update={"file": os.path.relpath(file, path.parent)})
+    if entry.estimation is not None:
+        changes["split"] = study.split.model_copy(update={"estimation": entry.estimation, "column": None})
+    if entry.candidates is not None:
+        changes["model"] = study.model.model_copy(update={"candidates": entry.candidates})
+    if entry.seed is not None:
+        changes["seed"] = entry.seed
+    return Task(entry.name or path.resolve().parent.name, study.model_copy(update=changes), path.parent)
+
+
+def _floats(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: [float(x) if isinstance(x, int) else x for x in v] if k == "tool_mm" and isinstance(v, list) else _floats(v)
+                for k, v in value.items()}
+    return [_floats(v) for v in value] if isinstance(value, list) else value
+
+
+def _sentence(error: Any) -> str:
+    place = ".".join(str(part + 1) if isinstance(part, int) else str(part) for part in error["loc"])
+    if error["type"] == "extra_forbidden":
+        inner: dict[str, type[_Table]] = {"study": StudyTable, "parts": PartsTable} if len(error["loc"]) > 1 else {}
+        table = inner.get(str(error["loc"][0]), FleetFile)
+        return f'unknown key "{place}". {suggest(str(error["loc"][-1]), table.model_fields)}'
+    if error["type"] == "missing":
+        return f"{place} is missing."
+    return f"{place}: {error['msg']}, found {str(error['input'])[:60]!r}."

@@ -1,0 +1,87 @@
+"""What is in a file, a mechanism, a robot: plain values for people and programs."""
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..data.measurements import Measurements
+from ..fitting.noise import from_repeats, from_target_pairs
+from ..machine.robot import Robot
+from ..matrix.design import Model
+from ..matrix.identify import FAINT_MM, identify, told, unidentifiable, usual_sizes
+from ..matrix.reduce import reduce_scene
+from ..matrix.scene import scene
+from ..wrong.mechanisms.geometry import geometric, setup
+from ..wrong.screws import Mechanism
+
+
+def mechanism_card(mechanism: Mechanism) -> dict[str, Any]:
+    """A mechanism as plain values."""
+    def expected(size: tuple[float, float] | None, sign: int) -> str:
+        words = [] if size is None else [f"usually {size[0]:g} to {size[1]:g}"]
+        if sign:
+            words.append("positive" if sign > 0 else "negative")
+        return f"  ({', '.join(words)})" if words else ""
+    return {"name": mechanism.name, "sentence": mechanism.sentence, "equation": mechanism.equation, "source": mechanism.source,
+            "terms": [{"symbol": t.symbol, "unit": t.unit, "screws": [str(s) for s in t.screws], "size": t.size, "sign": t.sign,
+                       "expected": expected(t.size, t.sign)} for t in mechanism.terms]}
+
+
+def robot_card(robot: Robot) -> dict[str, Any]:
+    """A robot as plain values."""
+    def limits(joint: Any) -> str:
+        if joint.limits is None:
+            return "not known"
+        low, high = joint.limits if joint.prismatic else np.degrees(joint.limits)
+        return f"{low:.4g} to {high:.4g} {'mm' if joint.prismatic else 'deg'}"
+    return {"name": robot.name, "source": robot.source, "joints": robot.n, "reach_mm": robot.reach, "gravity": robot.gravity,
+            "chain": [{"kind": "prismatic" if j.prismatic else "revolute", "limits": limits(j), "mass_kg": j.mass,
+                       "transform_mm": j.before[:3].tolist()} for j in robot.joints],
+            "last_mm": robot.last[:3].tolist()}
+
+
+def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
+    """What a file holds, what its configurations determine of the geometry, and what they do not."""
+    orientation = data.rotation is not None
+    bound = scene(robot, data, np.tile([0.0, 0.0, 100.0], (len(data.targets), 1)))
+    model = Model((setup(robot, len(data.targets), 1, False, orientation), geometric(robot)))
+    found = told(identify(reduce_scene(bound, model.terms)), usual_sizes(model.terms), FAINT_MM * np.sqrt(len(data)))
+    floor = from_repeats(data) or from_target_pairs(data)
+    joints = []
+    for j, joint in enumerate(robot.joints):
+        low, high = float(data.q[:, j].min()), float(data.q[:, j].max())
+        whole = None if joint.limits is None else (high - low) / (joint.limits[1] - joint.limits[0])
+        joints.append({"joint": j + 1, "low": low, "high": high, "unit": robot.unit(j + 1), "share_of_range": whole,
+                       "moves": high - low > 1e-6})
+    return {"rows": len(data), "configurations": data.configurations, "targets": list(data.targets), "groups": list(data.groups),
+            "orientation": orientation, "covariates": sorted(data.covariates), "joints": joints,
+            "repeats": data.configurations - len(np.unique(data.block)),
+            "noise_floor": None if floor is None else {"coordinate_mm": floor.coordinate_mm, "source": floor.source},
+            "geometry": {"parameters": len(model.terms), "rank": found.rank, "condition": found.condition},
+            "unidentifiable": [{"sentence": u.sentence, "parameters": list(u.parameters)}
+                               for u in unidentifiable(found, model.terms)],
+            "warnings": [{"code": n.code, "sentence": n.sentence} for n in data.notes]}
+
+
+def sentences(found: dict[str, Any]) -> list[str]:
+    """`describe` in words."""
+    out = [f"{found['rows']} rows, {found['configurations']} configurations, {found['repeats']} of them repeats; targets: "
+           f"{', '.join(found['targets'])}; groups: {', '.join(found['groups'][:8])}"
+           + (" …" if len(found["groups"]) > 8 else "")]
+    out.append("Covariates: " + (", ".join(found["covariates"]) or "none")
+               + ("; orientations measured" if found["orientation"] else "; positions only"))
+    for j in found["joints"]:
+        factor, unit = (180 / np.pi, "deg") if j["unit"] == "rad" else (1.0, "mm")
+        share = "" if j["share_of_range"] is None else f", {j['share_of_range']:.0%} of its range"
+        moved = f"{j['low'] * factor:.1f} to {j['high'] * factor:.1f} {unit}{share}" if j["moves"] else (
+            "does not move: nothing can be said of errors that grow with it")
+        out.append(f"Joint {j['joint']}: {moved}")
+    floor = found["noise_floor"]
+    out.append("Noise floor: " + (f"{floor['coordinate_mm']:.3g} mm per coordinate, from {floor['source']}" if floor else
+                                  "cannot be told from these data alone (no repeats, no target pairs)"))
+    geometry = found["geometry"]
+    out.append(f"Geometry: {geometry['rank']} of {geometry['parameters']} parameters can be determined (target assumed at "
+               f"0, 0, 100 mm), condition {geometry['condition']:.0f}")
+    out += [f"  {u['sentence']}" for u in found["unidentifiable"]]
+    return [*out, *(f"Note: {w['sentence']}" for w in found["warnings"])]

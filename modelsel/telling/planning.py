@@ -1,0 +1,146 @@
+"""From a finished study to a plan: its rivals, the pool of configurations that could be measured, and the plan in words."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..data.measurements import Measurements, measurements
+from ..elsewhere.prepare import generator
+from ..use.calibration import Calibration
+from ..use.plan import RIVALS, Rivals, determine, distinct, indices, more_needed, pool, tell_apart, told_with
+from ..why.extend import Effect
+from ..why.words import label
+from ..words.errors import StudyError
+from ..words.rigid import Array
+from ..wrong.screws import Term
+from .analysis import Result
+
+DRAWN = 2000          # configurations of a pool that is drawn from the limits
+COMPARED = 20         # random choices that a plan is held against
+SIZES = (2.0, 1.0, 0.5, 0.25)   # of the detection limit, for the learning curve
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """Rows of the pool in the order to measure them; what they are for; figures before and after."""
+
+    rows: tuple[int, ...]
+    purpose: str
+    rivals: tuple[tuple[str, ...], ...]
+    twins: tuple[str, ...]
+    told: tuple[float, ...]
+    random: float | None
+    indices: dict[str, tuple[float, float]]
+    learning: tuple[tuple[float, int], ...]
+
+
+def rivals_of(result: Result) -> list[Rivals]:
+    """Every finding whose credible set has rivals that do not move the target alike, with their estimates."""
+    return [r for e in result.extension.effects if (r := _rivals(result, e)) is not None]
+
+
+def _rivals(result: Result, effect: Effect) -> Rivals | None:
+    first, *others = effect.named.entries[:RIVALS]
+    entries = [first, *(e for e in others if e.probability > 0)]
+    if len(entries) < 2 or result.chosen.fit is None:
+        return None
+    mine = {t.screws for t in effect.candidate.mechanism.terms}
+    kept = result.chosen.fit.terms
+    shared = {t.screws for m in result.chosen.fit.model.mechanisms if m != effect.candidate.mechanism for t in m.terms}
+    rest = tuple(t for t in kept if t.screws not in mine or t.screws in shared)
+    estimates = [effect.estimate if e.candidate == effect.candidate else e.estimate for e in entries]
+    names = tuple(label(e.candidate) for e in entries)
+    weight = np.array([e.probability for e in entries])
+    return Rivals(names, tuple(e.candidate.mechanism.terms for e in entries), tuple(estimates), weight / weight.sum(), rest)
+
+
+def drawn_pool(c: Calibration, seed: int, data: Measurements) -> Measurements:
+    """Configurations drawn within the robot's limits (where none are known: within what was measured), each reached from a
+    drawn side, at conditions as they were met."""
+    rng = generator(seed, "simulate")
+    low, high = np.array([joint.limits or c.ranges[f"q{k + 1}"] for k, joint in enumerate(c.robot.joints)]).T
+    q = rng.uniform(low, high, (DRAWN, c.robot.n))
+    met = rng.integers(len(data), size=DRAWN)
+    return measurements(q, np.zeros((DRAWN, 3)), approach=rng.choice([-1.0, 1.0], q.shape),
+                        covariates={name: values[met] for name, values in data.covariates.items()})
+
+
+def every_target(data: Measurements, targets: Sequence[str]) -> Measurements:
+    """A pool without targets seen through every one of the study's."""
+    if len(targets) == 1 or len(data.targets) > 1:
+        return data
+    rows = np.repeat(np.arange(len(data)), len(targets))
+    return replace(data.take(rows), target=np.tile(np.arange(len(targets)), len(data)), targets=tuple(targets))
+
+
+def sided(data: Measurements, seed: int) -> Measurements:
+    """A pool whose file gives no directions of approach gets drawn ones: the plan says them."""
+    if not any(note.code == "approach-from-order" for note in data.notes):
+        return data
+    each = generator(seed, "simulate").choice([-1.0, 1.0], (int(data.configuration.max()) + 1, data.q.shape[1]))
+    return replace(data, approach=each[data.configuration])
+
+
+def plan(result: Result, c: Calibration, possible: Measurements, count: int, purpose: str | None) -> Planned:
+    """`count` configurations of a pool: to tell the study's rivals apart ("rivals", the default where it has any), or by one of
+    the criteria of `plan.CRITERIA` for the chosen model's terms ("d" is the default elsewhere). Raises DataError or
+    StudyError."""
+    fitted = result.chosen.fit
+    assert fitted is not None
+    sets = rivals_of(result)
+    known = result.data.training()
+    terms: list[Term] = [*fitted.terms, *(t for r in sets for some in r.terms for t in some)]
+    sigma = result.floor.coordinate_mm
+    p = pool(known, c.scene(possible), terms, fitted.at(), sigma)
+    looked = [distinct(p, r) for r in sets]
+    sets, twins = [r for r, _ in looked if r is not None], tuple(t for _, some in looked for t in some)
+    purpose = purpose or ("rivals" if sets else "d")
+    kept = [fitted.terms[k] for k in fitted.found.kept]
+    random: float | None = None
+    if purpose == "rivals":
+        if not sets:
+            raise StudyError("--for rivals: no finding of this study has rivals that the pool could tell apart.")
+        rows, told = tell_apart(p, sets, count)
+        rng = generator(result.study.seed, "split")
+        draws = [rng.choice(len(p.possible), min(4 * count, len(p.possible)), replace=False).tolist() for _ in range(COMPARED)]
+        random = float(np.mean([told_with(p, sets, some) for some in draws]))
+    else:
+        rows = determine(p, kept, count, purpose)
+        told = [told_with(p, sets, rows[:k]) for k in (0, len(rows))] if sets else []
+    before, after = indices(p, kept, []), indices(p, kept, rows)
+    limit, n = result.nothing_else[1], known.data.configurations
+    learning = () if limit is None else tuple((s * limit, more_needed(limit, n, s * limit)) for s in SIZES)
+    return Planned(tuple(rows), purpose, tuple(r.names for r in sets), twins, tuple(told), random,
+                   {k: (before[k], after[k]) for k in before}, learning)
+
+
+def table_of(c: Calibration, possible: Measurements, rows: Sequence[int]) -> dict[str, Array]:
+    """The chosen configurations as columns of a measurements file that lacks the measured positions."""
+    first = np.unique(possible.configuration, return_index=True)[1][list(rows)]
+    out: dict[str, Array] = {f"q{j + 1}_{c.robot.unit(j + 1)}": possible.q[first, j] for j in range(c.robot.n)}
+    out |= {f"approach{j + 1}": possible.approach[first, j].astype(int) for j in range(c.robot.n)}
+    return out | {name: values[first] for name, values in possible.covariates.items()}
+
+
+def sentences(found: Planned, configurations: int) -> list[str]:
+    """The plan in words."""
+    out = []
+    if found.told:
+        groups = "; ".join(" or ".join(names) for names in found.rivals)
+        out.append(f"Rivals: {groups}. The right one is told from its nearest rival with probability {found.told[0]:.2f} now, "
+                   f"with {found.told[-1]:.2f} after these {len(found.rows)} configurations"
+                   + ("." if found.random is None else f" ({4 * len(found.rows)} drawn at random: {found.random:.2f})."))
+    else:
+        out.append("No finding of this study has rivals that these configurations could tell apart.")
+    if found.twins:
+        out.append(f"Alike in every configuration of the pool: {'; '.join(dict.fromkeys(found.twins))}.")
+    pairs = {k: v for k, v in found.indices.items() if k.startswith("o")}
+    out.append("Observability of the model's parameters, before and after: "
+               + ", ".join(f"{k.upper()} {a:.3g} -> {b:.3g}" for k, (a, b) in pairs.items())
+               + f"; ln det of the information {found.indices['d'][0]:.1f} -> {found.indices['d'][1]:.1f}.")
+    if found.learning:
+        out.append(f"Learning: with the {configurations} configurations measured, an effect is found with 90 % from "
+                   + ", ".join(f"{size:.3g} mm rms on with {more} more" for size, more in found.learning if more) + ".")
+    return out

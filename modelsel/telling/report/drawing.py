@@ -1,0 +1,78 @@
+"""Draws the report of a folder: result.json and details.json in, report.pdf and report.html out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...words.errors import StudyError
+from ..write import write_beside
+from .details import details, dumps
+from .document import Page, Source, book
+from .end import outliers, provenance, unidentifiable
+from .evidence import correlation, held_out, posterior, residuals, significance
+from .findings import findings
+from .front import data, error_map, first
+from .html import page
+from .models import models
+from .pdf import compiled, content
+
+if TYPE_CHECKING:
+    from ..analysis import Result
+
+SCHEMA = 1
+PAGES: dict[str, Page] = {
+    "first": first,
+    "data": data,
+    "models": models,
+    "map": error_map,
+    "findings": findings,
+    "residuals": residuals,
+    "significance": significance,
+    "correlation": correlation,
+    "posterior": posterior,
+    "held-out": held_out,
+    "unidentifiable": unidentifiable,
+    "outliers": outliers,
+    "provenance": provenance,
+}
+
+
+def save_details(result: Result, folder: Path) -> None:
+    """Write DIR/details.json, whole or not at all."""
+    write_beside(folder / "details.json", dumps(details(result)).encode())
+
+
+def read(folder: Path) -> Source:
+    """result.json and details.json of a folder. Raises StudyError with how to make them."""
+    again = "modelsel study STUDY.toml --out DIR makes it"
+    found = []
+    for name in ("result.json", "details.json"):
+        try:
+            table = json.loads((folder / name).read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise StudyError(f"{folder}: there is no {name}; {again}.") from None
+        except (OSError, ValueError) as error:
+            raise StudyError(f"{folder / name}: cannot be read ({error}); {again} anew.") from None
+        if not isinstance(table, dict) or table.get("schema") != SCHEMA:
+            version = table.get("schema") if isinstance(table, dict) else None
+            raise StudyError(f"{folder / name}: schema {version!r}, this modelsel draws schema {SCHEMA}; {again} anew.")
+        found.append(table)
+    result, more = found
+    if any(result.get("provenance", {}).get(key) != more.get(key) for key in ("data_sha256", "study_sha256")):
+        raise StudyError(f"{folder}: details.json belongs to another run than result.json; {again} anew.")
+    return Source(result, more)
+
+
+def draw(folder: Path, pages: tuple[str, ...] | None = None, say: Callable[[str], None] = lambda _: None) -> list[Path]:
+    """Draw the report of a folder again; `pages` chooses (all without). Files written. Raises StudyError or ReportError."""
+    source = read(folder)
+    say("drawing the pictures")
+    blocks = book(source, PAGES, pages)
+    say("setting the report")
+    pdf, _ = compiled(content(source, blocks), source.pictures)
+    write_beside(folder / "report.pdf", pdf)
+    write_beside(folder / "report.html", page(source))
+    return [folder / "report.pdf", folder / "report.html"]

@@ -1,0 +1,137 @@
+"""A page per finding: the sentence, the picture that convinces, who else it could be, what would tell them apart."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...why.words import quantity
+from ..tables import mm
+from .document import Block, Source, heading, points, table, text
+from .figures import finding as draw
+from .front import name_of, names_of
+
+ESTIMATES = 4  # numbers listed; a free function has dozens
+ADVICE = 2  # ways to tell rivals apart
+REMEDIES = (  # names in a cause, how to measure again
+    (("progress", "time_s", "temperature_C"), "measured again at another time of the campaign"),
+    (("approach", "move"), "approached from both sides, by short and by long moves"),
+    (("payload_kg",), "measured with and without the payload"),
+)
+
+
+def findings(source: Source) -> list[Block]:
+    """All findings, each on a page of its own."""
+    result, details = source.result, source.details
+    if not result["findings"]:
+        return [heading("Findings"), text(result["nothing_else"]["sentence"])]
+    blocks: list[Block] = []
+    for k, (found, said) in enumerate(zip(result["findings"], details["findings"], strict=True), 1):
+        blocks += _one(source, k, found, said)
+    return blocks
+
+
+def _one(source: Source, k: int, found: dict[str, Any], said: dict[str, Any]) -> list[Block]:
+    blocks = [heading(f"Finding {k}: {said['label']}"), text(found["sentence"]), text(_verdict(found), "quiet")]
+    if said["panels"]:
+        blocks.append(_residuals(source, k, said))
+    if found["estimate"]:
+        blocks.append(_estimates(found["estimate"]))
+    listed = found["credible_set"]
+    entries = [(name, e["probability"], bool(e["alike"])) for name, e in zip(names_of(listed), listed, strict=True)]
+    if entries:
+        more = found["more_entries"] + max(len(entries) - draw.BARS, 0)
+        caption = "What it could be. Filled: moves the target as the first does; hatched: differently."
+        words = "; ".join(f"{name} {p:.2f}" for name, p, _ in entries[: draw.BARS])
+        rest = f" {more} more are less probable." if more else ""
+        blocks.append(source.figure(f"credible-{k}", draw.credible(entries), caption + rest, f"Credible set: {words}."))
+    rivals = separation(found)
+    return [*blocks, heading("What would tell them apart", 2), points(rivals)] if rivals else blocks
+
+
+def _residuals(source: Source, k: int, said: dict[str, Any]) -> Block:
+    panels = said["panels"]
+    caption = (
+        "Open squares: what the model without this effect leaves about this axis; blue: what the chosen model leaves; large "
+        "marks: means; orange: the fitted effect. Where the squares follow the line and the blue lies flat, the effect is there "
+        "and gone."
+    )
+    if any("folded" in p["against"] for p in panels):
+        caption += " All waves of a turn are laid over each other."
+    if said["more_panels"]:
+        caption += f" The {len(panels)} largest of {len(panels) + said['more_panels']} parts are drawn."
+    against = "; ".join(f"{draw.axis_name(p)} against {p['against']}" for p in panels)
+    return source.figure(f"finding-{k}", draw.finding(panels), caption, f"Residual {against}, without and with {said['label']}.")
+
+
+def _estimates(estimate: list[dict[str, Any]]) -> Block:
+    """Symbols above, numbers below: one line of a page that has room for one."""
+    shown, rest = estimate[:ESTIMATES], max(len(estimate) - ESTIMATES, 0)
+    return table(
+        [("", "left"), *((e["symbol"], "left") for e in shown)],
+        [["estimate ± standard error", *(quantity(e["value"], e["standard_error"], e["unit"]) for e in shown)]],
+        f"And {rest} more numbers: in result.json." if rest else "",
+    )
+
+
+def _verdict(found: dict[str, Any]) -> str:
+    """p-value and gain in one line."""
+    gain = found["gain"]
+    chance = f"{found['p_value']:.2g} over the whole search"
+    words = [f"Verdict: {found['verdict']}; chance alone would do as well with probability {chance}"]
+    if gain["held_out_rms_before_mm"] is not None:
+        before, after = (mm(gain[f"held_out_rms_{side}_mm"]) for side in ("before", "after"))
+        words.append(f"held-out error when it joins the ladder: {before} to {after} mm rms{_change(gain['interval_mm'])}")
+    if found.get("rows"):
+        rows = found["rows"]
+        words.append(
+            f"it concerns {len(rows)} rows of the file (lines "
+            f"{', '.join(str(r + 2) for r in rows[:12])}{' …' if len(rows) > 12 else ''})"
+        )
+    return ". ".join(w[0].upper() + w[1:] for w in words) + "."
+
+
+def _change(interval: list[float] | None) -> str:
+    """The interval of a gain in words: positive is less error."""
+    if interval is None:
+        return ""
+    near, far = (quantity(abs(v), None, "mm") for v in sorted(interval, key=abs))
+    low, high = interval
+    if low < 0 < high:
+        return f" (95 %: {quantity(-low, None, 'mm')} more to {quantity(high, None, 'mm')} less)"
+    return f" (95 %: {near} to {far} {'less' if low >= 0 else 'more'})"
+
+
+def separation(found: dict[str, Any]) -> list[str]:
+    """What measurement would tell the first entry from its rivals, in words, by what they differ in."""
+    entries = found["credible_set"]
+    if len(entries) < 2:
+        return []
+    first, out = entries[0], dict[str, None]()
+    for rival in entries[1:6]:
+        words = _difference(first, rival)
+        if words:
+            out[words] = None
+    return list(out)[:ADVICE]
+
+
+def _difference(first: dict[str, Any], rival: dict[str, Any]) -> str:
+    a, b = name_of(first), name_of(rival)
+    causes = [sorted({str(s["cause"]) for s in e["screws"]}) for e in (first, rival)]
+    if a == b and all("sin(" in c for c in map("".join, causes)):
+        return f"{a} with another constant: more readings of that joint, spread evenly over its turn, sharpen the wave length."
+    if not causes[0] or not causes[1]:
+        return ""
+    if causes[0] == causes[1]:
+        where = " and ".join(f"frame {e['screws'][0]['frame']} {e['screws'][0]['axis']}" for e in (first, rival))
+        return (
+            f"{a} and {b} have the same cause at {where}: a second target off the last axis, or measured orientations, may tell "
+            "them apart; where no target can, either name corrects the same error."
+        )
+    both = " ".join(set(causes[0]) ^ set(causes[1]))
+    remedy = next((words for names, words in REMEDIES if any(name in both for name in names)), None)
+    if remedy is not None:
+        return f"{a} and {b} part company when the same configurations are {remedy}."
+    return (
+        f"{a} and {b} have different causes ({causes[0][0]} against {causes[1][0]}): configurations in which these change "
+        "independently of each other tell them apart."
+    )

@@ -1,0 +1,55 @@
+"""result.json: the contract's keys from the study's values, the same bytes for the same input."""
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from ..which.compare import Comparison, Rung
+
+
+def rung_dict(rung: Rung) -> dict[str, Any]:
+    """One rung of the ladder or row of the table."""
+    return {"mechanisms": list(rung.names), "parameters": rung.parameters, "rank": rung.rank,
+            "estimation": asdict(rung.estimation), "held_out": asdict(rung.held_out), "cv_rms_mm": rung.cv_rms_mm,
+            "cv_mean_mm": rung.cv_mean_mm, "aicc": rung.aicc, "bic": rung.bic, "aic": rung.aic, "gcv": rung.gcv,
+            "ebic": rung.ebic, "log_predictive_density": rung.log_density}
+
+
+def candidates_dict(comparison: Comparison | None) -> dict[str, Any]:
+    """The table of subsets."""
+    if comparison is None:
+        return {"compared": 0, "best": [], "choice": None, "considered": [], "set_aside": []}
+    return {"compared": comparison.compared, "choice": list(comparison.choice), "considered": list(comparison.considered),
+            "set_aside": list(comparison.set_aside),
+            "best": [{**rung_dict(r), "weight": r.weight, "note": r.note} for r in comparison.best]}
+
+
+def plain(value: Any) -> Any:
+    """Floats to 10 significant digits, undefined ones null, arrays as lists."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, (bool, str)) or value is None:
+        return value
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    number = float(value)
+    return float(f"{number:.10g}") if math.isfinite(number) else None
+
+
+def dumps(result: Mapping[str, Any]) -> str:
+    """The file's text."""
+    return json.dumps(plain(result), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+
+
+def sentence_list(words: Sequence[str]) -> str:
+    """a, b and c."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -1,0 +1,157 @@
+"""One study, from its file to its result."""
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.io import read_labels, read_measurements
+from ..data.measurements import Measurements, measurements
+from ..elsewhere.explain import Say
+from ..elsewhere.prepare import Plan, generator, prepare
+from ..elsewhere.simulate import simulate
+from ..fitting.noise import Instrument
+from ..machine.robot import Robot
+from ..machine.robotfile import load, read_robot
+from ..matrix.scene import scene
+from ..use.calibration import NAME, Calibration, calibrate
+from ..words.errors import StudyError
+from ..words.rigid import Array
+from ..wrong.causes import parse
+from ..wrong.registry import BUILTIN, Registry, every, faults, mechanism, parts
+from ..wrong.screws import Mechanism, Screw
+from .analysis import Question, Result, analyse, provenance, with_sampling
+from .checkpoint import Checkpoint
+from .config import Study, find_data
+from .write import write_beside
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def robot_of(study: Study, folder: Path) -> Robot:
+    """The study's nominal robot. Raises StudyError."""
+    if study.robot.name is not None:
+        return load(study.robot.name)
+    return read_robot(folder / str(study.robot.file), study.robot.base, study.robot.tip)
+
+
+def plan_of(study: Study) -> Plan:
+    """The study's set-up as plain values."""
+    table, noise = study.robot, study.noise
+    tools = {k: tuple(v) for k, v in table.tools_mm.items()} if table.tools_mm else (
+        tuple(table.tool_mm) if table.tool_mm else None)
+    x, y, z = noise.tracker_mm
+    instrument = Instrument(noise.range_mm, noise.range_ppm, noise.angle_urad, (x, y, z)) if noise.instrument else None
+    return Plan(study.seed, tools, bool(table.register_), table.register_ == "per group", study.split.estimation,
+                study.split.column, study.split.held_out, study.comparison.folds, study.comparison.by, noise.floor_mm, instrument)
+
+
+def check_names(study: Study, robot: Robot, registry: Registry) -> None:
+    """Every mechanism a study names is known and applies; all problems at once. Raises StudyError."""
+    problems: dict[str, None] = {}
+    named = [("model.base", study.model.base), *(("model.ladder", rung_) for rung_ in study.model.ladder)]
+    if study.model.candidates != "all":
+        named.append(("model.candidates", list(study.model.candidates)))
+    for place, names in named:
+        for name in names:
+            try:
+                mechanism(name, robot, registry)
+            except StudyError as error:
+                problems[f"{place}: {error}"] = None
+    if problems:
+        raise StudyError(*problems)
+
+
+def candidates_of(study: Study, robot: Robot, registry: Registry) -> tuple[Mechanism, ...]:
+    """The mechanisms that may extend the base, one a joint."""
+    if study.model.candidates in ("all", []):
+        return (*faults(robot), *every(robot, registry))      # of exact twins the first is named
+    return tuple(dict.fromkeys(part for name in study.model.candidates for part in parts(name, robot, registry)))
+
+
+def asked(study: Study, folder: Path, registry: Registry) -> tuple[Question, Measurements, NDArray[np.object_] | None, Path]:
+    """What a study asks, of which measurements, with its split's labels, and their file. Raises StudyError or DataError."""
+    robot = robot_of(study, folder)
+    check_names(study, robot, registry)
+    path = find_data(study.measurements.file, folder)
+    measured = read_measurements(path, [j.prismatic for j in robot.joints], study.measurements.columns)
+    labels = None
+    if study.split.column is not None:
+        labels = read_labels(path, study.split.column)[measured.row]
+    return Question(study, plan_of(study), robot, candidates_of(study, robot, registry), registry), measured, labels, path
+
+
+def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN, say: Say = lambda _: None, sampling: bool = True,
+        checkpoint: Checkpoint | None = None) -> Result:
+    """Run a study whose files stand beside `folder`. `checkpoint`: where an unfinished chain is kept and taken up again; without
+    it nothing is written. Raises StudyError, DataError or NotEstimable."""
+    say(f"reading {study.measurements.file}")
+    question, measured, labels, path = asked(study, Path(folder), registry)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    if checkpoint is not None:
+        checkpoint.bind(provenance(study, digest))
+    result = analyse(question, measured, labels=labels, say=say, data_sha256=digest)
+    if sampling:
+        result = with_sampling(question, result, say, checkpoint)
+    if checkpoint is not None:
+        checkpoint.clear()
+    return result
+
+
+def rehearse(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN) -> dict[str, Any]:
+    """Everything that a study checks before it computes, and what it would then do. Raises as `run` does."""
+    question, measured, labels, _ = asked(study, Path(folder), registry)
+    data, floor, notes = prepare(question.robot, measured, question.plan, labels)
+    model = question.model(study.model.base, measured)
+    return {"study": study.name, "robot": question.robot.name, "rows": len(measured), "configurations": {
+        "estimation": measured.take(data.estimation).configurations, "held_out": measured.take(~data.estimation).configurations},
+        "registered": question.plan.register, "noise_floor_mm": None if floor is None else floor.coordinate_mm,
+        "base": list(model.names), "base_parameters": len(model.terms),
+        "mechanisms": len({m.name for m in question.everything}), "cells": question.cells,
+        "warnings": [{"code": n.code, "sentence": n.sentence} for n in notes]}
+
+
+def calibration_of(result: Result) -> Calibration:
+    """The chosen model as a calibration that can be stored, exported and compensated with."""
+    fitted, data = result.chosen.fit, result.data
+    assert fitted is not None
+    return calibrate(result.study.name, data, fitted, result.floor, result.chosen.held_out.rms_mm,
+                     bool(result.study.robot.register_), result.provenance)
+
+
+def save(result: Result, folder: Path) -> None:
+    """Write DIR/result.json and DIR/calibration.json, each whole or not at all."""
+    write_beside(folder / "result.json", result.to_json().encode())
+    write_beside(folder / NAME, calibration_of(result).to_json().encode())
+
+
+def simulate_study(study: Study, folder: Path) -> pd.DataFrame:
+    """Data with the study's planted effects, at the configurations of its measurements file where there is one, else drawn."""
+    robot, rng = robot_of(study, folder), generator(study.seed, "simulate")
+    path = find_data(study.measurements.file, folder)
+    covariates: Mapping[str, Array] = {}
+    if path.is_file():
+        measured = read_measurements(path, [j.prismatic for j in robot.joints], study.measurements.columns)
+        first = np.unique(measured.configuration, return_index=True)[1]
+        q, covariates = measured.q[first], {name: values[first] for name, values in measured.covariates.items()}
+    else:
+        q = robot.draw(rng, study.simulate.configurations)
+    units = scene(robot, measurements(q, np.zeros((len(q), 3)), covariates=covariates), np.zeros((1, 3))).names()
+    effects = []
+    for k, effect in enumerate(study.simulate.effect, 1):
+        if effect.frame > robot.n + 1:
+            raise StudyError(f"simulate.effect {k}: frame {effect.frame}, but {robot.name} has frames 1 to {robot.n + 1}")
+        effects.append((Screw(effect.frame, effect.axis, parse(effect.cause, units, f"simulate.effect {k}")), effect.size))
+    noise = study.noise.floor_mm if study.noise.floor_mm is not None else study.simulate.noise_mm
+    if study.robot.tools_mm:
+        import pandas as pd
+        frames = [simulate(robot, np.array(tool), effects, q=q, noise_mm=noise, rng=rng, covariates=covariates).assign(
+            target=name, configuration=range(len(q))) for name, tool in study.robot.tools_mm.items()]
+        return pd.concat(frames).sort_values("configuration", kind="stable", ignore_index=True)
+    tool = np.array(study.robot.tool_mm if study.robot.tool_mm is not None else (0.0, 0.0, 0.0))
+    return simulate(robot, tool, effects, q=q, noise_mm=noise, rng=rng, covariates=covariates)

@@ -1,0 +1,158 @@
+"""Results as words and tables for a terminal or a log (rich)."""
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..which.validate import Errors
+from ..why.maps import strongest_causes
+from .result import sentence_list
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from .analysis import Result
+
+
+def mm(value: float | None) -> str:
+    """A length with three digits, a dash where undefined."""
+    if value is None:
+        return "–"
+    return f"{value:.3f}" if value < 9.9995 else f"{value:.2f}"
+
+
+def _errors(e: Errors) -> list[str]:
+    return [mm(e.mean_mm), mm(e.max_mm)]
+
+
+def show(result: Result, console: Console) -> None:
+    """The whole study on a terminal: what is wrong, the ladder, what is gained, what the data cannot tell."""
+    from rich.table import Table
+    config = result.to_dict()["configurations"]
+    console.print(f"\n[bold]{result.study.name}[/bold]: {result.robot.name}, {config['estimation']} configurations estimate, "
+                  f"{config['held_out']} are held out")
+    table = Table(title="Ladder: errors in mm, lengths of the residual vectors", title_justify="left", title_style="bold")
+    table.add_column("model", overflow="fold")
+    for column in ("parameters", "rank", "mean", "worst", "held-out mean", "worst", "CV rms", "AICc"):
+        table.add_column(column, justify="right")
+    above: tuple[str, ...] = ()
+    for r in result.ladder:
+        grown = above and r.names[:len(above)] == above and len(r.names) > len(above)       # "+": to the row above
+        model = "+ " + " + ".join(r.names[len(above):]) if grown else " + ".join(r.names)
+        table.add_row(model, str(r.parameters), str(r.rank), *_errors(r.estimation), *_errors(r.held_out), mm(r.cv_rms_mm),
+                      "–" if r.aicc is None else f"{r.aicc:.0f}")
+        above = r.names
+    console.print(table)
+    if result.comparison is not None:
+        shown = Table(title=f"Best of {result.comparison.compared} candidate models, by cross-validation",
+                      title_justify="left", title_style="bold")
+        shown.add_column("base and", overflow="fold")
+        for column in ("rank", "CV rms", "held-out mean", "weight"):
+            shown.add_column(column, justify="right")
+        shown.add_column("note", overflow="fold")
+        base = len(result.study.model.base)
+        for r in result.comparison.best:
+            shown.add_row(" + ".join(r.names[base:]) or "nothing", str(r.rank), mm(r.cv_rms_mm), mm(r.held_out.mean_mm),
+                          f"{r.weight:.3f}", r.note)
+        console.print(shown)
+    show_map(result, console)
+    show_significance(result, console)
+    for sentence in sentences(result):
+        console.print(sentence, highlight=False)
+
+
+SHADES = ((3.0, "·"), (10.0, "░"), (30.0, "▒"), (100.0, "▓"), (np.inf, "█"))
+MAP_COLUMNS = 14
+
+
+def show_map(result: Result, console: Console) -> None:
+    """The error map seen from the base: darker explains more alone; what stands out beyond chance is in colour."""
+    from rich.table import Table
+    from rich.text import Text
+    whole = result.error_map
+    if not whole.causes:
+        return
+    table = Table(title="Error map: F of each place and cause alone, beyond the base (· < 3, ░ < 10, ▒ < 30, ▓ < 100, █; "
+                        "bold: p < 0.05 over the whole map)", title_justify="left", title_style="bold", box=None, padding=(0, 1))
+    table.add_column("place")
+    columns = strongest_causes(whole, MAP_COLUMNS)
+    for j in columns:
+        table.add_column(whole.causes[j].replace(" & ", "\n"), justify="center", overflow="fold")
+    for i, place in enumerate(whole.places):
+        cells = []
+        for j in columns:
+            f, out = whole.f[i, j], whole.p[i, j] < 0.05
+            shade = " " if np.isnan(f) else next(mark for bound, mark in SHADES if f < bound)
+            cells.append(Text(shade * 2, style="bold red" if out else "dim"))
+        table.add_row(f"frame {place}", *cells)
+    console.print(table)
+
+
+def show_significance(result: Result, console: Console) -> None:
+    """What each mechanism of the chosen model matters, and what is lost without it."""
+    from rich.table import Table
+    rows = result.confidence.significance
+    if not rows:
+        return
+    table = Table(title="What each mechanism matters: displacement it causes, and errors without it, in mm",
+                  title_justify="left", title_style="bold")
+    table.add_column("mechanism", overflow="fold")
+    for column in ("mean", "worst", "F", "p", "log10 evidence", "CV rms without", "held-out rms without", "stays in halves"):
+        table.add_column(column, justify="right")
+    table.add_column("catalogue", overflow="fold")
+    for s in rows:
+        table.add_row(s.mechanism, mm(s.mean_mm), mm(s.max_mm), *map(_figure, (s.f, s.p, s.log10_evidence)),
+                      mm(s.cv_rms_without_mm), mm(s.held_out_rms_without_mm),
+                      "–" if s.stability is None else f"{s.stability:.0%}", s.catalogue)
+    first = rows[0]
+    table.caption = f"with all of them: CV rms {mm(first.cv_rms_mm)}, held-out rms {mm(first.held_out_rms_mm)}"
+    console.print(table)
+
+
+def _figure(value: float | None) -> str:
+    return "–" if value is None else "< 1e-99" if 0 <= value < 1e-99 else f"{value:.3g}"
+
+
+def sure_sentences(result: Result) -> list[str]:
+    """Parameters that the data tell only together, and what was sampled."""
+    out = [f"Only together: {pair.sentence}" for pair in result.confidence.correlation.pairs[:6]]
+    more = len(result.confidence.correlation.pairs) - 6
+    if more > 0:
+        out.append(f"Only together: {more} further pairs correlate above 0.9.")
+    s = result.confidence.sampling
+    if s is not None:
+        state = (f"{s.effective.min():,.0f} effective samples, R-hat {s.r_hat.max():.3f}" if s.converged
+                 else "not converged, and nothing of it is quoted")
+        out.append(f"Sampling: {s.what} {s.steps:,} steps of {s.walkers} walkers, autocorrelation time {s.tau.max():.0f}: "
+                   f"{state}. {s.importance.sentence}")
+    return out
+
+
+def sentences(result: Result) -> list[str]:
+    """The study in words."""
+    first, last = result.ladder[0], result.chosen
+    called = sentence_list(last.names) if last.names else "nominal"
+    out = [(f"Nominal model: {mm(first.estimation.mean_mm)} mm mean, {mm(first.estimation.max_mm)} mm worst. Chosen model "
+            f"({called}): {mm(last.estimation.mean_mm)} mm mean; noise floor "
+            f"{result.floor.coordinate_mm:.3g} mm per coordinate ({result.floor.source}).")]
+    out += [f.sentence for f in result.faults]
+    out += [f"Found: {f.sentence}" if f.effect.named.verdict == "found" else f"Not told apart: {f.sentence}"
+            for f in result.findings]
+    out.append(result.nothing_else[0])
+    if result.predictable is not None:
+        share, p = max(result.predictable.share, 0.0), result.predictable.p
+        out.append(f"Some smooth function of the configuration would still predict {share:.0%} of what is left (p = {p:.2g})."
+                   if p <= 0.05 and share > 0.01 else "No smooth function of the configuration predicts what is left.")
+    if result.data.outlying.any():
+        rows = ", ".join(str(int(r) + 2) for r in result.data.scene.data.row[result.data.outlying][:20])
+        out.append(f"Outliers left out: {int(result.data.outlying.sum())} rows (lines {rows}).")
+    gain = result.gain
+    if gain.held_out_rms_before_mm is not None:
+        interval = "" if gain.interval_mm is None else (f", a gain of {gain.interval_mm[0]:.3g} to {gain.interval_mm[1]:.3g} mm "
+                                                        "(95 %)")
+        out.append(f"On held-out configurations: {mm(gain.held_out_rms_before_mm)} -> {mm(gain.held_out_rms_after_mm)} mm rms"
+                   f"{interval}.")
+    out += [f"Not identifiable: {u.sentence}" for u in result.unidentifiable]
+    out += sure_sentences(result)
+    return out + [f"Note: {w.sentence}" for w in (*result.warnings, *result.confidence.notes)]

@@ -1,0 +1,59 @@
+"""The study in three sentences: what is gained, what was named, what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..fitting.noise import Floor
+from ..which.compare import Rung
+from ..which.validate import Gain
+from .result import sentence_list
+
+SHOWN = 6  # names in a sentence
+NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten", "Eleven", "Twelve")
+
+
+def verdict(
+    nominal: Rung, chosen: Rung, gain: Gain, floor: Floor, named: Sequence[tuple[str, str]], extended: bool, left: str
+) -> tuple[str, str, str]:
+    """Three sentences. `named`: (name, verdict) of every finding in order; `extended`: whether the study lets them extend the
+    base; `left`: what is said of what remains."""
+    return _gained(nominal, chosen, gain, floor), _named(named, extended), left.partition(". ")[0].rstrip(".") + "."
+
+
+def _gained(nominal: Rung, chosen: Rung, gain: Gain, floor: Floor) -> str:
+    noise = (
+        f"noise of {floor.coordinate_mm:.3g} mm per coordinate ({floor.source}) would leave {floor.coordinate_mm * 3**0.5:.3g} mm"
+    )
+    before, after = gain.held_out_rms_before_mm, gain.held_out_rms_after_mm
+    if before is None or after is None:
+        before, after = nominal.estimation.rms_mm or 0.0, chosen.estimation.rms_mm or 0.0
+        return (
+            f"Nothing is held out: on the configurations that made the model its position error goes from {before:.3g} to "
+            f"{after:.3g} mm rms, which flatters it; {noise}."
+        )
+    verb = "falls" if after < before else "does not fall: it goes"
+    sure = "" if gain.interval_mm is None else f", a gain of {gain.interval_mm[0]:.3g} to {gain.interval_mm[1]:.3g} mm (95 %)"
+    return f"On held-out configurations the position error {verb} from {before:.3g} to {after:.3g} mm rms{sure}; {noise}."
+
+
+def _named(named: Sequence[tuple[str, str]], extended: bool) -> str:
+    if not named:
+        return "No error beyond the base model was named."
+    several = list(dict.fromkeys(name for name, _ in named))
+    more = len(named) - sum(name in several[:SHOWN] for name, _ in named)
+    shown = sentence_list([*several[:SHOWN], f"{more} more"] if more > 1 else several)
+    unsure = sum(verdict != "found" for _, verdict in named)
+    number = NUMBERS[len(named)] if len(named) < len(NUMBERS) else str(len(named))
+    count = f"{number} error{' was' if len(named) == 1 else 's were'}"
+    doubt = (
+        ""
+        if not unsure
+        else (
+            "; it has rivals that the data cannot tell from it"
+            if len(named) == 1
+            else f"; {unsure} of them {'has' if unsure == 1 else 'have'} rivals that the data cannot tell apart"
+        )
+    )
+    kept = "" if extended else "; the study adds none of them to the model"
+    return f"{count} named beyond the base: {shown}{doubt}{kept}."

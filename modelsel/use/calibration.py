@@ -1,0 +1,239 @@
+"""A stored calibration: the nominal robot, the set-up and every fitted screw, so that the exact chain comes back from a file.
+
+    x = P · (N_1 H_1 T_1) … (N_n H_n T_n) · Last · Trans(tool) · H_{n+1}          (robot.py)
+
+with H_k the sum of the stored terms at their estimates. Numbers are written in full: what is read back predicts as the study did.
+"""
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..data.measurements import Index, Measurements
+from ..fitting.fit import Fit
+from ..fitting.noise import Floor
+from ..machine.robot import Pose, Robot
+from ..matrix.design import Model, columns_of, field_of, twist_of
+from ..matrix.scene import Scene
+from ..which.compare import Data
+from ..words.errors import DataError, StudyError, suggest
+from ..words.rigid import Array
+from ..wrong.causes import Member
+from ..wrong.screws import Term
+from .records import mechanism_of, mechanism_record, numbers, robot_of, robot_record
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SCHEMA = 1
+NAME = "calibration.json"
+DIGITS = 10      # of the covariance factor; everything else is written in full
+MIDDLE = 0.5     # of the campaign: where a drift is taken on data of another day
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A calibrated robot. theta (p,) in the terms' units; covariance = factor factorᵀ, factor (p, r); `kept` the estimable
+    terms; `ranges` of every joint reading, covariate and value that the model's causes looked at in estimation."""
+
+    study: str
+    robot: Robot
+    targets: tuple[str, ...]
+    groups: tuple[str, ...]
+    tools: Array                               # (T, 3) mm
+    tool_rotations: Array | None               # (T, 3, 3)
+    placement: tuple[Array, Array]             # R (G, 3, 3), t (G, 3) mm: frame 0 in the tracker's frame
+    registered: bool
+    tracker: tuple[float, float, float]
+    model: Model
+    theta: Array
+    factor: Array = field(repr=False)
+    kept: tuple[int, ...]
+    floor: Floor
+    held_out_rms_mm: float | None
+    ranges: Mapping[str, tuple[float, float]]
+    provenance: Mapping[str, str] = field(repr=False)
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The fitted terms, in the order of theta."""
+        return self.model.terms
+
+    @property
+    def standard_errors(self) -> Array:
+        """(p,) nought where a term is not estimable."""
+        return np.asarray(np.sqrt(np.square(self.factor).sum(1)))
+
+    def needs(self) -> frozenset[str]:
+        """Names that the model's causes look at."""
+        return frozenset[str]().union(*(m.names() for m in self.model.mechanisms))
+
+    def scene(self, data: Measurements, *, another_day: bool = True) -> Scene:
+        """These data bound to the calibrated set-up. On `another_day` drift stands at the middle of the campaign that was
+        fitted. Raises DataError where a target, a group or a covariate is not known."""
+        target = _matched(data.target, data.targets, self.targets, "target", len(self.targets) > 1)
+        many = any(isinstance(s.cause, Member) and s.cause.kind == "group" for t in self.terms for s in t.screws)
+        group = _matched(data.group, data.groups, self.groups, "group",
+                         many or float(np.ptp(self.placement[1], axis=0).max(initial=0.0)) > 0)
+        progress = np.full(len(data), MIDDLE) if another_day else data.progress
+        here = replace(data, target=target, targets=self.targets, group=group, groups=self.groups, progress=progress)
+        bound = Scene(self.robot, here, self.tools, self.placement,
+                      None if data.rotation is None else self._rotations(), tracker=self.tracker)
+        missing = sorted(self.needs() - bound.names().keys())
+        if missing:
+            raise DataError(f"the calibrated model needs {', '.join(missing)}, which the file does not have.",
+                            remedy="Add a column for each.")
+        return bound
+
+    def _rotations(self) -> Array:
+        return np.tile(np.eye(3), (len(self.tools), 1, 1)) if self.tool_rotations is None else self.tool_rotations
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a term: mechanism, symbol, where and why, estimate, standard error, unit, whether the data determine it."""
+        import pandas as pd
+        owner = {t.screws: m.name for m in reversed(self.model.mechanisms) for t in m.terms}
+        return pd.DataFrame({
+            "mechanism": [owner[t.screws] for t in self.terms], "symbol": [t.symbol for t in self.terms],
+            "screws": ["; ".join(map(str, t.screws)) for t in self.terms], "estimate": self.theta,
+            "standard_error": self.standard_errors, "unit": [t.unit for t in self.terms],
+            "estimable": [k in self.kept for k in range(len(self.terms))]})
+
+    def _repr_html_(self) -> str:
+        """A heading and the table of terms, for a notebook."""
+        from html import escape
+        head = f"{escape(self.study)}: {escape(self.robot.name)}, noise floor {self.floor.coordinate_mm:.3g} mm"
+        return f"<p><b>Calibration</b> {head}</p>{self.to_frame().to_html(index=False, max_rows=60)}"
+
+    def to_json(self) -> str:
+        """The file's text; numbers in full."""
+        return json.dumps(_record(self), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+
+
+def _matched(index: Index, names: tuple[str, ...], known: tuple[str, ...], what: str, told: bool) -> Index:
+    """Rows' indices among the `known` names; where all of these are alike (not `told` apart), unknown names are the first."""
+    place = {name: k for k, name in enumerate(known)}
+    for name in names:
+        if name not in place and told:
+            raise DataError(f'{what} "{name}" was not calibrated. {suggest(name, known)}',
+                            remedy="Use a calibrated one, or validate with --register where the set-up is new.")
+    return np.array([place.get(name, 0) for name in names], dtype=np.intp)[index]
+
+
+def calibrate(study: str, data: Data, fitted: Fit, floor: Floor, held_out_rms_mm: float | None, registered: bool,
+              provenance: Mapping[str, str]) -> Calibration:
+    """The calibration of a model fitted to the rows of a study that fit."""
+    scene, some = data.scene, data.training()
+    names = {f"q{j}" for j in range(1, scene.robot.n + 1)} | set(scene.data.covariates)
+    names |= {n for m in fitted.model.mechanisms for n in m.names()} - {"target", "group"}
+    ranges = {name: (float(some.value(name).min()), float(some.value(name).max())) for name in sorted(names)}
+    whole = fitted.factor * (fitted.sigma if np.isfinite(fitted.sigma) else 1.0)
+    factor = np.array([float(f"{v:.{DIGITS}g}") for v in whole.ravel()]).reshape(whole.shape)
+    return Calibration(study, scene.robot, scene.data.targets, scene.data.groups, scene.tools, scene.tool_rotations,
+                       scene.placement, registered, scene.tracker, fitted.model, fitted.theta, factor,
+                       fitted.found.kept, floor, held_out_rms_mm, ranges, dict(provenance))
+
+
+def pose_of(scene: Scene, terms: tuple[Term, ...], theta: Array) -> Pose:
+    """The exact chain of all rows at parameters theta, in frame 0."""
+    rows = slice(0, len(scene))
+    return scene.pose(rows, twist_of(scene, terms, theta, rows))
+
+
+def in_tracker(scene: Scene, points: Array) -> Array:
+    """Points (m, 3) of frame 0 in the tracker's frame."""
+    R, t = scene.placement[0][scene.data.group], scene.placement[1][scene.data.group]
+    return np.asarray(np.einsum("mij,mj->mi", R, points) + t)
+
+
+def predict(calibration: Calibration, scene: Scene) -> Array:
+    """(m, 3) mm: where the calibrated robot has the target, in the tracker's frame."""
+    return in_tracker(scene, pose_of(scene, calibration.terms, calibration.theta).target.T)
+
+
+def uncertainty(calibration: Calibration, scene: Scene) -> Array:
+    """(m, 3, r) mm: columns whose products summed are the covariance of the predicted positions, noise left out."""
+    out = np.empty((len(scene), 3, calibration.factor.shape[1]))
+    for rows in scene.blocks(512):
+        at = scene.pose(rows, twist_of(scene, calibration.terms, calibration.theta, rows))
+        columns = columns_of(scene, field_of(scene, at, rows), calibration.terms, rows)[:, :3]
+        out[rows] = np.einsum("pcm,pr->mcr", columns, calibration.factor)
+    return out
+
+
+# -- the file ----------------------------------------------------------------------------------------------------------------
+
+
+def _record(c: Calibration) -> dict[str, Any]:
+    return {
+        "schema": SCHEMA, "kind": "calibration", "study": c.study, "robot": robot_record(c.robot),
+        "targets": [{"name": name, "tool_mm": c.tools[k].tolist(),
+                     "rotation": None if c.tool_rotations is None else c.tool_rotations[k].tolist()}
+                    for k, name in enumerate(c.targets)],
+        "groups": [{"name": name, "rotation": c.placement[0][k].tolist(), "translation_mm": c.placement[1][k].tolist()}
+                   for k, name in enumerate(c.groups)],
+        "registered": c.registered, "tracker_mm": list(c.tracker),
+        "mechanisms": [mechanism_record(m) for m in c.model.mechanisms],
+        "estimates": [{"symbol": t.symbol, "value": float(v), "standard_error": float(e), "unit": t.unit,
+                       "estimable": k in c.kept}
+                      for k, (t, v, e) in enumerate(zip(c.terms, c.theta, c.standard_errors, strict=True))],
+        "covariance_factor": {"says": "row k of the estimable terms, from its own column on: covariance = F Fᵀ",
+                              "rows": [c.factor[k, i:].tolist() for i, k in enumerate(c.kept)]},
+        "noise_floor": {"coordinate_mm": c.floor.coordinate_mm, "source": c.floor.source,
+                        "freedom": c.floor.freedom if np.isfinite(c.floor.freedom) else None},
+        "held_out_rms_mm": c.held_out_rms_mm,
+        "ranges": {name: list(pair) for name, pair in c.ranges.items()}, "provenance": dict(c.provenance)}
+
+
+def _restored(r: Mapping[str, Any]) -> Calibration:
+    model = Model(tuple(mechanism_of(m) for m in r["mechanisms"]))
+    estimates, rows = r["estimates"], r["covariance_factor"]["rows"]
+    if [e["symbol"] for e in estimates] != [t.symbol for t in model.terms]:
+        raise ValueError("its estimates are not those of its terms")
+    kept = tuple(k for k, e in enumerate(estimates) if e["estimable"])
+    factor = np.zeros((len(estimates), len(kept)))
+    for i, (k, row) in enumerate(zip(kept, rows, strict=True)):
+        factor[k, i:] = row
+    robot, (x, y, z) = robot_of(r["robot"]), r["tracker_mm"]
+    turned = [t["rotation"] for t in r["targets"]]
+    floor, held = r["noise_floor"], r["held_out_rms_mm"]
+    return Calibration(
+        str(r["study"]), robot, tuple(str(t["name"]) for t in r["targets"]), tuple(str(g["name"]) for g in r["groups"]),
+        numbers([t["tool_mm"] for t in r["targets"]], (-1, 3)), None if None in turned else numbers(turned, (-1, 3, 3)),
+        (numbers([g["rotation"] for g in r["groups"]], (-1, 3, 3)), numbers([g["translation_mm"] for g in r["groups"]], (-1, 3))),
+        bool(r["registered"]), (float(x), float(y), float(z)), model, numbers([e["value"] for e in estimates], (-1,)), factor,
+        kept, Floor(float(floor["coordinate_mm"]), str(floor["source"]), float(floor["freedom"] or np.inf)),
+        None if held is None else float(held), {str(k): (float(v[0]), float(v[1])) for k, v in r["ranges"].items()},
+        {str(k): str(v) for k, v in r["provenance"].items()})
+
+
+def loads(text: str, where: str = NAME) -> Calibration:
+    """The calibration of a file's text. Raises StudyError."""
+    try:
+        record = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise StudyError(f"{where}: not valid JSON: {error}") from None
+    if not isinstance(record, dict) or record.get("kind") != "calibration":
+        raise StudyError(f"{where}: not a calibration; `modelsel study` writes one beside its result.json.")
+    if record.get("schema") != SCHEMA:
+        raise StudyError(f"{where}: schema {record.get('schema')}, but this modelsel reads schema {SCHEMA}: run the study again.")
+    try:
+        return _restored(record)
+    except (KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
+        raise StudyError(f"{where}: damaged ({type(error).__name__}: {error}): run the study again.") from None
+
+
+def load_calibration(path: Path | str) -> Calibration:
+    """A stored calibration: its file, the result.json beside it, or the folder of both. Raises StudyError."""
+    path = Path(path)
+    path = path / NAME if path.is_dir() else path.with_name(NAME) if path.name == "result.json" else path
+    try:
+        return loads(path.read_text(encoding="utf-8"), path.name)
+    except FileNotFoundError:
+        raise StudyError(f"{path}: no such calibration; `modelsel study STUDY.toml` writes one beside its result.json.") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise StudyError(f"{path.name}: cannot be read: {getattr(error, 'strerror', None) or 'it is not UTF-8 text'}") from None

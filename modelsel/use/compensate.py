@@ -1,0 +1,151 @@
+"""Joint commands whose real position is the wanted one: the calibrated exact chain, inverted near the nominal command.
+
+Damped Gauss-Newton of least joint change, all rows at once (Levenberg 1944; Nakamura & Hanafusa 1986): the joints' own columns of
+the screw field are the derivative; that causes change with the reading as well is second order and left to the iteration.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.measurements import Measurements
+from ..machine.robot import forward
+from ..matrix.scene import Scene
+from ..words.errors import DataError
+from ..words.rigid import Array, rotation_vector
+from .calibration import Calibration, in_tracker, pose_of, predict, uncertainty
+
+ITERATIONS = 60
+REACHED_MM = 1e-3           # 1 µm
+SETTLED_MM = 1e-7
+LEVER_MM = 100.0            # what a radian of a wanted orientation weighs against a mm, and a slide's mm against a radian
+BOUND = (10e-3, 20.0)       # rad, mm: what a correction may change before it is more likely a mistake
+EDGE = 0.01                 # of a range: further beyond it is said
+
+
+@dataclass(frozen=True, eq=False)
+class Commands:
+    """Corrected commands q (m, n) and where they lead: `wanted` (m, 3) in the tracker's frame; `before_mm` the error of the
+    nominal command, `left_mm` what the corrected one leaves on the calibrated model, `model_mm` the standard uncertainty of
+    that model there (length), `expected_mm` the same with the measuring noise."""
+
+    q: Array
+    change: Array
+    wanted: Array
+    before_mm: Array
+    left_mm: Array
+    model_mm: Array
+    expected_mm: Array
+
+    @property
+    def reached(self) -> NDArray[np.bool_]:
+        """(m,) rows that land on the wanted position to 1 µm of the model."""
+        return self.left_mm <= REACHED_MM
+
+
+def commanded(at: Scene, q: Array) -> Scene:
+    """The scene at other joint readings, all else as it was: the direction and size of the moves are those of the plan."""
+    return replace(at, data=replace(at.data, q=q), _values={}, _causes={})
+
+
+def nominal(at: Scene) -> Array:
+    """(m, 3) where the nominal robot has the target, in the tracker's frame."""
+    return in_tracker(at, forward(at.robot, at.data.q, at.tool))
+
+
+def _error(c: Calibration, at: Scene, wanted: Array) -> tuple[Array, Array]:
+    """(what is missing (m, c), its derivative to the joints (m, c, n)) in frame 0: mm, and with orientations rad · LEVER_MM."""
+    pose, R = pose_of(at, c.terms, c.theta), at.placement[0][at.data.group]
+    inside = np.einsum("mji,mj->mi", R, wanted - at.placement[1][at.data.group])
+    joint = [2 if j.prismatic else 5 for j in at.robot.joints]
+    J = pose.displacement()[range(at.robot.n), joint].transpose(2, 1, 0)
+    error = inside - pose.target.T
+    if at.data.rotation is None:
+        return error, J
+    turned = np.einsum("mji,mjk,mlk->mil", R, at.data.rotation, pose.rotation.transpose(2, 0, 1))
+    turns = np.array([not j.prismatic for j in at.robot.joints])
+    K = pose.axes[range(at.robot.n), joint].transpose(2, 1, 0) * turns
+    return np.concatenate([error, LEVER_MM * rotation_vector(turned)], 1), np.concatenate([J, LEVER_MM * K], 1)
+
+
+def compensate(c: Calibration, data: Measurements) -> Commands:
+    """Corrected commands for planned ones: `data.q` nominal commands, `data.position` wanted positions (nan: where the nominal
+    robot has the target), `data.rotation` wanted orientations where there are any. Raises DataError."""
+    start = c.scene(data)
+    wanted = np.where(np.isnan(data.position), nominal(start), data.position)
+    scale = np.array([LEVER_MM if j.prismatic else 1.0 for j in c.robot.joints])
+    q, damping = data.q.copy(), np.full(len(data), 1e-9)
+    error, J = _error(c, start, wanted)
+    before, size = np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error, axis=1)
+    for _ in range(ITERATIONS):
+        going = (size > SETTLED_MM) & (damping < 1e6)
+        if not going.any():
+            break
+        Js = J[going] * scale
+        inner = Js @ Js.transpose(0, 2, 1)
+        weight = damping[going] * np.trace(inner, axis1=1, axis2=2)
+        damped = inner + weight[:, None, None] * np.eye(inner.shape[1])
+        step = Js.transpose(0, 2, 1) @ np.linalg.solve(damped, error[going, :, None])
+        trial = q.copy()
+        trial[going] += step[:, :, 0] * scale
+        e, slope = _error(c, commanded(start, trial), wanted)
+        new = np.linalg.norm(e, axis=1)
+        better = going & (new < size)
+        q[better], error[better], J[better], size[better] = trial[better], e[better], slope[better], new[better]
+        damping = np.where(better, np.maximum(damping / 10, 1e-12), np.where(going, damping * 10, damping))
+    there = commanded(start, q)
+    left = np.linalg.norm(wanted - predict(c, there), axis=1)
+    model = np.sqrt(np.square(uncertainty(c, there)).sum((1, 2)))
+    return Commands(q, q - data.q, wanted, before, left, model, np.sqrt(model ** 2 + 3 * c.floor.coordinate_mm ** 2))
+
+
+def refuse(c: Calibration, made: Commands, data: Measurements, bound: tuple[float, float], file: str) -> None:
+    """Raises DataError with the first row that would be changed by more than the bound (rad, mm)."""
+    slides = np.array([j.prismatic for j in c.robot.joints])
+    over = np.abs(made.change) / np.where(slides, bound[1], bound[0])
+    whole = np.column_stack([over, made.before_mm / bound[1]])
+    bad = np.flatnonzero((whole > 1).any(1))
+    if not len(bad):
+        return
+    row = int(bad[0])
+    k = int(np.argmax(whole[row]))
+    what = (f"the target would be moved by {made.before_mm[row]:.3g} mm" if k == c.robot.n else
+            f"joint {k + 1} would be changed by " + (f"{made.change[row, k]:.3g} mm" if slides[k] else
+                                                     f"{made.change[row, k] * 1e3:.3g} mrad"))
+    raise DataError(f"{what}, beyond the bound of {bound[0] * 1e3:g} mrad and {bound[1]:g} mm"
+                    + (f" ({len(bad)} such rows)." if len(bad) > 1 else "."), file=file, line=int(data.row[row]) + 2,
+                    remedy="Nothing was written. Check that the wanted position belongs to the command, or raise --bound.")
+
+
+def outside(c: Calibration, data: Measurements) -> list[str]:
+    """What is asked of beyond what the calibration has seen, in words: joint readings and the covariates its model looks at."""
+    n, out = c.robot.n, []
+    values = {f"q{j + 1}": data.q[:, j] for j in range(n)} | {k: v for k, v in data.covariates.items() if k in c.needs()}
+    for name, seen in values.items():
+        if name not in c.ranges:
+            continue
+        low, high = c.ranges[name]
+        slack = EDGE * (high - low)
+        beyond = int(((seen < low - slack) | (seen > high + slack)).sum())
+        if beyond:
+            factor, unit = _shown(c, name)
+            known = f"{low * factor:.4g} to {high * factor:.4g}{unit}"
+            out.append(f"{name}: {beyond} of {len(data)} rows lie beyond the {known} that the calibration has seen; there the "
+                       "model is a guess.")
+    limits = [j.limits or (-np.inf, np.inf) for j in c.robot.joints]
+    out += [f"joint {j + 1}: {count} of {len(data)} rows lie beyond its limits." for j, (low, high) in enumerate(limits)
+            if (count := int(((data.q[:, j] < low) | (data.q[:, j] > high)).sum()))]
+    unknown = sorted(int(name.removeprefix("approach")) for name in c.needs() if name.startswith("approach")
+                     and (data.approach[:, int(name.removeprefix("approach")) - 1] == 0).any())
+    out += [f"joint {j}: the direction of approach of some rows is not known (0): its backlash is taken at the middle there."
+            for j in unknown]
+    return out
+
+
+def _shown(c: Calibration, name: str) -> tuple[float, str]:
+    """(factor, unit) in which people read a value: degrees and mm for joints."""
+    if name not in {f"q{j}" for j in range(1, c.robot.n + 1)}:
+        return 1.0, ""
+    return (1.0, " mm") if c.robot.joints[int(name[1:]) - 1].prismatic else (180 / np.pi, " deg")

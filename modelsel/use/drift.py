@@ -1,0 +1,162 @@
+"""A calibration on another day: does it still hold on new data, and what differs between two campaigns?
+
+Neither refits what was calibrated. New data are judged by T = rᵀ V⁻¹ r, V = noise + parameters' covariance of all rows together,
+which under no change is a χ² (F where the noise was estimated); a set-up that may have moved is projected out.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..data.measurements import Index, Measurements
+from ..matrix.scene import Scene
+from ..words.errors import DataError
+from ..words.rigid import Array, nearest_rotation, rotation_vector
+from .calibration import Calibration, pose_of, predict, uncertainty
+
+SURE = 0.01        # p below which a calibration is called drifted
+NOTABLE = 1.1      # and the factor above which it is
+ROUNDS = 12
+LISTED = 10
+LEAST = 4          # configurations that a placement needs
+CLEARLY, ENOUGH = 1.5, 5
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """New data against a calibration: `factor` of the errors to those expected, the test's p, `worst` rows (their index in the
+    data) beyond what noise explains, the residual (m, 3) and its standardised length (m,)."""
+
+    factor: float
+    p: float
+    rms_mm: float
+    expected_rms_mm: float
+    worst: tuple[int, ...]
+    residual: Array
+    size: Array
+    moved: tuple[float, float, float] | None      # mm and rad of the tracker, mm of the target, where registered
+
+    @property
+    def drifted(self) -> bool:
+        """Whether the data contradict the calibration."""
+        return self.p <= SURE and self.factor >= NOTABLE
+
+
+def register(c: Calibration, at: Scene) -> tuple[Scene, tuple[float, float, float], Array]:
+    """(the scene with one placement and the targets' offsets found from the new data, how far they moved (mm, rad, mm), the
+    columns (m, 3, k) of what was left free). Robust; the calibrated chain stays as it is. Raises DataError."""
+    if at.data.configurations < LEAST:
+        raise DataError(f"the file has {at.data.configurations} configurations, and --register needs {LEAST}.",
+                        remedy="Measure more.")
+    pose = pose_of(at, c.terms, c.theta)
+    o, axes, x = pose.target.T, pose.axes[-1, :3].transpose(2, 1, 0), at.data.position    # axes: the target frame's, as columns
+    seen, which = np.unique(at.data.target, return_inverse=True)
+    offset, weight = np.zeros((len(seen), 3)), np.ones(len(x))
+    for k in range(ROUNDS):
+        p = o + np.einsum("mij,mj->mi", axes, offset[which])
+        R, t = _kabsch(p, x, weight)
+        free = _setup_columns(R, p, axes, which)
+        r = x - p @ R.T - t
+        W = np.sqrt(weight)[:, None, None]
+        step = np.linalg.lstsq((free * W).reshape(-1, free.shape[2]), (r * W[:, 0]).ravel(), rcond=1e-9)[0]
+        offset += step[6:].reshape(-1, 3) if k < ROUNDS - 1 else 0.0      # the offsets now, the placement by the next Kabsch
+        size = np.linalg.norm(r - free @ step, axis=1)
+        weight = 1 / (1 + (size / max(3 * float(np.median(size)), 1e-6)) ** 2)
+    first, middle = at.data.group[0], o.mean(0)
+    apart = R @ middle + t - at.placement[0][first] @ middle - at.placement[1][first]
+    turn = rotation_vector((R @ at.placement[0][first].T)[None])[0]
+    moved = float(np.linalg.norm(apart)), float(np.linalg.norm(turn)), float(np.linalg.norm(offset, axis=1).max())
+    groups = len(at.placement[0])
+    shifted = replace(at.data, position=x - np.einsum("ij,mjk,mk->mi", R, axes, offset[which]))
+    return replace(at, placement=(np.tile(R, (groups, 1, 1)), np.tile(t, (groups, 1))), data=shifted), moved, free
+
+
+def _kabsch(p: Array, x: Array, weight: Array) -> tuple[Array, Array]:
+    """The rotation R and shift t that take points p (m, 3) nearest to x (Kabsch 1976)."""
+    a, b = np.average(p, axis=0, weights=weight), np.average(x, axis=0, weights=weight)
+    R = nearest_rotation(((x - b) * weight[:, None]).T @ (p - a))
+    return R, b - R @ a
+
+
+def _setup_columns(R: Array, p: Array, axes: Array, which: Index) -> Array:
+    """(m, 3, 6 + 3 T) mm per mm and rad: shift and turn of the placement, offset of every target."""
+    m, count = len(p), int(which.max()) + 1
+    out = np.zeros((m, 3, 6 + 3 * count))
+    out[:, :, :3] = np.eye(3)
+    for a in range(3):
+        out[:, :, 3 + a] = np.cross(np.eye(3)[a], (p - p.mean(0)) @ R.T)
+    for i in range(count):
+        out[which == i, :, 6 + 3 * i:9 + 3 * i] = (R @ axes)[which == i]
+    return out
+
+
+def reference(c: Calibration) -> tuple[float, float]:
+    """(standard deviation [mm] of one coordinate that new data should show, its degrees of freedom): the noise floor, or what
+    the study's own held-out configurations showed where that is more."""
+    floor = c.floor.coordinate_mm
+    held = 0.0 if c.held_out_rms_mm is None else c.held_out_rms_mm / np.sqrt(3)
+    return max(floor, held), c.floor.freedom
+
+
+def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
+    """New measurements against a stored calibration. Raises DataError."""
+    from scipy.special import chdtrc, fdtrc
+    moved, free = None, np.zeros((len(data), 3, 0))
+    if free_setup:
+        one = replace(data, groups=c.groups[:1], group=np.zeros(len(data), np.intp))      # its placement is found below
+        at, moved, free = register(c, c.scene(one))
+    else:
+        at = c.scene(data)
+    residual = at.data.position - predict(c, at)
+    sigma, freedom = reference(c)
+    spread = uncertainty(c, at)
+    r, W, S = residual.ravel() / sigma, spread.reshape(residual.size, -1) / sigma, free.reshape(residual.size, free.shape[2])
+    rank = 0
+    if S.shape[1]:
+        U, values, _ = np.linalg.svd(S / np.linalg.norm(S, axis=0), full_matrices=False)
+        Q = U[:, values > 1e-7 * values[0]]
+        r, W, rank = r - Q @ (Q.T @ r), W - Q @ (Q.T @ W), Q.shape[1]
+    inner = np.eye(W.shape[1]) + W.T @ W                     # Woodbury: V⁻¹ = I − W (I + WᵀW)⁻¹ Wᵀ
+    T = float(r @ r - (W.T @ r) @ np.linalg.solve(inner, W.T @ r))
+    count = len(r) - rank
+    p = float(chdtrc(count, T) if not np.isfinite(freedom) else fdtrc(count, freedom, T / count))
+    expected = np.sqrt((3 * sigma ** 2 + np.square(spread).sum((1, 2))).mean() * count / len(r))
+    own = np.linalg.cholesky(sigma ** 2 * np.eye(3) + np.einsum("mcr,mdr->mcd", spread, spread))
+    size = np.linalg.norm(np.linalg.solve(own, residual[:, :, None])[:, :, 0], axis=1)
+    beyond = np.flatnonzero(chdtrc(3, size ** 2) < 0.05 / len(size))
+    worst = tuple(beyond[np.argsort(-size[beyond], kind="stable")].tolist())
+    return Verdict(float(np.sqrt(T / count)), p, float(np.sqrt(np.square(residual).sum(1).mean())), float(expected), worst,
+                   residual, size, moved)
+
+
+def sentences(data: Measurements, found: Verdict) -> list[str]:
+    """The verdict in one sentence, then what belongs to it."""
+    about = (f"{found.rms_mm:.3f} mm rms where {found.expected_rms_mm:.3f} mm are expected, a factor of {found.factor:.2f} "
+             f"(p = {found.p:.2g})")
+    shown = f"{len(found.worst)} of {len(data)} rows show it" if found.worst else "no single row shows it"
+    out = [f"The calibration has drifted: {about}; {shown}{_where(data, found)}." if found.drifted else
+           f"The calibration is still valid within noise: {about}."]
+    if found.worst:
+        lines = ", ".join(f"line {int(data.row[k]) + 2} ({found.size[k]:.1f} sd)" for k in found.worst[:LISTED])
+        out.append(f"Beyond noise: {lines}{' …' if len(found.worst) > LISTED else ''}.")
+    if found.moved is not None:
+        shift, turn, offset = found.moved
+        out.append(f"Registered anew: the tracker stands {shift:.3g} mm and {turn * 1e3:.3g} mrad from where it stood, and "
+                   f"the target {offset:.3g} mm on the flange; what moves the arm as these do cannot be judged.")
+    return out
+
+
+def _where(data: Measurements, found: Verdict) -> str:
+    """Where the errors are: the joint whose lower or upper half holds clearly more of them."""
+    square, best = found.size ** 2, (CLEARLY, "")
+    for j, column in enumerate(data.q.T):
+        middle = float(np.median(column))
+        above = column > middle
+        if min(above.sum(), (~above).sum()) < ENOUGH:
+            continue
+        high, low = float(square[above].mean()), float(square[~above].mean())
+        for value, word in ((high / low, "above"), (low / high, "below")):
+            if value > best[0]:
+                best = (value, f", most of it where q{j + 1} is {word} {middle:.3g}")
+    return best[1]

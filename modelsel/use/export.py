@@ -1,0 +1,271 @@
+"""A calibration in other programs' forms, each read back and held against the fit; what a form cannot carry is said."""
+from __future__ import annotations
+
+import csv
+import io
+import json
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pprint import pformat
+from typing import Any
+
+import numpy as np
+
+from ..data.io import RESERVED
+from ..machine.dh import robot_file, rows_of
+from ..machine.robot import forward
+from ..machine.robotfile import robot_from_table
+from ..machine.urdf import read_urdf_text, write_urdf
+from ..matrix.design import PLACE
+from ..matrix.scene import Scene
+from ..words.rigid import AXES, Array, inverse, transform
+from ..wrong.causes import Applied, Bump, Cause, Combined, Member, Named, Number, parse
+from ..wrong.screws import Screw, Term
+from .calibration import Calibration, in_tracker, pose_of
+from .carried import Carried, Part, carried, constants, parts, points, rms_and_most, workspace
+from .lookup import FINE_MM, read_table, tables, write_tables
+from .records import cause_of, cause_record
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A file's text; `error_mm` largest difference between what is read back and the fit, in what the form can carry, over
+    `configurations`; `left_out` in words, and what it moves the target: (rms, largest) mm."""
+
+    text: str
+    error_mm: float
+    configurations: int
+    left_out: tuple[str, ...] = ()
+    left_out_mm: tuple[float, float] = (0.0, 0.0)
+    notes: tuple[str, ...] = ()
+
+
+def export(c: Calibration, form: str) -> Exported:
+    """A calibration as "urdf", "dh", "mdh", "json", "csv", "python" or "table"."""
+    return FORMS[form](c)
+
+
+def _missing(some: Sequence[Part]) -> tuple[str, ...]:
+    """What a set of screws is, in words, once each mechanism."""
+    out: dict[str, list[str]] = {}
+    for p in some:
+        places = out.setdefault(p.mechanism, [])
+        places += [place for s in p.term.screws if (place := f"frame {s.frame} {s.axis}") not in places]
+    return tuple(f"{name} ({', '.join(places)})" for name, places in out.items())
+
+
+def _geometry(c: Calibration, text: str, read: Callable[[str, int], Callable[[Array], Array]], notes: tuple[str, ...]
+              ) -> Exported:
+    """Measured as a chain: `read` gives, of the file's text, the target's position in frame 0 at joint readings."""
+    worst, rest = 0.0, (0.0, 0.0)
+    for t in range(len(c.targets)):
+        at = workspace(c, t)
+        constant, varying = parts(c, t)
+        worst = max(worst, float(np.linalg.norm(read(text, t)(at.data.q) - points(at, constant), axis=1).max()))
+        rest = max(rest, rms_and_most(points(at, constant + varying) - points(at, constant)))
+    return Exported(text, worst, len(at) * len(c.targets), _missing(parts(c)[1]), rest, notes)
+
+
+def _notes(c: Calibration) -> tuple[str, ...]:
+    causes = {s.cause for t in c.terms for s in t.screws}
+    out = ["frame 0 is the robot's base before any registration; lengths and angles are those of the calibrated geometry"]
+    if np.ptp(c.placement[1], axis=0).any() or any(Member("group", g) in causes for g in range(len(c.groups))):
+        out.append(f'the placement of the tracker is that of group "{c.groups[0]}"')
+    return tuple(out)
+
+
+def to_urdf(c: Calibration) -> Exported:
+    """The calibrated chain as a URDF: targets on the flange, the tracker on the base."""
+    made, notes = carried(c), _notes(c)
+    tips = {_link(name): place for name, place in made.targets.items()}
+    tracker = inverse(transform(c.placement[0][0], c.placement[1][0]))
+    text = write_urdf(made.robot, tips, {"tracker": tracker} if c.registered else {}, [made.robot.source, *notes])
+    def read(text: str, target: int) -> Callable[[Array], Array]:
+        back = read_urdf_text(text, "the export", tip=_link(c.targets[target]))
+        return lambda q: forward(back, q, np.zeros(3))
+    return _geometry(c, text, read, notes)
+
+
+def _link(name: str) -> str:
+    return name if name not in ("base", "flange", "tracker") and not name.startswith("link") else f"target_{name}"
+
+
+def _to_dh(c: Calibration, modified: bool) -> Exported:
+    made = carried(c)
+    nearly = tuple(f"joints {a} and {b} are almost parallel: their rows have a large d; small changes of the angle change it much"
+                   for a, b in rows_of(made.robot, modified).nearly)
+    where = tuple(f"target {name} on the flange: x, y, z = {', '.join(repr(float(v)) for v in T[:3, 3])} mm"
+                  for name, T in made.targets.items())
+    text = robot_file(made.robot, modified, [*_notes(c), *where, *nearly])
+    def read(text: str, target: int) -> Callable[[Array], Array]:
+        back = robot_from_table(tomllib.loads(text), "the export")
+        return lambda q: forward(back, q, _offset(made, c.targets[target]))
+    return _geometry(c, text, read, (*_notes(c), *nearly))
+
+
+def _offset(made: Carried, target: str) -> Array:
+    return np.asarray(made.targets[target][:3, 3])
+
+
+# -- corrections: everything the model says, as rows ---------------------------------------------------------------------------
+
+
+def to_json(c: Calibration) -> Exported:
+    """Constant corrections of every frame and every other screw, with its cause as structure."""
+    record = {"schema": 1, "kind": "corrections", "study": c.study, "robot": c.robot.name, "axes": list(AXES),
+              "says": "H of a frame = constant entries + Σ estimate × cause; Trans(tx, ty, tz) Rx Ry Rz, mm and rad",
+              "constant": {name: constants(c, t).tolist() for t, name in enumerate(c.targets)},
+              "effects": [{"mechanism": p.mechanism, "symbol": p.term.symbol, "frame": s.frame, "axis": s.axis,
+                           "cause": cause_record(s.cause), "prints": str(s.cause), "estimate": p.value,
+                           "standard_error": p.error, "unit": p.term.unit} for p in parts(c)[1] for s in p.term.screws]}
+    text = json.dumps(record, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+    return _whole(c, text, lambda text, t: _from_json(json.loads(text), c.targets[t]))
+
+
+def _from_json(record: Mapping[str, Any], target: str) -> list[Part]:
+    out = [Part("", Term("", (Screw(f + 1, axis),)), value, 0.0) for f, row in enumerate(record["constant"][target])
+           for axis, value in zip(AXES, row, strict=True)]
+    return out + [Part("", Term(e["symbol"], (Screw(e["frame"], e["axis"], cause_of(e["cause"])),)), e["estimate"], 0.0)
+                  for e in record["effects"]]
+
+
+HEADER = ("target", "mechanism", "symbol", "frame", "axis", "cause", "knot", "knot_width", "value", "standard_error", "unit")
+
+
+def to_csv(c: Calibration) -> Exported:
+    """A row a screw: place, cause, value. A free function has a row a knot: a cubic B-spline centred there."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(HEADER)
+    for t, name in enumerate(c.targets):
+        for p in (p for some in parts(c, t) for p in some):
+            for s in p.term.screws:
+                bump = _bump(s.cause)
+                knot = ("", "") if bump is None else (repr(bump.centre), repr(bump.width))
+                writer.writerow([name, p.mechanism, p.term.symbol, s.frame, s.axis, str(s.cause), *knot, repr(p.value),
+                                 repr(p.error), p.term.unit])
+    return _whole(c, stream.getvalue(), lambda text, t: _from_csv(text, c, c.targets[t]))
+
+
+def _bump(cause: Cause) -> Bump | None:
+    if isinstance(cause, Combined):
+        return _bump(cause.left) or _bump(cause.right)
+    return cause if isinstance(cause, Bump) else _bump(cause.argument) if isinstance(cause, Applied) else None
+
+
+def _swapped(cause: Cause, bump: Bump) -> Cause:
+    """With the spline back where its name stands."""
+    if isinstance(cause, Combined):
+        return Combined(cause.operator, _swapped(cause.left, bump), _swapped(cause.right, bump))
+    return bump if cause == Named("free") else cause
+
+
+def _from_csv(text: str, c: Calibration, target: str) -> list[Part]:
+    units = dict.fromkeys([*c.needs(), *c.ranges, "free"], "1")
+    out = []
+    for row in csv.DictReader(io.StringIO(text)):
+        if row["target"] != target:
+            continue
+        name = row["cause"].partition("free(")[2].partition(")")[0]
+        cause = parse(row["cause"].replace(f"free({name})", "free"), units)
+        if row["knot"]:
+            cause = _swapped(cause, Bump(name, float(row["knot"]), float(row["knot_width"])))
+        out.append(Part("", Term(row["symbol"], (Screw(int(row["frame"]), row["axis"], cause),)), float(row["value"]), 0.0))
+    return out
+
+
+def _whole(c: Calibration, text: str, read: Callable[[str, int], list[Part]]) -> Exported:
+    """Measured as screws put back into the nominal chain."""
+    worst = 0.0
+    for t in range(len(c.targets)):
+        at = workspace(c, t)
+        wanted = pose_of(at, c.terms, c.theta).target.T
+        worst = max(worst, float(np.linalg.norm(points(at, read(text, t)) - wanted, axis=1).max()))
+    return Exported(text, worst, len(at) * len(c.targets), notes=_notes(c)[1:])
+
+
+# -- a function and a table ----------------------------------------------------------------------------------------------------
+
+
+def tree(cause: Cause) -> Any:
+    """A cause as the nested tuples that `exported.cause` reads."""
+    match cause:
+        case Number(number):
+            return float(number)
+        case Named(name):
+            return (name,)
+        case Applied(function, argument):
+            return (function, tree(argument))
+        case Combined(operator, left, right):
+            return (operator, tree(left), tree(right))
+        case Bump(name, centre, width):
+            return ("spline", (name,), float(centre), float(width))
+    raise TypeError(f"{cause} is no function of the state")
+
+
+def data_of(c: Calibration) -> dict[str, Any]:
+    """The numbers of `exported.DATA`, for the first group."""
+    R, t = c.placement[0][0], c.placement[1][0]
+    return {"robot": c.robot.name, "targets": list(c.targets), "prismatic": [j.prismatic for j in c.robot.joints],
+            "before": [j.before[:3].tolist() for j in c.robot.joints], "last": c.robot.last[:3].tolist(),
+            "gravity": None if c.robot.gravity is None else list(c.robot.gravity),
+            "masses": [float(j.mass or 0.0) for j in c.robot.joints], "coms": [list(j.com) for j in c.robot.joints],
+            "tools": {name: c.tools[k].tolist() for k, name in enumerate(c.targets)},
+            "placement": np.column_stack([R, t]).tolist(), "tracker": list(c.tracker),
+            "constants": {name: constants(c, k).tolist() for k, name in enumerate(c.targets)},
+            "terms": {name: [(s.frame, PLACE[s.axis], p.value, tree(s.cause)) for p in parts(c, k)[1] for s in p.term.screws]
+                      for k, name in enumerate(c.targets)}}
+
+
+def given(c: Calibration) -> list[str]:
+    """Names that the model looks at and joint readings do not say: covariates, directions of approach, moves, progress."""
+    return sorted(n for n in c.needs() - {"target", "group"} if n.startswith(("approach", "move")) or n == "progress"
+                  or not RESERVED.fullmatch(n))
+
+
+def to_python(c: Calibration) -> Exported:
+    """A module of its own: numpy only, the numbers in it."""
+    source = files(__package__).joinpath("exported.py").read_text(encoding="utf-8")
+    needs = given(c)
+    head = f'"""{c.robot.name}, calibrated by modelsel in the study "{c.study}". Generated; edit nothing.\n\n'
+    asks = f"It looks at {', '.join(needs)}: give them by name.\n\n" if needs else ""
+    text = source.replace('"""', head + asks, 1).replace(
+        "DATA: dict[str, Any] = {}", f"DATA: dict[str, Any] = {pformat(data_of(c), width=130, sort_dicts=False)}", 1)
+    def run(t: int, at: Scene) -> Array:
+        names: dict[str, Any] = {}
+        exec(compile(text, "the export", "exec"), names)  # noqa: S102  our own text, run to hold it against the fit
+        return np.asarray(names["position"](at.data.q, c.targets[t], **{n: at.value(n) for n in needs}))
+    worst = 0.0
+    for t in range(len(c.targets)):
+        at = workspace(c, t)
+        wanted = in_tracker(at, pose_of(at, c.terms, c.theta).target.T)
+        worst = max(worst, float(np.linalg.norm(run(t, at) - wanted, axis=1).max()))
+    return Exported(text, worst, len(at) * len(c.targets), notes=_notes(c)[1:])
+
+
+def to_table(c: Calibration) -> Exported:
+    """Every varying correction of one or two values of the state, on a grid to interpolate in."""
+    varying = parts(c)[1]
+    at, constant = workspace(c), parts(c)[0]
+    made, over = tables(c, varying, at)
+    text = write_tables(made)
+    inside = [p for p in varying if p not in over]
+    read = read_table(text, at)
+    tabled = {f"table_{k}": values for k, (_, _, values) in enumerate(read)}
+    bound = replace(at, data=replace(at.data, covariates={**at.data.covariates, **tabled}), _values={}, _causes={})
+    again = [Part("table", Term("", (Screw(frame, axis, Named(f"table_{k}")),)), 1.0, 0.0) for k, (frame, axis, _) in
+             enumerate(read)]
+    difference = points(bound, constant + again) - points(at, constant + inside)
+    rest = rms_and_most(points(at, constant + varying) - points(at, constant + inside))
+    rms, most = rms_and_most(difference)
+    return Exported(text, most, len(at), _missing(over), rest,
+                    (f"interpolated linearly: {rms * 1e3:.2g} µm rms, {most * 1e3:.2g} µm at most"
+                     + (", beside a jump" if most > 10 * FINE_MM else ""),))
+
+
+FORMS: dict[str, Callable[[Calibration], Exported]] = {
+    "urdf": to_urdf, "dh": lambda c: _to_dh(c, False), "mdh": lambda c: _to_dh(c, True), "json": to_json, "csv": to_csv,
+    "python": to_python, "table": to_table}
+__all__ = ["FORMS", "Exported", "export"]

@@ -1,0 +1,1 @@
+"""Folds, criteria, subsets, the split, errors and gain, what could be wrong."""

@@ -1,0 +1,160 @@
+"""What could be wrong: every registered mechanism, every cell of the error map (place x cause), every free function.
+
+A candidate is one explanation: one effect with its own coefficients. Registered mechanisms share REGISTERED of the prior,
+evenly by name (the constants of a scanned one share its part), the cells the rest: physics first, but never only what was
+foreseen.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from ..machine.gravity import arm_pair, under_gravity
+from ..machine.robot import Robot
+from ..matrix.design import Model
+from ..matrix.scene import Scene
+from ..words.rigid import AXES
+from ..wrong.causes import Applied, Bump, Cause, Named, cos, q, sign, sin, torque
+from ..wrong.mechanisms.gravity_effects import far, near
+from ..wrong.mechanisms.transmission import WAVES, wave
+from ..wrong.screws import Mechanism, Screw, Term
+
+REGISTERED = 0.6
+KNOTS = tuple(np.radians(degrees) for degrees in (40.0, 20.0, 10.0, 4.0, 2.0))
+DENSITY = 3.0           # configurations per knot interval that a free function needs
+BETWEEN = tuple(k + part for k in range(3, 60) for part in (0.25, 0.5, 0.75))     # a gear ahead of the joint need not close
+ODD = 0.1               # prior of what is more strange than most (waves between whole numbers, free functions), against a cell
+WARMING = (0.05, 0.1, 0.25, 0.5)      # time constants of a warm-up, in shares of the campaign
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One explanation and its prior probability; `registered` names what the catalogue calls it."""
+
+    mechanism: Mechanism
+    registered: bool
+    prior: float
+
+    @property
+    def label(self) -> str | None:
+        """The registered name, None for a cell of the error map."""
+        return self.mechanism.name if self.registered else None
+
+
+def places(scene: Scene) -> tuple[tuple[int, str], ...]:
+    """(frame, axis) where a screw can show: the target's rotations only where orientation is measured."""
+    n = scene.robot.n
+    last = AXES if scene.components == 6 else AXES[:3]
+    return tuple((f, a) for f in range(1, n + 1) for a in AXES) + tuple((n + 1, a) for a in last)
+
+
+def cell_causes(scene: Scene) -> tuple[tuple[Cause, ...], ...]:
+    """Causes of the map's columns: one function each, or a sine and cosine of unknown phase."""
+    robot, out = scene.robot, list[tuple[Cause, ...]]()
+    turning = [j for j in range(1, robot.n + 1) if not robot.joints[j - 1].prismatic]
+    for j in range(1, robot.n + 1):
+        out.append((q(j, robot.unit(j)),))
+    for j in turning:
+        out += [(sin(q(j)), cos(q(j))), (sin(2.0 * q(j)), cos(2.0 * q(j)))]
+    for j, k in combinations(turning, 2):
+        both, apart = (sin(q(j) + q(k)), cos(q(j) + q(k))), (sin(q(j) - q(k)), cos(q(j) - q(k)))
+        out += [both, apart, both + apart]          # together: any product of a wave of the one and a wave of the other
+    loaded = under_gravity(robot)
+    out += [(torque(j),) for j in loaded] + [(sign(torque(j)),) for j in loaded]
+    if (pair := arm_pair(robot)) is not None:
+        out += [(far(pair),), (near(pair),), (sign(far(pair)),)]
+    out += [(Named(f"approach{j}"),) for j in range(1, robot.n + 1)]
+    out += [(cause,) for cause in warming(scene)]
+    units = scene.names()
+    for name in scene.data.covariates:
+        out.append((Named(name, units[name]),))
+        if name == "payload_kg" and pair is not None:
+            out += [(Named(name, "kg") * far(pair),), (Named(name, "kg") * near(pair),)]
+    return tuple(out)
+
+
+def _cell(place: tuple[int, str], causes: Sequence[Cause], words: str) -> Mechanism:
+    terms = tuple(Term(f"m{k}" if len(causes) > 1 else "m", (Screw(*place, cause),)) for k, cause in enumerate(causes, 1))
+    return Mechanism(f"{place[0]} {place[1]} {words}", terms)
+
+
+def warming(scene: Scene) -> tuple[Cause, ...]:
+    """Drift and exponential warm-up, by the clock where the file has one, else by the place in the order of motion."""
+    data = scene.data
+    if "time_s" not in data.covariates:
+        clock: Cause = Named("progress")
+        return (clock, *(Applied("exp", clock / -share) for share in WARMING))
+    start, span = float(data.covariates["time_s"].min()), float(np.ptp(data.covariates["time_s"]))
+    since = Named("time_s", "s") - start if start else Named("time_s", "s")
+    return tuple(Applied("exp", since / -float(f"{share * span:.6g}")) for share in WARMING if span)
+
+
+def waves(robot: Robot) -> list[tuple[Mechanism, float]]:
+    """(waves of a joint's own angle, 3 to 60 a turn, at its own rotation; weight in the prior): whole numbers where no
+    registered ripple is offered, and quarters between."""
+    turning = [j for j, joint in enumerate(robot.joints, 1) if not joint.prismatic]
+    return [(Mechanism(f"{j} rz {count:g} waves", wave(j, count, "rz", "m"), f"Joint {j} turns unevenly: {count:g} waves a turn"),
+             weight) for j in turning for counts, weight in ((WAVES, 1.0), (BETWEEN, ODD)) for count in counts]
+
+
+def free_functions(scene: Scene) -> list[Mechanism]:
+    """Cubic splines of every turning joint's own angle at its own rotation, knots 10, 4 and 2 degrees apart, where the data
+    are dense enough to carry them."""
+    out = []
+    data = scene.data
+    first = np.unique(data.block, return_index=True)[1]
+    for j, joint in enumerate(scene.robot.joints, 1):
+        values = np.sort(data.q[first, j - 1])
+        if joint.prismatic or np.ptp(values) < np.radians(20.0):
+            continue
+        for width in KNOTS:
+            centres = np.arange(np.floor(values[0] / width), np.ceil(values[-1] / width) + 1) * width
+            filled = np.searchsorted(values, centres + width) - np.searchsorted(values, centres - width)
+            if np.median(filled) / 2 < DENSITY or (filled > 0).sum() < 4:
+                continue
+            terms = tuple(Term(f"f{j}[{np.degrees(c):.0f}]", (Screw(j, "rz", Bump(f"q{j}", float(c), float(width))),))
+                          for c, n in zip(centres, filled, strict=True) if n >= 2)
+            out.append(Mechanism(f"free(q{j}) {np.degrees(width):.0f}", terms,
+                                 f"Joint {j} turns unevenly, by a shape no list has."))
+    return out
+
+
+def candidates(scene: Scene, base: Model, mechanisms: Sequence[Mechanism], cells: bool = True) -> tuple[Candidate, ...]:
+    """Every explanation the data could carry beyond the base, with priors that sum to one. `cells=False`: the given
+    mechanisms alone."""
+    names, inside = scene.names(), {t.screws for t in base.terms}
+    fitting = _distinct(scene, [m for m in mechanisms
+                                if m.names() <= names.keys() and not {t.screws for t in m.terms} <= inside])
+    count: dict[str, int] = {}
+    for m in fitting:
+        count[m.name] = count.get(m.name, 0) + 1
+    seen = {frozenset(t.screws for t in m.terms) for m in fitting}
+    others: list[tuple[Mechanism, float]] = []
+    if cells:
+        every_cause = [(causes, " & ".join(map(str, causes))) for causes in cell_causes(scene)]
+        pool = [(_cell(place, causes, words), 1.0) for place in places(scene) for causes, words in every_cause]
+        for m, weight in [*pool, *waves(scene.robot), *((f, ODD) for f in free_functions(scene))]:
+            key = frozenset(t.screws for t in m.terms)
+            if key not in seen and not key <= inside:
+                seen.add(key)
+                others.append((m, weight))
+    share = REGISTERED if others and fitting else 1.0 if fitting else 0.0
+    whole = sum(weight for _, weight in others)
+    return (*(Candidate(m, True, share / len(count) / count[m.name]) for m in fitting),
+            *(Candidate(m, False, (1 - share) * weight / whole) for m, weight in others))
+
+
+def _distinct(scene: Scene, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
+    """Of a scanned mechanism's constants, those that differ on these rows: a step between the same two configurations is one."""
+    seen: set[tuple[object, ...]] = set()
+    out = []
+    for m in mechanisms:
+        values = (np.asarray(scene.cause(s.cause)).tobytes() for t in m.terms for s in t.screws)
+        key = (m.name, *((s.frame, s.axis) for t in m.terms for s in t.screws), *values)
+        if key not in seen:
+            seen.add(key)
+            out.append(m)
+    return out

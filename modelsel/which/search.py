@@ -1,0 +1,160 @@
+"""All subsets of candidate mechanisms x all folds, exactly, by a tree of sweeps: nothing is refitted.
+
+The base is projected out by QR, once a fold; what is left of a fold is the training Schur complement S of candidates and
+response and the held-out Gram W of their residuals. Leaving a group out is a slice of both; keeping it is a sweep of
+both, column by column, for all nodes and folds at once; the leaf is the held-out sum of squares (methods.md A.2).
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..matrix.identify import identify, solve
+from ..matrix.reduce import Reduction
+from ..words.errors import NotEstimable
+from ..words.rigid import Array
+from .folds import Folded, cross_validate
+
+ABSORBED = 1e-20   # share of a column's squared norm that the base must leave, else its rounding would be a pivot
+DOUBT = 2e-11      # relative error beyond which a subset is worked out again
+REDONE = 64
+PIECE = 48_000     # numbers of S, and as many of W, that are walked at once: they stay in a core's cache
+PIVOT = 1e-9       # of the column's own size before any sweep: below it the column depends on the kept ones
+
+
+@dataclass(frozen=True, eq=False)
+class Subsets:
+    """2^G subsets: members (S, G) of booleans, rss (S,) and rank (S,) on all rows, held_out (S, K) sums of squares, and the
+    smallest pivot (S,) relative to its column, which certifies the figures (error about eps / pivot)."""
+
+    members: NDArray[np.bool_]
+    rss: Array
+    rank: NDArray[np.intp]
+    held_out: Array
+    pivot: Array
+
+
+def _projected(folded: Folded, base: Sequence[int], rest: Sequence[int]) -> tuple[Array, Array]:
+    """(S, W), each (K+1, d, d) with the response last: entry K is all rows, trained and held out alike."""
+    blocks = folded.blocks[:, :, [*base, *rest, -1]]
+    K, _, width = blocks.shape
+    b, d = len(base), width - len(base)
+    S, W = np.empty((K + 1, d, d)), np.empty((K + 1, d, d))
+    everything = blocks.reshape(-1, width)
+    for k in range(K + 1):
+        train = everything if k == K else np.delete(blocks, k, axis=0).reshape(-1, width)
+        R = Reduction.empty(width - 1).add(train).R
+        inner = R[b:, b:]
+        S[k] = inner.T @ inner
+        test = everything if k == K else blocks[k]
+        unit = np.maximum(np.linalg.norm(R[:b, :b], axis=0), 1e-300)
+        left = test[:, b:] - (test[:, :b] / unit) @ np.linalg.lstsq(R[:b, :b] / unit, R[:b, b:], rcond=1e-13)[0]
+        W[k] = left.T @ left
+    return S, W
+
+
+def _sweep(S: Array, W: Array, first: Array, columns: int) -> tuple[Array, Array, Array, Array]:
+    """Keep the first `columns` columns of S, W (d, d, nodes, K), whose sizes before any sweep are `first` (columns, K): (S, W)
+    of the others, columns really gained (nodes, K), smallest relative pivot."""
+    gained = np.zeros(S.shape[2:])
+    worst = np.ones(S.shape[2:])
+    for j in range(columns):
+        s = S[0, 0]
+        relative = s / first[j]
+        good = relative > PIVOT
+        b = S[0, 1:] * np.where(good, 1 / np.where(good, s, 1), 0)
+        w = W[0, 1:]
+        other = w - b * W[0, 0]
+        W = W[1:, 1:] - b[:, None] * w
+        W -= other[:, None] * b
+        S = S[1:, 1:] - b[:, None] * S[0, 1:]
+        gained += good
+        worst = np.minimum(worst, np.where(good, relative, 1))
+    return S, W, gained, worst
+
+
+Node = tuple[int, Array, Array, NDArray[np.bool_], Array, Array]   # depth; S, W, members, gained, pivot of several subsets
+
+
+def _leaves(root: Node, order: Sequence[int], sizes: Sequence[int], first: Array
+            ) -> tuple[Array, Array, NDArray[np.bool_], Array, Array]:
+    """(S, W, members, gained, pivot) of all subsets, S and W (subsets, K) what is left of the response. The subset of bits b of
+    `order` stands at place Σ b_j 2^j; the tree is walked in pieces that stay in cache."""
+    done = np.concatenate([[0], np.cumsum([sizes[g] for g in order])]).astype(int)
+    stack, leaves = [root], []
+    while stack:
+        depth, S, W, members, gained, pivot = stack.pop()
+        if depth == len(order):
+            leaves.append((S[0, 0], W[0, 0], members, gained, pivot))
+            continue
+        if S.size > PIECE and len(members) > 1:
+            half = len(members) // 2
+            stack += [(depth, S[:, :, part].copy(), W[:, :, part].copy(), members[part], gained[part], pivot[part])
+                      for part in (slice(half), slice(half, None))]
+            continue
+        g = order[depth]
+        width = sizes[g]
+        at = np.maximum(first[done[depth]:done[depth] + width], 1e-12)
+        kept_S, kept_W, more, worst = _sweep(S, W, at, width)
+        with_g = members.copy()
+        with_g[:, g] = True
+        stack.append((depth + 1, np.concatenate([S[width:, width:], kept_S], axis=2),
+                      np.concatenate([W[width:, width:], kept_W], axis=2), np.concatenate([members, with_g]),
+                      np.concatenate([gained, gained + more]), np.concatenate([pivot, np.minimum(pivot, worst)])))
+    S, W, members, gained, pivot = (np.concatenate(parts) for parts in zip(*leaves, strict=True))
+    place = np.argsort(members[:, list(order)] @ (1 << np.arange(len(order))))
+    return S[place], W[place], members[place], gained[place], pivot[place]
+
+
+def all_subsets(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]]) -> Subsets:
+    """Every subset of `groups` (lists of column indices) on top of the base columns, with every fold held out in turn.
+
+    Columns are scaled to unit length here; base columns must be independent.
+    """
+    order = sorted(range(len(groups)), key=lambda g: -len(groups[g]))           # large groups nearest the root
+    rest = [c for g in order for c in groups[g]]
+    S, W = _projected(folded, base, rest)
+    before = np.append(np.square(folded.blocks[:, :, rest]).sum((0, 1)), 1.0)
+    size = np.sqrt(np.maximum(np.einsum("kdd->kd", S)[-1], ABSORBED * before))
+    size[size == 0] = 1.0
+    size[-1] = 1.0
+    S, W = S / np.outer(size, size), W / np.outer(size, size)
+    first = np.einsum("kdd->dk", S)
+    first = np.where(first * size[:, None] ** 2 > ABSORBED * before[:, None], first, np.inf)    # the base spans it: never a pivot
+    S, W = (np.ascontiguousarray(A.transpose(1, 2, 0))[:, :, None] for A in (S, W))             # the long axes last
+    root = (0, S, W, np.zeros((1, len(groups)), bool), np.zeros(S.shape[2:]), np.ones(S.shape[2:]))
+    S, W, members, gained, pivot = _leaves(root, order, [len(g) for g in groups], first)
+    rss = np.maximum(S[:, -1], np.finfo(float).eps * S[0, -1])     # saturated: nothing is left but rounding
+    held_out = W[:, :-1]
+    found = Subsets(members, rss, len(base) + gained[:, -1].astype(np.intp), held_out, pivot.min(1))
+    return _redone(folded, base, groups, found)
+
+
+def _redone(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]], found: Subsets) -> Subsets:
+    """The doubtful subsets once more by orthogonal factors: small pivots, or sums of squares that are a small difference of
+    large ones, the most doubtful first and no more than REDONE; and, where the orthogonal factors of all columns together see
+    more directions than the sweeps did, every subset that left a column out as dependent."""
+    total = folded.total()
+    sizes = np.array([len(g) for g in groups])
+    whole = list(dict.fromkeys([*base, *(c for g in groups for c in g)]))
+    near = identify(total.select(whole)).rank > found.rank.max()
+    lost = np.finfo(float).eps / np.minimum(found.pivot, (found.held_out / found.held_out[0]).clip(1e-300).min(1))
+    skipped = (found.rank < len(base) + found.members @ sizes) & near
+    lost[skipped] = np.inf
+    worst = np.argsort(-lost, kind="stable")[:REDONE + int(skipped.sum())]
+    held_out, rss, rank = found.held_out.copy(), found.rss.copy(), found.rank.copy()
+    for s in worst[lost[worst] > DOUBT]:
+        columns = list(dict.fromkeys([*base, *(c for g in np.flatnonzero(found.members[s]).tolist() for c in groups[g])]))
+        kept = [columns[k] for k in identify(total.select(columns)).kept]
+        if len(kept) != rank[s] and not skipped[s]:
+            continue
+        try:
+            held_out[s] = cross_validate(folded, kept).held_out
+        except NotEstimable:
+            continue
+        rss[s] = max(solve(total, kept)[2], float(np.finfo(float).eps * found.rss[0]))
+        rank[s] = len(kept)
+    return Subsets(found.members, rss, rank, held_out, found.pivot)

@@ -1,0 +1,61 @@
+"""Which configurations estimate and which are held out: spread in joints and covariates by D-optimal exchange."""
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.measurements import Measurements
+from ..words.rigid import Array
+
+SWEEPS = 40
+LARGE = 20_000     # beyond it a seeded random choice covers everything by itself
+
+
+def _features(data: Measurements, first: NDArray[np.intp], prismatic: tuple[bool, ...]) -> Array:
+    """(blocks, d): first and second harmonics of every joint, approach, covariates and place in time, standardised."""
+    parts: list[Array] = [data.approach[first], np.linspace(-1, 1, len(first))[np.argsort(np.argsort(first))][:, None]]
+    for j, slides in enumerate(prismatic):
+        q = data.q[first, j]
+        parts.append(np.stack([q, q * q] if slides else [np.sin(q), np.cos(q), np.sin(2 * q), np.cos(2 * q)], 1))
+    parts += [values[first][:, None] for values in data.covariates.values()]
+    X = np.concatenate(parts, axis=1)
+    spread = X.std(0)
+    X = (X - X.mean(0))[:, spread > 1e-9] / spread[spread > 1e-9]
+    return np.concatenate([np.ones((len(X), 1)), X], axis=1)
+
+
+def choose(data: Measurements, count: int, prismatic: tuple[bool, ...], rng: np.random.Generator) -> NDArray[np.bool_]:
+    """(m,) mask of the estimation rows: `count` configurations, equal readings never apart.
+
+    Fedorov's exchange on the features' information: a start from the seed, then the pair of blocks that raises the
+    determinant most changes places until none does (Fedorov 1972).
+    """
+    blocks, first = np.unique(data.block, return_index=True)
+    visits = np.unique(np.stack([data.block, data.configuration]), axis=1)[0]
+    weight = np.bincount(np.searchsorted(blocks, visits))
+    order = rng.permutation(len(blocks))
+    inside = np.zeros(len(blocks), bool)
+    inside[order[:int(np.searchsorted(np.cumsum(weight[order]), count)) + 1]] = True
+    if len(blocks) <= LARGE and not inside.all():
+        _exchange(_features(data, first, prismatic), inside, weight)
+    return inside[np.searchsorted(blocks, data.block)]
+
+
+def _exchange(X: Array, inside: NDArray[np.bool_], weight: NDArray[np.intp]) -> None:
+    """Exchange in place until no swap of equal numbers of configurations raises the determinant of the (slightly
+    regularised) information."""
+    d = X.shape[1]
+    for _ in range(SWEEPS * max(1, int(np.sqrt(inside.sum())))):
+        C = np.linalg.inv(X[inside].T @ X[inside] + 1e-6 * np.eye(d))
+        out, into = np.flatnonzero(inside), np.flatnonzero(~inside)
+        A, B = X[out] @ C, X[into] @ C
+        leave, enter = np.einsum("id,id->i", A, X[out]), np.einsum("id,id->i", B, X[into])
+        keep = np.argsort(leave)[:32]
+        join = np.argsort(-enter)[:32]
+        cross = A[keep] @ X[into[join]].T
+        gain = (1 + enter[join])[None, :] * (1 - leave[keep])[:, None] + cross ** 2      # determinant ratio of a swap
+        gain[weight[out[keep]][:, None] != weight[into[join]][None, :]] = 0.0
+        best = np.unravel_index(int(gain.argmax()), gain.shape)
+        if gain[best] <= 1 + 1e-6:
+            return
+        inside[out[keep[best[0]]]], inside[into[join[best[1]]]] = False, True

@@ -1,0 +1,147 @@
+"""Configurations that come in pieces, in any order and on any machine: what stays is one triangle a fold.
+
+Associative: `add` a scene of some configurations, `merge` what other machines have seen; the answers of cross-validation and
+of the search over subsets are those of all rows at once.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+
+from ..data.io import read_measurements, row_groups
+from ..data.measurements import SAME_READING, Index, Measurements
+from ..fitting.fit import Fit, fit
+from ..machine.robot import Robot
+from ..matrix.design import Model
+from ..matrix.reduce import Reduction, Source, merged, reduce_scene
+from ..matrix.scene import Scene, scene
+from ..words.rigid import Array
+from ..wrong.screws import Term
+from .folds import CrossValidation, Folded, cross_validate, pad
+
+Mapper = Callable[[Callable[[Any], Any], Sequence[Any]], Iterable[Any]]      # map, or a cluster's; results in the items' order
+
+
+def fold_of(data: Measurements, count: int, by: str = "configuration") -> Index:
+    """(m,) fold of every row from its own readings (rounded to 1e-6) or its group's name alone, so that no machine has to know
+    what others hold: equal readings are never apart."""
+    if by == "group":
+        code = np.array([crc32(name.encode()) for name in data.groups], np.uint64)[data.group]
+    else:
+        code = np.zeros(len(data), np.uint64)
+        for column in np.round(data.q / SAME_READING).astype(np.int64).T:
+            code = (code ^ column.view(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
+            code ^= code >> np.uint64(32)
+    return np.asarray(code % np.uint64(count), dtype=np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """What some configurations say of terms, linearised at theta (p,) or at the nominal model: a reduction per fold."""
+
+    terms: tuple[Term, ...]
+    folds: tuple[Reduction, ...]
+    at: Array | None = None
+    by: str = "configuration"
+
+    @staticmethod
+    def empty(terms: Sequence[Term], folds: int = 10, at: Array | None = None, by: str = "configuration") -> Stream:
+        """Of no configurations."""
+        return Stream(tuple(terms), tuple(Reduction.empty(len(terms)) for _ in range(folds)), at, by)
+
+    def add(self, configurations: Scene) -> Stream:
+        """With the configurations of a scene."""
+        which = fold_of(configurations.data, len(self.folds), self.by)
+        point = None if self.at is None else (self.terms, self.at)
+        new = tuple(old.merge(reduce_scene(configurations.take(which == k), self.terms, point)) if (which == k).any() else old
+                    for k, old in enumerate(self.folds))
+        return Stream(self.terms, new, self.at, self.by)
+
+    def merge(self, other: Stream) -> Stream:
+        """Of both sets of configurations. Raises ValueError where they are not of the same terms and point."""
+        same = self.at is other.at is None or (self.at is not None and other.at is not None and np.array_equal(self.at, other.at))
+        if self.terms != other.terms or len(self.folds) != len(other.folds) or self.by != other.by or not same:
+            raise ValueError("streams of different terms, folds or points cannot be merged")
+        return Stream(self.terms, tuple(a.merge(b) for a, b in zip(self.folds, other.folds, strict=True)), self.at, self.by)
+
+    def total(self) -> Reduction:
+        """All folds as one."""
+        return merged(self.folds)
+
+    def folded(self) -> Folded:
+        """For cross-validation and the search over subsets; folds that nothing fell into are left out."""
+        some = [f for f in self.folds if f.rows]
+        return pad([f.R for f in some], [f.rows for f in some])
+
+
+@dataclass(frozen=True)
+class Part:
+    """A piece of a measurement set that one machine reads at once: a row group of a Parquet file, and its number of rows."""
+
+    path: Path
+    group: int
+    rows: int
+
+
+def parts_of(files: Sequence[Path]) -> tuple[Part, ...]:
+    """Every row group of Parquet files, in order. Raises DataError."""
+    return tuple(Part(path, group, rows) for path in files for group, rows in enumerate(row_groups(path)))
+
+
+@dataclass(frozen=True, eq=False)
+class Parts(Source):
+    """Measurements that are never held whole, as a source of reductions: a robot, its target [mm], the pieces, and the `map` that
+    works on them. Directions of approach are known within a piece only."""
+
+    robot: Robot
+    tool: tuple[float, float, float]
+    parts: tuple[Part, ...]
+    map: Mapper = map
+    whiten: float = 1.0
+
+    def __len__(self) -> int:
+        return sum(part.rows for part in self.parts)
+
+    def scene(self, part: Part) -> Scene:
+        """A piece, read."""
+        data = read_measurements(part.path, [j.prismatic for j in self.robot.joints], group=part.group)
+        return scene(self.robot, data, np.tile(np.array(self.tool), (len(data.targets), 1)))
+
+    def alone(self) -> Parts:
+        """Without the map: what travels to a worker."""
+        return Parts(self.robot, self.tool, ())
+
+    def reduced(self, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None, only: Sequence[int] | None = None
+                ) -> Reduction:
+        """Of all pieces, merged in their order whoever worked on them."""
+        work = partial(_reduced, self.alone(), tuple(terms), at, only)
+        return merged(self.map(work, self.parts))
+
+    def stream(self, terms: Sequence[Term], theta: Array, folds: int) -> Stream:
+        """All pieces, fold by fold, at a fitted point."""
+        first, *others = self.map(partial(_streamed, self.alone(), tuple(terms), theta, folds), self.parts)
+        for other in others:
+            first = first.merge(other)
+        return first  # type: ignore[no-any-return]
+
+
+def _reduced(source: Parts, terms: tuple[Term, ...], at: tuple[Sequence[Term], Array] | None, only: Sequence[int] | None,
+             part: Part) -> Reduction:
+    return reduce_scene(source.scene(part), terms, at, only)
+
+
+def _streamed(source: Parts, terms: tuple[Term, ...], theta: Array, folds: int, part: Part) -> Stream:
+    return Stream.empty(terms, folds, theta).add(source.scene(part))
+
+
+def fit_parts(source: Parts, model: Model, folds: int = 10) -> tuple[Fit, CrossValidation]:
+    """A model fitted on measurements in pieces, re-linearised pass by pass, and its exact cross-validation. Raises DataError or
+    NotEstimable."""
+    fitted = fit(source, model)
+    return fitted, cross_validate(source.stream(model.terms, fitted.theta, folds).folded(), fitted.found.kept)

@@ -1,0 +1,64 @@
+"""Errors in mm on estimation and held-out rows, and the paired gain between two models with its interval."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.measurements import Index
+from ..words.rigid import Array
+
+DRAWS = 2000
+DRAWN = 5000   # configurations, or bundles of them, that the bootstrap draws from
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Lengths of the residual vectors [mm] over rows; `left_out` outlying rows, `mean_all_mm` with them in."""
+
+    mean_mm: float | None
+    rms_mm: float | None
+    p95_mm: float | None
+    max_mm: float | None
+    rows: int
+    left_out: int
+    mean_all_mm: float | None
+
+
+def errors(residual: Array, outlying: NDArray[np.bool_] | None = None) -> Errors:
+    """Of residuals (m, 3) [mm]; None where there are no rows."""
+    size = np.linalg.norm(residual[:, :3], axis=1)
+    good = size if outlying is None else size[~outlying]
+    left = len(size) - len(good)
+    if not len(good):
+        return Errors(None, None, None, None, 0, left, float(size.mean()) if len(size) else None)
+    return Errors(float(good.mean()), float(np.sqrt(np.square(good).mean())), float(np.percentile(good, 95)),
+                  float(good.max()), len(good), left, float(size.mean()))
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Held-out rms before and after, and the 95 % interval [low, high] of their difference, by configurations."""
+
+    held_out_rms_before_mm: float | None
+    held_out_rms_after_mm: float | None
+    interval_mm: tuple[float, float] | None
+
+
+def gain(before: Array, after: Array, block: Index, rng: np.random.Generator) -> Gain:
+    """Paired: both residuals (m, 3) on the same rows; the bootstrap draws whole configurations."""
+    if not len(before):
+        return Gain(None, None, None)
+    blocks, index = np.unique(block, return_inverse=True)
+    if len(blocks) > DRAWN:                     # many configurations are drawn in bundles: the interval is the same
+        blocks, index = np.arange(DRAWN), index % DRAWN
+    rows = np.bincount(index)
+    squares = np.stack([np.bincount(index, np.square(r[:, :3]).sum(1)) for r in (before, after)])
+    whole = np.sqrt(squares.sum(1) / rows.sum())
+    if len(blocks) < 3:
+        return Gain(float(whole[0]), float(whole[1]), None)
+    draw = rng.multinomial(len(blocks), np.full(len(blocks), 1 / len(blocks)), DRAWS)
+    first, second = np.sqrt(squares @ draw.T / (draw @ rows))
+    low, high = np.percentile(first - second, [2.5, 97.5])
+    return Gain(float(whole[0]), float(whole[1]), (float(low), float(high)))

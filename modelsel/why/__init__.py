@@ -1,0 +1,1 @@
+"""Outliers, the scan, credible sets, the loop that extends the model."""

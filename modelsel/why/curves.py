@@ -1,0 +1,86 @@
+"""One curve, several waves? What a joint's own angle does is told by the evidence of the whole, not wave by wave.
+
+A kink or a soft step of one joint looks like a gear's eccentricity at first, then like an encoder's, then like a scale: each
+passes, and none is the cause. So the findings that act through one joint's own angle are held, together, against a free
+function of that angle, and a free function against a few waves: whichever the data make more probable stands.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..data.measurements import Index
+from ..matrix.smooth import spline
+from ..which.candidates import Candidate
+from ..words.rigid import Array
+from .errormap import Columns, basis, scan, subset
+from .evidence import best_factors
+
+LONGEST = 4     # waves and the like that one curve may be made of
+
+
+def own_angle(candidate: Candidate) -> int | None:
+    """The joint through whose own angle alone a candidate acts, at that joint's own rotation; None for any other."""
+    screws = [s for t in candidate.mechanism.terms for s in t.screws]
+    frame = screws[0].frame
+    same = all(s.frame == frame and s.axis == "rz" and s.cause.names() == {f"q{frame}"} for s in screws)
+    return frame if same else None
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """The candidates (global indices `which`) of one joint's own angle; `free` marks the free functions among them."""
+
+    which: Index
+    columns: Columns
+    log_prior: Array
+    free: Array
+
+
+def curves(found: Sequence[Candidate], cols: Columns, log_prior: Array) -> dict[int, Curve]:
+    """Joint -> its own-angle candidates, where a free function is among them."""
+    own: dict[int, list[int]] = {}
+    for g, candidate in enumerate(found):
+        if (joint := own_angle(candidate)) is not None:
+            own.setdefault(joint, []).append(g)
+    out = {}
+    for joint, members in own.items():
+        which = np.array(members, dtype=np.intp)
+        free = np.array([spline(found[g].mechanism.terms[0]) is not None for g in members])
+        if free.any():
+            out[joint] = Curve(which, subset(cols, which), log_prior[which], free)
+    return out
+
+
+def chain(curve: Curve, Q: Array, response: Array, given: Sequence[int] | None, allowed: Array) -> tuple[float, list[int]]:
+    """(log evidence, candidates) of a sum of effects, one after the other, each beyond those before: the `given` ones, or the
+    most probable among the `allowed`, as long as one adds evidence. Q (N, ·) projects the rest of the model off."""
+    members = curve.which.tolist()
+    total, out = 0.0, list[int]()
+    wanted = None if given is None else [members.index(g) for g in given]
+    for _ in range(LONGEST if wanted is None else len(wanted)):
+        seen = scan(curve.columns, Q)
+        joint = curve.log_prior + best_factors(seen, response)
+        left = allowed.copy() if wanted is None else np.isin(np.arange(len(members)), wanted)
+        left[[members.index(g) for g in out]] = False
+        best = int(np.argmax(np.where(left, joint, -np.inf)))
+        if wanted is None and not joint[best] > 0 or not np.isfinite(joint[best]):
+            break
+        X = curve.columns.sum_of(np.eye(len(curve.columns.slices[best])), best, len(response))
+        Z = basis(X - Q @ (Q.T @ X))
+        Q, response = np.column_stack([Q, Z]), response - Z @ (Z.T @ response)
+        total += float(joint[best])
+        out.append(members[best])
+    return total, out
+
+
+def better(curve: Curve, Q: Array, response: Array, now: Sequence[int], odds: float) -> list[int] | None:
+    """What explains a joint's curve better than `now` does, by `odds` in log evidence: a free function (and what it leaves), or
+    a few waves; None where nothing does. `response` (N,) has all of `now` put back, Q does not hold it."""
+    held = chain(curve, Q, response, now, curve.free)[0]
+    trials = [chain(curve, Q, response, None, np.logical_not(curve.free)),
+              *(chain(curve, Q, response, [g], curve.free) for g in curve.which[curve.free].tolist())]
+    value, best = max(trials, key=lambda t: t[0])
+    return best if best and value > held + odds and set(best) != set(now) else None

@@ -1,0 +1,251 @@
+"""The scan: how much of a residual every candidate explains beyond the fitted model, and what chance alone would explain.
+
+With Q an orthonormal basis of the fitted model and X_g a candidate's columns, everything needed is X_gᵀX_g, X_gᵀQ and
+X_gᵀr: the projected Gram is X_gᵀX_g − (X_gᵀQ)(X_gᵀQ)ᵀ, and no projected column is ever stored.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.measurements import Index
+from ..matrix.design import blocks
+from ..matrix.scene import Scene
+from ..matrix.smooth import spline, splines
+from ..which.candidates import Candidate
+from ..words.rigid import Array
+from ..wrong.screws import Term
+
+ABSORBED = 1e-5     # share of a direction's squared norm that must be left beyond the model for it to count
+SMALL = {"t": 100.0, "r": 0.1}      # mm, rad: an error screw is small; what would have to be larger is not the cause
+SOLID = 1e-3        # weight from which a smooth function's direction shows in its size
+FAINT = 1e-7        # prior size of a smooth function's direction, against its largest, below which it does not count
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Candidates of one size k: `which` (n,), their columns `index` (n, k), their `gram` (n, k, k), the largest coefficients
+    of small screws `most` (n, k); of free functions also the `root` (n, k, k) of their coefficients' prior covariance, to
+    scale."""
+
+    which: Index
+    index: Index
+    gram: Array
+    most: Array
+    root: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Bucket:
+    """A block beyond the model: its Gram `left` there, and W (n, k, k) with Z_gᵀr = W X_gᵀr, Z_g orthonormal; `weights`
+    (n, k): prior variances of a free function's directions, the largest 1; None where all are alike."""
+
+    block: Block
+    left: Array
+    W: Array
+    weights: Array | None
+
+
+class Strength(NamedTuple):
+    """What responses (N, B) have in common with every candidate: |Z_gᵀr|² (G, B), the signed root of single columns (G, B),
+    nought elsewhere, and of free functions, by bucket, every direction alone: (which (n,), (Z_gᵀr)² (n, k, B), weights)."""
+
+    whole: Array
+    root: Array
+    smooth: tuple[tuple[Index, Array, Array], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """All candidates' whitened columns, transposed (C, N), where each candidate's stand, and their Gram blocks."""
+
+    XT: Array
+    slices: tuple[Index, ...]
+    grams: tuple[Block, ...]
+    signs: Array
+
+    @property
+    def groups(self) -> int:
+        """Number of candidates."""
+        return len(self.slices)
+
+    def dot(self, values: Array) -> Array:
+        """(C, ...) products of every column with values (N + k, ...): in the k rows of a model's prior the columns are nought."""
+        return np.asarray(self.XT @ values[:self.XT.shape[1]])
+
+    def sum_of(self, weights: Array, g: int, rows: int) -> Array:
+        """(rows, ...) candidate g's columns times weights (k, ...), nought in the rows of a model's prior."""
+        out = np.zeros((rows, *weights.shape[1:]))
+        out[:self.XT.shape[1]] = self.XT[self.slices[g]].T @ weights
+        return out
+
+
+def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], Array] | None = None) -> Columns:
+    """Columns of every candidate, each screw's evaluated once. Rows are ordered block, component, configuration."""
+    terms: dict[tuple[object, ...], Term] = {}
+    for candidate in found:
+        for t in candidate.mechanism.terms:
+            terms.setdefault(t.screws, t)
+    place = {screws: k for k, screws in enumerate(terms)}
+    slices = [np.array([place[t.screws] for t in c.mechanism.terms], dtype=np.intp) for c in found]
+    parts = [c.reshape(len(c), r.size) for _, c, r in blocks(scene, tuple(terms.values()), at)]
+    XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+    rms: dict[int, float] = {}                  # by the cause's identity: a hundred places share one
+    most = np.array([_most(scene, t, rms) for t in terms.values()])
+    soft = np.array([spline(c.mechanism.terms[0]) is not None for c in found])
+    grams = []
+    for size, smooth in sorted({(len(s), bool(w)) for s, w in zip(slices, soft, strict=True)}):
+        which = np.array([g for g, s in enumerate(slices) if len(s) == size and soft[g] == smooth], dtype=np.intp)
+        index = np.stack([slices[g] for g in which])
+        gram = np.stack([XT[i] @ XT[i].T for i in index]) if size > 4 else np.einsum("nkr,nlr->nkl", XT[index], XT[index])
+        roots = [_root(found[g].mechanism.terms, np.diag(G)) for g, G in zip(which, gram, strict=True)] if smooth else None
+        grams.append(Block(which, index, gram, most[index], None if roots is None else np.stack(roots)))
+    signs = np.array([c.mechanism.terms[0].sign if len(c.mechanism.terms) == 1 else 0 for c in found], dtype=float)
+    return Columns(XT, tuple(slices), tuple(grams), signs)
+
+
+def _most(scene: Scene, term: Term, rms: dict[int, float]) -> float:
+    """Largest coefficient with which every screw of a term is small, root mean square over the rows; `rms` remembers."""
+    for s in term.screws:
+        if id(s.cause) not in rms:
+            rms[id(s.cause)] = max(float(np.sqrt(np.mean(np.square(scene.cause(s.cause))))), 1e-300)
+    return min(SMALL[s.axis[0]] / rms[id(s.cause)] for s in term.screws)
+
+
+def _root(terms: Sequence[Term], norms: Array) -> Array:
+    """(k, k) root of the prior covariance of a free function's coefficients; places of one mechanism move the target alike
+    far, whatever their units."""
+    out = np.zeros((len(terms), len(terms)))
+    for index, root in splines(terms):
+        out[np.ix_(index, index)] = root / np.sqrt(max(float(norms[index].mean()), 1e-300))
+    return out
+
+
+def subset(cols: Columns, which: Index) -> Columns:
+    """The columns of some candidates alone, in the order of `which`."""
+    used, place = np.unique(np.concatenate([cols.slices[g] for g in which]), return_inverse=True)
+    bounds = np.cumsum([0, *(len(cols.slices[g]) for g in which)])
+    position = {int(g): k for k, g in enumerate(which)}
+    grams = []
+    for block in cols.grams:
+        inside = np.flatnonzero(np.isin(block.which, which))
+        if len(inside):
+            own = np.array([position[int(g)] for g in block.which[inside]], dtype=np.intp)
+            index = np.stack([place[bounds[k]:bounds[k + 1]] for k in own])
+            grams.append(Block(own, index, block.gram[inside], block.most[inside],
+                               None if block.root is None else block.root[inside]))
+    slices = tuple(place[a:b] for a, b in pairwise(bounds))
+    return Columns(cols.XT[used], slices, tuple(grams), cols.signs[which])
+
+
+def stacked(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None) -> tuple[Array, Array]:
+    """(columns (N, p), residual (N,)) whitened, in the row order of `columns`."""
+    parts = [(c.reshape(len(c), r.size), r.reshape(-1)) for _, c, r in blocks(scene, terms, at)]
+    return np.concatenate([c for c, _ in parts], axis=1).T, np.concatenate([r for _, r in parts])
+
+
+def basis(matrix: Array) -> Array:
+    """Orthonormal basis (N, r) of the columns of (N, p), rank by pivoted QR on unit columns."""
+    from scipy.linalg import qr
+    size = np.linalg.norm(matrix, axis=0)
+    unit = matrix[:, size > 1e-13 * size.max(initial=0)] / size[size > 1e-13 * size.max(initial=0)]
+    if not unit.shape[1]:
+        return np.zeros((len(matrix), 0))
+    Q, R, _ = qr(unit, mode="economic", pivoting=True)
+    return np.asarray(Q[:, :int((np.abs(np.diag(R)) > 1e-10).sum())])
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """The candidates seen from one fitted model: Z_g bases, effective sizes k (G,), `freedom` N − r; Q (N, ·) spans the model
+    (its columns need not be orthonormal after directions were given back: Q Qᵀ still projects). A model with shrunk terms
+    has its prior's rows below the data's: what is beyond it is then weighed as if those terms were integrated out."""
+
+    columns: Columns
+    Q: Array
+    buckets: tuple[Bucket, ...]
+    sizes: Array
+    freedom: int
+
+    def strength(self, response: Array) -> Strength:
+        """What responses (N, B) have in common with every candidate."""
+        s = self.columns.dot(response)
+        return self.gather([np.matmul(bucket.W, s[bucket.block.index]) for bucket in self.buckets])
+
+    def small(self, response: Array) -> NDArray[np.bool_]:
+        """(G,) whether a response (N,) asks for small screws only: a joint that turns about its own target would have to turn
+        by radians to explain a tenth of a millimetre, and is not its cause."""
+        s, out = self.columns.dot(response), np.ones(len(self.sizes), bool)
+        for b in self.buckets:
+            z = np.einsum("nkl,nl->nk", b.W, s[b.block.index])
+            if b.weights is not None:
+                z = np.where(b.weights > SOLID, z, 0.0)
+            out[b.block.which] = (np.abs(np.einsum("nkl,nk->nl", b.W, z)) < b.block.most).all(1)
+        return out
+
+    def gather(self, products: Sequence[Array]) -> Strength:
+        """The same from every bucket's Z_gᵀr (n, k, B), in their precision."""
+        shape = (len(self.sizes), products[0].shape[2] if products else 0)
+        out, root = np.zeros(shape, products[0].dtype), np.zeros(shape, products[0].dtype)
+        smooth = []
+        for bucket, z in zip(self.buckets, products, strict=True):
+            which = bucket.block.which
+            if z.shape[1] == 1:
+                root[which] = z[:, 0]
+            square = np.square(z)
+            out[which] = square.sum(1)
+            if bucket.weights is not None:
+                smooth.append((which, square, bucket.weights))
+        return Strength(out, root, tuple(smooth))
+
+
+def scan(cols: Columns, Q: Array) -> Scan:
+    """Project every candidate off the model's basis Q (N, r)."""
+    A = cols.dot(Q)
+    lefts = [b.gram - np.matmul(A[b.index], A[b.index].swapaxes(1, 2)) for b in cols.grams]
+    return _scan(cols, Q, lefts)
+
+
+def scan_without(seen: Scan, D: Array) -> Scan:
+    """The scan from a smaller model, whose basis lacks the directions D (N, d) of `seen.Q`'s span: they are given back."""
+    A = seen.columns.dot(D)
+    lefts = [b.left + np.matmul(A[b.block.index], A[b.block.index].swapaxes(1, 2)) for b in seen.buckets]
+    return _scan(seen.columns, seen.Q - D @ (D.T @ seen.Q), lefts, seen.freedom + D.shape[1])
+
+
+def _scan(cols: Columns, Q: Array, lefts: Sequence[Array], freedom: int | None = None) -> Scan:
+    buckets, sizes = [], np.zeros(cols.groups)
+    for block, left in zip(cols.grams, lefts, strict=True):
+        norm = np.sqrt(np.maximum(np.einsum("nkk->nk", block.gram), 1e-300))
+        value, vector = np.linalg.eigh(left / norm[:, :, None] / norm[:, None, :])
+        good = value > ABSORBED * (1 if block.gram.shape[1] <= 4 else 1e1)
+        sizes[block.which] = good.sum(1)
+        W = _whitener(value, vector, good) / norm[:, None, :]
+        weights = None
+        if block.root is not None:      # the directions that a smooth function's prior and these data keep apart
+            half = np.matmul(W, np.matmul(left, block.root))            # (Zᵀ X) L: what the prior makes of every direction
+            value, vector = np.linalg.eigh(np.matmul(half, half.swapaxes(1, 2)))
+            W = np.matmul(vector.swapaxes(1, 2), W)
+            top = np.maximum(value.max(1, keepdims=True), 1e-300)
+            weights = np.where(value > FAINT * top, value / top, 0.0)
+        buckets.append(Bucket(block, left, W, weights))
+    return Scan(cols, Q, tuple(buckets), sizes, Q.shape[0] - Q.shape[1] if freedom is None else freedom)
+
+
+def _whitener(value: Array, vector: Array, good: NDArray[np.bool_]) -> Array:
+    """(n, k, k) rows 1/sqrt(value) · vectorᵀ of the good directions, noughts for the others."""
+    return np.where(good, 1 / np.sqrt(np.where(good, value, 1)), 0)[:, :, None] * vector.swapaxes(1, 2)
+
+
+def single_f(seen: Scan, response: Array) -> Array:
+    """(G,) F statistic of every candidate alone beyond the model; nought for one that adds nothing."""
+    strength = seen.strength(response[:, None]).whole[:, 0]
+    rest = float(response @ response) - strength
+    k = seen.sizes
+    room = (k > 0) & (seen.freedom > k)
+    return np.where(room, strength / np.maximum(k, 1) / np.maximum(rest, 1e-300) * np.maximum(seen.freedom - k, 1), 0.0)

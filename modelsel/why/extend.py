@@ -1,0 +1,299 @@
+"""The loop that extends a model: name, add the whole top mechanism, refit everything, name each effect again given the
+others, drop what the full model no longer needs; until chance alone would explain what is left.
+
+A sum of single effects, each a whole candidate (grouped after Wang, Sarkar, Carbonetto & Stephens 2020, "SuSiE"); here an
+effect is re-named with the others fitted exactly, so that an early proxy is found out.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..fitting.fit import STEP_MM, Fit
+from ..fitting.shrink import fit_shrunk
+from ..matrix.design import Model
+from ..matrix.scene import Scene
+from ..which.candidates import Candidate
+from ..words.errors import NotEstimable
+from ..words.rigid import Array
+from .curves import better, curves
+from .errormap import Columns, Scan, basis, columns, scan, scan_without, single_f, stacked
+from .evidence import familywise, null, p_value
+from .naming import Named, name, name_again, own_evidence, with_candidate
+
+MOST = 24           # effects
+LEVEL = 0.05        # family-wise
+BETTER = np.log(3)  # log odds at which a re-named effect changes its name
+ROUNDS = 16
+SHIFT = 0.1         # share of an effect's displacement that a newcomer must change for it to be named again
+DRAWS = (999, 499)     # null draws for small and large studies
+COARSE_MM = 1e-2        # step at which the fits on the way are good enough
+LARGE = 3e6             # candidates' numbers beyond which a study is large
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """One named effect of the extended model, given all the others; `p` family-wise."""
+
+    candidate: Candidate
+    named: Named
+    p: float
+    estimate: Array = field(repr=False)
+    standard_error: Array = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Extension:
+    """The extended model: effects in the order they were found, its fit, the null evidences, what was tried on the way;
+    `left` names the strongest of what remains, with its p-value, whatever it is (None without
+    candidates); `single_f` (G,) every candidate alone on
+    the base, `map_p` (G,) family-wise p of that.
+    """
+
+    base: Model
+    effects: tuple[Effect, ...]
+    model: Model
+    fit: Fit
+    null: Array
+    path: tuple[str, ...]
+    left: Named | None
+    left_p: float
+    bound: float
+    single_f: Array = field(repr=False)
+    map_p: Array = field(repr=False)
+
+
+def models(base: Model, chosen: Sequence[Candidate]) -> Model:
+    """The base and the mechanisms of some candidates."""
+    return base + tuple(dict.fromkeys(c.mechanism for c in chosen))
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A fitted model seen as projections: orthonormal Q, its R (A_kept = Q R), columns A (N, p), the fit's residual `raw` and r,
+    its part off the model; the prior's rows of shrunk terms stand below the data's."""
+
+    model: Model
+    fitted: Fit
+    A: Array
+    Q: Array
+    R: Array
+    raw: Array
+    r: Array
+    seen: Scan
+
+    def own(self, *effects: Candidate) -> Array:
+        """(p,) mask of the terms that these effects alone bring."""
+        whose = [e.mechanism for e in effects]
+        mine = {t.screws for m in whose for t in m.terms}
+        shared = {t.screws for m in self.model.mechanisms if m not in whose for t in m.terms}
+        return np.array([t.screws in mine and t.screws not in shared for t in self.model.terms])
+
+    def freed(self, *effects: Candidate) -> tuple[Array, Array]:
+        """(D (N, d), the residual with the effects put back): no refit, the directions that only they bring are Q R⁻ᵀ E."""
+        own = self.own(*effects)
+        kept = self.fitted.found.kept
+        E = np.eye(len(kept))[:, [i for i, k in enumerate(kept) if own[k]]]
+        D: Array = self.Q @ basis(np.asarray(np.linalg.solve(self.R.T, E)))
+        effect = self.A[:, own] @ self.fitted.theta[own]
+        return D, self.r + D @ (D.T @ (self.raw + effect))
+
+    def without(self, candidate: Candidate) -> tuple[Scan, Array]:
+        """(the scan from the model without one effect, the residual with that effect put back)."""
+        D, response = self.freed(candidate)
+        return scan_without(self.seen, D), response
+
+
+class _Search:
+    """What the loop shares: the training scene, all candidates with their columns, the null of the first scan."""
+
+    def __init__(self, scene: Scene, base: Model, found: tuple[Candidate, ...], rng: np.random.Generator, base_fit: Fit):
+        self.scene, self.base, self.found = scene, base, found
+        self.columns: Columns = columns(scene, found, base_fit.at())
+        self.log_prior = np.log([c.prior for c in found])
+        draws = DRAWS[0] if self.columns.XT.size < LARGE else DRAWS[1]
+        self.curves = curves(found, self.columns, self.log_prior)
+        self.first = self.view(base, base_fit)
+        self.dead = np.flatnonzero(self.first.seen.sizes == 0)      # the base has them: what a refit leaks of them is no cause
+        self.null, self.least_p = null(self.first.seen, self.log_prior, draws, rng)
+        self.bound = float(np.quantile(self.null, 1 - LEVEL))
+
+    def view(self, model: Model, fitted: Fit) -> _View:
+        A, r = stacked(self.scene, model.terms, fitted.at())
+        if fitted.prior is not None:
+            A, r = np.vstack([A, fitted.prior[:, :-1]]), np.concatenate([r, fitted.prior[:, -1]])
+        Q, R = np.linalg.qr(A[:, list(fitted.found.kept)])
+        return _View(model, fitted, A, Q, R, r, r - Q @ (Q.T @ r), scan(self.columns, Q))
+
+    def fit(self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM) -> _View:
+        model = models(self.base, [self.found[g] for g in chosen])
+        return self.view(model, fit_shrunk(self.scene, model, start, step_mm))
+
+    def attempt(self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM) -> _View | None:
+        """`fit`, or None where the data do not determine such a model."""
+        try:
+            return self.fit(chosen, start, step_mm)
+        except NotEstimable:
+            return None
+
+    def next(self, view: _View, known: Sequence[int]) -> Named:
+        """What explains most of the rest; `known` candidates have had their turn (what the fit drops of theirs is no cause)."""
+        return name(view.seen, self.found, view.r, np.union1d(self.dead, np.array(known, dtype=np.intp)))
+
+    def again(self, g: int, view: _View) -> tuple[Named, float]:
+        """Effect g given the others: (named again, the evidence for itself or its like)."""
+        seen, y = view.without(self.found[g])
+        named = name_again(seen, self.found, g, y, self.dead)
+        return with_candidate(named, seen, self.found, g, y), own_evidence(seen, named, g, y)
+
+    def redrawn(self, chosen: Sequence[int], view: _View) -> Iterator[tuple[list[int], str]]:
+        """(models in which a joint's own-angle effects are explained better together, what changed)."""
+        for curve in self.curves.values():
+            now = [g for g in chosen if g in curve.which]
+            if not now:
+                continue
+            D, response = view.freed(*(self.found[g] for g in now))
+            best = better(curve, view.Q - D @ (D.T @ view.Q), response, now, BETTER)
+            if best is not None:
+                names = (" & ".join(self.found[g].mechanism.name for g in some) for some in (now, best))
+                yield [*(g for g in chosen if g not in now), *best], " -> ".join(names)
+
+    def joined(self, chosen: Sequence[int], g: int) -> list[int]:
+        """With candidate g; a finer free function of a joint takes the place of a coarser one."""
+        def subject(k: int) -> object:
+            mechanism = self.found[k].mechanism
+            return mechanism.terms[0].screws[0].frame if mechanism.name.startswith("free(") else (k,)
+        return [*(k for k in chosen if subject(k) != subject(g)), g]
+
+
+def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...], rng: np.random.Generator,
+           say: Callable[[str], None] = lambda _: None) -> Extension:
+    """Extend the base on a training scene by what the candidates explain beyond chance, one named effect at a time."""
+    if not found:
+        return Extension(base, (), base, base_fit, np.zeros(0), (), None, 1.0, np.inf, np.zeros(0), np.zeros(0))
+    search = _Search(scene, base, found, rng, base_fit)
+    chosen: list[int] = []
+    path: list[str] = []
+    tried: set[frozenset[int]] = {frozenset()}
+    view, settled_all = search.first, False
+    while True:
+        left = search.next(view, chosen)
+        left_p = p_value(left.evidence, search.null)
+        new = _untried(search, left, view, chosen, tried)
+        if new is None or len(chosen) >= MOST:
+            if settled_all:
+                break
+            before = list(chosen)           # nothing more to add: every effect is named once more, and what that frees, too
+            chosen, view = _settle(search, chosen, view, None, path)
+            tried.add(frozenset(chosen))
+            settled_all = True
+            if set(chosen) == set(before):
+                break
+            continue
+        trial = search.joined(chosen, new)
+        path.append(f"+ {found[new].mechanism.name}")
+        say(f"found {found[new].mechanism.name}")
+        first = search.attempt(trial, view.fitted)
+        if first is None or not set(np.flatnonzero(first.own(found[new]))) & set(first.fitted.found.kept):
+            tried.add(frozenset(trial))      # it adds nothing that the fit could determine
+            path.pop()
+            continue
+        steps: list[str] = []
+        settled, after = _settle(search, trial, first, view, steps)
+        if frozenset(settled) in tried:      # re-naming would go in a circle: the addition stays as it is
+            settled, after, steps = trial, first, []
+        chosen, view, path = settled, after, path + steps
+        tried |= {frozenset(trial), frozenset(settled)}
+    chosen, view = _pruned(search, chosen, view, path)
+    if chosen:
+        view = search.attempt(chosen, view.fitted, STEP_MM) or view       # to the last tenth of a micrometre, where it settles
+    place = {t.screws: k for k, t in enumerate(view.model.terms)}
+    effects = []
+    for g in chosen:
+        (one, own), at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
+        effects.append(Effect(found[g], one, p_value(own, search.null), view.fitted.theta[at],
+                              view.fitted.standard_errors[at]))
+    return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, search.bound,
+                     single_f(search.first.seen, search.first.r),
+                     familywise(search.first.seen, search.first.r, search.least_p))
+
+
+def _untried(search: _Search, left: Named, view: _View, chosen: Sequence[int], tried: set[frozenset[int]]) -> int | None:
+    """The most probable explanation beyond chance whose addition gives a model not seen before."""
+    blocked = list(chosen)
+    for _ in range(ROUNDS):
+        if p_value(left.evidence, search.null) > LEVEL:
+            break
+        if frozenset(search.joined(chosen, left.top)) not in tried:
+            return left.top
+        blocked.append(left.top)
+        left = search.next(view, blocked)
+    return None
+
+
+def _pruned(search: _Search, chosen: list[int], view: _View, path: list[str]) -> tuple[list[int], _View]:
+    """Without the effects that chance alone would explain, given the others; the weakest first."""
+    while chosen:
+        own = {g: search.again(g, view)[1] for g in chosen}
+        weakest = min(chosen, key=lambda g: own[g])
+        rest = [g for g in chosen if g != weakest]
+        if p_value(own[weakest], search.null) <= LEVEL or (after := search.attempt(rest, view.fitted)) is None:
+            break
+        path.append(f"- {search.found[weakest].mechanism.name}")
+        chosen, view = rest, after
+    return chosen, view
+
+
+def _moved(before: _View, after: _View, candidate: Candidate) -> bool:
+    """Whether a newcomer changed what an effect does to the target by more than a tenth."""
+    old = dict(zip((t.screws for t in before.model.terms), before.fitted.theta, strict=True))
+    own = np.flatnonzero(after.own(candidate))
+    moves = after.A[:after.seen.columns.XT.shape[1], own]
+    now = moves @ after.fitted.theta[own]
+    change = moves @ (after.fitted.theta[own] - [old.get(after.model.terms[k].screws, 0.0) for k in own])
+    return float(np.linalg.norm(change)) > SHIFT * float(np.linalg.norm(now))
+
+
+def _settle(search: _Search, chosen: list[int], view: _View, before: _View | None, path: list[str]) -> tuple[list[int], _View]:
+    """Name again, given the others, every effect that the newcomer moved (all, where nothing stood before), until the names
+    stay; drop what is no longer needed. One change at a time, the weakest first; what a change did not move keeps its name."""
+    visited = {frozenset(chosen)}
+    known: dict[int, tuple[float, int]] = {}                # effect -> (evidence for itself, its better name or -1 or itself)
+    if before is not None:
+        known = {g: (np.inf, g) for g in chosen if not _moved(before, view, search.found[g])}
+    for _ in range(ROUNDS):
+        for g in chosen:
+            if g not in known:
+                named, own = search.again(g, view)
+                odds = named.log_probability[named.top] - named.log_probability[g]
+                better = -1 if p_value(own, search.null) > LEVEL else named.top if odds > BETTER else g
+                known[g] = (own, better)
+        change = next(((g, trial) for _, g in sorted((known[g][0], g) for g in chosen if known[g][1] != g)
+                       if frozenset(trial := _replaced(search, chosen, g, known[g][1])) not in visited), None)
+        if change is not None:
+            g, trial = change
+            old, new = search.found[g].mechanism.name, known[g][1]
+            said = f"- {old}" if len(trial) < len(chosen) else f"{old} -> {search.found[new].mechanism.name}"
+        else:
+            redrawn = next((one for one in search.redrawn(chosen, view) if frozenset(one[0]) not in visited), None)
+            if redrawn is None:
+                break
+            g, (trial, said) = -1, redrawn
+        visited.add(frozenset(trial))
+        after = search.attempt(trial, view.fitted)
+        if after is None:
+            if g >= 0:
+                known[g] = (known[g][0], g)
+            continue
+        path.append(said)
+        known = {k: known[k] for k in trial if k in known and not _moved(view, after, search.found[k])}
+        chosen, view = trial, after
+    return chosen, view
+
+
+def _replaced(search: _Search, chosen: Sequence[int], old: int, new: int) -> list[int]:
+    """Without one effect, or with a better name for it."""
+    rest = [g for g in chosen if g != old]
+    return rest if new < 0 or new in rest else search.joined(rest, new)

@@ -1,0 +1,154 @@
+"""Findings in a metrologist's words: what, how much, how sure, what else it could be."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..which.candidates import Candidate
+from ..words.rigid import Array
+from ..wrong.causes import Bump
+from ..wrong.screws import LETTERS, Term
+from .extend import Effect
+
+PREFIX = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"))
+MOST_WAVES = 90
+PLACES = {"t": "shifts along", "r": "turns about"}
+
+
+def quantity(value: float, error: float | None, unit: str) -> str:
+    """A value with its standard error, three digits, prefixed unit: 1.20 ± 0.03 mrad/rad."""
+    size, factor, prefix = abs(value), 1.0, ""
+    if unit.startswith(("rad", "1/")):
+        if unit.startswith("1/"):
+            factor, prefix = 1e-6, "ppm "
+            unit = unit[1:]
+        else:
+            factor, prefix = next(((f, p) for f, p in PREFIX if size < 1000 * f and size < 0.5), (1.0, ""))
+            if size == 0:
+                factor, prefix = 1e-3, "m"
+    elif unit.startswith("mm") and size < 1e-3 and size:
+        unit, factor = "µm" + unit[2:], 1e-3
+    shown = f"{value / factor:.3g}"
+    if error is not None:
+        shown += f" ± {error / factor:.1g}" if error / factor < 10 else f" ± {error / factor:.0f}"
+    return f"{shown} {prefix}{unit}".replace("ppm /", "ppm/").removesuffix(" 1")
+
+
+def is_wave(terms: Sequence[Term]) -> bool:
+    """Whether the terms are a sine and a cosine at one place."""
+    return len(terms) == 2 and {str(t.screws[0].cause)[:4] for t in terms} == {"sin(", "cos("} and (
+        terms[0].screws[0].axis == terms[1].screws[0].axis)
+
+
+def amount(terms: Sequence[Term], estimate: Array, error: Array) -> str:
+    """How much: an amplitude for a wave, the range of a free function, else each number with its standard error."""
+    if is_wave(terms):
+        size = float(np.hypot(*estimate))
+        spread = float(np.sqrt(np.square(estimate * error).sum())) / size if size else float(error.max())
+        return f"amplitude {quantity(size, spread, terms[0].unit)}"
+    if isinstance(terms[0].screws[0].cause, Bump):
+        spans: dict[str, list[float]] = {}
+        for t, value in zip(terms, estimate, strict=True):
+            spans.setdefault(t.unit, []).append(float(value))
+        whole = "from top to bottom " + " and ".join(quantity(float(np.ptp(v)), None, unit) for unit, v in spans.items())
+        strongest = waves_of(terms, estimate) if len(spans) == 1 and terms[0].unit == "rad" else []
+        if strongest:
+            whole += ", mostly " + " and ".join(f"{count} waves per turn of {quantity(size, None, 'rad')}"
+                                                for count, size in strongest)
+        return whole
+    return ", ".join(f"{t.symbol} = {quantity(float(v), float(e), t.unit)}"
+                     for t, v, e in zip(terms, estimate, error, strict=True))
+
+
+def waves_of(terms: Sequence[Term], estimate: Array) -> list[tuple[int, float]]:
+    """(waves per turn, amplitude) of the two strongest waves of a free function beyond a straight line, one after the other;
+    a wave must go round at least twice within the range and carry a tenth of what is left."""
+    bumps = [t.screws[0].cause for t in terms]
+    centres = np.array([b.centre for b in bumps if isinstance(b, Bump)])
+    grid = np.linspace(centres.min(), centres.max(), 1000)
+    curve = np.zeros(len(grid))
+    for bump, value in zip(bumps, estimate, strict=True):
+        if isinstance(bump, Bump):
+            curve += value * bump.shape(grid)
+    line = np.stack([np.ones_like(grid), grid], 1)
+    counts = range(max(1, int(np.ceil(2 * 2 * np.pi / np.ptp(grid)))), MOST_WAVES + 1)
+    out: list[tuple[int, float]] = []
+    for _ in range(2):
+        fits = []
+        for k in counts:
+            X = np.column_stack([line, np.sin(k * grid), np.cos(k * grid)])
+            beta = np.linalg.lstsq(X, curve, rcond=None)[0]
+            fits.append((float(np.square(curve - X @ beta).sum()), k, beta))
+        left, k, beta = min(fits, key=lambda f: f[0])
+        flat = float(np.square(curve - line @ np.linalg.lstsq(line, curve, rcond=None)[0]).sum())
+        if flat == 0 or left > 0.9 * flat:
+            break
+        out.append((k, float(np.hypot(*beta[2:]))))
+        curve = curve - np.column_stack([np.sin(k * grid), np.cos(k * grid)]) @ beta[2:]
+    return out
+
+
+def what(candidate: Candidate) -> str:
+    """What a candidate says of the arm, without its size."""
+    if candidate.mechanism.sentence:
+        return candidate.mechanism.sentence.rstrip(".")
+    screw = candidate.mechanism.terms[0].screws[0]
+    return (f"Frame {screw.frame} {PLACES[screw.axis[0]]} its {screw.axis[1]} axis ({LETTERS[screw.axis]}{screw.frame}) with "
+            f"{causes(candidate, ' and ')}; no registered mechanism says so")
+
+
+def causes(candidate: Candidate, joint: str) -> str:
+    """The causes of a cell; four of two joints are any product of a wave of the one and a wave of the other."""
+    each = list(dict.fromkeys(str(s.cause) for t in candidate.mechanism.terms for s in t.screws))
+    if len(each) == 4:
+        return f"waves of {' times waves of '.join(sorted(candidate.mechanism.names()))}"
+    return joint.join(each)
+
+
+def label(candidate: Candidate) -> str:
+    """A short name: the registered one, or the cell."""
+    if candidate.registered:
+        return candidate.mechanism.name
+    if candidate.mechanism.name.startswith("free("):
+        return candidate.mechanism.name.partition(" ")[0]
+    screw = candidate.mechanism.terms[0].screws[0]
+    return f"frame {screw.frame} {screw.axis} · {causes(candidate, ' & ')}"
+
+
+def cautions(effect: Effect) -> list[str]:
+    """Signs and sizes that the catalogue does not expect."""
+    out = []
+    for term, value, error in zip(effect.candidate.mechanism.terms, effect.estimate, effect.standard_error, strict=True):
+        if term.sign and value * term.sign < -2 * error:
+            out.append(f"the sign of {term.symbol} is not the one that physics gives; it may stand for something else")
+        if term.size is not None and abs(value) - 2 * error > term.size[1]:
+            out.append(f"{term.symbol} is larger than usual ({quantity(term.size[1], None, term.unit)})")
+    return out
+
+
+def sentence(effect: Effect) -> str:
+    """One finding in one sentence."""
+    terms = effect.candidate.mechanism.terms
+    entries = effect.named.entries
+    same = [e for e in entries if e.alike]
+    sure = sum(e.probability for e in same)
+    out = f"{what(effect.candidate)}: {amount(terms, effect.estimate, effect.standard_error)}"
+    rivals = list(dict.fromkeys(label(e.candidate) for e in entries if e.candidate.mechanism != effect.candidate.mechanism))
+    rivals = [r for r in rivals if r != label(effect.candidate)]
+    if effect.named.verdict == "found":
+        own = sum(e.probability for e in entries if label(e.candidate) == label(effect.candidate))
+        out += f" ({label(effect.candidate)}, probability {own:.2f}"
+        twins = [r for r in rivals if r in {label(e.candidate) for e in same}]
+        out += f"; {', '.join(twins[:3])} would move the target alike, together {sure:.2f})" if twins else ")"
+    else:
+        odds = ", ".join(f"{label(e.candidate)} {e.probability:.2f}" for e in entries[:4])
+        out += f"; the data cannot tell this apart from {', '.join(rivals[:3]) or 'others'} ({odds})"
+    for caution in cautions(effect):
+        out += f"; {caution}"
+    return out + "."
+
+
+def display(mm: float) -> str:
+    """A length in mm, three digits."""
+    return f"{mm:.3g} mm"

@@ -1,0 +1,1 @@
+"""Named exceptions, rigid motions, the version."""

@@ -1,0 +1,48 @@
+"""Geometry: the six screws of every frame with cause 1, and what the set-up adds to them."""
+from __future__ import annotations
+
+from ...machine.robot import Robot
+from ...words.rigid import AXES
+from ..causes import ONE, Cause, Member
+from ..screws import Mechanism, Screw, Term, letter
+
+SIZE = {"t": (0.0, 5.0), "r": (0.0, 20e-3)}  # mm, rad: what an assembled arm shows against its drawing
+
+
+def geometric(robot: Robot) -> Mechanism:
+    """The paper's a b c α β γ of frames 1…n and the target's a b c.
+
+    The target comes first: an earlier term represents the later ones that depend on it, and b7 says in mm what γ6 would
+    say in radians where the target is nearly on the last axis.
+    """
+    places = [(robot.n + 1, axis) for axis in AXES[:3]] + [(f, axis) for f in range(1, robot.n + 1) for axis in AXES]
+    return Mechanism(
+        "geometric", tuple(_term(f, axis) for f, axis in places),
+        "The links, joint axes, joint zeros and the target are not where the drawing has them.",
+        "H_k = Trans(a,b,c) Rx(α) Ry(β) Rz(γ) in every frame, constant", "Positioning error analysis (the reference), Eq. 2")
+
+
+def _term(frame: int, axis: str, cause: Cause = ONE, label: str = "") -> Term:
+    return Term(letter(frame, axis) + label, (Screw(frame, axis, cause),), SIZE[axis[0]])
+
+
+def setup(robot: Robot, targets: int, groups: int, register: bool, orientation: bool) -> Mechanism:
+    """What the measuring set-up leaves open: target offsets, target orientation, the tracker's placement(s).
+
+    Several targets have an offset each; `groups` > 1 gives every group a placement of its own.
+    """
+    terms: list[Term] = []
+    if targets > 1 or register:
+        for t in range(targets):
+            cause, label = (Member("target", t), f"({t + 1})") if targets > 1 else (ONE, "")
+            terms += [_term(robot.n + 1, axis, cause, label) for axis in AXES[:3]]
+    if orientation:
+        for t in range(targets):
+            cause, label = (Member("target", t), f"({t + 1})") if targets > 1 else (ONE, "")
+            terms += [_term(robot.n + 1, axis, cause, label) for axis in AXES[3:]]
+    if register:
+        for g in range(groups):
+            cause, label = (Member("group", g), f"[{g + 1}]") if groups > 1 else (ONE, "")
+            terms += [_term(1, axis, cause, label) for axis in AXES]
+    return Mechanism("set-up", tuple(terms), "Where the tracker stands and where the targets sit on the flange.",
+                     "H_1 and H_{n+1}, constant per group and target", "contract: register, targets")

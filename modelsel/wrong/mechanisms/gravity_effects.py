@@ -1,0 +1,89 @@
+"""What gravity does: twist of the arm's two great joints, backlash that it takes up, tilt of the base."""
+from __future__ import annotations
+
+from ...machine.gravity import ArmPair, arm_pair, under_gravity
+from ...machine.robot import Robot
+from ...words.rigid import AXES
+from ..causes import Cause, Named, Number, cos, q, shifted, sign, torque
+from ..screws import Mechanism, Screw, Term
+
+PAPER = "Positioning error analysis (the reference), Eq. 6-7"
+TWIST = (2e-5, 1e-2)     # rad at full lever: 10 N m … 1 kN m over 1e5 … 1e6 N m/rad
+BACKLASH = (2e-5, 2e-3)  # rad
+
+
+def near(pair: ArmPair) -> Cause:
+    """Lever of the upper arm: cos(q2) on the paper's arm."""
+    return cos(shifted(q(pair.upper), pair.near_phase))
+
+
+def far(pair: ArmPair) -> Cause:
+    """Lever of the forearm: cos(q2+q3) on the paper's arm."""
+    both = q(pair.upper) + q(pair.fore) if pair.parallel > 0 else q(pair.upper) - q(pair.fore)
+    return cos(shifted(both, pair.far_phase))
+
+
+def joint2_twist(robot: Robot) -> Mechanism | None:
+    """h1, h2: the shoulder drive winds up under forearm and upper arm."""
+    if (pair := arm_pair(robot)) is None:
+        return None
+    j = pair.upper
+    return Mechanism(
+        "joint2-twist", (Term("h1", (Screw(j, "rz", far(pair)),), TWIST, pair.far_sign),
+                         Term("h2", (Screw(j, "rz", near(pair)),), TWIST, pair.near_sign)),
+        f"Joint {j} winds up under the weight of the upper arm and the forearm.",
+        f"θ{j} = q{j} + h1 {far(pair)} + h2 {near(pair)}", PAPER)
+
+
+def joint3_twist(robot: Robot) -> Mechanism | None:
+    """h3: the elbow drive winds up under the forearm."""
+    if (pair := arm_pair(robot)) is None:
+        return None
+    j = pair.fore
+    sign_here = pair.far_sign * pair.parallel       # the elbow's own axis may point the other way
+    return Mechanism("joint3-twist", (Term("h3", (Screw(j, "rz", far(pair)),), TWIST, sign_here),),
+                     f"Joint {j} winds up under the weight of the forearm.", f"θ{j} = q{j} + h3 {far(pair)}", PAPER)
+
+
+def gravity_twist(robot: Robot) -> Mechanism | None:
+    """h1, h2, h3 together."""
+    shoulder, elbow = joint2_twist(robot), joint3_twist(robot)
+    if shoulder is None or elbow is None:
+        return None
+    return Mechanism("gravity-twist", shoulder.terms + elbow.terms,
+                     "Shoulder and elbow wind up together under the arm's weight.",
+                     f"{shoulder.equation}; {elbow.equation}", PAPER)
+
+
+def backlash(robot: Robot, joint: int) -> Mechanism:
+    """Gravity holds the gear on one flank and changes it where its torque changes sign; joint 3 is the paper's h4."""
+    pair = arm_pair(robot)
+    cause = sign(far(pair)) if pair is not None and joint == pair.fore else sign(torque(joint))
+    return Mechanism(f"backlash:{joint}", (Term(f"h4[{joint}]", (Screw(joint, "rz", cause),), BACKLASH),),
+                     f"The play of joint {joint} is taken up by gravity, to either side.", f"θ{joint} = q{joint} + h4 {cause}",
+                     PAPER)
+
+
+def base_screws(robot: Robot, axis: int, cause: Cause) -> tuple[Screw, ...]:
+    """Screws of frame 1 that together turn the arm about axis 0, 1, 2 of frame 0 through its origin, by the cause."""
+    R, t = robot.joints[0].before[:3, :3], robot.joints[0].before[:3, 3]
+    turn = R.T[:, axis]
+    shift = R.T @ [(0, -t[2], t[1]), (t[2], 0, -t[0]), (-t[1], t[0], 0)][axis]
+    screws = [(AXES[3 + a], Number(float(turn[a]))) for a in range(3) if abs(turn[a]) > 1e-12]
+    screws += [(AXES[a], Number(float(shift[a]), "mm")) for a in range(3) if abs(shift[a]) > 1e-9]
+    return tuple(Screw(1, place, cause if number == Number(1.0) else number * cause) for place, number in screws)
+
+
+def base_tilt(robot: Robot) -> Mechanism | None:
+    """The foundation yields to the arm's moment about the two horizontal axes of frame 0."""
+    if not under_gravity(robot):
+        return None
+    terms = tuple(Term(f"k{name}", base_screws(robot, axis, Named(f"moment_{name}", "N m")), (1e-8, 1e-4), 1)
+                  for axis, name in enumerate("xyz") if abs((robot.gravity or (0, 0, 0))[axis]) < 0.999)
+    return Mechanism("base-tilt", terms, "The base tilts under the moment of the arm's weight.",
+                     "rotation of frame 0 = k · moment of the weight about it", "Whitney, Lozinski & Rourke 1986")
+
+
+def gravity_joints(robot: Robot) -> tuple[int, ...]:
+    """Joints whose gravity torque changes with the configuration."""
+    return under_gravity(robot)

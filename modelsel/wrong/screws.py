@@ -1,0 +1,92 @@
+"""Screw, Term, Mechanism: every error of a robot as a value that prints, hashes and compares.
+
+The screw of frame k sits between the nominal transform N_k and the joint's own rotation, as H_k in the paper; its axes
+are tx ty tz rx ry rz of that frame; with cause 1 they are the paper's a b c α β γ. Frame n+1 is the target.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from ..words.rigid import AXES
+from .causes import ONE, Cause
+
+LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
+
+
+@dataclass(frozen=True)
+class Screw:
+    """WHERE x WHY: a small twist on one axis of one frame, scaled by its cause."""
+
+    frame: int
+    axis: str
+    cause: Cause = ONE
+
+    def __post_init__(self) -> None:
+        if self.axis not in AXES or self.frame < 1:
+            raise ValueError(f"no such place: frame {self.frame}, axis {self.axis}; frames count from 1, axes are {AXES}")
+
+    def __str__(self) -> str:
+        return f"frame {self.frame} {self.axis} · {self.cause}"
+
+
+@dataclass(frozen=True)
+class Term:
+    """ONE fitted number; it drives its screws together. `size` is the usual range of its magnitude, `sign` that of physics."""
+
+    symbol: str
+    screws: tuple[Screw, ...]
+    size: tuple[float, float] | None = None
+    sign: int = 0
+
+    @property
+    def unit(self) -> str:
+        """mm or rad per unit of the cause, from its screws; all must agree (rad counts as 1). Raises ValueError."""
+        units = {ratio("mm" if s.axis[0] == "t" else "rad", s.cause.unit): None for s in self.screws}
+        if len({u.replace("rad", "1") for u in units}) != 1:
+            raise ValueError(f"the screws of {self.symbol} have different units: {', '.join(units)}")
+        return max(units, key=lambda u: "rad" in u)
+
+
+def ratio(top: str, bottom: str) -> str:
+    """The unit top/bottom, common factors cancelled: ("mm", "mm °C") -> "1/°C"."""
+    if top == bottom:
+        return f"{top}/{bottom}"
+    up, down = [top], [factor for factor in bottom.replace("/", " / ").split() if factor != "1"]
+    if "/" in down:
+        up, down = up + down[down.index("/") + 1:], down[:down.index("/")]
+    for factor in list(down):
+        if factor in up:
+            up.remove(factor)
+            down.remove(factor)
+    over = " ".join(up) or "1"
+    return over if not down else f"{over}/{down[0]}" if len(down) == 1 else f"{over}/({' '.join(down)})"
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """A named bundle of terms: what goes wrong, in one sentence, with its equation and its source."""
+
+    name: str
+    terms: tuple[Term, ...]
+    sentence: str = ""
+    equation: str = ""
+    source: str = ""
+
+    def names(self) -> frozenset[str]:
+        """Names its causes need from the state."""
+        return frozenset[str]().union(*(s.cause.names() for t in self.terms for s in t.screws))
+
+
+def terms_of(mechanisms: Iterable[Mechanism]) -> tuple[Term, ...]:
+    """The distinct terms of several mechanisms, in order; a term that two share is fitted once."""
+    seen: dict[tuple[Screw, ...], Term] = {}
+    for mechanism in mechanisms:
+        for term in mechanism.terms:
+            seen.setdefault(term.screws, term)
+    return tuple(seen.values())
+
+
+def letter(frame: int, axis: str) -> str:
+    """The paper's symbol of a geometric parameter: a1 … γ7."""
+    return f"{LETTERS[axis]}{frame}"
