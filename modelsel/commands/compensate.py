@@ -34,7 +34,7 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
     from ..use.compensate import compensate as corrected
     from ..use.compensate import outside, refuse
     c = load_calibration(result)
-    data = read_measurements(targets, [j.prismatic for j in c.robot.joints], positions=False)
+    data = read_measurements(targets, c.robot.prismatic, positions=False)
     made, said = corrected(c, data), outside(c, data)
     if forward:
         frame = _rows(c, data, data.q, predict(c, c.scene(data)), {})

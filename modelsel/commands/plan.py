@@ -40,7 +40,7 @@ def plan(study: Path, pool_file: Path | None, limits: bool, count: int, purpose:
     result = run(read, path.parent, registry=registry, say=progress(), sampling=False)
     c = calibration_of(result)
     possible = drawn_pool(c, result.study.seed, result.data.scene.data) if pool_file is None else sided(read_measurements(
-        pool_file, [j.prismatic for j in c.robot.joints], positions=False), result.study.seed)
+        pool_file, c.robot.prismatic, positions=False), result.study.seed)
     possible = every_target(possible, c.targets)
     found = planned(result, c, possible, count, purpose)
     table = pd.DataFrame(table_of(c, possible, found.rows))

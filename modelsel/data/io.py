@@ -1,10 +1,8 @@
-"""Measurement files (CSV, Parquet) -> Measurements: strict, and every refusal says file, line, column and remedy."""
+"""The contract's columns -> Measurements, from CSV, Parquet or a DataFrame: strict, and every refusal says place and remedy."""
 from __future__ import annotations
 
-import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import islice
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,155 +12,33 @@ from numpy.typing import NDArray
 from ..words.errors import DataError, suggest
 from ..words.rigid import Array, from_quaternion
 from .measurements import Measurements, Note, measurements
+from .table import UNITS, Source, Table, Where, as_numbers, labels, measured, numbers, read_table, renamed, together
 
-CHUNK = 50_000
-UNITS = {"rad": 1.0, "deg": np.pi / 180, "mm": 1.0, "m": 1e3}
 TEXT = ("target", "configuration", "group")
 FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "free"}
 RESERVED = re.compile(r"(q|approach|move|torque)\d+|[xyz]_mm|range_mm|(moment\d*|down)_[xyz]|torque\d+_\d+|progress")
-Table = dict[str, "NDArray[Any]"]
 
 
-def _rows(path: Path) -> Iterator[list[list[str]]]:
-    """Chunks of CSV rows, the header first as a chunk of its own; refuses ragged rows with their line."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            header = next(reader, None)
-            if not header or "\0" in "".join(header):
-                raise DataError("the file is empty or not text.", file=path.name,
-                                remedy="A CSV with a header line and a row per measured point is expected.")
-            yield [[name.strip() for name in header]]
-            line = 2
-            while chunk := list(islice(reader, CHUNK)):
-                for k, row in enumerate(chunk):
-                    if len(row) != len(header):
-                        if not row and all(not later for later in chunk[k:]):
-                            chunk = chunk[:k]
-                            break
-                        raise DataError(f"{len(row)} cells, but the header has {len(header)}.", file=path.name,
-                                        line=line + k, remedy="Every row needs as many cells as the header.")
-                if chunk:
-                    yield chunk
-                line += len(chunk)
-    except FileNotFoundError:
-        raise DataError("no such file.", file=path.name, remedy="Put it beside the study file, or set MODELSEL_DATA to the "
-                        "folder that holds it.") from None
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or ("it is not UTF-8 text" if isinstance(error, ValueError) else str(error))
-        raise DataError(f"the file cannot be read: {reason}.", file=path.name) from None
-
-
-def _read_csv(path: Path) -> Table:
-    chunks = _rows(path)
-    header = next(chunks)[0]
-    _distinct(header, path)
-    parts: list[list[NDArray[Any]]] = [[np.array(column, dtype=object) for column in zip(*chunk, strict=True)]
-                                       for chunk in chunks]
-    return {name: np.concatenate([part[k] for part in parts]) if parts else np.zeros(0, object)
-            for k, name in enumerate(header)}
-
-
-def _read_parquet(path: Path, group: int | None = None) -> Table:
-    """All of a file, or one of its row groups."""
-    import pyarrow.lib
-    import pyarrow.parquet as pq
-    try:
-        table = (pq.read_table(path, use_threads=False, partitioning=None) if group is None
-                 else pq.ParquetFile(path).read_row_group(group, use_threads=False))
-    except FileNotFoundError:
-        raise DataError("no such file.", file=path.name) from None
-    except (OSError, pyarrow.lib.ArrowException) as error:
-        raise DataError(f"not a readable Parquet file: {str(error)[:120]}", file=path.name) from None
-    _distinct(table.column_names, path)
-    return {name: table.column(name).to_numpy() for name in table.column_names}
-
-
-def _distinct(header: Sequence[str], path: Path) -> None:
-    for name in header:
-        if list(header).count(name) > 1:
-            raise DataError("the name stands twice in the header.", file=path.name, line=1, column=name or "(no name)",
-                            remedy="Column names must differ.")
-
-
-def _numbers(table: Table, name: str, path: Path) -> Array:
-    """A column as finite floats; refuses the first cell that is not one, with its line."""
-    column = table[name]
-    out = np.array([_number(cell) for cell in column]) if column.dtype == object else np.asarray(column, dtype=float)
-    bad = np.flatnonzero(~np.isfinite(out))
-    if len(bad):
-        cell = column[bad[0]]
-        shown = "an empty cell" if cell is None or str(cell).strip() == "" else f'"{str(cell)[:30]}"'
-        more = f" ({len(bad)} such cells)" if len(bad) > 1 else ""
-        raise DataError(f"expected a finite number, found {shown}{more}.", file=path.name, line=int(bad[0]) + 2, column=name,
-                        remedy="Correct the cell or remove the row.")
-    return out
-
-
-def _number(cell: Any) -> float:
-    if isinstance(cell, str) and "_" in cell:      # Python would read 1_000 as a number; no measuring program writes that
-        return float("nan")
-    try:
-        return float(cell)
-    except (TypeError, ValueError):
-        return float("nan")
-
-
-def _column(table: Table, path: Path, stem: str, units: Sequence[str]) -> Array:
-    """The column `stem_unit` in mm or rad; refuses a missing one, two units, or none in the name."""
-    present = [unit for unit in units if f"{stem}_{unit}" in table]
-    wanted = " or ".join(f"{stem}_{unit}" for unit in units)
-    if len(present) == 1:
-        return _numbers(table, f"{stem}_{present[0]}", path) * UNITS[present[0]]
-    if present:
-        raise DataError(f"{' and '.join(f'{stem}_{u}' for u in present)} are both there.", file=path.name, line=1,
-                        remedy="Keep one of them.")
-    if stem in table:
-        raise DataError(f'column "{stem}" has no unit in its name.', file=path.name, line=1, column=stem,
-                        remedy=f'Rename it to {wanted}, or map it in the study file: [measurements] columns = '
-                               f'{{ {stem}_{units[0]} = "{stem}" }}.')
-    raise DataError(f"column {wanted} is missing. {suggest(f'{stem}_{units[0]}', list(table))}", file=path.name, line=1,
-                    remedy=f'If it has another name, map it in the study file: [measurements] columns = '
-                           f'{{ {stem}_{units[0]} = "NAME" }}.')
-
-
-def _together(table: Table, path: Path, names: Sequence[str], refuse: str = "") -> Array | None:
-    """Columns that come together or not at all, (m, len(names)); refuses rows that are "not positive" or "zero"."""
-    there = [name for name in names if name in table]
-    if not there:
-        return None
-    if len(there) < len(names):
-        raise DataError(f"{', '.join(there)} without {', '.join(n for n in names if n not in there)}.", file=path.name, line=1,
-                        remedy=f"{' '.join(names)} come together.")
-    out = np.stack([_numbers(table, name, path) for name in names], 1)
-    if refuse == "not positive" and (out <= 0).any():
-        row, column = np.argwhere(out <= 0)[0]
-        raise DataError("a standard uncertainty must be above zero.", file=path.name, line=int(row) + 2, column=names[column])
-    if refuse == "zero" and not out.any(1).all():
-        raise DataError("a quaternion of length zero.", file=path.name, line=int(np.argmin(out.any(1))) + 2, column=names[0])
-    return out
-
-
-def _joints(table: Table, path: Path, prismatic: Sequence[bool]) -> Array:
-    columns = []
+def _joints(table: Table, prismatic: Sequence[bool]) -> Array:
+    columns, where = [], table.where
     for j, slides in enumerate(prismatic, 1):
-        q = _column(table, path, f"q{j}", ("mm",) if slides else ("rad", "deg"))
+        q = measured(table, f"q{j}", ("mm",) if slides else ("rad", "deg"))
         if not slides and f"q{j}_rad" in table and len(q) and np.abs(q).max() > 4 * np.pi:
             row = int(np.argmax(np.abs(q) > 4 * np.pi))
-            raise DataError(f"{q[row]:g} rad is beyond two turns: it looks like degrees.", file=path.name, line=row + 2,
-                            column=f"q{j}_rad", remedy=f"If the readings are degrees, name the column q{j}_deg.")
+            raise where.refuse(f"{q[row]:g} rad is beyond two turns: it looks like degrees.", row=row, column=f"q{j}_rad",
+                               remedy=f"If the readings are degrees, name the column q{j}_deg.")
         columns.append(q)
     extra = f"q{len(prismatic) + 1}"
     if any(f"{extra}_{unit}" in table for unit in UNITS):
-        raise DataError(f"the file has a joint {extra}, but the robot has {len(prismatic)} joints.", file=path.name, line=1,
-                        remedy="Check the robot's name in the study.")
+        raise where.refuse(f"{'the file' if where.is_file else 'it'} has a joint {extra}, but the robot has {len(prismatic)} "
+                           "joints.", remedy="Check the robot's name in the study.")
     return np.stack(columns, 1)
 
 
 def _duplicates(table: Table, m: int) -> NDArray[np.bool_]:
     """Mask of rows that repeat an earlier one cell for cell; compared one by one only where a hash of the numbers agrees."""
     suspect = np.ones(m, bool)
-    numeric = [column for column in table.values() if column.dtype != object]
+    numeric = [column for column in table.columns.values() if column.dtype != object]
     if numeric:
         code = np.zeros(m, np.uint64)
         for k, column in enumerate(numeric):
@@ -174,21 +50,18 @@ def _duplicates(table: Table, m: int) -> NDArray[np.bool_]:
     seen: set[tuple[Any, ...]] = set()
     keep = np.ones(m, bool)
     index = np.flatnonzero(suspect)
-    for k, row in zip(index.tolist(), zip(*(column[index] for column in table.values()), strict=True), strict=True):
+    for k, row in zip(index.tolist(), zip(*(c[index] for c in table.columns.values()), strict=True), strict=True):
         keep[k] = row not in seen
         seen.add(row)
     return keep
 
 
-def _covariates(table: Table, used: set[str], path: Path) -> tuple[dict[str, Array], list[Note]]:
+def _covariates(table: Table, used: set[str]) -> tuple[dict[str, Array], list[Note]]:
     out, ignored, unusable = {}, [], []
-    for name in table:
+    for name in table.columns:
         if name in used:
             continue
-        column = table[name]
-        values = np.array([_number(cell) for cell in column]) if column.dtype.kind not in "fiub" else np.asarray(column, float)
-        if name in ("payload_kg", "temperature_C", "time_s"):
-            values = _numbers(table, name, path)
+        values = numbers(table, name) if name in ("payload_kg", "temperature_C", "time_s") else as_numbers(table.columns[name])
         if not np.isfinite(values).any():
             ignored.append(name)
         elif not np.isfinite(values).all() or not name.isidentifier() or name in FUNCTIONS or RESERVED.fullmatch(name):
@@ -217,49 +90,41 @@ def row_groups(path: Path) -> tuple[int, ...]:
         raise DataError(f"not a readable Parquet file: {str(error)[:120]}", file=path.name) from None
 
 
-def read_measurements(path: Path | str, prismatic: Sequence[bool], columns: Mapping[str, str] | None = None,
+def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mapping[str, str] | None = None,
                       group: int | None = None, *, positions: bool = True) -> Measurements:
-    """Measurements of a robot whose joints are `prismatic` or not, from a CSV or Parquet file in contract form.
+    """Measurements in contract form of a robot whose joints slide where `prismatic` says so (`robot.prismatic`), from a CSV or
+    Parquet file or a pandas DataFrame with the same columns.
 
     `columns` maps contract names to names in the file; `group`: one row group of a Parquet file alone; where `positions` need
-    not be there, absent ones are nan. Raises DataError.
+    not be there, absent ones are nan. Raises DataError with file, line and column, or row (from 0) and column of the DataFrame.
     """
-    path = Path(path)
-    table = _read_parquet(path, group) if path.suffix.lower() in (".parquet", ".pq") else _read_csv(path)
-    for wanted, given in (columns or {}).items():
-        if given not in table:
-            raise DataError(f'the study maps {wanted} to "{given}", which is not in the file. {suggest(given, table)}',
-                            file=path.name, line=1)
-    renamed = {given: wanted for wanted, given in (columns or {}).items()}
-    kept_names = [renamed.get(name, name) for name in table if name in renamed or name not in (columns or {})]
-    _distinct(kept_names, path)
-    table = {renamed.get(name, name): column for name, column in table.items() if name in renamed or name not in (columns or {})}
-    n, m = len(prismatic), len(next(iter(table.values()), []))
-    q = _joints(table, path, prismatic)
+    table = renamed(read_table(source, group), columns or {})
+    where, n, m = table.where, len(prismatic), len(table)
+    q = _joints(table, prismatic)
     there = positions or any(name in table for axis in "xyz" for name in (axis, f"{axis}_mm", f"{axis}_m"))
-    position = np.stack([_column(table, path, axis, ("mm", "m")) for axis in "xyz"], 1) if there else np.full((m, 3), np.nan)
+    position = np.stack([measured(table, axis, ("mm", "m")) for axis in "xyz"], 1) if there else np.full((m, 3), np.nan)
     if not m:
-        raise DataError("a header, but no rows.", file=path.name, line=2, remedy="Each measured point is a row.")
-    sigma = _together(table, path, ("sx_mm", "sy_mm", "sz_mm"), "not positive")
-    quaternion = _together(table, path, ("qw", "qx", "qy", "qz"), "zero")
-    sigma_rotation = _together(table, path, ("srx_rad", "sry_rad", "srz_rad"), "not positive")
-    approach = _together(table, path, [f"approach{j}" for j in range(1, n + 1)])
+        raise where.refuse("a header, but no rows.", row=0, remedy="Each measured point is a row.")
+    sigma = together(table, ("sx_mm", "sy_mm", "sz_mm"), "not positive")
+    quaternion = together(table, ("qw", "qx", "qy", "qz"), "zero")
+    sigma_rotation = together(table, ("srx_rad", "sry_rad", "srz_rad"), "not positive")
+    approach = together(table, [f"approach{j}" for j in range(1, n + 1)])
     if approach is not None and not np.isin(approach, (-1.0, 0.0, 1.0)).all():
         at, j = np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))[0]
-        raise DataError("a direction of approach is -1, 0 or +1.", file=path.name, line=int(at) + 2, column=f"approach{j + 1}")
-    text = {name: _labels(table, name, path) for name in TEXT if name in table}
-    order = _numbers(table, "order", path) if "order" in table else None
+        raise where.refuse("a direction of approach is -1, 0 or +1.", row=int(at), column=f"approach{j + 1}")
+    text = {name: labels(table, name) for name in TEXT if name in table}
+    order = numbers(table, "order") if "order" in table else None
     used = {*TEXT, "order", "sx_mm", "sy_mm", "sz_mm", "qw", "qx", "qy", "qz", "srx_rad", "sry_rad", "srz_rad",
             *(f"{axis}_{u}" for axis in "xyz" for u in ("mm", "m")),
             *(f"{stem}{j}{u}" for j in range(1, n + 1) for stem, u in (("q", "_rad"), ("q", "_deg"), ("q", "_mm"),
                                                                       ("approach", "")))}
-    covariates, notes = _covariates(table, used, path)
+    covariates, notes = _covariates(table, used)
     keep = _duplicates(table, m)
     if not keep.all():
         notes.append(Note("duplicate-rows", f"{int((~keep).sum())} rows repeat an earlier row cell for cell and are counted "
                                             "once."))
     if "configuration" in text:
-        _one_reading_each(text["configuration"], q, path)
+        _one_reading_each(text["configuration"], q, where)
     def kept(values: Any) -> Any:
         return None if values is None else np.asarray(values)[keep]
     return measurements(
@@ -267,31 +132,23 @@ def read_measurements(path: Path | str, prismatic: Sequence[bool], columns: Mapp
         target=kept(text.get("target")), group=kept(text.get("group")), order=kept(order), approach=kept(approach),
         covariates={name: values[keep] for name, values in covariates.items()}, sigma=kept(sigma),
         rotation=None if quaternion is None else from_quaternion(quaternion[keep]), sigma_rotation=kept(sigma_rotation),
-        notes=tuple(notes))
+        notes=tuple(notes), prismatic=prismatic)
 
 
-def _one_reading_each(labels: list[str], q: Array, path: Path) -> None:
+def _one_reading_each(names: list[str], q: Array, where: Where) -> None:
     """Refuses a configuration whose rows have different joint readings."""
     first: dict[str, int] = {}
-    at = np.array([first.setdefault(label, k) for k, label in enumerate(labels)])
+    at = np.array([first.setdefault(label, k) for k, label in enumerate(names)])
     bad = np.flatnonzero(np.abs(q - q[at]).max(1) > 1e-6)
     if len(bad):
-        raise DataError(f'configuration "{labels[bad[0]]}" has other joint readings on line {int(at[bad[0]]) + 2}.',
-                        file=path.name, line=int(bad[0]) + 2, column="configuration",
-                        remedy="Rows that share a configuration share its readings; number configurations through all groups.")
+        raise where.refuse(f'configuration "{names[bad[0]]}" has other joint readings on {where.named(int(at[bad[0]]))}.',
+                           row=int(bad[0]), column="configuration",
+                           remedy="Rows that share a configuration share its readings; number configurations through all groups.")
 
 
-def _labels(table: Table, name: str, path: Path) -> list[str]:
-    out = ["" if cell is None else str(cell).strip() for cell in table[name]]
-    if "" in out:
-        raise DataError("an empty cell.", file=path.name, line=out.index("") + 2, column=name,
-                        remedy=f"Give every row its {name}, or leave the column out.")
-    return out
-
-
-def read_labels(path: Path, column: str) -> NDArray[np.object_]:
-    """A text column (the split's) of every row of the file. Raises DataError."""
-    table = _read_parquet(path) if path.suffix.lower() in (".parquet", ".pq") else _read_csv(path)
+def read_labels(source: Source, column: str) -> NDArray[np.object_]:
+    """A text column (the split's) of every row of the file or DataFrame. Raises DataError."""
+    table = read_table(source)
     if column not in table:
-        raise DataError(f'the study\'s split column "{column}" is missing. {suggest(column, table)}', file=path.name, line=1)
-    return np.array(_labels(table, column, path), dtype=object)
+        raise table.where.refuse(f'the study\'s split column "{column}" is missing. {suggest(column, table.columns)}')
+    return np.array(labels(table, column), dtype=object)

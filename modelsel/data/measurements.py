@@ -3,11 +3,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..words.rigid import Array
+from ..words.rigid import Array, to_quaternion
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Index = NDArray[np.intp]
 SAME_READING = 1e-6  # rad or mm: two readings closer than this are the same configuration
@@ -43,6 +47,7 @@ class Measurements:
     rotation: Array | None = None              # (m, 3, 3) measured orientation of the target frame
     sigma_rotation: Array | None = None        # (m, 3) rad
     notes: tuple[Note, ...] = ()
+    prismatic: tuple[bool, ...] = ()           # joints that slide; empty: none does
 
     def __len__(self) -> int:
         return len(self.position)
@@ -57,6 +62,31 @@ class Measurements:
         rows = {f.name: getattr(self, f.name)[index] for f in fields(self)
                 if isinstance(getattr(self, f.name), np.ndarray)}
         return replace(self, **rows, covariates={k: v[index] for k, v in self.covariates.items()})
+
+    def to_frame(self) -> pd.DataFrame:
+        """The measurements in contract form, in rad and mm, indexed by the row of the file they came from; `read_measurements`
+        reads it back. Positions that were not measured have no columns; of rows that were left out, no move is known any more."""
+        import pandas as pd
+        slides = self.prismatic or (False,) * self.q.shape[1]
+        columns: dict[str, object] = {f"q{j}_{'mm' if s else 'rad'}": self.q[:, j - 1] for j, s in enumerate(slides, 1)}
+        several = (("position", ("x_mm", "y_mm", "z_mm"), self.position), ("sigma", ("sx_mm", "sy_mm", "sz_mm"), self.sigma),
+                   ("rotation", ("qw", "qx", "qy", "qz"), None if self.rotation is None else to_quaternion(self.rotation)),
+                   ("sigma_rotation", ("srx_rad", "sry_rad", "srz_rad"), self.sigma_rotation))
+        for what, names, values in several:
+            if values is not None and not (what == "position" and np.isnan(values).all()):
+                columns |= dict(zip(names, values.T, strict=True))
+        for name, index, known, plain in (("target", self.target, self.targets, ("target",)),
+                                          ("group", self.group, self.groups, ("all",))):
+            if known != plain:
+                columns[name] = np.array(known, dtype=object)[index]
+        columns |= {"configuration": self.configuration, "order": self.order}
+        columns |= {f"approach{j}": self.approach[:, j - 1] for j in range(1, len(slides) + 1)}
+        return pd.DataFrame(columns | dict(self.covariates), index=pd.Index(self.row, name="row"))
+
+    def _repr_html_(self) -> str:
+        """How much was measured, and the first rows, for a notebook."""
+        many = f"{len(self)} rows, {self.configurations} configurations, {len(self.targets)} targets"
+        return f"<p><b>Measurements</b> {many}</p>{self.to_frame().to_html(max_rows=6, max_cols=12, float_format='%.4g')}"
 
 
 def _numbered(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tuple[str, ...]]:
@@ -141,7 +171,7 @@ def measurements(q: Array, position: Array, *, row: Index | None = None, configu
                  order: Array | None = None, approach: Array | None = None,
                  covariates: Mapping[str, Array] | None = None, sigma: Array | None = None,
                  rotation: Array | None = None, sigma_rotation: Array | None = None,
-                 notes: tuple[Note, ...] = ()) -> Measurements:
+                 notes: tuple[Note, ...] = (), prismatic: Sequence[bool] = ()) -> Measurements:
     """Measurements from plain arrays; everything optional is derived as contract.md says. Units: rad (or mm) and mm."""
     q, position = np.asarray(q, float), np.asarray(position, float)
     m = len(q)
@@ -157,4 +187,4 @@ def measurements(q: Array, position: Array, *, row: Index | None = None, configu
     return Measurements(q, position, np.arange(m) if row is None else row, visit, blocks(q, visit), target_index,
                         group_index, order, np.asarray(approach, float), move, campaign(group_index, order),
                         targets, groups, dict(covariates or {}),
-                        sigma, rotation, sigma_rotation, notes)
+                        sigma, rotation, sigma_rotation, notes, tuple(prismatic))

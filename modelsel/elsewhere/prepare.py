@@ -90,7 +90,7 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
     Raises StudyError or DataError.
     """
     notes = list(data.notes)
-    estimation = split(data, labels, plan, tuple(j.prismatic for j in robot.joints))
+    estimation = split(data, labels, plan, robot.prismatic)
     data, unseen = _timeless(data, estimation)
     if unseen:
         notes.append(Note("other-session", f"Nothing of {', '.join(unseen)} estimates: when it was measured in the campaign is "

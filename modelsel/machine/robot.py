@@ -44,6 +44,11 @@ class Robot:
         """Number of joints; the target's frame is n + 1."""
         return len(self.joints)
 
+    @property
+    def prismatic(self) -> tuple[bool, ...]:
+        """Which joints slide, as `read_measurements` wants to know."""
+        return tuple(j.prismatic for j in self.joints)
+
     @cached_property
     def reach(self) -> float:
         """Upper bound of the distance [mm] from joint 1 to the flange: the sum of the fixed translations after it."""

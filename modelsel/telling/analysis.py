@@ -192,7 +192,7 @@ def with_sampling(question: Question, result: Result, say: Say = lambda _: None,
 
 def _predictable(question: Question, data: Data, last: Rung) -> Predictable | None:
     rows = data.used
-    return predictable(data.scene.data.take(rows), last.residual[rows][:, :3], tuple(j.prismatic for j in question.robot.joints),
+    return predictable(data.scene.data.take(rows), last.residual[rows][:, :3], question.robot.prismatic,
                        generator(question.study.seed, "flips"))
 
 

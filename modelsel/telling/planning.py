@@ -64,7 +64,7 @@ def drawn_pool(c: Calibration, seed: int, data: Measurements) -> Measurements:
     q = rng.uniform(low, high, (DRAWN, c.robot.n))
     met = rng.integers(len(data), size=DRAWN)
     return measurements(q, np.zeros((DRAWN, 3)), approach=rng.choice([-1.0, 1.0], q.shape),
-                        covariates={name: values[met] for name, values in data.covariates.items()})
+                        covariates={name: values[met] for name, values in data.covariates.items()}, prismatic=c.robot.prismatic)
 
 
 def every_target(data: Measurements, targets: Sequence[str]) -> Measurements:

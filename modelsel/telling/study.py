@@ -79,7 +79,7 @@ def asked(study: Study, folder: Path, registry: Registry) -> tuple[Question, Mea
     robot = robot_of(study, folder)
     check_names(study, robot, registry)
     path = find_data(study.measurements.file, folder)
-    measured = read_measurements(path, [j.prismatic for j in robot.joints], study.measurements.columns)
+    measured = read_measurements(path, robot.prismatic, study.measurements.columns)
     labels = None
     if study.split.column is not None:
         labels = read_labels(path, study.split.column)[measured.row]
@@ -136,7 +136,7 @@ def simulate_study(study: Study, folder: Path) -> pd.DataFrame:
     path = find_data(study.measurements.file, folder)
     covariates: Mapping[str, Array] = {}
     if path.is_file():
-        measured = read_measurements(path, [j.prismatic for j in robot.joints], study.measurements.columns)
+        measured = read_measurements(path, robot.prismatic, study.measurements.columns)
         first = np.unique(measured.configuration, return_index=True)[1]
         q, covariates = measured.q[first], {name: values[first] for name, values in measured.covariates.items()}
     else:

@@ -103,7 +103,7 @@ def compensate(c: Calibration, data: Measurements) -> Commands:
 
 def refuse(c: Calibration, made: Commands, data: Measurements, bound: tuple[float, float], file: str) -> None:
     """Raises DataError with the first row that would be changed by more than the bound (rad, mm)."""
-    slides = np.array([j.prismatic for j in c.robot.joints])
+    slides = np.array(c.robot.prismatic)
     over = np.abs(made.change) / np.where(slides, bound[1], bound[0])
     whole = np.column_stack([over, made.before_mm / bound[1]])
     bad = np.flatnonzero((whole > 1).any(1))

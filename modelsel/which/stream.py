@@ -110,7 +110,7 @@ class Parts(Source):
 
     def scene(self, part: Part) -> Scene:
         """A piece, read."""
-        data = read_measurements(part.path, [j.prismatic for j in self.robot.joints], group=part.group)
+        data = read_measurements(part.path, self.robot.prismatic, group=part.group)
         return scene(self.robot, data, np.tile(np.array(self.tool), (len(data.targets), 1)))
 
     def alone(self) -> Parts:

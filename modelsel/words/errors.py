@@ -22,15 +22,16 @@ class StudyError(ModelselError):
 
 
 class DataError(ModelselError):
-    """The measurements are wrong: what, where (file, line, column; the header is line 1), what to do."""
+    """The measurements are wrong: what, where, what to do. In a file: its line (the header is line 1) and column; in a
+    DataFrame: its row, counted from 0, and column."""
 
     exit_code = 3
 
-    def __init__(self, what: str, *, file: str = "", line: int | None = None, column: str | None = None,
+    def __init__(self, what: str, *, file: str = "", line: int | None = None, row: int | None = None, column: str | None = None,
                  remedy: str = ""):
-        self.file, self.line, self.column, self.remedy = file, line, column, remedy
-        place = ", ".join(part for part in (file, f"line {line}" if line else "", f"column {column}" if column else "")
-                          if part)
+        self.file, self.line, self.row, self.column, self.remedy = file, line, row, column, remedy
+        place = ", ".join(part for part in (file, f"line {line}" if line else "", f"row {row}" if row is not None else "",
+                                            f"column {column}" if column else "") if part)
         super().__init__(f"{place}: {what}" + (f" {remedy}" if remedy else "") if place else f"{what} {remedy}".strip())
 
 

@@ -70,6 +70,12 @@ def from_quaternion(wxyz: Array) -> Array:
     return np.moveaxis(R, -1, 0)
 
 
+def to_quaternion(R: Array) -> Array:
+    """Unit quaternions (m, 4), w x y z with w not negative, of rotations (m, 3, 3)."""
+    from scipy.spatial.transform import Rotation
+    return np.asarray(np.roll(Rotation.from_matrix(R).as_quat(canonical=True), 1, axis=1))
+
+
 def rotation_vector(R: Array) -> Array:
     """Rotation vectors (m, 3) [rad] of rotations (m, 3, 3): axis times angle."""
     from scipy.spatial.transform import Rotation  # slow to import, and only orientation data need it

@@ -1,0 +1,249 @@
+"""Named columns from a CSV or Parquet file or a DataFrame, and the checks of single columns: every refusal says its place."""
+from __future__ import annotations
+
+import csv
+import hashlib
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias, Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..words.errors import DataError, suggest
+from ..words.rigid import Array
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+CHUNK = 50_000
+UNITS = {"rad": 1.0, "deg": np.pi / 180, "mm": 1.0, "m": 1e3}
+Columns = Mapping[str, "NDArray[Any]"]
+Source: TypeAlias = Union[str, "os.PathLike[str]", "pd.DataFrame"]
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where a table comes from, in the words of its user: a file has lines, the header line 1; a DataFrame has rows from 0."""
+
+    file: str
+
+    @property
+    def is_file(self) -> bool:
+        """Whether it is a file."""
+        return bool(self.file)
+
+    def refuse(self, what: str, *, row: int | None = None, column: str | None = None, remedy: str = "") -> DataError:
+        """The error to raise, with its place: 0-based `row`, without it the header's."""
+        if not self.is_file:
+            return DataError(what, file="DataFrame", row=row, column=column, remedy=remedy)
+        return DataError(what, file=self.file, line=1 if row is None else row + 2, column=column, remedy=remedy)
+
+    def named(self, row: int) -> str:
+        """A row in words."""
+        return f"line {row + 2}" if self.is_file else f"row {row}"
+
+    def mapping(self, wanted: str, given: str) -> str:
+        """How to say that a column has another name."""
+        return (f'in the study file: [measurements] columns = {{ {wanted} = "{given}" }}' if self.is_file else
+                f'by columns={{"{wanted}": "{given}"}}')
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns by name, all of one length, and where they come from."""
+
+    columns: Columns
+    where: Where
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.columns
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values()), ()))
+
+
+def read_table(source: Source, group: int | None = None) -> Table:
+    """A CSV or Parquet file (`group`: one row group of it alone) or a DataFrame. Raises DataError."""
+    if isinstance(source, (str, os.PathLike)):
+        path = Path(source)
+        if path.suffix.lower() in (".parquet", ".pq"):
+            return _parquet(path, Where(path.name), group)
+        return _csv(path, Where(path.name))
+    import pandas as pd
+    if not isinstance(source, pd.DataFrame):
+        raise DataError(f"measurements are a file's path or a pandas DataFrame, found {type(source).__name__}.")
+    return _frame(source, Where(""))
+
+
+def digest(source: Source) -> str:
+    """SHA-256 of a file's bytes; of a DataFrame, of the CSV file that `to_csv(index=False)` would write."""
+    if isinstance(source, (str, os.PathLike)):
+        return hashlib.sha256(Path(source).read_bytes()).hexdigest()
+    return hashlib.sha256(source.to_csv(index=False, lineterminator="\n").encode()).hexdigest()
+
+
+def _frame(frame: pd.DataFrame, where: Where) -> Table:
+    """Cells as a file would have them: numbers as numbers, what is missing as nan or None. The index is not looked at."""
+    strange = [name for name in frame.columns if not isinstance(name, str)]
+    if strange:
+        raise where.refuse(f"a column is called {strange[0]!r}, which is not text.", remedy="Column names are words: x_mm.")
+    names = [name.strip() for name in frame.columns]
+    _distinct(names, where)
+    out: dict[str, NDArray[Any]] = {}
+    for k, name in enumerate(names):
+        column = frame.iloc[:, k]
+        if column.dtype.kind in "fiub":
+            out[name] = column.to_numpy(dtype=float, na_value=np.nan) if column.hasnans else column.to_numpy()
+        else:
+            cells = column.to_numpy(dtype=object, copy=True)
+            cells[column.isna().to_numpy()] = None
+            out[name] = cells
+    return Table(out, where)
+
+
+def _rows(path: Path) -> Iterator[list[list[str]]]:
+    """Chunks of CSV rows, the header first as a chunk of its own; refuses ragged rows with their line."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file)
+            header = next(reader, None)
+            if not header or "\0" in "".join(header):
+                raise DataError("the file is empty or not text.", file=path.name,
+                                remedy="A CSV with a header line and a row per measured point is expected.")
+            yield [[name.strip() for name in header]]
+            line = 2
+            while chunk := list(islice(reader, CHUNK)):
+                for k, row in enumerate(chunk):
+                    if len(row) != len(header):
+                        if not row and all(not later for later in chunk[k:]):
+                            chunk = chunk[:k]
+                            break
+                        raise DataError(f"{len(row)} cells, but the header has {len(header)}.", file=path.name,
+                                        line=line + k, remedy="Every row needs as many cells as the header.")
+                if chunk:
+                    yield chunk
+                line += len(chunk)
+    except FileNotFoundError:
+        raise DataError("no such file.", file=path.name, remedy="Put it beside the study file, or set MODELSEL_DATA to the "
+                        "folder that holds it.") from None
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or ("it is not UTF-8 text" if isinstance(error, ValueError) else str(error))
+        raise DataError(f"the file cannot be read: {reason}.", file=path.name) from None
+
+
+def _csv(path: Path, where: Where) -> Table:
+    chunks = _rows(path)
+    header = next(chunks)[0]
+    _distinct(header, where)
+    parts: list[list[NDArray[Any]]] = [[np.array(column, dtype=object) for column in zip(*chunk, strict=True)]
+                                       for chunk in chunks]
+    return Table({name: np.concatenate([part[k] for part in parts]) if parts else np.zeros(0, object)
+                  for k, name in enumerate(header)}, where)
+
+
+def _parquet(path: Path, where: Where, group: int | None) -> Table:
+    """All of a file, or one of its row groups."""
+    import pyarrow.lib
+    import pyarrow.parquet as pq
+    try:
+        table = (pq.read_table(path, use_threads=False, partitioning=None) if group is None
+                 else pq.ParquetFile(path).read_row_group(group, use_threads=False))
+    except FileNotFoundError:
+        raise DataError("no such file.", file=path.name) from None
+    except (OSError, pyarrow.lib.ArrowException) as error:
+        raise DataError(f"not a readable Parquet file: {str(error)[:120]}", file=path.name) from None
+    _distinct(table.column_names, where)
+    return Table({name: table.column(name).to_numpy() for name in table.column_names}, where)
+
+
+def _distinct(header: Sequence[str], where: Where) -> None:
+    for name in header:
+        if list(header).count(name) > 1:
+            raise where.refuse("the name stands twice in the header.", column=name or "(no name)",
+                               remedy="Column names must differ.")
+
+
+def renamed(table: Table, columns: Mapping[str, str]) -> Table:
+    """A table under the contract's names; `columns` maps these to its own. Raises DataError."""
+    for wanted, given in columns.items():
+        if given not in table:
+            raise table.where.refuse(f'the study maps {wanted} to "{given}", which is not in the '
+                                     f'{"file" if table.where.is_file else "DataFrame"}. {suggest(given, table.columns)}')
+    new = {given: wanted for wanted, given in columns.items()}
+    kept = [name for name in table.columns if name in new or name not in columns]
+    _distinct([new.get(name, name) for name in kept], table.where)
+    return Table({new.get(name, name): table.columns[name] for name in kept}, table.where)
+
+
+def numbers(table: Table, name: str) -> Array:
+    """A column as finite floats; refuses the first cell that is not one, with its line."""
+    column = table.columns[name]
+    out = as_numbers(column) if column.dtype == object else np.asarray(column, dtype=float)
+    bad = np.flatnonzero(~np.isfinite(out))
+    if len(bad):
+        cell = column[bad[0]]
+        empty = cell is None or str(cell).strip() == "" or column.dtype != object and np.isnan(cell)
+        shown = "an empty cell" if empty else f'"{str(cell)[:30]}"'
+        more = f" ({len(bad)} such cells)" if len(bad) > 1 else ""
+        raise table.where.refuse(f"expected a finite number, found {shown}{more}.", row=int(bad[0]), column=name,
+                                 remedy="Correct the cell or remove the row.")
+    return out
+
+
+def as_numbers(column: NDArray[Any]) -> Array:
+    """(m,) floats, nan where a cell is none."""
+    return np.array([_number(cell) for cell in column]) if column.dtype.kind not in "fiub" else np.asarray(column, float)
+
+
+def _number(cell: Any) -> float:
+    if isinstance(cell, str) and "_" in cell:      # Python would read 1_000 as a number; no measuring program writes that
+        return float("nan")
+    try:
+        return float(cell)
+    except (TypeError, ValueError):
+        return float("nan")
+
+
+def measured(table: Table, stem: str, units: Sequence[str]) -> Array:
+    """The column `stem_unit` in mm or rad; refuses a missing one, two units, or none in the name."""
+    present = [unit for unit in units if f"{stem}_{unit}" in table]
+    wanted, where = " or ".join(f"{stem}_{unit}" for unit in units), table.where
+    if len(present) == 1:
+        return numbers(table, f"{stem}_{present[0]}") * UNITS[present[0]]
+    if present:
+        raise where.refuse(f"{' and '.join(f'{stem}_{u}' for u in present)} are both there.", remedy="Keep one of them.")
+    if stem in table:
+        raise where.refuse(f'column "{stem}" has no unit in its name.', column=stem,
+                           remedy=f"Rename it to {wanted}, or map it {where.mapping(f'{stem}_{units[0]}', stem)}.")
+    raise where.refuse(f"column {wanted} is missing. {suggest(f'{stem}_{units[0]}', list(table.columns))}",
+                       remedy=f"If it has another name, map it {where.mapping(f'{stem}_{units[0]}', 'NAME')}.")
+
+
+def together(table: Table, names: Sequence[str], refuse: str = "") -> Array | None:
+    """Columns that come together or not at all, (m, len(names)); refuses rows that are "not positive" or "zero"."""
+    there, where = [name for name in names if name in table], table.where
+    if not there:
+        return None
+    if len(there) < len(names):
+        raise where.refuse(f"{', '.join(there)} without {', '.join(n for n in names if n not in there)}.",
+                           remedy=f"{' '.join(names)} come together.")
+    out = np.stack([numbers(table, name) for name in names], 1)
+    if refuse == "not positive" and (out <= 0).any():
+        row, column = np.argwhere(out <= 0)[0]
+        raise where.refuse("a standard uncertainty must be above zero.", row=int(row), column=names[column])
+    if refuse == "zero" and not out.any(1).all():
+        raise where.refuse("a quaternion of length zero.", row=int(np.argmin(out.any(1))), column=names[0])
+    return out
+
+
+def labels(table: Table, name: str) -> list[str]:
+    """A text column without blanks about it; refuses an empty cell."""
+    out = ["" if cell is None else str(cell).strip() for cell in table.columns[name]]
+    if "" in out:
+        raise table.where.refuse("an empty cell.", row=out.index(""), column=name,
+                                 remedy=f"Give every row its {name}, or leave the column out.")
+    return out
