@@ -24,7 +24,9 @@ _NAMES = {  # a name that is also a module's (fit, scene, extend …) is importe
     "which.validate": "gain",
     "use.calibration": "load_calibration Calibration predict",
     "telling.config": "read_study Study",
-    "telling.study": "run save calibration_of",
+    "telling.study": "run rehearse simulate_study",
+    "telling.stored": "save load_result StoredResult report calibration_of",
+    "telling.finished": "Result",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)

@@ -17,7 +17,8 @@ from modelsel.data.measurements import measurements
 from modelsel.machine.robot import forward
 from modelsel.machine.robotfile import load
 from modelsel.telling.config import parse_study
-from modelsel.telling.study import calibration_of, run
+from modelsel.telling.stored import calibration_of
+from modelsel.telling.study import run
 from modelsel.use.calibration import predict
 from modelsel.use.compensate import BOUND, commanded, compensate, nominal, outside, refuse
 from modelsel.words.errors import DataError

@@ -23,7 +23,7 @@ import modelsel
 from modelsel.cli import COMMANDS, main
 from modelsel.machine.robotfile import load
 from modelsel.matrix.design import design, residuals
-from modelsel.telling.study import save
+from modelsel.telling.stored import save
 from modelsel.telling.tables import show
 from modelsel.words.errors import DataError, Interrupted, ModelselError, NotEstimable, StudyError
 from modelsel.wrong.registry import BUILTIN, Registry, Scanned, parts, with_plugins

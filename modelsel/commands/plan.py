@@ -28,7 +28,8 @@ def plan(study: Path, pool_file: Path | None, limits: bool, count: int, purpose:
     from ..telling.config import read_study
     from ..telling.planning import drawn_pool, every_target, sentences, sided, table_of
     from ..telling.planning import plan as planned
-    from ..telling.study import calibration_of, robot_of, run
+    from ..telling.stored import calibration_of
+    from ..telling.study import robot_of, run
     from ..telling.write import write_beside
     from ..use.plan import more_needed
     from ..wrong.registry import with_plugins

@@ -3,28 +3,27 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..data.measurements import Measurements, Note
-from ..elsewhere.confidence import Confidence, Request, confidence, sampled
-from ..elsewhere.explain import Nested, Say, explain, nested
+from ..elsewhere.confidence import Request, confidence, sampled
+from ..elsewhere.explain import Say, explain, nested
 from ..elsewhere.prepare import Plan, generator, prepare, reweigh_rotation
 from ..fitting.fit import Fit
 from ..fitting.noise import Floor
 from ..machine.robot import Robot
 from ..matrix.design import Model, whitened
-from ..matrix.identify import Unidentifiable, unidentifiable
+from ..matrix.identify import unidentifiable
 from ..sure.sampling import Keeper
 from ..which.candidates import Candidate
-from ..which.compare import Comparison, Data, Rung, compare, rung, strongest
+from ..which.compare import Data, Rung, compare, rung, strongest
 from ..which.validate import Gain, errors, gain
 from ..why.extend import LEVEL, Extension, models
-from ..why.faults import Fault, misplaced
-from ..why.maps import ErrorMap, error_map
+from ..why.faults import misplaced
+from ..why.maps import error_map
 from ..why.predictor import Predictable, predictable
 from ..why.robust import GROSS, far_off
 from ..why.words import display, label
@@ -33,79 +32,8 @@ from ..wrong.mechanisms.geometry import setup
 from ..wrong.registry import Registry, mechanism
 from ..wrong.screws import Mechanism, Screw
 from .config import Study
-from .findings import Finding, detection_limit, fault_dict, finding_dict, screws_of
-from .result import candidates_dict, dumps, rung_dict
-from .verdict import verdict
-
-
-@dataclass(frozen=True, eq=False)
-class Result:
-    """A finished study: values for programs, `to_json` for the contract's file."""
-
-    study: Study
-    robot: Robot
-    data: Data
-    floor: Floor
-    ladder: tuple[Rung, ...]
-    comparison: Comparison | None
-    chosen: Rung
-    gain: Gain
-    findings: tuple[Finding, ...]
-    faults: tuple[Fault, ...]
-    extension: Extension = field(repr=False)
-    error_map: ErrorMap = field(repr=False)
-    nothing_else: tuple[str, float | None]
-    predictable: Predictable | None
-    nested: Nested | None
-    unidentifiable: tuple[Unidentifiable, ...]
-    warnings: tuple[Note, ...]
-    confidence: Confidence
-    provenance: Mapping[str, str] = field(repr=False)
-
-    @property
-    def named(self) -> list[tuple[str, str]]:
-        """(name, verdict) of every finding, faults of single rows first, as result.json lists them."""
-        return [*((f"fault:{f.name}", "found") for f in self.faults),
-                *((label(f.effect.candidate), f.effect.named.verdict) for f in self.findings)]
-
-    def to_dict(self) -> dict[str, Any]:
-        """The contract's result."""
-        data = self.data.scene.data
-        estimation = self.data.estimation
-        extending = [] if self.study.model.candidates == [] else [e.candidate for e in self.extension.effects]
-        return {
-            "schema": 1, "study": self.study.name, "robot": self.robot.name, "seed": self.study.seed,
-            "provenance": dict(self.provenance),
-            "verdict": list(verdict(self.ladder[0], self.chosen, self.gain, self.floor, self.named,
-                                    self.study.model.candidates != [], self.nothing_else[0])),
-            "configurations": {"estimation": data.take(estimation).configurations,
-                               "held_out": data.take(~estimation).configurations,
-                               "estimation_rows": data.row[estimation]},
-            "noise_floor": {"coordinate_mm": self.floor.coordinate_mm, "source": self.floor.source},
-            "ladder": [rung_dict(r) for r in self.ladder],
-            "candidates": candidates_dict(self.comparison),
-            "findings": [*(fault_dict(f) for f in self.faults),
-                         *(finding_dict(f, self.data.scene.take(estimation)) for f in self.findings)],
-            "nothing_else": {"sentence": self.nothing_else[0], "detection_limit_mm": self.nothing_else[1],
-                             "predictable": None if self.predictable is None else asdict(self.predictable)},
-            "nested_cv": None if self.nested is None else {
-                "folds": self.nested.folds, "geometric": asdict(self.nested.base), "chosen": asdict(self.nested.chosen),
-                "named_in_folds": self.nested.named},
-            "chosen": {"mechanisms": [*self.study.model.base, *(c.mechanism.name for c in extending if c.registered)],
-                       "cells": [s for c in extending if not c.registered
-                                 for s in screws_of(c, self.data.scene.take(estimation))]},
-            "path": list(self.extension.path),
-            "error_map": {"places": list(self.error_map.places), "causes": list(self.error_map.causes), "f": self.error_map.f,
-                          "p_family_wise": self.error_map.p},
-            "outliers": data.row[self.data.outlying],
-            "unidentifiable": [{"sentence": u.sentence, "parameters": list(u.parameters)} for u in self.unidentifiable],
-            "warnings": [{"code": w.code, "sentence": w.sentence} for w in (*self.warnings, *self.confidence.notes)],
-            **self.confidence.to_dict(),
-        }
-
-    def to_json(self) -> str:
-        """result.json's text."""
-        return dumps(self.to_dict())
+from .findings import Finding, detection_limit
+from .finished import Result
 
 
 @dataclass(frozen=True, eq=False)

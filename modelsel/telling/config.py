@@ -1,13 +1,27 @@
-"""The study file: TOML -> frozen values; every problem of a file is said at once, each with its place."""
+"""A study: frozen values, from TOML or from Python; every problem is said at once, each with its place."""
 from __future__ import annotations
 
 import os
 import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+import numpy as np
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 
+from ..data.table import Source, digest
+from ..machine.robot import Robot
+from ..use.records import robot_record
 from ..words.errors import StudyError, suggest
 
 Vector = Annotated[list[Annotated[float, Field(allow_inf_nan=False)]], Field(min_length=3, max_length=3)]
@@ -15,12 +29,14 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
 
 
 class RobotTable(_Table):
-    """[robot]: which nominal robot, where its target is, whether the tracker's frame is to be found."""
+    """[robot]: which nominal robot, where its target is, whether the tracker's frame is to be found. From Python `nominal` may
+    be the Robot itself."""
 
+    nominal: Robot | None = None
     name: str | None = None
     file: str | None = None
     base: str | None = None
@@ -31,7 +47,7 @@ class RobotTable(_Table):
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotTable:
-        if (self.name is None) == (self.file is None):
+        if [self.nominal, self.name, self.file].count(None) != 2:
             raise ValueError('give either name = "…" (built in) or file = "robot.toml"')
         if self.file is None and (self.base or self.tip):
             raise ValueError('base and tip name links of a URDF: file = "robot.urdf" goes with them')
@@ -41,12 +57,45 @@ class RobotTable(_Table):
             raise ValueError("tool_mm is missing: the nominal target in the flange frame (or register = true to find it)")
         return self
 
+    @model_serializer(mode="wrap")
+    def _without_none(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A study's hash takes in a robot given as an object by its numbers."""
+        robot = self.nominal
+        rest = {key: value for key, value in plain(self.model_copy(update={"nominal": None})).items() if key != "nominal"}
+        return rest if robot is None else rest | {"nominal": robot_record(robot)}
+
+
+@dataclass(frozen=True)
+class Held:
+    """A DataFrame as it was when the study was described; two are equal where their cells are."""
+
+    sha256: str
+    frame: Any = field(compare=False, repr=False)
+
 
 class MeasurementsTable(_Table):
-    """[measurements]: the file, and names that differ from the contract's."""
+    """[measurements]: the file, and names that differ from the contract's. From Python `frame` may be a DataFrame in the file's
+    place; a path or a DataFrame alone stands for the table."""
 
     file: str
+    frame: Held | None = Field(None, exclude=True)     # its hash is that of the data
     columns: dict[str, str] = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _alone(cls, given: Any) -> Any:
+        if isinstance(given, str):
+            return {"file": given}
+        table = given if isinstance(given, Mapping) else {"frame": given}
+        if "frame" not in table:
+            return table
+        import pandas as pd
+        if "file" in table:
+            raise ValueError("give file or frame, not both")
+        if not isinstance(table["frame"], pd.DataFrame):
+            raise ValueError(f"expected a file or a pandas DataFrame, found {type(table['frame']).__name__}")
+        frame = table["frame"].copy()
+        return {**table, "file": "DataFrame", "frame": Held(digest(frame), frame)}
 
 
 class SplitTable(_Table):
@@ -120,7 +169,8 @@ class SimulateTable(_Table):
 
 
 class Study(_Table):
-    """A study file, checked."""
+    """A study, checked. From Python its tables are those of the file, as keyword arguments: `Study(name="…", robot={…}, …)`.
+    Raises StudyError with every problem."""
 
     name: str
     seed: Annotated[int, Field(ge=0)] = 0
@@ -132,6 +182,17 @@ class Study(_Table):
     noise: NoiseTable = NoiseTable()
     sampling: SamplingTable = SamplingTable()
     simulate: SimulateTable = SimulateTable()
+
+    def __init__(self, /, **tables: Any) -> None:
+        try:
+            super().__init__(**_plain(tables))
+        except ValidationError as error:
+            sentences: dict[str, None] = {}
+            for problem in error.errors():
+                loc = tuple(p for p in problem["loc"] if not (isinstance(p, str) and (p.startswith(("literal", "list[")) or p in (
+                    "bool", "str", "float", "int"))))
+                sentences[_sentence({**problem, "loc": loc})] = None
+            raise StudyError(*sentences) from None
 
 
 def _known(location: tuple[Any, ...]) -> list[str]:
@@ -157,7 +218,7 @@ def _sentence(error: Any) -> str:
         return f'{where}: unknown key "{error["loc"][-1]}". {suggest(str(error["loc"][-1]), _known(error["loc"][:-1]))}'
     if error["type"] == "missing":
         return f"{place} is missing."
-    what = error["msg"].removeprefix("Value error, ")
+    what = "expected a table of settings" if error["type"] == "model_type" else error["msg"].removeprefix("Value error, ")
     found = "" if error["type"] == "value_error" else f", found {str(error['input'])[:60]!r}"
     return f"{place}: {what}{found}."
 
@@ -169,26 +230,29 @@ def parse_study(text: str, where: str) -> Study:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise StudyError(f"{where}: not valid TOML: {error}") from None
     try:
-        return Study.model_validate(_floats(table))
-    except (ValidationError, RecursionError) as error:
-        if isinstance(error, RecursionError):
-            raise StudyError(f"{where}: nested too deeply") from None
-        sentences: dict[str, None] = {}
-        for problem in error.errors():
-            loc = tuple(p for p in problem["loc"] if not (isinstance(p, str) and (p.startswith(("literal", "list[")) or p in (
-                "bool", "str", "float", "int"))))
-            sentences[f"{where}: {_sentence({**problem, 'loc': loc})}"] = None
-        raise StudyError(*sentences) from None
+        return Study(**table)
+    except StudyError as error:
+        raise StudyError(*(f"{where}: {problem}" for problem in error.problems)) from None
+    except RecursionError:
+        raise StudyError(f"{where}: nested too deeply") from None
 
 
-def _floats(value: Any) -> Any:
-    """Whole numbers inside arrays count as numbers (TOML tells 100 from 100.0; a tool's offset need not)."""
-    if isinstance(value, dict):
-        return {k: float(v) if isinstance(v, int) and not isinstance(v, bool) and k.endswith(("_mm", "_ppm", "_urad", "size"))
-                else _floats(v) for k, v in value.items()}
-    if isinstance(value, list) and value and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in value):
-        return [float(v) for v in value]
-    return [_floats(v) for v in value] if isinstance(value, list) else value
+def _plain(value: Any) -> Any:
+    """Values as TOML would have them. Whole numbers inside arrays count as numbers (TOML tells 100 from 100.0; a tool's offset
+    need not); from Python tuples and arrays are arrays, a path is its text."""
+    if isinstance(value, Mapping):
+        lengths = ("_mm", "_ppm", "_urad", "size")
+        return {k: float(v) if isinstance(v, int) and not isinstance(v, bool) and str(k).endswith(lengths) else _plain(v)
+                for k, v in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
+        return _plain(value.tolist())
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, (list, tuple)):
+        if value and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in value):
+            return [float(v) for v in value]
+        return [_plain(v) for v in value]
+    return value
 
 
 def read_study(path: Path | str) -> Study:
@@ -209,6 +273,12 @@ def find_data(name: str, beside: Path) -> Path:
         if (folder / name).is_file():
             return folder / name
     return beside / name
+
+
+def data_of(study: Study, folder: Path) -> Source:
+    """A study's measurements: the DataFrame it holds, else the file."""
+    held = study.measurements.frame
+    return find_data(study.measurements.file, folder) if held is None else held.frame
 
 
 def _shared(beside: Path) -> list[Path]:

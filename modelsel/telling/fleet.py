@@ -24,7 +24,8 @@ from .analysis import provenance
 from .config import find_data
 from .fleetfile import Fleet, PartsTable, Task
 from .result import dumps
-from .study import run, save
+from .stored import save
+from .study import run
 from .write import write_beside
 
 if TYPE_CHECKING:

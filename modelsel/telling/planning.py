@@ -15,7 +15,7 @@ from ..why.words import label
 from ..words.errors import StudyError
 from ..words.rigid import Array
 from ..wrong.screws import Term
-from .analysis import Result
+from .finished import Result
 
 DRAWN = 2000          # configurations of a pool that is drawn from the limits
 COMPARED = 20         # random choices that a plan is held against

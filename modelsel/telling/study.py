@@ -1,7 +1,6 @@
 """One study, from its file to its result."""
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..data.io import read_labels, read_measurements
 from ..data.measurements import Measurements, measurements
+from ..data.table import Source, digest
 from ..elsewhere.explain import Say
 from ..elsewhere.prepare import Plan, generator, prepare
 from ..elsewhere.simulate import simulate
@@ -18,16 +18,15 @@ from ..fitting.noise import Instrument
 from ..machine.robot import Robot
 from ..machine.robotfile import load, read_robot
 from ..matrix.scene import scene
-from ..use.calibration import NAME, Calibration, calibrate
 from ..words.errors import StudyError
 from ..words.rigid import Array
 from ..wrong.causes import parse
 from ..wrong.registry import BUILTIN, Registry, every, faults, mechanism, parts
 from ..wrong.screws import Mechanism, Screw
-from .analysis import Question, Result, analyse, provenance, with_sampling
+from .analysis import Question, analyse, provenance, with_sampling
 from .checkpoint import Checkpoint
-from .config import Study, find_data
-from .write import write_beside
+from .config import Study, data_of, read_study
+from .finished import Result
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,6 +34,8 @@ if TYPE_CHECKING:
 
 def robot_of(study: Study, folder: Path) -> Robot:
     """The study's nominal robot. Raises StudyError."""
+    if study.robot.nominal is not None:
+        return study.robot.nominal
     if study.robot.name is not None:
         return load(study.robot.name)
     return read_robot(folder / str(study.robot.file), study.robot.base, study.robot.tip)
@@ -74,28 +75,38 @@ def candidates_of(study: Study, robot: Robot, registry: Registry) -> tuple[Mecha
     return tuple(dict.fromkeys(part for name in study.model.candidates for part in parts(name, robot, registry)))
 
 
-def asked(study: Study, folder: Path, registry: Registry) -> tuple[Question, Measurements, NDArray[np.object_] | None, Path]:
-    """What a study asks, of which measurements, with its split's labels, and their file. Raises StudyError or DataError."""
+def opened(study: Study | Path | str, folder: Path | str | None) -> tuple[Study, Path]:
+    """A study and the folder that its files stand in: given, or that of the study's own file, or the present one."""
+    if isinstance(study, Study):
+        return study, Path(folder or ".")
+    path = Path(study)
+    return read_study(path), Path(folder) if folder is not None else path if path.is_dir() else path.parent
+
+
+def asked(study: Study, folder: Path, registry: Registry) -> tuple[Question, Measurements, NDArray[np.object_] | None, Source]:
+    """What a study asks, of which measurements, with its split's labels, and where they are. Raises StudyError or DataError."""
     robot = robot_of(study, folder)
     check_names(study, robot, registry)
-    path = find_data(study.measurements.file, folder)
-    measured = read_measurements(path, robot.prismatic, study.measurements.columns)
+    source = data_of(study, folder)
+    measured = read_measurements(source, robot.prismatic, study.measurements.columns)
     labels = None
     if study.split.column is not None:
-        labels = read_labels(path, study.split.column)[measured.row]
-    return Question(study, plan_of(study), robot, candidates_of(study, robot, registry), registry), measured, labels, path
+        labels = read_labels(source, study.split.column)[measured.row]
+    return Question(study, plan_of(study), robot, candidates_of(study, robot, registry), registry), measured, labels, source
 
 
-def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN, say: Say = lambda _: None, sampling: bool = True,
-        checkpoint: Checkpoint | None = None) -> Result:
-    """Run a study whose files stand beside `folder`. `checkpoint`: where an unfinished chain is kept and taken up again; without
-    it nothing is written. Raises StudyError, DataError or NotEstimable."""
+def run(study: Study | Path | str, folder: Path | str | None = None, *, registry: Registry = BUILTIN, say: Say = lambda _: None,
+        sampling: bool = True, checkpoint: Checkpoint | None = None) -> Result:
+    """Run a study: a study file or its folder, or a Study, whose files stand in `folder`. `sampling`: whether emcee samples the
+    posterior, most of the time a study takes. `checkpoint`: where an unfinished chain is kept and taken up again; without it
+    nothing is written. Raises StudyError, DataError or NotEstimable."""
+    study, folder = opened(study, folder)
     say(f"reading {study.measurements.file}")
-    question, measured, labels, path = asked(study, Path(folder), registry)
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    question, measured, labels, source = asked(study, folder, registry)
+    data_sha256 = digest(source)
     if checkpoint is not None:
-        checkpoint.bind(provenance(study, digest))
-    result = analyse(question, measured, labels=labels, say=say, data_sha256=digest)
+        checkpoint.bind(provenance(study, data_sha256))
+    result = analyse(question, measured, labels=labels, say=say, data_sha256=data_sha256)
     if sampling:
         result = with_sampling(question, result, say, checkpoint)
     if checkpoint is not None:
@@ -103,9 +114,10 @@ def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN,
     return result
 
 
-def rehearse(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN) -> dict[str, Any]:
+def rehearse(study: Study | Path | str, folder: Path | str | None = None, *, registry: Registry = BUILTIN) -> dict[str, Any]:
     """Everything that a study checks before it computes, and what it would then do. Raises as `run` does."""
-    question, measured, labels, _ = asked(study, Path(folder), registry)
+    study, folder = opened(study, folder)
+    question, measured, labels, _ = asked(study, folder, registry)
     data, floor, notes = prepare(question.robot, measured, question.plan, labels)
     model = question.model(study.model.base, measured)
     return {"study": study.name, "robot": question.robot.name, "rows": len(measured), "configurations": {
@@ -116,27 +128,14 @@ def rehearse(study: Study, folder: Path | str = ".", *, registry: Registry = BUI
         "warnings": [{"code": n.code, "sentence": n.sentence} for n in notes]}
 
 
-def calibration_of(result: Result) -> Calibration:
-    """The chosen model as a calibration that can be stored, exported and compensated with."""
-    fitted, data = result.chosen.fit, result.data
-    assert fitted is not None
-    return calibrate(result.study.name, data, fitted, result.floor, result.chosen.held_out.rms_mm,
-                     bool(result.study.robot.register_), result.provenance)
-
-
-def save(result: Result, folder: Path) -> None:
-    """Write DIR/result.json and DIR/calibration.json, each whole or not at all."""
-    write_beside(folder / "result.json", result.to_json().encode())
-    write_beside(folder / NAME, calibration_of(result).to_json().encode())
-
-
-def simulate_study(study: Study, folder: Path) -> pd.DataFrame:
-    """Data with the study's planted effects, at the configurations of its measurements file where there is one, else drawn."""
+def simulate_study(study: Study | Path | str, folder: Path | str | None = None) -> pd.DataFrame:
+    """Data with the study's planted effects, at the configurations of its measurements where there are any, else drawn."""
+    study, folder = opened(study, folder)
     robot, rng = robot_of(study, folder), generator(study.seed, "simulate")
-    path = find_data(study.measurements.file, folder)
+    source = data_of(study, folder)
     covariates: Mapping[str, Array] = {}
-    if path.is_file():
-        measured = read_measurements(path, robot.prismatic, study.measurements.columns)
+    if not isinstance(source, Path) or source.is_file():
+        measured = read_measurements(source, robot.prismatic, study.measurements.columns)
         first = np.unique(measured.configuration, return_index=True)[1]
         q, covariates = measured.q[first], {name: values[first] for name, values in measured.covariates.items()}
     else:

@@ -8,11 +8,12 @@ import numpy as np
 from ..which.validate import Errors
 from ..why.maps import strongest_causes
 from .result import sentence_list
+from .views import adds
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from .analysis import Result
+    from .finished import Result
 
 
 def mm(value: float | None) -> str:
@@ -36,13 +37,9 @@ def show(result: Result, console: Console) -> None:
     table.add_column("model", overflow="fold")
     for column in ("parameters", "rank", "mean", "worst", "held-out mean", "worst", "CV rms", "AICc"):
         table.add_column(column, justify="right")
-    above: tuple[str, ...] = ()
-    for r in result.ladder:
-        grown = above and r.names[:len(above)] == above and len(r.names) > len(above)       # "+": to the row above
-        model = "+ " + " + ".join(r.names[len(above):]) if grown else " + ".join(r.names)
+    for model, r in zip(adds([r.names for r in result.ladder]), result.ladder, strict=True):
         table.add_row(model, str(r.parameters), str(r.rank), *_errors(r.estimation), *_errors(r.held_out), mm(r.cv_rms_mm),
                       "–" if r.aicc is None else f"{r.aicc:.0f}")
-        above = r.names
     console.print(table)
     if result.comparison is not None:
         shown = Table(title=f"Best of {result.comparison.compared} candidate models, by cross-validation",

@@ -19,7 +19,7 @@ from ...words.rigid import Array
 from ...wrong.causes import Applied, Cause, Combined, Named, Number
 
 if TYPE_CHECKING:
-    from ..analysis import Result
+    from ..finished import Result
 
 MOST = 800  # rows from which the slopes are taken
 FAINT = 1e-5  # share of a column that must be left beyond the base for it to have a slope of its own
