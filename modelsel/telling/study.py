@@ -22,7 +22,7 @@ from ..words.errors import StudyError
 from ..words.rigid import Array
 from ..wrong.causes import parse
 from ..wrong.registry import BUILTIN, Registry, every, faults, mechanism, parts
-from ..wrong.screws import Mechanism, Screw
+from ..wrong.screws import Mechanism, Screw, unstorable
 from .analysis import Question, analyse, provenance, with_sampling
 from .checkpoint import Checkpoint
 from .config import Study, data_of, read_study
@@ -53,7 +53,8 @@ def plan_of(study: Study) -> Plan:
 
 
 def check_names(study: Study, robot: Robot, registry: Registry) -> None:
-    """Every mechanism a study names is known and applies; all problems at once. Raises StudyError."""
+    """Every mechanism a study names is known and applies, and all that it may use can be stored with its calibration; all
+    problems at once. Raises StudyError."""
     problems: dict[str, None] = {}
     named = [("model.base", study.model.base), *(("model.ladder", rung_) for rung_ in study.model.ladder)]
     if study.model.candidates != "all":
@@ -61,9 +62,13 @@ def check_names(study: Study, robot: Robot, registry: Registry) -> None:
     for place, names in named:
         for name in names:
             try:
-                mechanism(name, robot, registry)
+                why = unstorable(mechanism(name, robot, registry))
             except StudyError as error:
                 problems[f"{place}: {error}"] = None
+            else:
+                problems |= {} if why is None else {f"{name}: {why}": None}
+    if study.model.candidates == "all":
+        problems |= {f"{m.name}: {why}": None for m in every(robot, registry) if (why := unstorable(m)) is not None}
     if problems:
         raise StudyError(*problems)
 

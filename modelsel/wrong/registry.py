@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from ..machine.robot import Robot
 from ..words.errors import StudyError, suggest
 from .mechanisms import compliance, couplings, environment, geometry, gravity_effects, motion, transmission
-from .screws import Mechanism
+from .screws import Mechanism, unstorable
 
 
 @dataclass(frozen=True)
@@ -154,6 +154,8 @@ def unsound(name: str, entry: Entry, robot: Robot) -> str | None:
                 if not t.screws or any(s.frame > robot.n + 1 for s in t.screws):
                     return f"{t.symbol} drives no screw, or one on a frame that {robot.name} does not have"
                 str((t.unit, *t.screws))
+            if (why := unstorable(m)) is not None:
+                return why
     except Exception as error:  # noqa: BLE001  as above
         return f"{type(error).__name__}: {error}"
     return None
