@@ -20,7 +20,8 @@ from ..matrix.design import Model, whitened
 from ..matrix.identify import Unidentifiable, unidentifiable
 from ..sure.sampling import Keeper
 from ..which.candidates import Candidate
-from ..which.compare import Comparison, Data, Rung, compare, rung, strongest
+from ..which.compare import Data, Rung, rung
+from ..which.table import Comparison, compare, strongest
 from ..which.validate import Gain, errors, gain
 from ..why.extend import LEVEL, Extension, models
 from ..why.faults import Fault, misplaced
