@@ -10,7 +10,7 @@ from ..data.measurements import Note
 from ..fitting.fit import Fit
 from ..matrix.design import blocks
 from ..which.compare import Data
-from ..which.folds import fold
+from ..which.folds import by_configuration
 from ..words.rigid import Array
 from .bootstrap import bootstrap
 from .correlation import labels, owners
@@ -45,9 +45,7 @@ class Parameter:
 def parameters(data: Data, fitted: Fit, rng: np.random.Generator) -> tuple[Parameter, ...]:
     """Every estimable parameter of a fit, in the model's order; the posterior's answers come later (`with_posterior`)."""
     training = data.training()
-    configurations = np.unique(training.data.block, return_inverse=True)[1].reshape(-1)
-    folded = fold(training, fitted.terms, configurations, fitted.at())
-    boot = bootstrap(folded, fitted, rng)
+    boot = bootstrap(by_configuration(training, fitted.terms, fitted.at()), fitted, rng)
     low, high = posterior(fitted).quantile(np.array([0.025, 0.975])).T
     mean, worst = displacement(data, fitted)
     error, names, owner = fitted.standard_errors, labels(fitted.model), owners(fitted.model)

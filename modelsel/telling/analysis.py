@@ -19,7 +19,8 @@ from ..matrix.design import Model, whitened
 from ..matrix.identify import unidentifiable
 from ..sure.sampling import Keeper
 from ..which.candidates import Candidate
-from ..which.compare import Data, Rung, compare, rung, strongest
+from ..which.compare import Data, Rung, rung
+from ..which.table import compare, strongest
 from ..which.validate import Gain, errors, gain
 from ..why.extend import LEVEL, Extension, models
 from ..why.faults import misplaced

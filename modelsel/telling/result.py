@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..which.compare import Comparison, Rung
+from ..which.compare import Rung
+from ..which.table import Comparison
 
 
 def rung_dict(rung: Rung) -> dict[str, Any]:

@@ -6,16 +6,17 @@ Each fold enters reduced to a small block [columns | response], so any number of
 """
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..data.measurements import Index, Measurements
-from ..matrix.design import blocks
+from ..machine.chain import Space
+from ..matrix.design import assemble, blocks, whiten
 from ..matrix.identify import identify, solve
-from ..matrix.reduce import Reduction, reduce_scene
+from ..matrix.reduce import STREAM, Reduction
 from ..matrix.scene import BLOCK, Scene
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
@@ -62,15 +63,69 @@ def pad(parts: Sequence[Array], rows: Sequence[int] | Index) -> Folded:
     return Folded(out, np.array(rows, dtype=np.intp))
 
 
-def fold(scene: Scene, terms: Sequence[Term], fold_of: Index, at: tuple[Sequence[Term], Array] | None = None) -> Folded:
-    """A scene's whitened design and residual, reduced fold by fold, block of rows by block of rows."""
-    count, p1 = int(fold_of.max()) + 1, len(terms) + 1
+Point = tuple[Sequence[Term], tuple[Sequence[Term], Array] | None, Sequence[int] | None]     # terms, where linearised, which
+
+
+def fold(scene: Scene, terms: Sequence[Term], fold_of: Index, at: tuple[Sequence[Term], Array] | None = None,
+         only: Sequence[int] | None = None) -> Folded:
+    """A scene's whitened design and residual, reduced fold by fold, block of rows by block of rows. `only`: the terms that are
+    asked for; of many rows the other columns are nought."""
+    return folds(scene, [(terms, at, only)], fold_of)[0]
+
+
+def folds(scene: Scene, points: Sequence[Point], fold_of: Index) -> list[Folded]:
+    """`fold` of several models, each at its own point, in one pass: a block's causes are evaluated once for all of them."""
+    count = int(fold_of.max()) + 1
     rows_of = np.bincount(fold_of, minlength=count) * scene.components
-    if len(scene) > BLOCK:
-        return pad([reduce_scene(scene.take(fold_of == k), terms, at).R for k in range(count)], rows_of)
-    _, columns, residual = next(blocks(scene, terms, at))
-    stacked = np.concatenate([columns, residual[None]]).transpose(2, 1, 0)          # (rows, c, p+1)
-    return pad([stacked[fold_of == k].reshape(-1, p1) for k in range(count)], rows_of)
+    if len(scene) <= BLOCK:
+        out = []
+        for terms, at, _ in points:
+            stacked = whiten(scene, assemble(scene, terms, at)).transpose(2, 1, 0)                  # (rows, c, p+1)
+            out.append(pad([stacked[fold_of == k].reshape(-1, len(terms) + 1) for k in range(count)], rows_of))
+        return out
+    picked = [[*(range(len(terms)) if only is None else only), len(terms)] for terms, _, only in points]
+    found = [[Reduction.empty(len(some) - 1)] * count for some in picked]
+    spaces = [Space() for _ in points]
+    order = np.argsort(fold_of, kind="stable")
+    for rows in (order[start:start + STREAM] for start in range(0, len(scene), STREAM)):
+        part, (own, first) = scene.take(rows), np.unique(fold_of[rows], return_index=True)
+        for (terms, at, _), some, into, space in zip(points, picked, found, spaces, strict=True):
+            block = whiten(part, assemble(part, terms, at, space=space))[some]
+            for k, start, stop in zip(own, first, [*first[1:], len(rows)], strict=True):
+                into[k] = into[k].add(block[:, :, start:stop].reshape(len(some), -1).T)
+    return [pad([_spread(r.R, some, len(terms) + 1) for r in into], rows_of)
+            for (terms, _, _), some, into in zip(points, picked, found, strict=True)]
+
+
+def _spread(rows: Array, columns: Sequence[int], width: int) -> Array:
+    """Rows (k, len(columns)) at their columns of `width`, noughts elsewhere."""
+    out = np.zeros((len(rows), width))
+    out[:, columns] = rows
+    return out
+
+
+def by_configuration(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None) -> Iterator[Folded]:
+    """A fold per configuration (equal readings are one), in order, a block of rows at a time: of any number of rows only one
+    block is held."""
+    unit = np.unique(scene.data.block, return_inverse=True)[1].reshape(-1)
+    order = np.argsort(unit, kind="stable")
+    edges = np.append(np.flatnonzero(np.diff(unit[order], prepend=-1)), len(scene))
+    c, p1, k = scene.components, len(terms) + 1, 0
+    while k < len(edges) - 1:
+        end = max(int(np.searchsorted(edges, edges[k] + BLOCK, side="right")) - 1, k + 1)
+        rows, height = order[edges[k]:edges[end]], np.diff(edges[k:end + 1])
+        if len(rows) == len(scene):
+            block = whiten(scene, assemble(scene, terms, at))[:, :, rows]
+        else:
+            part = scene.take(rows)
+            block = whiten(part, assemble(part, terms, at))
+        out = np.zeros((end - k, height.max(), c, p1))
+        which = unit[rows] - k
+        out[which, np.arange(len(rows)) - (edges[k:end] - edges[k])[which]] = block.transpose(2, 1, 0)
+        out = out.reshape(end - k, -1, p1)
+        tall = [b[:h * c] for b, h in zip(out, height, strict=True)] if out.shape[1] > p1 else None
+        yield Folded(out, height * c) if tall is None else pad(tall, height * c)
+        k = end
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,11 @@ class Errors:
 
 def errors(residual: Array, outlying: NDArray[np.bool_] | None = None) -> Errors:
     """Of residuals (m, 3) [mm]; None where there are no rows."""
-    size = np.linalg.norm(residual[:, :3], axis=1)
+    return errors_of(np.linalg.norm(residual[:, :3], axis=1), outlying)
+
+
+def errors_of(size: Array, outlying: NDArray[np.bool_] | None = None) -> Errors:
+    """Of lengths (m,) [mm]."""
     good = size if outlying is None else size[~outlying]
     left = len(size) - len(good)
     if not len(good):
