@@ -16,7 +16,7 @@ from ..matrix.smooth import spline
 from ..which.candidates import Candidate
 from ..words.rigid import Array
 from .errormap import Columns, basis, scan, subset
-from .evidence import best_factors
+from .evidence import factors
 
 LONGEST = 4     # waves and the like that one curve may be made of
 
@@ -62,7 +62,7 @@ def chain(curve: Curve, Q: Array, response: Array, given: Sequence[int] | None, 
     wanted = None if given is None else [members.index(g) for g in given]
     for _ in range(LONGEST if wanted is None else len(wanted)):
         seen = scan(curve.columns, Q)
-        joint = curve.log_prior + best_factors(seen, response)
+        joint = curve.log_prior + factors(seen, response).max(0)
         left = allowed.copy() if wanted is None else np.isin(np.arange(len(members)), wanted)
         left[[members.index(g) for g in out]] = False
         best = int(np.argmax(np.where(left, joint, -np.inf)))
