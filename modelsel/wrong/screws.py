@@ -9,11 +9,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..words.rigid import AXES
+from ..words.values import hashed_once
 from .causes import ONE, Cause
 
 LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
 
 
+@hashed_once
 @dataclass(frozen=True)
 class Screw:
     """WHERE x WHY: a small twist on one axis of one frame, scaled by its cause."""
