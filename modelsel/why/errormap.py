@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -114,7 +115,8 @@ def _most(scene: Scene, term: Term, rms: dict[int, float]) -> float:
     """Largest coefficient with which every screw of a term is small, root mean square over the rows; `rms` remembers."""
     for s in term.screws:
         if id(s.cause) not in rms:
-            rms[id(s.cause)] = max(float(np.sqrt(np.mean(np.square(scene.cause(s.cause))))), 1e-300)
+            value = np.atleast_1d(scene.cause(s.cause))
+            rms[id(s.cause)] = max(sqrt(float(value @ value) / len(value)), 1e-300)
     return min(SMALL[s.axis[0]] / rms[id(s.cause)] for s in term.screws)
 
 
