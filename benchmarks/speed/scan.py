@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from modelsel.why.errormap import Block, Columns, basis, scan
-from modelsel.why.evidence import evidence, null, p_value
+from modelsel.why.evidence import evidence, factors, null, p_value
 
 from .timing import interleaved
 
@@ -27,7 +27,7 @@ def run() -> dict[str, float]:
         left = y - Q @ (Q.T @ y)
         log_prior = np.full(GROUPS, -np.log(GROUPS))
         drawn, _ = null(seen, log_prior, DRAWS, rng)
-        return p_value(evidence(seen, log_prior, left)[0], drawn)
+        return p_value(evidence(factors(seen, left), log_prior)[0], drawn)
 
     def loop() -> None:
         small = sm.OLS(y, base).fit()

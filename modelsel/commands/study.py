@@ -1,6 +1,7 @@
 """modelsel study: run a study."""
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import click
 from . import console, print_json, progress
 
 UNCONVERGED = 5
+COLLECT = 50_000   # new values between two looks of Python's garbage collector
 
 
 @click.command()
@@ -29,6 +31,7 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     from ..telling.study import rehearse, robot_of, run
     from ..telling.write import check_writable
     from ..wrong.registry import with_plugins
+    gc.set_threshold(COLLECT)     # a study makes many small values and drops few: looking for lost ones costs a twentieth of it
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
     registry, broken = with_plugins(robot=robot_of(read, path.parent))

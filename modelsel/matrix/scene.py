@@ -71,12 +71,12 @@ class Scene:
 
     def cause(self, cause: Cause) -> Array | float:
         """A cause at every row, evaluated once where the data are few enough to keep it."""
-        if cause not in self._causes:
-            value = cause.of(self)
-            if len(self) > REMEMBER:
-                return value
-            self._causes[cause] = value
-        return self._causes[cause]
+        known = self._causes.get(cause)
+        if known is None:
+            known = cause.of(self)
+            if len(self) <= REMEMBER:
+                self._causes[cause] = known
+        return known
 
     # -- the state that causes look at -------------------------------------------------------------------------------
 

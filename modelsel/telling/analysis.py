@@ -21,7 +21,7 @@ from ..sure.sampling import Keeper
 from ..which.candidates import Candidate
 from ..which.compare import Data, Rung, rung
 from ..which.table import compare, strongest
-from ..which.validate import Gain, errors, gain
+from ..which.validate import Gain, Resampled, errors, paired
 from ..why.extend import LEVEL, Extension, models
 from ..why.faults import misplaced
 from ..why.maps import error_map
@@ -88,12 +88,12 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     data = replace(data, outlying=data.outlying | held_out_outliers(data, [r for r in rungs if r is not nominal]))
     faults = misplaced(data.scene, data.outlying, _fit(chosen), generator(study.seed, "null"))
     held = ~data.estimation & ~data.outlying
+    drawn = Resampled.of(measured.block[held], generator(study.seed, "gain"))
 
-    def paired(before: Rung, after: Rung) -> Gain:
-        rng = generator(study.seed, "gain")
-        return gain(before.residual[held][:, :3], after.residual[held][:, :3], measured.block[held], rng)
+    def gained(before: Rung, after: Rung) -> Gain:
+        return paired(before.residual[held][:, :3], after.residual[held][:, :3], drawn)
 
-    findings = tuple(Finding(e, paired(a, b)) for e, a, b in zip(extension.effects, steps, steps[1:], strict=False))
+    findings = tuple(Finding(e, gained(a, b)) for e, a, b in zip(extension.effects, steps, steps[1:], strict=False))
     if comparison is not None and set(comparison.choice) != set(chosen.names):
         notes = (*notes, Note("table-differs", "The one-standard-error choice of the table of subsets is "
                               f"{' + '.join(comparison.choice)}; the chosen model follows what was named."))
@@ -105,7 +105,7 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     say("weighing every mechanism of the chosen model")
     sure = confidence(data, _fit(chosen), chosen.names, study.seed)
     return Result(study, question.robot, data, floor or estimated_floor(chosen, data), ladder, comparison,
-                  remeasured(chosen, data), paired(nominal, chosen), findings, faults, extension, error_map(extension, found),
+                  remeasured(chosen, data), gained(nominal, chosen), findings, faults, extension, error_map(extension, found),
                   nothing_else(extension, found, data, steps[-1]), _predictable(question, data, steps[-1]), within,
                   unidentifiable(_fit(base_rung).found, base.terms), notes, sure, provenance(study, data_sha256))
 

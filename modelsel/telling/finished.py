@@ -12,7 +12,8 @@ from ..elsewhere.explain import Nested
 from ..fitting.noise import Floor
 from ..machine.robot import Robot
 from ..matrix.identify import Unidentifiable
-from ..which.compare import Comparison, Data, Rung
+from ..which.compare import Data, Rung
+from ..which.table import Comparison
 from ..which.validate import Gain
 from ..why.extend import Extension
 from ..why.faults import Fault

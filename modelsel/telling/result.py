@@ -32,18 +32,17 @@ def candidates_dict(comparison: Comparison | None) -> dict[str, Any]:
 
 def plain(value: Any) -> Any:
     """Floats to 10 significant digits, undefined ones null, arrays as lists."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, float):                # most of them, and so first
+        return float(f"{value:.10g}") if math.isfinite(value) else None
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
     if isinstance(value, (list, tuple)):
         return [plain(v) for v in value]
     if isinstance(value, (bool, str)) or value is None:
         return value
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    number = float(value)
-    return float(f"{number:.10g}") if math.isfinite(number) else None
+    return int(value) if isinstance(value, (int, np.integer)) else plain(float(value))
 
 
 def dumps(result: Mapping[str, Any]) -> str:

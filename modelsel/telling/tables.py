@@ -30,9 +30,9 @@ def _errors(e: Errors) -> list[str]:
 def show(result: Result, console: Console) -> None:
     """The whole study on a terminal: what is wrong, the ladder, what is gained, what the data cannot tell."""
     from rich.table import Table
-    config = result.to_dict()["configurations"]
-    console.print(f"\n[bold]{result.study.name}[/bold]: {result.robot.name}, {config['estimation']} configurations estimate, "
-                  f"{config['held_out']} are held out")
+    data, estimation = result.data.scene.data, result.data.estimation
+    console.print(f"\n[bold]{result.study.name}[/bold]: {result.robot.name}, {data.take(estimation).configurations} "
+                  f"configurations estimate, {data.take(~estimation).configurations} are held out")
     table = Table(title="Ladder: errors in mm, lengths of the residual vectors", title_justify="left", title_style="bold")
     table.add_column("model", overflow="fold")
     for column in ("parameters", "rank", "mean", "worst", "held-out mean", "worst", "CV rms", "AICc"):

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -52,12 +54,12 @@ class Bucket:
 
 
 class Strength(NamedTuple):
-    """What responses (N, B) have in common with every candidate: |Z_gᵀr|² (G, B), the signed root of single columns (G, B),
-    nought elsewhere, and of free functions, by bucket, every direction alone: (which (n,), (Z_gᵀr)² (n, k, B), weights)."""
+    """What responses (N, B) have in common with every candidate: |Z_gᵀr|² (G, B), and Z_gᵀr of those with a sign (S, B); of the
+    free functions (F, K, B) every direction alone, squared, nought beyond a function's own."""
 
     whole: Array
     root: Array
-    smooth: tuple[tuple[Index, Array, Array], ...]
+    smooth: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +115,8 @@ def _most(scene: Scene, term: Term, rms: dict[int, float]) -> float:
     """Largest coefficient with which every screw of a term is small, root mean square over the rows; `rms` remembers."""
     for s in term.screws:
         if id(s.cause) not in rms:
-            rms[id(s.cause)] = max(float(np.sqrt(np.mean(np.square(scene.cause(s.cause))))), 1e-300)
+            value = np.atleast_1d(scene.cause(s.cause))
+            rms[id(s.cause)] = max(sqrt(float(value @ value) / len(value)), 1e-300)
     return min(SMALL[s.axis[0]] / rms[id(s.cause)] for s in term.screws)
 
 
@@ -172,36 +175,54 @@ class Scan:
     sizes: Array
     freedom: int
 
+    @cached_property
+    def smooth(self) -> tuple[Index, Array]:
+        """The free functions (F,) and the weights (F, K) of their directions, nought beyond a function's own."""
+        some = [(b.block.which, b.weights) for b in self.buckets if b.weights is not None]
+        weights = np.zeros((sum(len(which) for which, _ in some), max((w.shape[1] for _, w in some), default=0)))
+        at = 0
+        for which, w in some:
+            weights[at:at + len(which), :w.shape[1]] = w
+            at += len(which)
+        return np.concatenate([np.zeros(0, np.intp), *(which for which, _ in some)]), weights
+
+    @cached_property
+    def signed(self) -> Index:
+        """Candidates whose one term physics gives a sign."""
+        return np.flatnonzero(self.columns.signs)
+
     def strength(self, response: Array) -> Strength:
         """What responses (N, B) have in common with every candidate."""
         s = self.columns.dot(response)
         return self.gather([np.matmul(bucket.W, s[bucket.block.index]) for bucket in self.buckets])
 
-    def small(self, response: Array) -> NDArray[np.bool_]:
-        """(G,) whether a response (N,) asks for small screws only: a joint that turns about its own target would have to turn
-        by radians to explain a tenth of a millimetre, and is not its cause."""
-        s, out = self.columns.dot(response), np.ones(len(self.sizes), bool)
+    def judged(self, response: Array) -> tuple[Strength, NDArray[np.bool_]]:
+        """The same of one response (N,), and whether (G,) it asks for small screws only: a joint that turns about its own target
+        would have to turn by radians to explain a tenth of a millimetre, and is not its cause."""
+        s, small, products = self.columns.dot(response[:, None]), np.ones(len(self.sizes), bool), []
         for b in self.buckets:
-            z = np.einsum("nkl,nl->nk", b.W, s[b.block.index])
-            if b.weights is not None:
-                z = np.where(b.weights > SOLID, z, 0.0)
-            out[b.block.which] = (np.abs(np.einsum("nkl,nk->nl", b.W, z)) < b.block.most).all(1)
-        return out
+            products.append(np.matmul(b.W, s[b.block.index]))
+            z = products[-1] if b.weights is None else np.where(b.weights[:, :, None] > SOLID, products[-1], 0.0)
+            small[b.block.which] = (np.abs(np.matmul(b.W.swapaxes(1, 2), z)[:, :, 0]) < b.block.most).all(1)
+        return self.gather(products), small
 
     def gather(self, products: Sequence[Array]) -> Strength:
-        """The same from every bucket's Z_gᵀr (n, k, B), in their precision."""
-        shape = (len(self.sizes), products[0].shape[2] if products else 0)
-        out, root = np.zeros(shape, products[0].dtype), np.zeros(shape, products[0].dtype)
-        smooth = []
+        """The same from every bucket's Z_gᵀr (n, k, B), in their precision; they are overwritten."""
+        kind, draws = (products[0].dtype, products[0].shape[2]) if products else (np.dtype(float), 0)
+        whole: Array = np.zeros((len(self.sizes), draws), kind)
+        root: Array = np.zeros((len(self.signed), draws), kind)
+        smooth, at = np.zeros((*self.smooth[1].shape, draws), kind), 0
         for bucket, z in zip(self.buckets, products, strict=True):
-            which = bucket.block.which
-            if z.shape[1] == 1:
-                root[which] = z[:, 0]
-            square = np.square(z)
-            out[which] = square.sum(1)
+            which, k = bucket.block.which, z.shape[1]
+            if k == 1 and bucket.weights is None:
+                mine = np.isin(self.signed, which)
+                root[mine] = z[np.searchsorted(which, self.signed[mine]), 0]
+            np.square(z, out=z)
+            whole[which] = z[:, 0] if k == 1 else z.sum(1)
             if bucket.weights is not None:
-                smooth.append((which, square, bucket.weights))
-        return Strength(out, root, tuple(smooth))
+                smooth[at:at + len(which), :k] = z
+                at += len(which)
+        return Strength(whole, root, smooth)
 
 
 def scan(cols: Columns, Q: Array) -> Scan:

@@ -47,9 +47,8 @@ class Effect:
 @dataclass(frozen=True, eq=False)
 class Extension:
     """The extended model: effects in the order they were found, its fit, the null evidences, what was tried on the way;
-    `left` names the strongest of what remains, with its p-value, whatever it is (None without
-    candidates); `single_f` (G,) every candidate alone on
-    the base, `map_p` (G,) family-wise p of that.
+    `left` names the strongest of what remains, with its p-value, whatever it is (None without candidates); `single_f` (G,) every
+    candidate alone on the base, `map_p` (G,) family-wise p of that.
     """
 
     base: Model
@@ -83,6 +82,7 @@ class _View:
     raw: Array
     r: Array
     seen: Scan
+    asked: dict[int, tuple[Named, float]] = field(default_factory=dict, repr=False)      # what `_Search.again` has answered
 
     def own(self, *effects: Candidate) -> Array:
         """(p,) mask of the terms that these effects alone bring."""
@@ -113,11 +113,10 @@ class _Search:
         self.scene, self.base, self.found = scene, base, found
         self.columns: Columns = columns(scene, found, base_fit.at())
         self.log_prior = np.log([c.prior for c in found])
-        draws = DRAWS[0] if self.columns.XT.size < LARGE else DRAWS[1]
         self.curves = curves(found, self.columns, self.log_prior)
         self.first = self.view(base, base_fit)
         self.dead = np.flatnonzero(self.first.seen.sizes == 0)      # the base has them: what a refit leaks of them is no cause
-        self.null, self.least_p = null(self.first.seen, self.log_prior, draws, rng)
+        self.null, self.least_p = null(self.first.seen, self.log_prior, DRAWS[self.columns.XT.size >= LARGE], rng)
         self.bound = float(np.quantile(self.null, 1 - LEVEL))
 
     def view(self, model: Model, fitted: Fit) -> _View:
@@ -144,9 +143,11 @@ class _Search:
 
     def again(self, g: int, view: _View) -> tuple[Named, float]:
         """Effect g given the others: (named again, the evidence for itself or its like)."""
-        seen, y = view.without(self.found[g])
-        named = name_again(seen, self.found, g, y, self.dead)
-        return with_candidate(named, seen, self.found, g, y), own_evidence(seen, named, g, y)
+        if g not in view.asked:
+            seen, y = view.without(self.found[g])
+            named = name_again(seen, self.found, g, y, self.dead)
+            view.asked[g] = with_candidate(named, seen, self.found, g, y), own_evidence(seen, named, g, y)
+        return view.asked[g]
 
     def redrawn(self, chosen: Sequence[int], view: _View) -> Iterator[tuple[list[int], str]]:
         """(models in which a joint's own-angle effects are explained better together, what changed)."""

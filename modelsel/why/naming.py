@@ -9,7 +9,7 @@ from ..data.measurements import Index
 from ..which.candidates import Candidate
 from ..words.rigid import Array
 from .errormap import Scan
-from .evidence import evidence
+from .evidence import evidence, factors
 
 CREDIBLE = 0.95
 LISTED = 20
@@ -46,10 +46,15 @@ class Named:
 
 def name(seen: Scan, candidates: tuple[Candidate, ...], response: Array, without: Index | None = None) -> Named:
     """Name what explains a response (N,) that the model's basis has been projected off; `without` leaves candidates out."""
-    log_prior = np.log([c.prior for c in candidates])
+    return _named(seen, candidates, response, factors(seen, response), np.log([c.prior for c in candidates]), without)
+
+
+def _named(seen: Scan, candidates: tuple[Candidate, ...], response: Array, known: Array, log_prior: Array,
+           without: Index | None) -> Named:
     if without is not None:
+        log_prior = log_prior.copy()
         log_prior[without] = -np.inf
-    value, joint = evidence(seen, log_prior, response)
+    value, joint = evidence(known, log_prior)
     probability = np.exp(joint - value)
     probability /= probability.sum()
     order = np.argsort(-probability, kind="stable")
@@ -94,14 +99,15 @@ def name_again(seen: Scan, candidates: tuple[Candidate, ...], g: int, response: 
     the response belongs to another finding; `without` leaves candidates out from the start."""
     mine = fitted_displacement(seen, g, response)
     strange: list[int] = without.tolist()
-    named = name(seen, candidates, response, without)
+    known, log_prior = factors(seen, response), np.log([c.prior for c in candidates])
+    named = _named(seen, candidates, response, known, log_prior, without)
     for _ in range(PASSES if np.any(mine) else 0):          # an effect that the others absorb whole has nothing of its own
         others = [e.place for e in named.entries
                   if e.place != g and similar(mine, fitted_displacement(seen, e.place, response)) <= RELATED]
         if not others or named.top == g:
             break
         strange += others
-        named = name(seen, candidates, response, np.array(strange, dtype=np.intp))
+        named = _named(seen, candidates, response, known, log_prior, np.array(strange, dtype=np.intp))
     return named
 
 

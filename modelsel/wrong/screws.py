@@ -9,12 +9,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..words.rigid import AXES
+from ..words.values import hashed_once
 from .causes import FUNCTIONS, ONE, Applied, Bump, Cause, Combined, Member, Named, Number
 
 KINDS = (Number, Named, Applied, Combined, Member, Bump)
 LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
 
 
+@hashed_once
 @dataclass(frozen=True)
 class Screw:
     """WHERE x WHY: a small twist on one axis of one frame, scaled by its cause."""
