@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from ..words.errors import DataError, suggest
 from ..words.rigid import Array, from_quaternion
-from .measurements import Measurements, Note, measurements
+from .copies import copies, duplicates
+from .measurements import Measurements, Note, measurements, numbered
 from .table import UNITS, Source, Table, Where, as_numbers, labels, measured, numbers, read_table, renamed, together
 
 TEXT = ("target", "configuration", "group")
@@ -33,27 +34,6 @@ def _joints(table: Table, prismatic: Sequence[bool]) -> Array:
         raise where.refuse(f"{'the file' if where.is_file else 'it'} has a joint {extra}, but the robot has {len(prismatic)} "
                            "joints.", remedy="Check the robot's name in the study.")
     return np.stack(columns, 1)
-
-
-def _duplicates(table: Table, m: int) -> NDArray[np.bool_]:
-    """Mask of rows that repeat an earlier one cell for cell; compared one by one only where a hash of the numbers agrees."""
-    suspect = np.ones(m, bool)
-    numeric = [column for column in table.columns.values() if column.dtype != object]
-    if numeric:
-        code = np.zeros(m, np.uint64)
-        for k, column in enumerate(numeric):
-            bits = (np.asarray(column, float) + 0.0).view(np.uint64)       # + 0.0: minus nought is nought
-            code = (code ^ (bits >> np.uint64(29 + k % 5))) * np.uint64(0x9E3779B97F4A7C15) + bits
-        order = np.argsort(code, kind="stable")
-        alike = code[order][1:] == code[order][:-1]
-        suspect[order] = np.r_[False, alike] | np.r_[alike, False]
-    seen: set[tuple[Any, ...]] = set()
-    keep = np.ones(m, bool)
-    index = np.flatnonzero(suspect)
-    for k, row in zip(index.tolist(), zip(*(c[index] for c in table.columns.values()), strict=True), strict=True):
-        keep[k] = row not in seen
-        seen.add(row)
-    return keep
 
 
 def _covariates(table: Table, used: set[str]) -> tuple[dict[str, Array], list[Note]]:
@@ -119,12 +99,13 @@ def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mappin
             *(f"{stem}{j}{u}" for j in range(1, n + 1) for stem, u in (("q", "_rad"), ("q", "_deg"), ("q", "_mm"),
                                                                       ("approach", "")))}
     covariates, notes = _covariates(table, used)
-    keep = _duplicates(table, m)
-    if not keep.all():
-        notes.append(Note("duplicate-rows", f"{int((~keep).sum())} rows repeat an earlier row cell for cell and are counted "
-                                            "once."))
     if "configuration" in text:
         _one_reading_each(text["configuration"], q, where)
+    others = [] if quaternion is None else list(quaternion.T)
+    others += [numbered(text["target"])[0]] if "target" in text else []
+    others += [covariates[name] for name in ("payload_kg", "temperature_C") if name in covariates]
+    keep, said = _once(table, q, position, others)
+    notes += said
     def kept(values: Any) -> Any:
         return None if values is None else np.asarray(values)[keep]
     return measurements(
@@ -133,6 +114,23 @@ def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mappin
         covariates={name: values[keep] for name, values in covariates.items()}, sigma=kept(sigma),
         rotation=None if quaternion is None else from_quaternion(quaternion[keep]), sigma_rotation=kept(sigma_rotation),
         notes=tuple(notes), prismatic=prismatic)
+
+
+def _once(table: Table, q: Array, position: Array, others: list[Array]) -> tuple[NDArray[np.bool_], list[Note]]:
+    """((m,) rows that count, what is said of the others): a measurement that stands in the file twice is one."""
+    again, notes = duplicates(table.columns, len(q)), []
+    if again.any():
+        notes.append(Note("duplicate-rows", f"{int(again.sum())} rows repeat an earlier row cell for cell and are counted once."))
+    rows = np.flatnonzero(~again)
+    found, pair = copies(q[rows], position[rows], [values[rows] for values in others])
+    if pair is not None:
+        first, second = (table.where.named(int(rows[k])) for k in reversed(pair))
+        notes.append(Note("copied-rows", f"{int(found.sum())} rows hold the readings and the position of an earlier row to the "
+                                         f"last digit, under another number, time or name ({second} is {first} "
+                                         "again): they are taken for copies and counted once."))
+    keep = ~again
+    keep[rows[found]] = False
+    return keep, notes
 
 
 def _one_reading_each(names: list[str], q: Array, where: Where) -> None:

@@ -89,7 +89,7 @@ class Measurements:
         return f"<p><b>Measurements</b> {many}</p>{self.to_frame().to_html(max_rows=6, max_cols=12, float_format='%.4g')}"
 
 
-def _numbered(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tuple[str, ...]]:
+def numbered(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tuple[str, ...]]:
     """Index of each key's first appearance, and the distinct keys in that order."""
     names: dict[str, int] = {}
     index = np.array([names.setdefault(str(key), len(names)) for key in keys], dtype=np.intp)
@@ -99,7 +99,7 @@ def _numbered(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tupl
 def visits(q: Array, explicit: Sequence[object] | None, group: Index) -> Index:
     """Configuration of every row: the given column, else adjacent rows with equal readings in one group."""
     if explicit is not None:
-        return _numbered(explicit)[0]
+        return numbered(explicit)[0]
     new = np.ones(len(q), bool)
     new[1:] = (np.abs(np.diff(q, axis=0)).max(1) > SAME_READING) | (np.diff(group) != 0)
     return np.asarray(np.cumsum(new) - 1, dtype=np.intp)
@@ -159,11 +159,34 @@ def motion(q: Array, configuration: Index, group: Index, order: Array) -> tuple[
     return sign[where[configuration]], np.abs(step)[where[configuration]]
 
 
-def campaign(group: Index, order: Array) -> Array:
-    """(m,) place of every row in the campaign, 0 to 1: groups in the order of their first rows, each in order of motion."""
+def campaign(group: Index, order: Array, time: Array | None = None) -> Array:
+    """(m,) place of every row in the campaign, 0 to 1: groups by the clock where one clock runs through all of them, else in the
+    order of their first rows; each in order of motion."""
     rank = np.empty(len(group))
-    rank[np.lexsort((np.arange(len(group)), order, group))] = np.arange(len(group))
+    rank[np.lexsort((np.arange(len(group)), order, _after_one_another(group, time)))] = np.arange(len(group))
     return rank / max(len(group) - 1, 1)
+
+
+def _after_one_another(group: Index, time: Array | None) -> Index:
+    """The groups numbered as one followed another: by the clock where their times do not overlap, else as they are."""
+    if time is None or not len(group):
+        return group
+    first, last = np.full(group.max() + 1, np.inf), np.full(group.max() + 1, -np.inf)
+    np.minimum.at(first, group, time)
+    np.maximum.at(last, group, time)
+    in_turn = np.argsort(first, kind="stable")
+    if (first[in_turn[1:]] < last[in_turn[:-1]]).any():
+        return group
+    return np.asarray(np.argsort(in_turn)[group], dtype=np.intp)
+
+
+def in_turn(unit: Index, progress: Array) -> tuple[Index, Index]:
+    """(every row's unit (m,) numbered as the arm came to them, the first row (u,) of each): the same whatever the rows' order."""
+    _, which = np.unique(unit, return_inverse=True)
+    sequence = np.lexsort((progress, which))
+    first = sequence[np.flatnonzero(np.diff(which[sequence], prepend=-1))]
+    order = np.argsort(progress[first], kind="stable")
+    return np.asarray(np.argsort(order, kind="stable")[which], dtype=np.intp), first[order]
 
 
 def measurements(q: Array, position: Array, *, row: Index | None = None, configuration: Sequence[object] | None = None,
@@ -175,8 +198,8 @@ def measurements(q: Array, position: Array, *, row: Index | None = None, configu
     """Measurements from plain arrays; everything optional is derived as contract.md says. Units: rad (or mm) and mm."""
     q, position = np.asarray(q, float), np.asarray(position, float)
     m = len(q)
-    target_index, targets = _numbered(target) if target is not None else (np.zeros(m, np.intp), ("target",))
-    group_index, groups = _numbered(group) if group is not None else (np.zeros(m, np.intp), ("all",))
+    target_index, targets = numbered(target) if target is not None else (np.zeros(m, np.intp), ("target",))
+    group_index, groups = numbered(group) if group is not None else (np.zeros(m, np.intp), ("all",))
     order = np.arange(m, dtype=float) if order is None else np.asarray(order, float)
     visit = visits(q, configuration, group_index)
     derived, move = motion(q, visit, group_index, order)
@@ -185,6 +208,6 @@ def measurements(q: Array, position: Array, *, row: Index | None = None, configu
         notes = (*notes, Note("approach-from-order", "Directions of approach are taken from the order of motion, once, "
                                                      "on reading: the data have no approach columns."))
     return Measurements(q, position, np.arange(m) if row is None else row, visit, blocks(q, visit), target_index,
-                        group_index, order, np.asarray(approach, float), move, campaign(group_index, order),
-                        targets, groups, dict(covariates or {}),
+                        group_index, order, np.asarray(approach, float), move,
+                        campaign(group_index, order, (covariates or {}).get("time_s")), targets, groups, dict(covariates or {}),
                         sigma, rotation, sigma_rotation, notes, tuple(prismatic))

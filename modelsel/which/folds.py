@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Index, Measurements
+from ..data.measurements import Index, Measurements, in_turn
 from ..machine.chain import Space
 from ..matrix.design import assemble, blocks, whiten
 from ..matrix.identify import identify, solve
@@ -27,13 +27,11 @@ DEPENDENT = 1e-9   # 1 − largest eigenvalue of Q_kᵀQ_k: below it the model i
 
 def assign(data: Measurements, folds: int, rng: np.random.Generator, by: str = "configuration") -> Index:
     """(m,) fold of every row: equal readings never apart; by="group" keeps groups whole. folds = 0 leaves one out."""
-    unit = data.group if by == "group" else data.block
-    distinct = np.unique(unit)
-    count = len(distinct) if folds <= 0 else min(folds, len(distinct))
-    order = rng.permutation(len(distinct))
-    fold = np.empty(len(distinct), dtype=np.intp)
-    fold[order] = np.arange(len(distinct)) % count
-    return fold[np.searchsorted(distinct, unit)]
+    unit, first = in_turn(data.group if by == "group" else data.block, data.progress)
+    count = len(first) if folds <= 0 else min(folds, len(first))
+    fold = np.empty(len(first), dtype=np.intp)
+    fold[rng.permutation(len(first))] = np.arange(len(first)) % count
+    return fold[unit]
 
 
 @dataclass(frozen=True, eq=False)
