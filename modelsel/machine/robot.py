@@ -117,9 +117,10 @@ def walk(robot: Robot, q: Array, tool: Array, into: tuple[Array, Array], twist: 
 
     def settle(f: int, o: Array, offset: Sequence[tuple[int, Array | float]] = ()) -> Frame:
         here, origin = axes[f], origins[f]
-        origin[:] = o
-        add(origin, here, fixed[f].offset, scratch)
-        add(origin, here, offset, scratch)
+        (first, weight), *others = (*fixed[f].offset, *offset) or ((0, 0.0),)
+        np.multiply(here[first], weight, out=origin)
+        origin += o
+        add(origin, here, others, scratch)
         return (here[:3], origin) if twist is None else twisted(here, origin, twist[f], space)
 
     turn_into(start[0], fixed[0].columns, axes[0], scratch)

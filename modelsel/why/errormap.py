@@ -5,7 +5,7 @@ X_gᵀr: the projected Gram is X_gᵀX_g − (X_gᵀQ)(X_gᵀQ)ᵀ, and no proje
 """
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -26,6 +26,7 @@ from ..wrong.screws import Term
 ABSORBED = 1e-5     # share of a direction's squared norm that must be left beyond the model for it to count
 SMALL = {"t": 100.0, "r": 0.1}      # mm, rad: an error screw is small; what would have to be larger is not the cause
 SOLID = 1e-3        # weight from which a smooth function's direction shows in its size
+CACHED = 60_000     # numbers that a core's cache holds beside what is made of them
 FAINT = 1e-7        # prior size of a smooth function's direction, against its largest, below which it does not count
 
 
@@ -104,11 +105,26 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
     for size, smooth in sorted({(len(s), bool(w)) for s, w in zip(slices, soft, strict=True)}):
         which = np.array([g for g, s in enumerate(slices) if len(s) == size and soft[g] == smooth], dtype=np.intp)
         index = np.stack([slices[g] for g in which])
-        gram = np.stack([XT[i] @ XT[i].T for i in index]) if size > 4 else np.einsum("nkr,nlr->nkl", XT[index], XT[index])
+        gram = np.stack([XT[i] @ XT[i].T for i in index]) if size > 4 else grams_of(XT, index)
         roots = [_root(found[g].mechanism.terms, np.diag(G)) for g, G in zip(which, gram, strict=True)] if smooth else None
         grams.append(Block(which, index, gram, most[index], None if roots is None else np.stack(roots)))
     signs = np.array([c.mechanism.terms[0].sign if len(c.mechanism.terms) == 1 else 0 for c in found], dtype=float)
     return Columns(XT, tuple(slices), tuple(grams), signs)
+
+
+def grams_of(XT: Array, index: Index) -> Array:
+    """(n, k, k) products of the columns `index` (n, k) of few-column candidates, some at a time: they stay in cache."""
+    out = np.empty((*index.shape, index.shape[1]))
+    for some in pieces(len(index), CACHED // (index.shape[1] * XT.shape[1])):
+        X = XT[index[some]]
+        np.einsum("nkr,nlr->nkl", X, X, out=out[some])
+    return out
+
+
+def pieces(count: int, size: int) -> Iterator[slice]:
+    """Slices of at most `size` that cover `count`."""
+    size = max(size, 1)
+    return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
 
 def _most(scene: Scene, term: Term, rms: dict[int, float]) -> float:

@@ -1,21 +1,23 @@
 """The evidence of every candidate for a residual, and what chance alone would give: Bayes factors, the exact null, p-values."""
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
+from ..data.measurements import Index
 from ..words.rigid import Array
-from .errormap import Scan, Strength
+from .errormap import CACHED, Bucket, Scan, Strength, pieces
 
 RATIOS = np.logspace(0.5, 5.0, 8)   # v / s2, scanned
 SLACK = 1e-3        # in log evidence: far beyond single precision's rounding
+PIECE = 256         # draws that are worked out together: a product of full speed, in memory that is used again
 MANY = 0.7          # share of the draws beyond which all of them are worked out: picking some costs, too
 
 
 def shares(strength: Strength, total: Array) -> Strength:
-    """The same of responses of unit length, from their sums of squares `total` (B,)."""
-    whole = strength.whole / total
+    """The same of responses of unit length, from their sums of squares `total` (B,); the whole is overwritten."""
+    whole = np.divide(strength.whole, total, out=strength.whole)
     np.minimum(whole, 1 - np.finfo(whole.dtype).eps, out=whole)
     return Strength(whole, strength.root / np.sqrt(total), strength.smooth / total)
 
@@ -112,19 +114,35 @@ def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> 
     precision, which is ample where nothing stands out; every basis is made once, so that a draw costs one matrix product."""
     out, least = [], []
     rows = seen.columns.XT.shape[1]
-    bases = [np.matmul(b.W, seen.columns.XT[b.block.index]).astype(np.float32) for b in seen.buckets]
-    alike = {float(k): np.flatnonzero(seen.sizes == k) for k in np.unique(seen.sizes) if k > 0}
+    bases = [_bases(b, seen.columns.XT) for b in seen.buckets]
+    alike = {float(k): _run(np.flatnonzero(seen.sizes == k)) for k in np.unique(seen.sizes) if k > 0}
     if not alike:
         return np.full(draws, np.nan), np.ones(draws)
-    for part in _chunks(draws, max(1, int(4e6 / max(seen.columns.groups, 1)))):
-        u = rng.standard_normal((rows, part))
+    for drawn in pieces(draws, int(4e6 / max(seen.columns.groups, 1))):
+        u = rng.standard_normal((rows, drawn.stop - drawn.start))
         u = (u - seen.Q @ (seen.Q.T @ u)).astype(np.float32)
-        strength = seen.gather([(Z.reshape(-1, rows) @ u).reshape(*Z.shape[:2], part) for Z in bases])
-        share = shares(strength, np.square(u).sum(0))
-        top = {k: share.whole[which].max(0) for k, which in alike.items()}
-        out.append(_null_evidence(seen, log_prior, share, top))
-        least.append(np.min([_tail(value, k, seen.freedom) for k, value in top.items()], axis=0))
+        for some in pieces(u.shape[1], PIECE):
+            part = np.ascontiguousarray(u[:, some])
+            products = [(Z @ part).reshape(*b.block.index.shape, -1) for Z, b in zip(bases, seen.buckets, strict=True)]
+            share = shares(seen.gather(products), np.square(part).sum(0))
+            top = {k: share.whole[which].max(0) for k, which in alike.items()}
+            out.append(_null_evidence(seen, log_prior, share, top))
+            least.append(np.min([_tail(value, k, seen.freedom) for k, value in top.items()], axis=0))
     return np.sort(np.concatenate(out)), np.sort(np.concatenate(least))
+
+
+def _bases(bucket: Bucket, XT: Array) -> Array:
+    """(n · k, N) orthonormal columns of a bucket's candidates, in single precision."""
+    index = bucket.block.index
+    out = np.empty((*index.shape, XT.shape[1]), np.float32)
+    for some in pieces(len(index), CACHED // (index.shape[1] * XT.shape[1])):
+        out[some] = np.matmul(bucket.W[some], XT[index[some]])
+    return out.reshape(-1, XT.shape[1])
+
+
+def _run(index: Index) -> Index | slice:
+    """The same as a slice where it is one: nothing is copied then."""
+    return slice(int(index[0]), int(index[-1]) + 1) if len(index) == index[-1] + 1 - index[0] else index
 
 
 def _tail(share: Array, size: Array | float, freedom: int) -> Array:
@@ -138,12 +156,6 @@ def familywise(seen: Scan, response: Array, least_p: Array) -> Array:
     share = seen.strength(response[:, None]).whole[:, 0] / float(response @ response)
     own = np.where(seen.sizes > 0, _tail(share, seen.sizes, seen.freedom), 1.0)
     return np.asarray((1 + np.searchsorted(least_p, own, side="right")) / (len(least_p) + 1))
-
-
-def _chunks(total: int, size: int) -> Iterator[int]:
-    while total > 0:
-        yield min(size, total)
-        total -= size
 
 
 def p_value(observed: float, sorted_null: Array) -> float:
