@@ -21,6 +21,7 @@ from ..which.candidates import Candidate
 from ..words.rigid import Array
 from ..wrong.screws import Term
 
+GATHERED = 10_000_000       # numbers
 ABSORBED = 1e-5     # share of a direction's squared norm that must be left beyond the model for it to count
 SMALL = {"t": 100.0, "r": 0.1}      # mm, rad: an error screw is small; what would have to be larger is not the cause
 SOLID = 1e-3        # weight from which a smooth function's direction shows in its size
@@ -102,11 +103,18 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
     for size, smooth in sorted({(len(s), bool(w)) for s, w in zip(slices, soft, strict=True)}):
         which = np.array([g for g, s in enumerate(slices) if len(s) == size and soft[g] == smooth], dtype=np.intp)
         index = np.stack([slices[g] for g in which])
-        gram = np.stack([XT[i] @ XT[i].T for i in index]) if size > 4 else np.einsum("nkr,nlr->nkl", XT[index], XT[index])
+        gram = np.stack([XT[i] @ XT[i].T for i in index]) if size > 4 else np.concatenate(
+            [np.einsum("nkr,nlr->nkl", some, some) for some in (XT[index[part]] for part in pieces(index, XT.shape[1]))])
         roots = [_root(found[g].mechanism.terms, np.diag(G)) for g, G in zip(which, gram, strict=True)] if smooth else None
         grams.append(Block(which, index, gram, most[index], None if roots is None else np.stack(roots)))
     signs = np.array([c.mechanism.terms[0].sign if len(c.mechanism.terms) == 1 else 0 for c in found], dtype=float)
     return Columns(XT, tuple(slices), tuple(grams), signs)
+
+
+def pieces(index: Index, rows: int) -> list[slice]:
+    """Slices of candidates (n, k) whose columns of so many rows are gathered at once: their copies stay small."""
+    step = max(1, GATHERED // (index.shape[1] * rows))
+    return [slice(start, start + step) for start in range(0, len(index), step)]
 
 
 def _most(scene: Scene, term: Term, rms: dict[int, float]) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..words.rigid import Array
-from .errormap import Scan, Strength
+from .errormap import Bucket, Scan, Strength, pieces
 
 RATIOS = np.logspace(0.5, 5.0, 8)   # v / s2, scanned
 
@@ -77,7 +77,7 @@ def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> 
     precision, which is ample where nothing stands out; every basis is made once, so that a draw costs one matrix product."""
     out, least = [], []
     rows = seen.columns.XT.shape[1]
-    bases = [np.matmul(b.W, seen.columns.XT[b.block.index]).astype(np.float32) for b in seen.buckets]
+    bases = [_basis(b, seen.columns.XT) for b in seen.buckets]
     for part in _chunks(draws, max(1, int(4e6 / max(seen.columns.groups, 1)))):
         u = rng.standard_normal((rows, part))
         u = (u - seen.Q @ (seen.Q.T @ u)).astype(np.float32)
@@ -88,6 +88,15 @@ def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> 
         best = {k: share[seen.sizes == k].max(0) for k in np.unique(seen.sizes) if k > 0}
         least.append(np.min([_tail(value, k, seen.freedom) for k, value in best.items()], axis=0) if best else np.ones(part))
     return np.sort(np.concatenate(out)), np.sort(np.concatenate(least))
+
+
+def _basis(bucket: Bucket, XT: Array) -> Array:
+    """(n, k, N) orthonormal columns of a bucket's candidates in single precision, made some at a time."""
+    index = bucket.block.index
+    out = np.empty((*index.shape, XT.shape[1]), np.float32)
+    for part in pieces(index, XT.shape[1]):
+        np.matmul(bucket.W[part], XT[index[part]], out=out[part], casting="same_kind")
+    return out
 
 
 def _tail(share: Array, size: Array | float, freedom: int) -> Array:
