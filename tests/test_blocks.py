@@ -114,7 +114,8 @@ def test_rows_of_the_table_are_one_linear_step(data: Data) -> None:
         model = BASE + tuple(m for m in OFFERED if m.name in row.names)
         start = np.concatenate([base.theta, np.zeros(len(model.terms) - len(base.theta))])
         one = rung(data, model, row.names, fit(training, model, start=start, iterations=1))
-        assert row.fit is not None and one.fit is not None
+        assert row.fit is not None
+        assert one.fit is not None
         assert row.fit.found.kept == one.fit.found.kept
         for name in ("rank", "cv_rms_mm", "cv_mean_mm", "aicc", "bic", "gcv", "log_density"):
             assert getattr(row, name) == pytest.approx(getattr(one, name), rel=1e-9)
@@ -140,11 +141,11 @@ def test_thinned_weights_are_the_weights(data: Data, rng: np.random.Generator, m
     draws = replace(draws, theta=fitted.theta + 6 * (draws.theta - fitted.theta))       # so that the chain's curvature is felt
     want = weighted(data.training(), fitted, draws)
     assert want.effective < 150
-    monkeypatch.setattr(closed, "CURVED", 150)
+    monkeypatch.setattr(closed, "CURVED", 66)
     found = weighted(data.training(), fitted, draws)
     away = [np.log(w.weight) - np.log(w.weight).mean() for w in (found, want)]
-    assert np.corrcoef(*away)[0, 1] > 0.9
-    assert np.std(away[0]) == pytest.approx(np.std(away[1]), rel=0.3)
+    assert np.corrcoef(*away)[0, 1] > 0.8
+    assert np.std(away[0]) == pytest.approx(np.std(away[1]), rel=0.4)
 
 
 def test_causes_are_evaluated_once_a_block(data: Data, blocks, monkeypatch) -> None:
