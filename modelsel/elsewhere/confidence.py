@@ -86,7 +86,7 @@ def sampled(found: Confidence, data: Data, fitted: Fit, request: Request, seed: 
         return found
     training, rng = data.training(), generator(seed, "sampling")
     known = posterior(fitted)
-    draws = weighted(training, fitted, known, known.draw(rng, draws_for(training)))
+    draws = weighted(training, fitted, known.draw(rng, draws_for(training)))
     target = target_of(data, fitted, request)
     chain = sample(target, importance(draws), described(target), rng, say=say, keeper=keeper)
     return replace(found, sampling=chain, parameters=with_posterior(found.parameters, fitted, draws, chain))

@@ -123,8 +123,10 @@ def twisted(here: Array, origin: Array, entries: Array, space: Space) -> Frame:
     for a in range(3):
         here[3 + a] = R[a]
         angle = entries[3 + a]
-        if angle.any():
-            turn[0], turn[1] = np.cos(angle), np.sin(angle)
+        alike = bool((angle == angle[:1]).all())           # most entries are: one cosine does for all rows
+        if not alike or angle[:1].any():
+            one = angle[:1] if alike else angle
+            turn[0], turn[1] = np.cos(one), np.sin(one)
             np.negative(turn[1], out=turn[2])
             out = space.array(f"twisted{a}", 3, 3, m)
             spin_into(R, a, turn, SAME, out, two)
