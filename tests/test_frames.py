@@ -110,6 +110,6 @@ def test_a_notebook_shows_few_rows_and_no_markup_of_the_data() -> None:
     many = measurements(np.arange(400.0).reshape(200, 2), np.zeros((200, 3)), target=["<b>"] * 200)
     shown = many._repr_html_()
     assert "200 rows, 200 configurations" in shown
-    assert "<b>" not in shown.replace("<b>Measurements</b>", "")
+    assert "<b>" not in shown
     assert "&lt;b&gt;" in shown
     assert len(shown) < 5000

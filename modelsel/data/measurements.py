@@ -25,7 +25,7 @@ class Note:
     sentence: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Measurements:
     """m measured points. Positions in the tracker's frame [mm]; residual = measured - predicted everywhere."""
 
@@ -83,10 +83,12 @@ class Measurements:
         columns |= {f"approach{j}": self.approach[:, j - 1] for j in range(1, len(slides) + 1)}
         return pd.DataFrame(columns | dict(self.covariates), index=pd.Index(self.row, name="row"))
 
+    def __repr__(self) -> str:
+        return f"Measurements: {len(self)} rows, {self.configurations} configurations, {len(self.targets)} targets"
+
     def _repr_html_(self) -> str:
         """How much was measured, and the first rows, for a notebook."""
-        many = f"{len(self)} rows, {self.configurations} configurations, {len(self.targets)} targets"
-        return f"<p><b>Measurements</b> {many}</p>{self.to_frame().to_html(max_rows=6, max_cols=12, float_format='%.4g')}"
+        return f"<p>{self!r}</p>{self.to_frame().to_html(max_rows=6, max_cols=12, float_format='%.4g')}"
 
 
 def numbered(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tuple[str, ...]]:

@@ -195,6 +195,11 @@ class Study(_Table):
             raise StudyError(*sentences) from None
 
 
+    def with_measurements(self, measurements: Any) -> Study:
+        """The same study of other measurements: a path, a DataFrame or a table. Raises StudyError."""
+        return Study(**{name: getattr(self, name) for name in Study.model_fields} | {"measurements": measurements})
+
+
 def _known(location: tuple[Any, ...]) -> list[str]:
     """Keys that a table of the study file may have."""
     table: Any = Study

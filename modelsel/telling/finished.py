@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 PARTS = ("x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Result(Views):
     """A finished study: values for programs, `to_json` for the contract's file, `to_frame` for tables; in a notebook it shows
     itself."""

@@ -29,7 +29,7 @@ COMPARED = 20         # random choices that a plan is held against
 SIZES = (2.0, 1.0, 0.5, 0.25)   # of the detection limit, for the learning curve
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Planned:
     """Configurations of the pool in the order to measure them, as columns of a measurements file; what they are for; figures
     before and after; `configurations` measured already."""
@@ -49,6 +49,9 @@ class Planned:
         """The configurations to measure, in order: a measurements file that lacks the measured positions."""
         import pandas as pd
         return pd.DataFrame(self.table)
+
+    def __repr__(self) -> str:
+        return " ".join(sentences(self))
 
     def _repr_html_(self) -> str:
         """The plan in words and its configurations, for a notebook."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,15 +26,15 @@ WRITES = (RESIDUALS, "details.json", NAME, "result.json")     # the last says th
 SAME_RUN = ("data_sha256", "study_sha256")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class StoredResult(Views):
     """A result read back from its folder: what was written, to look at, to draw, to compensate with. The fits and draws behind it
     belong to the run: `run` the study again for these."""
 
-    content: Mapping[str, Any] = field(repr=False)     # of result.json
-    details: Mapping[str, Any] = field(repr=False)
+    content: Mapping[str, Any]     # of result.json
+    details: Mapping[str, Any]
     calibration: Calibration
-    table: pd.DataFrame | None = field(repr=False)
+    table: pd.DataFrame | None
 
     @property
     def record(self) -> Mapping[str, Any]:

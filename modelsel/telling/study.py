@@ -140,7 +140,7 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
     source = data_of(study, folder)
     covariates: Mapping[str, Array] = {}
     if not isinstance(source, Path) or source.is_file():
-        measured = read_measurements(source, robot.prismatic, study.measurements.columns)
+        measured = read_measurements(source, robot.prismatic, study.measurements.columns, positions=False)
         first = np.unique(measured.configuration, return_index=True)[1]
         q, covariates = measured.q[first], {name: values[first] for name, values in measured.covariates.items()}
     else:

@@ -42,6 +42,9 @@ class Views(ABC):
         """result.json's text."""
         return dumps(self.record)
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__} of {self.record['study']!r}. {' '.join(self.record['verdict'])}"
+
     def _repr_html_(self) -> str:
         """Verdict, ladder and findings, for a notebook."""
         return page(self.record)
@@ -81,9 +84,15 @@ def screws(entry: Row) -> str:
     return "; ".join(f"frame {s['frame']} {s['axis']} · {s['cause']}" for s in entry["screws"])
 
 
-def name(entry: Row) -> str:
-    """A registered name, or the place and cause of a cell without one."""
-    return str(entry["mechanism"] or screws(entry))
+def name_of(entry: dict[str, Any]) -> str:
+    """A registered name, or the cell: frame 6 ty · q4."""
+    if entry["mechanism"]:
+        return str(entry["mechanism"])
+    first = entry["screws"][0] if entry["screws"] else {"frame": "?", "axis": "", "cause": ""}
+    if str(first["cause"]).startswith("free("):
+        return str(first["cause"])
+    causes = " & ".join(dict.fromkeys(str(s["cause"]) for s in entry["screws"]))
+    return f"frame {first['frame']} {first['axis']} · {causes}"
 
 
 def alike(finding: Row) -> float:
@@ -99,14 +108,14 @@ def _findings(record: Record) -> pd.DataFrame:
     for f in record["findings"]:
         first, gain = f["credible_set"][0], f["gain"]
         low, high = gain["interval_mm"] or (None, None)
-        rows.append([name(first), f["verdict"], alike(f), f["p_value"], screws(first), gain["held_out_rms_before_mm"],
+        rows.append([name_of(first), f["verdict"], alike(f), f["p_value"], screws(first), gain["held_out_rms_before_mm"],
                      gain["held_out_rms_after_mm"], low, high, f["sentence"]])
     return pd.DataFrame(rows, columns=columns)
 
 
 def _credible_sets(record: Record) -> pd.DataFrame:
     import pandas as pd
-    rows = [[k, name(e), e["probability"], e["alike"], screws(e)] for k, f in enumerate(record["findings"])
+    rows = [[k, name_of(e), e["probability"], e["alike"], screws(e)] for k, f in enumerate(record["findings"])
             for e in f["credible_set"]]
     return pd.DataFrame(rows, columns=["finding", "name", "probability", "alike", "screws"])
 
@@ -114,7 +123,7 @@ def _credible_sets(record: Record) -> pd.DataFrame:
 def _estimates(record: Record) -> pd.DataFrame:
     import pandas as pd
     keys = ["symbol", "value", "standard_error", "unit"]
-    rows = [[k, name(f["credible_set"][0]), *(e[key] for key in keys)] for k, f in enumerate(record["findings"])
+    rows = [[k, name_of(f["credible_set"][0]), *(e[key] for key in keys)] for k, f in enumerate(record["findings"])
             for e in f["estimate"]]
     return pd.DataFrame(rows, columns=["finding", "name", *keys])
 
@@ -154,7 +163,7 @@ def page(record: Record) -> str:
     steps = [[escape(model), str(r["parameters"]), _figure(r["estimation"]["mean_mm"]), _figure(r["held_out"]["mean_mm"]),
               _bar((r[side]["mean_mm"] or 0.0) / largest)]
              for model, r in zip(adds([r["mechanisms"] for r in ladder]), ladder, strict=True)]
-    found = [[escape(name(f["credible_set"][0])), escape(f["verdict"]), f"{alike(f):.2f}", escape(f["sentence"])]
+    found = [[escape(name_of(f["credible_set"][0])), escape(f["verdict"]), f"{alike(f):.2f}", escape(f["sentence"])]
              for f in record["findings"]]
     notes = "".join(f"<li>{escape(w['sentence'])}</li>" for w in record["warnings"])
     return "".join([
