@@ -1,5 +1,5 @@
-"""The documentation site: it builds strictly and without a network, its links lead somewhere, its catalogue is the registry's, its
-tables have every key, its commands print what it shows. `python tests/test_docs.py` writes the shown output anew."""
+"""The documentation site: it builds strictly and without a network, its links lead somewhere, its catalogue is the registry's,
+its tables have every key, its commands print what it shows. `python tests/test_docs.py` writes the shown output anew."""
 from __future__ import annotations
 
 import contextlib
@@ -57,7 +57,7 @@ def site(tmp_path_factory) -> Path:
     """The site, built strictly: any warning of mkdocs (a link, an anchor, a missing page) stops it."""
     out = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(out)]
-    nowhere = {name: "http://127.0.0.1:9" for name in ("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY")}
+    nowhere = dict.fromkeys(("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY"), "http://127.0.0.1:9")
     built = subprocess.run(command, cwd=ROOT, env=os.environ | nowhere | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True,
                            text=True, check=False, timeout=300)
     assert built.returncode == 0, built.stdout + built.stderr
@@ -163,10 +163,11 @@ def test_what_is_drawn_is_what_the_chain_does() -> None:
 
 def test_a_notebook_becomes_a_page(tmp_path) -> None:
     import notebooks
+    outputs = [("1 + 1", {"output_type": "execute_result", "data": {"text/plain": ["2"]}}),
+               ("print(3)", {"output_type": "stream", "text": ["3\n"]}),
+               ("plot()", {"data": {"image/png": "iVBO\nRw0=\n", "text/plain": "<Figure>"}})]
     cells = [{"cell_type": "markdown", "source": ["# First steps\n", "Some words."]},
-             {"cell_type": "code", "source": "1 + 1", "outputs": [{"output_type": "execute_result", "data": {"text/plain": ["2"]}}]},
-             {"cell_type": "code", "source": "print(3)", "outputs": [{"output_type": "stream", "text": ["3\n"]}]},
-             {"cell_type": "code", "source": "plot()", "outputs": [{"data": {"image/png": "iVBO\nRw0=\n", "text/plain": "<Figure>"}}]}]
+             *({"cell_type": "code", "source": source, "outputs": [output]} for source, output in outputs)]
     (tmp_path / "first_steps.ipynb").write_text(json.dumps({"cells": cells, "nbformat": 4}))
     title, text = notebooks.pages(tmp_path)["first_steps"]
     assert title == "First steps"
