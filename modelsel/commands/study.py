@@ -24,6 +24,7 @@ COLLECT = 50_000   # new values between two looks of Python's garbage collector
 def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_json: bool, dry_run: bool,
           resume: bool) -> None:
     """Run a study: what is wrong, the ladder of models, the gain on held-out configurations."""
+    gc.set_threshold(COLLECT)     # a study makes many small values and drops few: looking for lost ones costs a twentieth of it
     from ..telling.checkpoint import Checkpoint
     from ..telling.config import read_study
     from ..telling.report.drawing import draw
@@ -31,7 +32,6 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     from ..telling.study import rehearse, robot_of, run
     from ..telling.write import check_writable
     from ..wrong.registry import with_plugins
-    gc.set_threshold(COLLECT)     # a study makes many small values and drops few: looking for lost ones costs a twentieth of it
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
     registry, broken = with_plugins(robot=robot_of(read, path.parent))

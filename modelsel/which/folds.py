@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,11 @@ class Folded:
         return Folded(self.blocks[:, :, [*columns, -1]], self.rows)
 
     def total(self) -> Reduction:
-        """All folds as one triangle."""
+        """All folds as one triangle, made once."""
+        return self._total
+
+    @cached_property
+    def _total(self) -> Reduction:
         p1 = self.blocks.shape[2]
         return Reduction(Reduction.empty(p1 - 1).add(self.blocks.reshape(-1, p1)).R, int(self.rows.sum()))
 
