@@ -40,6 +40,10 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
     from .use.compensate import correct as correct
     from .which.split import choose as choose
     from .which.validate import gain as gain
+    from .words.errors import DataError as DataError
+    from .words.errors import ModelselError as ModelselError
+    from .words.errors import NotEstimable as NotEstimable
+    from .words.errors import StudyError as StudyError
     from .wrong.causes import Cause as Cause
     from .wrong.registry import BUILTIN as BUILTIN
     from .wrong.registry import PerJoint as PerJoint
@@ -53,6 +57,7 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
 __version__ = VERSION
 
 _NAMES = {  # a name that is also a module's (fit, scene, extend …) is imported from there: from modelsel.fitting.fit import fit
+    "words.errors": "ModelselError StudyError DataError NotEstimable",
     "data.io": "read_measurements",
     "data.measurements": "Measurements",
     "machine.robot": "Robot forward screw_field",

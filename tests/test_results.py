@@ -178,6 +178,22 @@ def test_report_of_a_loaded_result_is_the_fresh_one_s(result, drawn, tmp_path) -
     assert files(tmp_path / "c") == files(drawn)
 
 
+def test_a_report_leaves_the_session_s_figures_alone(result, tmp_path) -> None:
+    """Those of a notebook: its backend, its open figures, its style."""
+    import matplotlib as mpl
+    import matplotlib.pyplot as plt
+    with mpl.rc_context({"font.size": 31.0}):
+        mine, backend = plt.figure(), mpl.get_backend()
+        with mpl.rc_context():
+            mpl.rcParams["backend"] = "svg"
+            report(result, tmp_path, ("first", "map"))
+            assert mpl.rcParams["backend"] == "svg"
+        mpl.rcParams["backend"] = backend
+        assert plt.fignum_exists(mine.number)
+        assert mpl.rcParams["font.size"] == 31.0
+        plt.close(mine)
+
+
 def test_a_folder_of_parts_is_refused(result, tmp_path) -> None:
     save(result, tmp_path / "a")
     (tmp_path / "a" / RESIDUALS).unlink()                # as studies were written before: all but this table

@@ -84,11 +84,12 @@ class Measurements:
         return pd.DataFrame(columns | dict(self.covariates), index=pd.Index(self.row, name="row"))
 
     def __repr__(self) -> str:
-        return f"Measurements: {len(self)} rows, {self.configurations} configurations, {len(self.targets)} targets"
+        targets = f"{len(self.targets)} target{'s' * (len(self.targets) > 1)}"
+        return f"Measurements: {len(self)} rows, {self.configurations} configurations, {targets}"
 
     def _repr_html_(self) -> str:
         """How much was measured, and the first rows, for a notebook."""
-        return f"<p>{self!r}</p>{self.to_frame().to_html(max_rows=6, max_cols=12, float_format='%.4g')}"
+        return f"<p>{self!r}</p>{self.to_frame().to_html(max_rows=6, max_cols=10, float_format='%.4g')}"
 
 
 def numbered(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tuple[str, ...]]:

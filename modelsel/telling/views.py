@@ -170,7 +170,7 @@ def page(record: Record) -> str:
         head, f"<ul>{said}</ul>",
         _table(["model", "parameters", "mean error, estimation [mm]", "held out [mm]", ""], steps),
         _table(["named", "verdict", "probability", "what"], found) if found else "",
-        f"<details><summary>{len(record['warnings'])} notes</summary><ul>{notes}</ul></details>" if notes else ""])
+        f"<details><summary>Notes ({len(record['warnings'])})</summary><ul>{notes}</ul></details>" if notes else ""])
 
 
 def _figure(value: float | None) -> str:
