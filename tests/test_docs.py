@@ -272,7 +272,7 @@ def commands(block: str) -> str:
         shown = invoked(*line.split())
         if line.startswith("study "):
             shown = "…\n" + re.sub(r"(?<=\w|,|:) *\n(?=\S)", " ", shown[shown.index("Nominal model"):])
-        out += f"$ modelsel {line}\n" + "".join(textwrap.fill(row, 130, subsequent_indent="    ", break_on_hyphens=False) + "\n"
+        out += f"$ modelsel {line}\n" + "".join(textwrap.fill(row, 112, subsequent_indent="    ", break_on_hyphens=False) + "\n"
                                                for row in shown.splitlines())
     return out
 

@@ -115,17 +115,21 @@ def _parameters(card: dict[str, Any]) -> list[str]:
     return rows + ([f"| … and {more} more | | | |"] if more > 0 else [])
 
 
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
 def entry(stem: str, text: dict[str, str], picture: str, alt: str, seen: tuple[dict[str, float], dict[str, Array]],
           registry: Registry = BUILTIN) -> str:
     """One mechanism in Markdown."""
     m = shown(stem, load(ROBOT), registry)
     card, (absorbed, left) = mechanism_card(m), seen
     needs = [name for name in COVARIATES if name in m.names()]
-    likest = ", ".join(f"`{other}` ({share:.0%})" for other, share in alike(m.name, left))
+    likest = ", ".join(f"`{other}` ({_percent(share)})" for other, share in alike(m.name, left))
     of_it = ("it is the geometry itself" if stem == "geometric" else
-             f"geometry absorbs {absorbed[m.name]:.0%} of `{m.name}`"
+             f"geometry absorbs {_percent(absorbed[m.name])} of `{m.name}`"
              + (f"; of what is left, these explain most: {likest}" if likest else
-                f"; nothing else explains {ALIKE:.0%} of what is left"))
+                f"; nothing else explains {_percent(ALIKE)} of what is left"))
     lines = [f"## `{stem}` {{ #{stem} }}", "", f"**{m.sentence}**", "", text["physics"].replace("\n", " "), "",
              f"`{m.equation}`", "", f"![{alt}]({picture}){{ .figure }}", "", *_parameters(card), "",
              f"- **Told apart.** {text['apart'].replace(chr(10), ' ')}",

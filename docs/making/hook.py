@@ -101,6 +101,13 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     return files
 
 
+def on_page_context(context: Any, page: Any, **_: Any) -> Any:
+    """A page that stands alone in its tab needs no list of pages beside it: the text gets the room."""
+    if page.parent is None:
+        page.meta.setdefault("hide", ["navigation"])
+    return context
+
+
 def on_page_content(content: str, **_: Any) -> str:
     """Formulas as MathML, which browsers draw without a script."""
     from latex2mathml.converter import convert
