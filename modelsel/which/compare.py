@@ -70,6 +70,7 @@ class Rung:
     gcv: float | None = None
     ebic: float | None = None
     log_density: float | None = None                # closed-form, of every fold given the others (methods.md A.4)
+    crossed: Array | None = field(default=None, repr=False)     # (k,) lengths [mm] of the used rows, cross-validated
 
 
 def rung(data: Data, model: Model, names: Sequence[str], fitted: Fit | None = None, linear: Fit | None = None,
@@ -99,7 +100,7 @@ def rung(data: Data, model: Model, names: Sequence[str], fitted: Fit | None = No
                 errors(residual[held], data.outlying[held]), rms, mean, _finite(float(aicc(fitted.rss, n, rank, sigma))),
                 float(bic(fitted.rss, n, rank, sigma)), fitted, residual, note=note,
                 aic=_finite(float(aic(fitted.rss, n, rank, sigma))), gcv=_finite(float(gcv(fitted.rss, n, rank))),
-                log_density=density)
+                log_density=density, crossed=left if len(left) == data.used.sum() else None)
 
 
 def _finite(value: float) -> float | None:

@@ -58,7 +58,7 @@ def best_factors(seen: Scan, response: Array) -> Array:
     return np.asarray(np.where(seen.small(response), best, -np.inf))
 
 
-def _null_evidence(seen: Scan, log_prior: Array, strength: Strength, total: Array) -> Array:
+def null_evidence(seen: Scan, log_prior: Array, strength: Strength, total: Array) -> Array:
     """The same evidence (B,) of many responses, in their precision."""
     prior, best = log_prior.astype(total.dtype)[:, None], np.full(len(total), -np.inf)
     for r in RATIOS:
@@ -83,7 +83,7 @@ def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> 
         u = (u - seen.Q @ (seen.Q.T @ u)).astype(np.float32)
         strength = seen.gather([(Z.reshape(-1, rows) @ u).reshape(*Z.shape[:2], part) for Z in bases])
         total = np.square(u).sum(0)
-        out.append(_null_evidence(seen, log_prior, strength, total))
+        out.append(null_evidence(seen, log_prior, strength, total))
         share = strength.whole / total
         best = {k: share[seen.sizes == k].max(0) for k in np.unique(seen.sizes) if k > 0}
         least.append(np.min([_tail(value, k, seen.freedom) for k, value in best.items()], axis=0) if best else np.ones(part))
