@@ -19,7 +19,7 @@ from modelsel.sure import significance
 from modelsel.sure.posterior import posterior, weighted
 from modelsel.which import folds
 from modelsel.which.compare import Data, rung
-from modelsel.which.folds import by_configuration, fold
+from modelsel.which.folds import by_unit, fold
 from modelsel.which.table import compare
 from modelsel.wrong.registry import mechanism
 
@@ -77,14 +77,14 @@ def test_folds_of_any_size(data: Data, blocks) -> None:
     at, terms, point = data.scene, BASE.terms, fit(data.training(), BASE).at()
     ways = [np.arange(M) % 3, np.arange(M) % 150, np.random.default_rng(0).permutation(M)]
     before = [fold(at, terms, own, point) for own in ways]
-    (whole,) = by_configuration(at, terms, point)
+    (whole,) = by_unit(at, terms, at.data.block, point)
     blocks()
     for own, want in zip(ways, before, strict=True):
         found = fold(at, terms, own, point)
         assert np.array_equal(found.rows, want.rows)
         for a, b in zip(found.blocks, want.blocks, strict=True):
             np.testing.assert_allclose(a.T @ a, b.T @ b, rtol=1e-9, atol=1e-9 * np.abs(b.T @ b).max())
-    parts = list(by_configuration(at, terms, point))
+    parts = list(by_unit(at, terms, at.data.block, point))
     assert len(parts) > 3
     assert max(len(p.blocks) for p in parts) <= BLOCK
     some = [b[np.abs(b).any(1)] for p in parts for b in p.blocks]

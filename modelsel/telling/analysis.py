@@ -22,18 +22,19 @@ from ..which.candidates import Candidate
 from ..which.compare import Data, Rung, rung
 from ..which.table import compare, strongest
 from ..which.validate import Gain, Resampled, errors, paired
-from ..why.extend import LEVEL, Extension, models
+from ..why.extend import LEVEL, Extension
 from ..why.faults import misplaced
 from ..why.maps import error_map
 from ..why.predictor import Predictable, predictable
 from ..why.robust import GROSS, far_off
+from ..why.view import models
 from ..why.words import display, label
 from ..words.version import VERSION
 from ..wrong.mechanisms.geometry import setup
 from ..wrong.registry import Registry, mechanism
 from ..wrong.screws import Mechanism, Screw
 from .config import Study
-from .findings import Finding, detection_limit
+from .findings import Finding, detection_limit, surprised, uneven
 from .finished import Result
 
 
@@ -75,6 +76,7 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
         notes = (*notes, Note("scan-of-some", f"What is wrong was looked for in {extension.fit.rows // data.scene.components} of "
                               f"the {int(data.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
                               "all rows."))
+    notes = (*notes, *uneven(extension))
     say("comparing all subsets of the candidates")
     offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects])
     comparison = compare(data, base, _fit(base_rung), offered, base_names, aside) if offered else None
@@ -97,6 +99,7 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     if comparison is not None and set(comparison.choice) != set(chosen.names):
         notes = (*notes, Note("table-differs", "The one-standard-error choice of the table of subsets is "
                               f"{' + '.join(comparison.choice)}; the chosen model follows what was named."))
+    notes = (*notes, *surprised(data, chosen))
     within = None
     if study.split.nested_folds:
         say(f"the whole procedure again in {study.split.nested_folds} folds")

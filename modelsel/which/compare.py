@@ -64,6 +64,7 @@ class Rung:
     gcv: float | None = None
     ebic: float | None = None
     log_density: float | None = None                # closed-form, of every fold given the others (methods.md A.4)
+    crossed: Array | None = field(default=None, repr=False)     # (k,) lengths [mm] of the used rows, cross-validated
 
 
 def rung(data: Data, model: Model, names: Sequence[str], fitted: Fit | None = None, start: Fit | None = None) -> Rung:
@@ -99,7 +100,7 @@ def described(data: Data, names: tuple[str, ...], fitted: Fit, both: tuple[Error
     return Rung(names, len(fitted.theta), fitted.rank, *both, rms, mean, finite(float(aicc(fitted.rss, n, rank, sigma))),
                 float(bic(fitted.rss, n, rank, sigma)), fitted, residual, note=note,
                 aic=finite(float(aic(fitted.rss, n, rank, sigma))), gcv=finite(float(gcv(fitted.rss, n, rank))),
-                log_density=density)
+                log_density=density, crossed=left if len(left) == data.used.sum() else None)
 
 
 def finite(value: float) -> float | None:

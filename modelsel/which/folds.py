@@ -107,10 +107,10 @@ def _spread(rows: Array, columns: Sequence[int], width: int) -> Array:
     return out
 
 
-def by_configuration(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None) -> Iterator[Folded]:
-    """A fold per configuration (equal readings are one), in order, a block of rows at a time: of any number of rows only one
+def by_unit(scene: Scene, terms: Sequence[Term], unit: Index, at: tuple[Sequence[Term], Array] | None = None) -> Iterator[Folded]:
+    """A fold per unit (m,), a configuration or a group, in order, a block of rows at a time: of any number of rows only one
     block is held."""
-    unit = np.unique(scene.data.block, return_inverse=True)[1].reshape(-1)
+    unit = np.unique(unit, return_inverse=True)[1].reshape(-1)
     order = np.argsort(unit, kind="stable")
     edges = np.append(np.flatnonzero(np.diff(unit[order], prepend=-1)), len(scene))
     c, p1, k = scene.components, len(terms) + 1, 0

@@ -73,7 +73,7 @@ def evidence(known: Array, log_prior: Array) -> tuple[float, Array]:
     return float(values[best]), joint[best]
 
 
-def _null_evidence(seen: Scan, log_prior: Array, share: Strength, top: Mapping[float, Array]) -> Array:
+def null_evidence(seen: Scan, log_prior: Array, share: Strength, top: Mapping[float, Array]) -> Array:
     """The same evidence (B,) of many responses, in their precision; `top`: largest share (B,) among the candidates of each size.
 
     From one ratio to the next no candidate's Bayes factor grows by more than that of the largest share of its size (`lift`),
@@ -115,7 +115,7 @@ def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> 
     out, least = [], []
     rows = seen.columns.XT.shape[1]
     bases = [_bases(b, seen.columns.XT) for b in seen.buckets]
-    alike = {float(k): _run(np.flatnonzero(seen.sizes == k)) for k in np.unique(seen.sizes) if k > 0}
+    alike = by_size(seen)
     if not alike:
         return np.full(draws, np.nan), np.ones(draws)
     for drawn in pieces(draws, int(4e6 / max(seen.columns.groups, 1))):
@@ -126,7 +126,7 @@ def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> 
             products = [(Z @ part).reshape(*b.block.index.shape, -1) for Z, b in zip(bases, seen.buckets, strict=True)]
             share = shares(seen.gather(products), np.square(part).sum(0))
             top = {k: share.whole[which].max(0) for k, which in alike.items()}
-            out.append(_null_evidence(seen, log_prior, share, top))
+            out.append(null_evidence(seen, log_prior, share, top))
             least.append(np.min([_tail(value, k, seen.freedom) for k, value in top.items()], axis=0))
     return np.sort(np.concatenate(out)), np.sort(np.concatenate(least))
 
@@ -138,6 +138,11 @@ def _bases(bucket: Bucket, XT: Array) -> Array:
     for some in pieces(len(index), CACHED // (index.shape[1] * XT.shape[1])):
         out[some] = np.matmul(bucket.W[some], XT[index[some]])
     return out.reshape(-1, XT.shape[1])
+
+
+def by_size(seen: Scan) -> dict[float, Index | slice]:
+    """The candidates of every size, of at least one direction."""
+    return {float(k): _run(np.flatnonzero(seen.sizes == k)) for k in np.unique(seen.sizes) if k > 0}
 
 
 def _run(index: Index) -> Index | slice:
