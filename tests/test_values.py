@@ -25,11 +25,11 @@ assert {made: 1}[read] == 1
 
 @pytest.mark.parametrize("cause", [sin(2.0 * q(4)), cos(q(2) + q(3)) * Named("payload_kg", "kg"), Bump("q1", 0.1, 0.2)], ids=str)
 def test_a_hash_is_worked_out_once_and_is_the_same(cause: Cause) -> None:
-    fresh = replace(cause)  # type: ignore[type-var]
+    fresh = replace(cause)
     assert KEPT not in vars(fresh)
-    assert hash(fresh) == hash(cause) == hash(replace(cause))  # type: ignore[type-var]
+    assert hash(fresh) == hash(cause) == hash(replace(cause))
     assert vars(fresh)[KEPT] == hash(cause)
-    assert fresh == cause == replace(cause)  # type: ignore[type-var]
+    assert fresh == cause == replace(cause)
     assert repr(fresh) == repr(cause)
     assert len({Screw(1, "rz", cause), Screw(1, "rz", fresh), Screw(2, "rz", fresh)}) == 2
 

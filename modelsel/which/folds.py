@@ -7,7 +7,7 @@ Each fold enters reduced to a small block [columns | response], so any number of
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -133,13 +133,21 @@ def by_unit(scene: Scene, terms: Sequence[Term], unit: Index, at: tuple[Sequence
 
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
-    """Of one model: beta (K, p) fitted without each fold, held-out sums of squares (K,) in whitened coordinates, and the
-    log predictive density (K,) of every fold (Jeffreys prior, multivariate t; methods.md A.4)."""
+    """Of one model: beta (K, p) fitted without each fold, held-out sums of squares (K,) in whitened coordinates, the residual sum
+    of squares of all rows, and the log predictive density (K,) of every fold (Jeffreys prior, multivariate t; methods.md A.4)
+    from the folds' QᵀQ (K, r, r) and eᵀ(I − H)⁻¹e (K,)."""
 
     without: Array
     held_out: Array
-    density: Array
     rows: Index
+    rss: float
+    gram: Array = field(repr=False)
+    quadratic: Array = field(repr=False)
+
+    @cached_property
+    def density(self) -> Array:
+        """(K,) log predictive density of every fold given the others."""
+        return _density(self.gram, self.quadratic, self.rss, self.rows, self.gram.shape[1])
 
     @property
     def rms(self) -> float:
@@ -167,8 +175,7 @@ def cross_validate(folded: Folded, kept: Sequence[int] | None = None, prior: Arr
     without = np.zeros((len(X), folded.blocks.shape[2] - 1))
     without[:, kept] = beta - v @ factor.T
     left = e + np.einsum("khr,kr->kh", Q, v)
-    quadratic = np.einsum("kh,kh->k", e, left)               # e_kᵀ (I − H_kk)⁻¹ e_k
-    return CrossValidation(without, np.square(left).sum(1), _density(gram, quadratic, rss, folded.rows, len(kept)), folded.rows)
+    return CrossValidation(without, np.square(left).sum(1), folded.rows, rss, gram, np.einsum("kh,kh->k", e, left))
 
 
 def _density(gram: Array, quadratic: Array, rss: float, rows: Index, rank: int) -> Array:

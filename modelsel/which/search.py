@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..matrix.identify import identify, solve
+from ..matrix.identify import identify
 from ..matrix.reduce import Reduction
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
@@ -152,9 +152,9 @@ def _redone(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]]
         if len(kept) != rank[s] and not skipped[s]:
             continue
         try:
-            held_out[s] = cross_validate(folded, kept).held_out
+            again = cross_validate(folded, kept)
         except NotEstimable:
             continue
-        rss[s] = max(solve(total, kept)[2], float(np.finfo(float).eps * found.rss[0]))
+        held_out[s], rss[s] = again.held_out, max(again.rss, float(np.finfo(float).eps * found.rss[0]))
         rank[s] = len(kept)
     return Subsets(found.members, rss, rank, held_out, found.pivot)
