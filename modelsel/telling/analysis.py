@@ -21,7 +21,7 @@ from ..matrix.identify import Unidentifiable, unidentifiable
 from ..sure.sampling import Keeper
 from ..which.candidates import Candidate
 from ..which.compare import Data, Rung, rung
-from ..which.table import Comparison, compare, strongest
+from ..which.table import MOST, Comparison, compare, strongest
 from ..which.validate import Gain, errors, gain
 from ..why.extend import LEVEL, Extension, models
 from ..why.faults import Fault, misplaced
@@ -148,7 +148,8 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
                               f"the {int(data.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
                               "all rows."))
     say("comparing all subsets of the candidates")
-    offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects])
+    offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects],
+                               study.comparison.mechanisms or MOST)
     comparison = compare(data, base, _fit(base_rung), offered, base_names, aside) if offered else None
     say("measuring the gain")
     steps = _steps(data, base_rung, extension)
@@ -169,6 +170,9 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     if comparison is not None and set(comparison.choice) != set(chosen.names):
         notes = (*notes, Note("table-differs", "The one-standard-error choice of the table of subsets is "
                               f"{' + '.join(comparison.choice)}; the chosen model follows what was named."))
+    if comparison is not None and comparison.certified is not None and not comparison.certified.proven:
+        notes = (*notes, Note("search-unproven", f"Of 2^{len(comparison.considered)} subsets of the candidates the best by BIC "
+                              f"that was found is not proven: another may have up to {comparison.certified.gap:.3g} less."))
     within = None
     if study.split.nested_folds:
         say(f"the whole procedure again in {study.split.nested_folds} folds")

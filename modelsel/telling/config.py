@@ -6,7 +6,8 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_serializer, model_validator
+from pydantic import SerializerFunctionWrapHandler as Plain
 
 from ..words.errors import StudyError, suggest
 
@@ -75,10 +76,16 @@ class ModelTable(_Table):
 
 
 class ComparisonTable(_Table):
-    """[comparison]: folds of the cross-validation, and what they keep whole."""
+    """[comparison]: folds of the cross-validation, what they keep whole, how many mechanisms the table of subsets is made of."""
 
     folds: Annotated[int, Field(ge=2)] = 10
     by: Literal["configuration", "group"] = "configuration"
+    mechanisms: Annotated[int, Field(ge=1, le=64)] | None = None
+
+    @model_serializer(mode="wrap")
+    def _since(self, plain: Plain) -> dict[str, Any]:
+        """Without what studies before it did not have: their hash stays."""
+        return {k: v for k, v in plain(self).items() if k != "mechanisms" or v is not None}
 
 
 class NoiseTable(_Table):
