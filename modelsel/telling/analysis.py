@@ -20,7 +20,7 @@ from ..matrix.identify import unidentifiable
 from ..sure.sampling import Keeper
 from ..which.candidates import Candidate
 from ..which.compare import Data, Rung, rung
-from ..which.table import compare, strongest
+from ..which.table import MOST, compare, strongest
 from ..which.validate import Gain, Resampled, errors, paired
 from ..why.extend import LEVEL, Extension
 from ..why.faults import misplaced
@@ -78,7 +78,8 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
                               "all rows."))
     notes = (*notes, *uneven(extension))
     say("comparing all subsets of the candidates")
-    offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects])
+    offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects],
+                               study.comparison.mechanisms or MOST)
     comparison = compare(data, base, _fit(base_rung), offered, base_names, aside) if offered else None
     say("measuring the gain")
     steps = _steps(data, base_rung, extension)
@@ -100,6 +101,9 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
         notes = (*notes, Note("table-differs", "The one-standard-error choice of the table of subsets is "
                               f"{' + '.join(comparison.choice)}; the chosen model follows what was named."))
     notes = (*notes, *surprised(data, chosen))
+    if comparison is not None and comparison.certified is not None and not comparison.certified.proven:
+        notes = (*notes, Note("search-unproven", f"Of 2^{len(comparison.considered)} subsets of the candidates the best by BIC "
+                              f"that was found is not proven: another may have up to {comparison.certified.gap:.3g} less."))
     within = None
     if study.split.nested_folds:
         say(f"the whole procedure again in {study.split.nested_folds} folds")

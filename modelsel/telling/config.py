@@ -9,15 +9,8 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    SerializerFunctionWrapHandler,
-    ValidationError,
-    model_serializer,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_serializer, model_validator
+from pydantic import SerializerFunctionWrapHandler as Plain
 
 from ..data.table import Source, digest
 from ..machine.robot import Robot
@@ -58,7 +51,7 @@ class RobotTable(_Table):
         return self
 
     @model_serializer(mode="wrap")
-    def _without_none(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_none(self, plain: Plain) -> dict[str, Any]:
         """A study's hash takes in a robot given as an object by its numbers."""
         robot = self.nominal
         rest = {key: value for key, value in plain(self.model_copy(update={"nominal": None})).items() if key != "nominal"}
@@ -124,10 +117,16 @@ class ModelTable(_Table):
 
 
 class ComparisonTable(_Table):
-    """[comparison]: folds of the cross-validation, and what they keep whole."""
+    """[comparison]: folds of the cross-validation, what they keep whole, how many mechanisms the table of subsets is made of."""
 
     folds: Annotated[int, Field(ge=2)] = 10
     by: Literal["configuration", "group"] = "configuration"
+    mechanisms: Annotated[int, Field(ge=1, le=64)] | None = None
+
+    @model_serializer(mode="wrap")
+    def _since(self, plain: Plain) -> dict[str, Any]:
+        """Without what studies before it did not have: their hash stays."""
+        return {k: v for k, v in plain(self).items() if k != "mechanisms" or v is not None}
 
 
 class NoiseTable(_Table):

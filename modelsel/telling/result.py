@@ -27,6 +27,10 @@ def candidates_dict(comparison: Comparison | None) -> dict[str, Any]:
         return {"compared": 0, "best": [], "choice": None, "considered": [], "set_aside": []}
     return {"compared": comparison.compared, "choice": list(comparison.choice), "considered": list(comparison.considered),
             "set_aside": list(comparison.set_aside),
+            **({} if (found := comparison.certified) is None else {"search": {
+                "mechanisms": len(comparison.considered), "criterion": "BIC", "nodes": found.nodes, "proven": found.proven,
+                "may_be_beaten_by": found.gap,
+                "best": [m for m, taken in zip(comparison.considered, found.members, strict=True) if taken]}}),
             "best": [{**rung_dict(r), "weight": r.weight, "note": r.note} for r in comparison.best]}
 
 

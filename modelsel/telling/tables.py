@@ -51,7 +51,7 @@ def show(result: Result, console: Console) -> None:
         base = len(result.study.model.base)
         for r in result.comparison.best:
             shown.add_row(" + ".join(r.names[base:]) or "nothing", str(r.rank), mm(r.cv_rms_mm), mm(r.held_out.mean_mm),
-                          f"{r.weight:.3f}", r.note)
+                          "–" if r.weight is None else f"{r.weight:.3f}", r.note)
         console.print(shown)
     show_map(result, console)
     show_significance(result, console)

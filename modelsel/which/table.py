@@ -18,15 +18,17 @@ from ..matrix.reduce import Reduction, reduce_scene
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from ..wrong.screws import Mechanism, Screw
+from .bound import Certified, best_subset
 from .candidates import Candidate
 from .compare import Data, Rung, described, finite
 from .criteria import aicc, bic, ebic, log_evidence, weights
 from .folds import CrossValidation, Folded, cross_validate, fold, folds, held_out_residuals
-from .search import all_subsets
+from .search import Subsets, all_subsets, some_subsets
 from .validate import errors_of
 
-MOST = 12      # mechanisms in the table of all subsets
+MOST = 12      # mechanisms in the table of all subsets, unless the study asks for more
 SHOWN = 12     # rows of it that are listed
+WALKED = 16    # mechanisms whose subsets are all walked: 65,536 models, half a second
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +40,12 @@ class Comparison:
     choice: tuple[str, ...]
     considered: tuple[str, ...]
     set_aside: tuple[str, ...]
+    certified: Certified | None = None              # of more mechanisms than all subsets of which can be walked
 
 
-def strongest(found: Sequence[Candidate], single_f: Array, named: Sequence[Candidate] = ()
+def strongest(found: Sequence[Candidate], single_f: Array, named: Sequence[Candidate] = (), most: int = MOST
               ) -> tuple[tuple[Mechanism, ...], tuple[str, ...]]:
-    """(at most twelve registered mechanisms: the `named`, then those of largest single F, in the registry's order; names of
+    """(at most `most` registered mechanisms: the `named`, then those of largest single F, in the registry's order; names of
     the others). Of a scanned mechanism the best constant, or the named one, stands for it."""
     best: dict[str, tuple[float, int]] = {}
     for g, candidate in enumerate(found):
@@ -56,13 +59,14 @@ def strongest(found: Sequence[Candidate], single_f: Array, named: Sequence[Candi
     unions = {g for g in ranked if g not in first
               and screws[g] == set().union(*(screws[h] for h in ranked if screws[h] < screws[g]))}
     single = [g for g in ranked if g not in unions | parts]  # gravity-twist is joint2-twist and joint3-twist, no third thing
-    aside = tuple(found[g].mechanism.name for g in ranked if g not in single[:MOST])
-    return tuple(found[g].mechanism for g in sorted(single[:MOST])), aside
+    aside = tuple(found[g].mechanism.name for g in ranked if g not in single[:most])
+    return tuple(found[g].mechanism for g in sorted(single[:most])), aside
 
 
 def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechanism], base_names: Sequence[str],
             set_aside: Sequence[str] = ()) -> Comparison:
-    """All subsets of the candidates (at most twelve, see `strongest`) on the base, linear about the base's fit."""
+    """All subsets of the candidates (see `strongest`) on the base, linear about the base's fit; of more than WALKED the best by
+    BIC, certified or not, and what stands round it."""
     training, folds_of = data.training(), data.training_folds()
     everything = base + tuple(candidates)
     terms = everything.terms
@@ -72,7 +76,7 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
     kept_base = list(base_fit.found.kept)
     groups = [[place[t.screws] for t in c.terms if place[t.screws] >= len(base.terms)] for c in candidates]
     chosen = [g for g, columns in enumerate(groups) if columns]
-    subsets = all_subsets(folded, kept_base, _disjoint([groups[g] for g in chosen]))
+    subsets, certified = _searched(folded, kept_base, _disjoint([groups[g] for g in chosen]))
     total, n = subsets.held_out.sum(1), int(folded.rows.sum())
     saturated = n - subsets.rank < 2
     alone = np.array([subsets.rank[(subsets.members.sum(1) == 1) & subsets.members[:, g]][0] for g in range(len(chosen))],
@@ -87,7 +91,8 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
     weight = weights(np.where(listed, -2 * (evidence + _multiplicity(subsets.members)), np.inf))
     by_bic, by_aicc = (int(np.argmin(np.where(listed, c(subsets.rss, n, subsets.rank), np.inf))) for c in (bic, aicc))
     ranking = np.argsort(np.where(listed, total, np.inf), kind="stable")[:min(SHOWN, int(listed.sum()))]
-    rows = list(dict.fromkeys([pick, by_bic, by_aicc, *ranking.tolist()]))[:SHOWN]
+    searched = [] if certified is None else np.flatnonzero((subsets.members == certified.members).all(1)).tolist()
+    rows = list(dict.fromkeys([pick, by_bic, by_aicc, *searched, *ranking.tolist()]))[:SHOWN]
     rows.sort(key=lambda s: float(total[s]))
     some = [tuple(candidates[chosen[g]] for g in np.flatnonzero(subsets.members[s])) for s in rows]
     steps = steps_from(data, everything, base_fit, folded)
@@ -100,13 +105,33 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
             ("one-standard-error choice", s == pick), ("lowest CV", s == best),
             ("not distinguishable from the lowest CV", s != best and total[s] - total[best] < 2 * spread[s]),
             ("lowest BIC: criteria disagree", s == by_bic != best), ("lowest AICc: criteria disagree", s == by_aicc != best),
-            ("saturated: AICc undefined", n - subsets.rank[s] < 3)) if true]
+            ("saturated: AICc undefined", n - subsets.rank[s] < 3),
+            (_proof(certified), s in searched)) if true]
         extended = float(ebic(subsets.rss[s], n, subsets.rank[s], int(subsets.members[s].sum()), len(chosen)))
-        out.append(replace(one, ebic=finite(extended), weight=float(weight[s]),
+        out.append(replace(one, ebic=finite(extended), weight=float(weight[s]) if certified is None else None,
                            note="; ".join([*notes, *([one.note] if one.note else [])])))
     choice = tuple(candidates[chosen[g]].name for g in np.flatnonzero(subsets.members[pick]))
     considered = tuple(candidates[g].name for g in chosen)
-    return Comparison(len(subsets.rss), tuple(out), (*base_names, *choice), considered, tuple(set_aside))
+    return Comparison(len(subsets.rss), tuple(out), (*base_names, *choice), considered, tuple(set_aside), certified)
+
+
+def _searched(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]]) -> tuple[Subsets, Certified | None]:
+    """All subsets of up to WALKED groups; of more, none, the best by BIC, each group alone, and the best's neighbours by a group,
+    with the best's certificate."""
+    if len(groups) <= WALKED:
+        return all_subsets(folded, base, groups), None
+    found = best_subset(folded.total(), base, groups)
+    single = np.eye(len(groups), dtype=bool)
+    every = np.concatenate([[single[0] & False, found.members], single, found.members ^ single])
+    members = np.array(list(dict.fromkeys(map(tuple, every.tolist()))), dtype=bool)
+    return some_subsets(folded, base, groups, members), found
+
+
+def _proof(certified: Certified | None) -> str:
+    """What is known of the best."""
+    if certified is None or certified.proven:
+        return "lowest BIC of all subsets, proven"
+    return f"lowest BIC found; another may have up to {certified.gap:.3g} less"
 
 
 def _disjoint(groups: list[list[int]]) -> list[list[int]]:
