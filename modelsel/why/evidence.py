@@ -41,6 +41,8 @@ def evidence(seen: Scan, log_prior: Array, response: Array) -> tuple[float, Arra
     strength, log_prior = seen.strength(response[:, None]), np.where(seen.small(response), log_prior, -np.inf)
     total = np.square(response).sum(keepdims=True)
     best, posterior = -np.inf, np.full(len(log_prior), -np.inf)
+    if not np.isfinite(log_prior).any():
+        return best, posterior
     for r in RATIOS:
         joint = log_bayes_factors(seen, strength, total, float(r))[:, 0] + log_prior
         value = float(joint.max() + np.log(np.exp(joint - joint.max()).sum()))
