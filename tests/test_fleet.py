@@ -26,6 +26,7 @@ from modelsel.telling import fleet as fleets
 from modelsel.telling.config import read_study
 from modelsel.telling.fleet import cluster, run_fleet, save_summary
 from modelsel.telling.fleetfile import read_fleet
+from modelsel.telling.stored import load_result
 from modelsel.telling.study import run
 from modelsel.which.stream import Parts, fit_parts, parts_of
 from modelsel.words.errors import StudyError
@@ -116,6 +117,7 @@ def test_fleet_on_two_workers(folder) -> None:
     for name in ("arm0", "arm4"):
         alone = run(read_study(folder / name), folder / name, sampling=False)
         assert (out / name / "result.json").read_bytes() == alone.to_json().encode()
+        assert load_result(out / name).to_json() == alone.to_json()         # with all that a report is drawn from
     assert json.loads((out / "what-if" / "result.json").read_text())["provenance"]["data_sha256"] == json.loads(
         (out / "arm1" / "result.json").read_text())["provenance"]["data_sha256"]
     found = json.loads((out / "whole" / "parts.json").read_text())

@@ -70,8 +70,9 @@ def test_a_frame_is_refused_in_a_file_s_words(case, tmp_path) -> None:
                       *([f"column {other.column}"] if other.column else [])])
     assert str(other).startswith(f"{head}: ")
     words = str(one).partition(": ")[2].replace("the file has", "it has").replace("on line 3", "on row 1")
-    words = words.replace('in the study file: [measurements] columns = { z_mm = "z" }', 'by columns={"z_mm": "z"}')
-    words = words.replace('in the study file: [measurements] columns = { z_mm = "NAME" }', 'by columns={"z_mm": "NAME"}')
+    for given in ("z", "NAME"):
+        words = words.replace(f'in the study file: [measurements] columns = {{ z_mm = "{given}" }}', (
+            f'by columns={{"z_mm": "{given}"}} (of a Study: measurements={{"frame": …, "columns": …}})'))
     assert str(other).partition(": ")[2] == words
 
 

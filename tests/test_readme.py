@@ -105,13 +105,13 @@ def ran(page) -> tuple[list[str], dict[str, object]]:
 
 def test_python_prints_what_is_shown(page, ran) -> None:
     shown = [output for _, output in SHOWN.findall(page)]
-    assert len(shown) == len(fenced("python", page)) == 1, "a block of Python without its output"
+    assert len(shown) == len(fenced("python", page)) == 2, "a block of Python without its output"
     assert ran[0] == shown, AGAIN
 
 
 def test_at_most_twelve_lines_beside_imports(page) -> None:
-    lines = "".join(fenced("python", page)).splitlines()
-    assert len([line for line in lines if line and not re.match(r"from|import", line)]) <= 12
+    for block in fenced("python", page):
+        assert len([line for line in block.splitlines() if line and not re.match(r"from|import", line)]) <= 12
 
 
 def test_excerpt_is_what_the_study_prints(page, ran) -> None:

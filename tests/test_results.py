@@ -93,7 +93,9 @@ def test_a_study_keeps_the_data_it_was_given(frame) -> None:
 
 
 @pytest.mark.parametrize(("tables", "says"), [
-    ({"robot": "puma760"}, "robot: expected a table"), ({"robot": {"nominal": "puma760", "tool_mm": OFF_AXIS}}, "robot.nominal"),
+    ({"robot": "puma760"}, 'robot: expected a table: name = "puma760"'), ({"robot": load("ur5")}, "nominal = the Robot"),
+    ({"split": 80}, "split: expected a table of settings"),
+    ({"robot": {"nominal": "puma760", "tool_mm": OFF_AXIS}}, "robot.nominal"),
     ({"measurements": 3}, "measurements: expected a file or a pandas DataFrame, found int"),
     ({"measurements": {"file": "m.csv", "frame": pd.DataFrame()}}, "give file or frame"), ({"seeds": 1}, 'Did you mean "seed"'),
     ({"robot": {"nominal": load("ur5"), "name": "ur5", "tool_mm": OFF_AXIS}}, "give either name"),
@@ -104,6 +106,13 @@ def test_problems_are_said_as_of_a_file(tables, says) -> None:
             "noise": {"floor_mm": -1}}))
     assert says in str(refused.value)
     assert "noise.floor_mm" in str(refused.value)        # all at once
+
+
+def test_when_every_candidate_is_in_nothing_is_left_to_name(frame) -> None:
+    """Without a warning of the arithmetic: pytest makes one an error."""
+    study = Study(name="x", measurements=frame, **TABLES_OF_IT | {"model": {"candidates": ["wrist-coupling:5"]}})
+    said = run(study, sampling=False).record["nothing_else"]["sentence"]
+    assert "by chance with probability 1." in said
 
 
 # -- tables ------------------------------------------------------------------------------------------------------------

@@ -38,6 +38,14 @@ class RobotTable(_Table):
     tools_mm: dict[str, Vector] | None = None
     register_: bool | Literal["per group"] = Field(False, alias="register")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _table(cls, given: Any) -> Any:
+        if isinstance(given, (str, Robot)):
+            which = f'name = "{given}"' if isinstance(given, str) else "nominal = the Robot"
+            raise ValueError(f"expected a table: {which} and tool_mm = [x, y, z]")
+        return given
+
     @model_validator(mode="after")
     def _one_source(self) -> RobotTable:
         if [self.nominal, self.name, self.file].count(None) != 2:

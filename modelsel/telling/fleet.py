@@ -17,17 +17,16 @@ from typing import TYPE_CHECKING, Any
 
 from ..machine.robotfile import builtin_names, load, read_robot
 from ..matrix.design import Model
-from ..use.calibration import NAME
 from ..which.stream import Parts, fit_parts, parts_of
 from ..words.errors import DataError, ModelselError, StudyError
 from ..wrong.registry import mechanism, with_plugins
 from .analysis import provenance
 from .config import find_data
 from .fleetfile import Fleet, PartsTable, Task
-from .report.drawing import draw, save_details
+from .report.drawing import draw
 from .report.fleet import summary
 from .result import dumps
-from .stored import save
+from .stored import WRITES, save
 from .study import run
 from .write import write_beside
 
@@ -74,7 +73,7 @@ def run_fleet(fleet: Fleet, out: Path, client: Any, *, sampling: bool = True, re
     waiting = {}
     for task in fleet.tasks:
         if resume and _finished(task, out / task.name, sampling, reports):
-            rows[task.name] = _row(task.name, json.loads((out / task.name / "result.json").read_text()))
+            rows[task.name] = _row(task.name, json.loads((out / task.name / "result.json").read_text(encoding="utf-8")))
         else:
             waiting[client.submit(_one, task, str(out / task.name), sampling, reports, pure=False, retries=RETRIES)] = task.name
     if rows:
@@ -98,20 +97,19 @@ def _one(task: Task, out: str, sampling: bool, reports: bool) -> Row:
     try:
         result = run(task.study, task.folder, registry=with_plugins()[0], sampling=sampling)
         save(result, Path(out))
-        save_details(result, Path(out))
         if reports:
             draw(Path(out))
     except ModelselError as error:
         return _failed(task.name, str(error), error.exit_code)
-    return _row(task.name, json.loads((Path(out) / "result.json").read_text()))
+    return _row(task.name, json.loads((Path(out) / "result.json").read_text(encoding="utf-8")))
 
 
 def _finished(task: Task, folder: Path, sampling: bool, reports: bool) -> bool:
     """Whether the folder holds all of this study: same data, same study, same versions."""
-    if not all((folder / name).is_file() for name in (NAME, "details.json", *(("report.pdf", "report.html") if reports else ()))):
+    if not all((folder / name).is_file() for name in (*WRITES, *(("report.pdf", "report.html") if reports else ()))):
         return False
     try:
-        there = json.loads((folder / "result.json").read_text())
+        there = json.loads((folder / "result.json").read_text(encoding="utf-8"))
         data = hashlib.sha256(find_data(task.study.measurements.file, task.folder).read_bytes()).hexdigest()
     except (OSError, ValueError):
         return False

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..matrix.identify import identify
+from ..matrix.identify import identify, solve
 from ..matrix.reduce import Reduction
 from ..words.errors import NotEstimable
 from ..words.rigid import Array

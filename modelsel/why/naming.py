@@ -55,8 +55,9 @@ def _named(seen: Scan, candidates: tuple[Candidate, ...], response: Array, known
         log_prior = log_prior.copy()
         log_prior[without] = -np.inf
     value, joint = evidence(known, log_prior)
-    probability = np.exp(joint - value)
-    probability /= probability.sum()
+    relative = joint - value if np.isfinite(value) else joint       # no candidate may explain it: each has probability 0
+    probability = np.exp(relative)
+    probability /= max(probability.sum(), np.finfo(float).tiny)
     order = np.argsort(-probability, kind="stable")
     count = int(np.searchsorted(np.cumsum(probability[order]), CREDIBLE) + 1)
     shown = order[:min(max(count, 1), LISTED)]
@@ -65,7 +66,7 @@ def _named(seen: Scan, candidates: tuple[Candidate, ...], response: Array, known
                     for g, a in zip(shown, alike, strict=True))
     together = sum(e.probability for e in entries if e.alike)
     verdict = "found" if together >= SURE else "cannot be told apart"
-    return Named(value, entries, max(count - len(shown), 0), verdict, joint - value, int(order[0]))
+    return Named(value, entries, max(count - len(shown), 0), verdict, relative, int(order[0]))
 
 
 def coefficients(seen: Scan, g: int, response: Array) -> Array:
