@@ -209,6 +209,21 @@ def test_every_key_of_a_calibration_is_explained() -> None:
     assert {key for key in stored if key not in said} == set()
 
 
+def test_constants_are_the_program_s() -> None:
+    from modelsel.which.candidates import REGISTERED
+    from modelsel.why.extend import LEVEL, MOST
+    from modelsel.why.naming import ALIKE, CREDIBLE, LISTED, SURE
+    said = {page: (DOCS / f"{page}.md").read_text(encoding="utf-8") for page in ("statistics", "choose", "limits", "contract")}
+    assert f"share {REGISTERED} of the prior" in said["statistics"]
+    assert f"hold {SURE} of the probability" in said["statistics"]
+    assert f"holds {CREDIBLE:.0%}".replace("%", " %") in said["statistics"]
+    assert all(f"correlation above {ALIKE} beyond the base" in said[page] for page in ("statistics", "choose"))
+    assert f"found at {LEVEL} or less" in said["contract"]
+    assert f"to {CREDIBLE} or {LISTED} entries" in said["contract"]
+    assert MOST == 24
+    assert "stops at twenty-four" in said["limits"]
+
+
 def test_exit_status_table() -> None:
     text = (DOCS / "commands.md").read_text(encoding="utf-8")
     kinds = (ModelselError, StudyError, DataError, NotEstimable, Interrupted)

@@ -31,6 +31,7 @@ ROOT = Path(__file__).parents[2]
 REPORT = ROOT / "reports" / "puma760"
 NOTEBOOKS = ROOT / "docs" / "notebooks"
 MADE = re.compile(r"^<!-- made: ([\w-]+)(?: ([\w-]+))? -->$", re.MULTILINE)
+CANVAS = re.compile(rb'(<g id="patch_\d+">\s*<path d="[^"]+"\s+style="fill: )#ffffff')   # white paper, in the dark a box
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 
 
@@ -97,7 +98,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     made |= {f"made/{name}": (REPORT / name).read_bytes() for name in ("report.html", "report.pdf")}
     made |= {f"notebooks/{name}.md": text for name, (_, text) in notebooks.pages(NOTEBOOKS).items()}
     for name, content in made.items():
-        files.append(File.generated(config, name, content=content))
+        shown = CANVAS.sub(rb"\1none", content) if isinstance(content, bytes) and name.endswith(".svg") else content
+        files.append(File.generated(config, name, content=shown))
     return files
 
 

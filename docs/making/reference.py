@@ -31,6 +31,12 @@ def _fenced(text: str) -> str:
     return re.sub(r"(?m)^( {4}.*)$", r"    \1", text)
 
 
+def _sentence(text: str) -> str:
+    """The first sentence of a docstring."""
+    first = " ".join(text.partition("\n\n")[0].split())
+    return re.split(r"(?<=[.)])\s(?=[A-Z])", first)[0]
+
+
 def _signature(name: str, value: Any) -> str:
     """name(argument: type, …) -> type; an argument a line where it is long."""
     try:
@@ -64,7 +70,7 @@ def names() -> str:
                 _fenced(inspect.getdoc(value) or ""), "", f"*{kind} of `{home}`*", ""]
         public = [(n, p) for n, p in vars(value).items() if not n.startswith("_")] if kind == "class" else []
         methods = [(n, p) for n, p in public if inspect.isfunction(p) or isinstance(p, property) or hasattr(p, "func")]
-        said = [(n, (inspect.getdoc(p) or "").partition("\n")[0]) for n, p in methods]
+        said = [(n, _sentence(inspect.getdoc(p) or "")) for n, p in methods]
         out += [f"- `{n}`: {line}" for n, line in said if line and not issubclass(value, BaseModel)] + [""]
     return "\n".join(out)
 
