@@ -244,8 +244,8 @@ def detection() -> tuple[bytes, str]:
         drawn = svg(fig, "How large an effect must be to be found")
     return short(drawn), (
         f"80 configurations, noise {1e3 * NOISE:.0f} µm a coordinate. An effect of half the noise is found almost "
-        "surely, because 240 coordinates speak for it; below the limit it is found now and then (its echoes in "
-        "neighbouring cells help a little beyond the formula), and its absence proves nothing."
+        "surely, because 240 coordinates speak for it. Below the limit something is found now and then: false alarms, "
+        "5 %, are counted here and not in the formula, and so are echoes. There its absence proves nothing."
     )
 
 

@@ -96,9 +96,9 @@ def posterior() -> tuple[bytes, str]:
                 )
         for colour, words in (
             (QUIET, "least squares"),
-            (ORANGE, "bootstrap of configurations"),
-            (BLUE, "posterior, closed form"),
-            (INK, "posterior, chain on the exact arm"),
+            (ORANGE, "bootstrap"),
+            (BLUE, "closed form"),
+            (INK, "chain on the exact arm"),
         ):
             ax.plot([], [], color=colour, lw=3 if colour != INK else 1.2, label=words)
         ax.axhline(0, color="#BBBBBB", lw=0.6, zorder=0)
