@@ -26,7 +26,7 @@ from modelsel.telling import fleet as fleets
 from modelsel.telling.config import read_study
 from modelsel.telling.fleet import cluster, run_fleet, save_summary
 from modelsel.telling.fleetfile import read_fleet
-from modelsel.telling.stored import load_result
+from modelsel.telling.stored import WRITES, load_result
 from modelsel.telling.study import run
 from modelsel.which.stream import Parts, fit_parts, parts_of
 from modelsel.words.errors import StudyError
@@ -136,7 +136,7 @@ def test_fleet_on_two_workers(folder) -> None:
     assert "1 study of 7 failed: arm2" in words
     assert all(row["name"] in words for row in rows)
     assert "line 9" in words
-    assert {path.name for path in (out / "arm0").iterdir()} == {"result.json", "calibration.json", "details.json"}
+    assert {path.name for path in (out / "arm0").iterdir()} == set(WRITES)
     drawn_again = CliRunner().invoke(main, ["report", str(out / "arm0"), "--pages", "provenance"])
     assert drawn_again.exit_code == 0, drawn_again.output
     assert "Written" in drawn_again.output

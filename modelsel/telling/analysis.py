@@ -34,7 +34,7 @@ from ..wrong.mechanisms.geometry import setup
 from ..wrong.registry import Registry, mechanism
 from ..wrong.screws import Mechanism, Screw
 from .config import Study
-from .findings import Finding, detection_limit, surprised, uneven
+from .findings import Finding, beside, detection_limit, surprised, uneven
 from .finished import Result
 
 
@@ -76,7 +76,7 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
         notes = (*notes, Note("scan-of-some", f"What is wrong was looked for in {extension.fit.rows // data.scene.components} of "
                               f"the {int(data.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
                               "all rows."))
-    notes = (*notes, *uneven(extension))
+    notes = (*notes, *uneven(extension), *(beside(data.scene) if question.cells else ()))
     say("comparing all subsets of the candidates")
     offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects],
                                study.comparison.mechanisms or MOST)
@@ -209,6 +209,8 @@ def nothing_else(extension: Extension, found: tuple[Candidate, ...], data: Data,
         return stopped, limit
     more = "else " if extension.effects else ""
     left = f" The strongest of what is left would come by chance with probability {extension.left_p:.2g}."
+    if limit is None:
+        return f"Nothing {more}was found; the data are too few for any further effect to be found, however large.{left}", None
     return f"Nothing {more}was found; an effect above {display(limit)} rms would have been found with 90 %.{left}", limit
 
 

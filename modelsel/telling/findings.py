@@ -9,7 +9,7 @@ import numpy as np
 
 from ..data.measurements import Note
 from ..matrix.scene import Scene
-from ..which.candidates import Candidate
+from ..which.candidates import Candidate, crowded
 from ..which.compare import Data, Rung
 from ..which.validate import Gain, surprise
 from ..why.evidence import RATIOS
@@ -104,14 +104,17 @@ def fault_dict(fault: Fault) -> dict[str, Any]:
             "more_entries": 0, "estimate": [], "gain": asdict(Gain(None, None, None))}
 
 
-def detection_limit(extension: Extension, priors: Sequence[float], configurations: int, sigma: float) -> float:
+def detection_limit(extension: Extension, priors: Sequence[float], configurations: int, sigma: float) -> float | None:
     """Root mean square displacement per row [whitened units of sigma] beyond the model of a single-column effect that the
-    scan would find with 90 %: the noncentrality at which its evidence passes the bound (methods.md A.7)."""
+    scan would find with 90 %: the noncentrality at which its evidence passes the bound (methods.md A.7). None where the data
+    are so few that nothing passes it, however large."""
     from scipy.special import chndtr
     log_prior = float(np.log(np.median(priors)))
     freedom = extension.fit.freedom
-    share = np.linspace(0.0, 0.9, 4001)[1:]
+    share = np.concatenate([np.linspace(0.0, 0.9, 4001)[1:], 1 - np.logspace(-1, -7, 1201)[1:]])
     best = np.max([log_prior - 0.5 * np.log1p(r) - 0.5 * freedom * np.log1p(-share * r / (1 + r)) for r in RATIOS], axis=0)
+    if freedom <= 1 or not (best > extension.bound).any():
+        return None
     passing = share[np.argmax(best > extension.bound)]
     critical = passing / (1 - passing) * (freedom - 1)
     low, high = 0.0, 10 * critical + 100
@@ -150,3 +153,11 @@ def surprised(data: Data, chosen: Rung) -> tuple[Note, ...]:
 def rms(values: Array) -> float:
     """Root mean square."""
     return float(np.sqrt(np.square(values).mean()))
+
+
+def beside(scene: Scene) -> tuple[Note, ...]:
+    """Where the arm has so many joints that the error map is not whole."""
+    if not crowded(scene):
+        return ()
+    return (Note("map-of-neighbours", f"With {scene.robot.n} joints the whole error map is too large: causes nobody registered "
+                 "were looked for only at the places of the joints they look at, and next to these."),)
