@@ -1,110 +1,53 @@
 """Measurement files (CSV, Parquet) -> Measurements: strict, and every refusal says file, line, column and remedy."""
 from __future__ import annotations
 
-import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import islice
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..words.errors import DataError, suggest
-from ..words.rigid import Array, from_quaternion
+from ..words.errors import DataError, StudyError, suggest
+from ..words.rigid import LARGEST, Array, from_quaternion
 from .measurements import Measurements, Note, measurements
+from .table import Table, distinct, read_table
 
-CHUNK = 50_000
+SMALLEST = 1e-9        # mm or rad: the least standard uncertainty
+JOINT = re.compile(r"q([0-9]{1,9})_(?:rad|deg|mm|m)")
+COMMA = re.compile(r"[-+]?\d+,\d+")
 UNITS = {"rad": 1.0, "deg": np.pi / 180, "mm": 1.0, "m": 1e3}
 TEXT = ("target", "configuration", "group")
+USED = (*TEXT, "order", "sx_mm", "sy_mm", "sz_mm", "qw", "qx", "qy", "qz", "srx_rad", "sry_rad", "srz_rad")
+KNOWN = ("payload_kg", "temperature_C", "time_s")
 FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "free"}
 RESERVED = re.compile(r"(q|approach|move|torque)\d+|[xyz]_mm|range_mm|(moment\d*|down)_[xyz]|torque\d+_\d+|progress")
-Table = dict[str, "NDArray[Any]"]
 
 
-def _rows(path: Path) -> Iterator[list[list[str]]]:
-    """Chunks of CSV rows, the header first as a chunk of its own; refuses ragged rows with their line."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            header = next(reader, None)
-            if not header or "\0" in "".join(header):
-                raise DataError("the file is empty or not text.", file=path.name,
-                                remedy="A CSV with a header line and a row per measured point is expected.")
-            yield [[name.strip() for name in header]]
-            line = 2
-            while chunk := list(islice(reader, CHUNK)):
-                for k, row in enumerate(chunk):
-                    if len(row) != len(header):
-                        if not row and all(not later for later in chunk[k:]):
-                            chunk = chunk[:k]
-                            break
-                        raise DataError(f"{len(row)} cells, but the header has {len(header)}.", file=path.name,
-                                        line=line + k, remedy="Every row needs as many cells as the header.")
-                if chunk:
-                    yield chunk
-                line += len(chunk)
-    except FileNotFoundError:
-        raise DataError("no such file.", file=path.name, remedy="Put it beside the study file, or set MODELSEL_DATA to the "
-                        "folder that holds it.") from None
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or ("it is not UTF-8 text" if isinstance(error, ValueError) else str(error))
-        raise DataError(f"the file cannot be read: {reason}.", file=path.name) from None
-
-
-def _read_csv(path: Path) -> Table:
-    chunks = _rows(path)
-    header = next(chunks)[0]
-    _distinct(header, path)
-    parts: list[list[NDArray[Any]]] = [[np.array(column, dtype=object) for column in zip(*chunk, strict=True)]
-                                       for chunk in chunks]
-    return {name: np.concatenate([part[k] for part in parts]) if parts else np.zeros(0, object)
-            for k, name in enumerate(header)}
-
-
-def _read_parquet(path: Path, group: int | None = None) -> Table:
-    """All of a file, or one of its row groups."""
-    import pyarrow.lib
-    import pyarrow.parquet as pq
-    try:
-        table = (pq.read_table(path, use_threads=False, partitioning=None) if group is None
-                 else pq.ParquetFile(path).read_row_group(group, use_threads=False))
-    except FileNotFoundError:
-        raise DataError("no such file.", file=path.name) from None
-    except (OSError, pyarrow.lib.ArrowException) as error:
-        raise DataError(f"not a readable Parquet file: {str(error)[:120]}", file=path.name) from None
-    _distinct(table.column_names, path)
-    return {name: table.column(name).to_numpy() for name in table.column_names}
-
-
-def _distinct(header: Sequence[str], path: Path) -> None:
-    for name in header:
-        if list(header).count(name) > 1:
-            raise DataError("the name stands twice in the header.", file=path.name, line=1, column=name or "(no name)",
-                            remedy="Column names must differ.")
-
-
-def _numbers(table: Table, name: str, path: Path) -> Array:
-    """A column as finite floats; refuses the first cell that is not one, with its line."""
+def _numbers(table: Table, name: str, path: Path, low: float = -np.inf, high: float = np.inf) -> Array:
+    """A column as finite floats between two bounds; refuses the first cell that is not one, with its line."""
     column = table[name]
-    out = np.array([_number(cell) for cell in column]) if column.dtype == object else np.asarray(column, dtype=float)
-    bad = np.flatnonzero(~np.isfinite(out))
+    out = np.asarray(column, float) if column.dtype.kind in "fiu" else np.array([_number(cell) for cell in column], float)
+    with np.errstate(invalid="ignore"):
+        bad = np.flatnonzero(~(np.isfinite(out) & (out >= low) & (out <= high)))
     if len(bad):
         cell = column[bad[0]]
         shown = "an empty cell" if cell is None or str(cell).strip() == "" else f'"{str(cell)[:30]}"'
         more = f" ({len(bad)} such cells)" if len(bad) > 1 else ""
-        raise DataError(f"expected a finite number, found {shown}{more}.", file=path.name, line=int(bad[0]) + 2, column=name,
-                        remedy="Correct the cell or remove the row.")
+        bounds = f" between {low:g} and {high:g}" if np.isfinite(out[bad[0]]) else ""
+        comma = " Numbers need a decimal point, not a comma." if COMMA.fullmatch(str(cell).strip()) else ""
+        raise DataError(f"expected a finite number{bounds}, found {shown}{more}.", file=path.name, line=int(bad[0]) + 2,
+                        column=name, remedy=f"Correct the cell or remove the row.{comma}")
     return out
 
 
 def _number(cell: Any) -> float:
-    if isinstance(cell, str) and "_" in cell:      # Python would read 1_000 as a number; no measuring program writes that
-        return float("nan")
+    if isinstance(cell, (bool, np.bool_)) or isinstance(cell, str) and "_" in cell:
+        return float("nan")         # Python would read 1_000 as a number; no measuring program writes that
     try:
         return float(cell)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return float("nan")
 
 
@@ -113,7 +56,7 @@ def _column(table: Table, path: Path, stem: str, units: Sequence[str]) -> Array:
     present = [unit for unit in units if f"{stem}_{unit}" in table]
     wanted = " or ".join(f"{stem}_{unit}" for unit in units)
     if len(present) == 1:
-        return _numbers(table, f"{stem}_{present[0]}", path) * UNITS[present[0]]
+        return _numbers(table, f"{stem}_{present[0]}", path, -LARGEST, LARGEST) * UNITS[present[0]]
     if present:
         raise DataError(f"{' and '.join(f'{stem}_{u}' for u in present)} are both there.", file=path.name, line=1,
                         remedy="Keep one of them.")
@@ -134,12 +77,14 @@ def _together(table: Table, path: Path, names: Sequence[str], refuse: str = "") 
     if len(there) < len(names):
         raise DataError(f"{', '.join(there)} without {', '.join(n for n in names if n not in there)}.", file=path.name, line=1,
                         remedy=f"{' '.join(names)} come together.")
-    out = np.stack([_numbers(table, name, path) for name in names], 1)
-    if refuse == "not positive" and (out <= 0).any():
-        row, column = np.argwhere(out <= 0)[0]
-        raise DataError("a standard uncertainty must be above zero.", file=path.name, line=int(row) + 2, column=names[column])
+    out = np.stack([_numbers(table, name, path, -LARGEST, LARGEST) for name in names], 1)
+    if refuse == "not positive" and (out < SMALLEST).any():
+        row, column = np.argwhere(out < SMALLEST)[0]
+        raise DataError(f"a standard uncertainty must be above zero, {SMALLEST:g} at least.", file=path.name, line=int(row) + 2,
+                        column=names[column], remedy="Correct the cell, or leave the uncertainties out.")
     if refuse == "zero" and not out.any(1).all():
-        raise DataError("a quaternion of length zero.", file=path.name, line=int(np.argmin(out.any(1))) + 2, column=names[0])
+        raise DataError("a quaternion of length zero.", file=path.name, line=int(np.argmin(out.any(1))) + 2, column=names[0],
+                        remedy="Correct the row or remove it.")
     return out
 
 
@@ -152,10 +97,10 @@ def _joints(table: Table, path: Path, prismatic: Sequence[bool]) -> Array:
             raise DataError(f"{q[row]:g} rad is beyond two turns: it looks like degrees.", file=path.name, line=row + 2,
                             column=f"q{j}_rad", remedy=f"If the readings are degrees, name the column q{j}_deg.")
         columns.append(q)
-    extra = f"q{len(prismatic) + 1}"
-    if any(f"{extra}_{unit}" in table for unit in UNITS):
-        raise DataError(f"the file has a joint {extra}, but the robot has {len(prismatic)} joints.", file=path.name, line=1,
-                        remedy="Check the robot's name in the study.")
+    for name in table:
+        if (found := JOINT.fullmatch(name)) and not 1 <= int(found[1]) <= len(prismatic):
+            raise DataError(f"the file has a joint q{int(found[1])}, but the robot has {len(prismatic)} joints.", file=path.name,
+                            line=1, column=name, remedy="Check the robot's name in the study, or rename the column.")
     return np.stack(columns, 1)
 
 
@@ -183,15 +128,16 @@ def _duplicates(table: Table, m: int) -> NDArray[np.bool_]:
 def _covariates(table: Table, used: set[str], path: Path) -> tuple[dict[str, Array], list[Note]]:
     out, ignored, unusable = {}, [], []
     for name in table:
-        if name in used:
+        if name in used or JOINT.fullmatch(name):
             continue
         column = table[name]
-        values = np.array([_number(cell) for cell in column]) if column.dtype.kind not in "fiub" else np.asarray(column, float)
-        if name in ("payload_kg", "temperature_C", "time_s"):
-            values = _numbers(table, name, path)
+        values = (np.asarray(column, float) if column.dtype.kind in "fiub" else
+                  np.array([_number(cell) for cell in column], float))
+        if name in KNOWN:
+            values = _numbers(table, name, path, -1e12, 1e12)
         if not np.isfinite(values).any():
             ignored.append(name)
-        elif not np.isfinite(values).all() or not name.isidentifier() or name in FUNCTIONS or RESERVED.fullmatch(name):
+        elif not (np.abs(values) <= 1e30).all() or not name.isidentifier() or name in FUNCTIONS or RESERVED.fullmatch(name):
             unusable.append(name)
         else:
             out[name] = values
@@ -199,22 +145,9 @@ def _covariates(table: Table, used: set[str], path: Path) -> tuple[dict[str, Arr
     if ignored:
         notes.append(Note("columns-ignored", f"Columns that hold no numbers are ignored: {', '.join(ignored)}."))
     if unusable:
-        notes.append(Note("covariates-ignored", "Columns that cannot serve as causes are ignored (empty cells, or a name "
-                                                f"that is not a plain word): {', '.join(unusable)}."))
+        notes.append(Note("covariates-ignored", "Columns that cannot serve as causes are ignored (empty cells, numbers above "
+                                                f"1e30, or a name that is not a plain word): {', '.join(unusable)}."))
     return out, notes
-
-
-def row_groups(path: Path) -> tuple[int, ...]:
-    """Rows of every row group of a Parquet file; each can be read alone. Raises DataError."""
-    import pyarrow.lib
-    import pyarrow.parquet as pq
-    try:
-        told = pq.ParquetFile(path).metadata
-        return tuple(int(told.row_group(k).num_rows) for k in range(told.num_row_groups))
-    except FileNotFoundError:
-        raise DataError("no such file.", file=path.name) from None
-    except (OSError, pyarrow.lib.ArrowException) as error:
-        raise DataError(f"not a readable Parquet file: {str(error)[:120]}", file=path.name) from None
 
 
 def read_measurements(path: Path | str, prismatic: Sequence[bool], columns: Mapping[str, str] | None = None,
@@ -222,17 +155,18 @@ def read_measurements(path: Path | str, prismatic: Sequence[bool], columns: Mapp
     """Measurements of a robot whose joints are `prismatic` or not, from a CSV or Parquet file in contract form.
 
     `columns` maps contract names to names in the file; `group`: one row group of a Parquet file alone; where `positions` need
-    not be there, absent ones are nan. Raises DataError.
+    not be there, absent ones are nan. Raises DataError, or StudyError for a contract name that is none.
     """
     path = Path(path)
-    table = _read_parquet(path, group) if path.suffix.lower() in (".parquet", ".pq") else _read_csv(path)
+    _known(columns or {}, prismatic)
+    table = read_table(path, group)
     for wanted, given in (columns or {}).items():
         if given not in table:
             raise DataError(f'the study maps {wanted} to "{given}", which is not in the file. {suggest(given, table)}',
                             file=path.name, line=1)
     renamed = {given: wanted for wanted, given in (columns or {}).items()}
     kept_names = [renamed.get(name, name) for name in table if name in renamed or name not in (columns or {})]
-    _distinct(kept_names, path)
+    distinct(kept_names, path)
     table = {renamed.get(name, name): column for name, column in table.items() if name in renamed or name not in (columns or {})}
     n, m = len(prismatic), len(next(iter(table.values()), []))
     q = _joints(table, path, prismatic)
@@ -246,14 +180,11 @@ def read_measurements(path: Path | str, prismatic: Sequence[bool], columns: Mapp
     approach = _together(table, path, [f"approach{j}" for j in range(1, n + 1)])
     if approach is not None and not np.isin(approach, (-1.0, 0.0, 1.0)).all():
         at, j = np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))[0]
-        raise DataError("a direction of approach is -1, 0 or +1.", file=path.name, line=int(at) + 2, column=f"approach{j + 1}")
+        raise DataError("a direction of approach is -1, 0 or +1.", file=path.name, line=int(at) + 2, column=f"approach{j + 1}",
+                        remedy="Correct the cell, or leave the approach columns out.")
     text = {name: _labels(table, name, path) for name in TEXT if name in table}
     order = _numbers(table, "order", path) if "order" in table else None
-    used = {*TEXT, "order", "sx_mm", "sy_mm", "sz_mm", "qw", "qx", "qy", "qz", "srx_rad", "sry_rad", "srz_rad",
-            *(f"{axis}_{u}" for axis in "xyz" for u in ("mm", "m")),
-            *(f"{stem}{j}{u}" for j in range(1, n + 1) for stem, u in (("q", "_rad"), ("q", "_deg"), ("q", "_mm"),
-                                                                      ("approach", "")))}
-    covariates, notes = _covariates(table, used, path)
+    covariates, notes = _covariates(table, _names(prismatic) - set(KNOWN), path)
     keep = _duplicates(table, m)
     if not keep.all():
         notes.append(Note("duplicate-rows", f"{int((~keep).sum())} rows repeat an earlier row cell for cell and are counted "
@@ -268,6 +199,24 @@ def read_measurements(path: Path | str, prismatic: Sequence[bool], columns: Mapp
         covariates={name: values[keep] for name, values in covariates.items()}, sigma=kept(sigma),
         rotation=None if quaternion is None else from_quaternion(quaternion[keep]), sigma_rotation=kept(sigma_rotation),
         notes=tuple(notes))
+
+
+def _names(prismatic: Sequence[bool]) -> set[str]:
+    """The column names of the contract, for a robot whose joints are `prismatic` or not."""
+    n = len(prismatic)
+    return {*USED, *KNOWN, *(f"{axis}_{u}" for axis in "xyz" for u in ("mm", "m")), *(f"approach{j}" for j in range(1, n + 1)),
+            *(f"q{j}_{u}" for j, slides in enumerate(prismatic, 1) for u in (("mm",) if slides else ("rad", "deg")))}
+
+
+def _known(columns: Mapping[str, str], prismatic: Sequence[bool]) -> None:
+    """Refuses a mapping to a name that the contract has not."""
+    names = _names(prismatic)
+    problems = [f'measurements.columns: "{name}" is no name of the contract. {suggest(name, names)}' for name in columns
+                if name not in names]
+    problems += [f'measurements.columns: "{given}" is mapped to twice. Name another column.'
+                 for given in sorted(set(columns.values())) if list(columns.values()).count(given) > 1]
+    if problems:
+        raise StudyError(*problems)
 
 
 def _one_reading_each(labels: list[str], q: Array, path: Path) -> None:
@@ -291,7 +240,7 @@ def _labels(table: Table, name: str, path: Path) -> list[str]:
 
 def read_labels(path: Path, column: str) -> NDArray[np.object_]:
     """A text column (the split's) of every row of the file. Raises DataError."""
-    table = _read_parquet(path) if path.suffix.lower() in (".parquet", ".pq") else _read_csv(path)
+    table = read_table(path)
     if column not in table:
         raise DataError(f'the study\'s split column "{column}" is missing. {suggest(column, table)}', file=path.name, line=1)
     return np.array(_labels(table, column, path), dtype=object)
