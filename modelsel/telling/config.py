@@ -2,16 +2,22 @@
 from __future__ import annotations
 
 import os
-import tomllib
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ..words.errors import StudyError, suggest
+from ..words.rigid import LARGEST
+from ..words.text import read_text, toml
 
-Vector = Annotated[list[Annotated[float, Field(allow_inf_nan=False)]], Field(min_length=3, max_length=3)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+Positive = Annotated[float, Field(ge=1e-9, le=LARGEST, allow_inf_nan=False)]
+Nought = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1, le=10_000_000)]       # of configurations: what a computer holds
+FileName = Annotated[str, Field(min_length=1, max_length=4000, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 
 class _Table(BaseModel):
@@ -22,7 +28,7 @@ class RobotTable(_Table):
     """[robot]: which nominal robot, where its target is, whether the tracker's frame is to be found."""
 
     name: str | None = None
-    file: str | None = None
+    file: FileName | None = None
     base: str | None = None
     tip: str | None = None
     tool_mm: Vector | None = None
@@ -45,7 +51,7 @@ class RobotTable(_Table):
 class MeasurementsTable(_Table):
     """[measurements]: the file, and names that differ from the contract's."""
 
-    file: str
+    file: FileName
     columns: dict[str, str] = {}
 
 
@@ -55,7 +61,7 @@ class SplitTable(_Table):
     estimation: Annotated[int, Field(ge=1)] | None = None
     column: str | None = None
     held_out: str = "held-out"
-    nested_folds: Annotated[int, Field(ge=0)] = 0
+    nested_folds: Annotated[int, Field(ge=0, le=1000)] = 0
 
     @model_validator(mode="after")
     def _one_way(self) -> SplitTable:
@@ -85,9 +91,9 @@ class NoiseTable(_Table):
     """[noise]: a known floor, or the instrument."""
 
     floor_mm: Positive | None = None
-    range_mm: Annotated[float, Field(ge=0)] = 0.0
-    range_ppm: Annotated[float, Field(ge=0)] = 0.0
-    angle_urad: Annotated[float, Field(ge=0)] = 0.0
+    range_mm: Nought = 0.0
+    range_ppm: Nought = 0.0
+    angle_urad: Nought = 0.0
     tracker_mm: Vector = [0.0, 0.0, 0.0]
 
     @property
@@ -108,14 +114,14 @@ class EffectTable(_Table):
     frame: Annotated[int, Field(ge=1)]
     axis: Literal["tx", "ty", "tz", "rx", "ry", "rz"]
     cause: str
-    size: Annotated[float, Field(allow_inf_nan=False)]
+    size: Finite
 
 
 class SimulateTable(_Table):
     """[simulate]: what `modelsel simulate` makes; without a measurements file the configurations are drawn."""
 
-    configurations: Annotated[int, Field(ge=1)] = 200
-    noise_mm: Annotated[float, Field(ge=0)] = 0.06
+    configurations: Count = 200
+    noise_mm: Nought = 0.06
     effect: list[EffectTable] = []
 
 
@@ -150,6 +156,23 @@ def _known(location: tuple[Any, ...]) -> list[str]:
     return [field.alias or name for name, field in table.model_fields.items()]
 
 
+def _shown(value: Any) -> str:
+    return f"{value.bit_length() // 3.32:.0f} digits" if type(value) is int and abs(value) > 1e300 else str(value)[:60]
+
+
+def wording(error: Any) -> str:
+    """What pydantic says of a value, in words of the file: expected …, found …."""
+    kind, what = error["type"], error["msg"].removeprefix("Value error, ")
+    if kind == "value_error":
+        return str(what)
+    what = "expected a table" if kind in ("model_type", "dict_type") else what
+    what = re.sub(r"^Input should be (a valid |)", "expected ", what)
+    for pydantic, ours in (("string", "text"), ("list", "a list"), ("boolean", "true or false"), ("integer", "a whole number"),
+                           ("number", "a number"), ("finite number", "a finite number")):
+        what = what.replace(f"expected {pydantic}", f"expected {ours}")
+    return f"{what.replace(' after validation', '')}, found {_shown(error['input'])!r}"
+
+
 def _sentence(error: Any) -> str:
     place = ".".join(str(part + 1) if isinstance(part, int) else str(part).removesuffix("_") for part in error["loc"])
     if error["type"] == "extra_forbidden":
@@ -157,22 +180,16 @@ def _sentence(error: Any) -> str:
         return f'{where}: unknown key "{error["loc"][-1]}". {suggest(str(error["loc"][-1]), _known(error["loc"][:-1]))}'
     if error["type"] == "missing":
         return f"{place} is missing."
-    what = error["msg"].removeprefix("Value error, ")
-    found = "" if error["type"] == "value_error" else f", found {str(error['input'])[:60]!r}"
-    return f"{place}: {what}{found}."
+    return f"{place}: {wording(error)}."
 
 
 def parse_study(text: str, where: str) -> Study:
     """A study from TOML text. Raises StudyError with every problem and its place in `where`."""
     try:
-        table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise StudyError(f"{where}: not valid TOML: {error}") from None
-    try:
-        return Study.model_validate(_floats(table))
+        return Study.model_validate(_floats(toml(text, where)))
     except (ValidationError, RecursionError) as error:
         if isinstance(error, RecursionError):
-            raise StudyError(f"{where}: nested too deeply") from None
+            raise StudyError(f"{where}: nested too deeply. Tables of a few levels are expected.") from None
         sentences: dict[str, None] = {}
         for problem in error.errors():
             loc = tuple(p for p in problem["loc"] if not (isinstance(p, str) and (p.startswith(("literal", "list[")) or p in (
@@ -181,13 +198,17 @@ def parse_study(text: str, where: str) -> Study:
         raise StudyError(*sentences) from None
 
 
+def _float(value: float) -> float:
+    return float(value) if abs(value) < 1e300 else float("inf")
+
+
 def _floats(value: Any) -> Any:
     """Whole numbers inside arrays count as numbers (TOML tells 100 from 100.0; a tool's offset need not)."""
     if isinstance(value, dict):
-        return {k: float(v) if isinstance(v, int) and not isinstance(v, bool) and k.endswith(("_mm", "_ppm", "_urad", "size"))
-                else _floats(v) for k, v in value.items()}
+        return {k: _float(v) if type(v) is int and k.endswith(("_mm", "_ppm", "_urad", "size")) else _floats(v)
+                for k, v in value.items()}
     if isinstance(value, list) and value and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in value):
-        return [float(v) for v in value]
+        return [_float(v) for v in value]
     return [_floats(v) for v in value] if isinstance(value, list) else value
 
 
@@ -195,12 +216,7 @@ def read_study(path: Path | str) -> Study:
     """A study file; a folder stands for its study.toml. Raises StudyError."""
     path = Path(path)
     path = path / "study.toml" if path.is_dir() else path
-    try:
-        return parse_study(path.read_text(encoding="utf-8"), path.name)
-    except FileNotFoundError:
-        raise StudyError(f"{path}: no such study file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise StudyError(f"{path.name}: cannot be read: {getattr(error, 'strerror', None) or 'it is not UTF-8 text'}") from None
+    return parse_study(read_text(path, "the study file"), path.name)
 
 
 def find_data(name: str, beside: Path) -> Path:
