@@ -43,7 +43,8 @@ def evidence(seen: Scan, log_prior: Array, response: Array) -> tuple[float, Arra
     best, posterior = -np.inf, np.full(len(log_prior), -np.inf)
     for r in RATIOS:
         joint = log_bayes_factors(seen, strength, total, float(r))[:, 0] + log_prior
-        value = float(joint.max() + np.log(np.exp(joint - joint.max()).sum()))
+        top = joint.max(initial=-np.inf)
+        value = float(top + np.log(np.exp(joint - top).sum())) if np.isfinite(top) else -np.inf
         if value > best:
             best, posterior = value, joint
     return best, posterior

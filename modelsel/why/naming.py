@@ -50,6 +50,8 @@ def name(seen: Scan, candidates: tuple[Candidate, ...], response: Array, without
     if without is not None:
         log_prior[without] = -np.inf
     value, joint = evidence(seen, log_prior, response)
+    if not np.isfinite(value):              # nothing left that could explain it
+        return Named(value, (), 0, "cannot be told apart", joint)
     probability = np.exp(joint - value)
     probability /= probability.sum()
     order = np.argsort(-probability, kind="stable")
