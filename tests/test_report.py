@@ -279,8 +279,7 @@ def test_sound_with_little_to_draw(case, tmp_path) -> None:
     folder = small(tmp_path, **LITTLE[case])
     result = run(read_study(folder / "study.toml"), folder, sampling=False)
     out = tmp_path / "out"
-    save(result, out)
-    drawing.save_details(result, out)
+    save(result, out, drawing.detailed(result))
     assert drawing.draw(out) == [out / "report.pdf", out / "report.html"]
     text = pages(out)
     for sentence in json.loads((out / "result.json").read_text())["verdict"]:

@@ -2,11 +2,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from . import console, print_json, progress
+
+if TYPE_CHECKING:
+    from ..telling.analysis import Result
 
 UNCONVERGED = 5
 WRITES = ("result.json", "calibration.json", "details.json")
@@ -25,9 +28,10 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     """Run a study: what is wrong, the ladder of models, the gain on held-out configurations."""
     from ..telling.checkpoint import Checkpoint
     from ..telling.config import read_study
-    from ..telling.report.drawing import draw, save_details
+    from ..telling.report.drawing import detailed, draw
     from ..telling.study import rehearse, robot_of, run, save
-    from ..telling.write import check_writable
+    from ..telling.write import check_writable, claimed
+    from ..words.errors import StudyError
     from ..wrong.registry import with_plugins
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
@@ -44,19 +48,29 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
             click.echo(_would(found, folder))
         return
     say = progress()
-    result = run(read, path.parent, registry=registry, say=say, sampling=not no_sampling, checkpoint=Checkpoint(folder, resume))
-    save(result, folder)
+    with claimed(folder):
+        keeper = Checkpoint(folder, resume)
+        result = run(read, path.parent, registry=registry, say=say, sampling=not no_sampling, checkpoint=keeper)
+        try:
+            save(result, folder, detailed(result))
+        except StudyError:                  # what was computed is at least told
+            _tell(result, as_json)
+            raise
+        keeper.clear()
+        _tell(result, as_json)
+        written = [*(folder / name for name in WRITES), *([] if no_report else draw(folder, say=say))]
+    if not as_json:
+        click.echo(f"Written: {', '.join(map(str, written))}")
+    if result.confidence.sampling is not None and not result.confidence.sampling.converged:
+        raise SystemExit(UNCONVERGED)
+
+
+def _tell(result: Result, as_json: bool) -> None:
     if as_json:
         click.echo(result.to_json(), nl=False)
     else:
         from ..telling.tables import show
         show(result, console())
-    save_details(result, folder)
-    written = [*(folder / name for name in WRITES), *([] if no_report else draw(folder, say=say))]
-    if not as_json:
-        click.echo(f"Written: {', '.join(map(str, written))}")
-    if result.confidence.sampling is not None and not result.confidence.sampling.converged:
-        raise SystemExit(UNCONVERGED)
 
 
 def _would(found: dict[str, Any], folder: Path) -> str:

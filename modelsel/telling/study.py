@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,15 +20,14 @@ from ..machine.robot import Robot
 from ..machine.robotfile import load, read_robot
 from ..matrix.scene import scene
 from ..use.calibration import NAME, Calibration, calibrate
-from ..words.errors import StudyError
-from ..words.rigid import Array
+from ..words.errors import DataError, StudyError
 from ..wrong.causes import parse
 from ..wrong.registry import BUILTIN, Registry, every, faults, mechanism, parts
 from ..wrong.screws import Mechanism, Screw
 from .analysis import Question, Result, analyse, provenance, with_sampling
 from .checkpoint import Checkpoint
 from .config import Study, find_data
-from .write import write_beside
+from .write import write_all
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,21 +86,39 @@ def asked(study: Study, folder: Path, registry: Registry) -> tuple[Question, Mea
     return Question(study, plan_of(study), robot, candidates_of(study, robot, registry), registry), measured, labels, path
 
 
+def _digest(path: Path) -> str:
+    """SHA-256 of a file; raises DataError where it is gone."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise DataError(f"cannot be read any more: {error.strerror}.", file=path.name,
+                        remedy="Run again when it is there.") from None
+
+
+def _state(path: Path) -> tuple[int, int, int] | None:
+    """What tells whether a file was written to."""
+    try:
+        found = path.stat()
+        return found.st_ino, found.st_size, found.st_mtime_ns
+    except (OSError, ValueError):
+        return None
+
+
 def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN, say: Say = lambda _: None, sampling: bool = True,
         checkpoint: Checkpoint | None = None) -> Result:
-    """Run a study whose files stand beside `folder`. `checkpoint`: where an unfinished chain is kept and taken up again; without
-    it nothing is written. Raises StudyError, DataError or NotEstimable."""
+    """Run a study whose files stand beside `folder`. `checkpoint`: where an unfinished chain is kept and taken up again, to be
+    cleared when the result is saved; without it nothing is written. Raises StudyError, DataError or NotEstimable."""
     say(f"reading {study.measurements.file}")
+    before = _state(find_data(study.measurements.file, Path(folder)))
     question, measured, labels, path = asked(study, Path(folder), registry)
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    digest = _digest(path)
+    if before is not None and before != _state(path):
+        raise DataError("the file changed while it was read.", file=path.name, remedy="Run again when it is complete.")
     if checkpoint is not None:
         checkpoint.bind(provenance(study, digest))
     result = analyse(question, measured, labels=labels, say=say, data_sha256=digest)
-    if sampling:
-        result = with_sampling(question, result, say, checkpoint)
-    if checkpoint is not None:
-        checkpoint.clear()
-    return result
+    return with_sampling(question, result, say, checkpoint) if sampling else result
 
 
 def rehearse(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN) -> dict[str, Any]:
@@ -124,24 +142,23 @@ def calibration_of(result: Result) -> Calibration:
                      bool(result.study.robot.register_), result.provenance)
 
 
-def save(result: Result, folder: Path) -> None:
-    """Write DIR/result.json and DIR/calibration.json, each whole or not at all."""
-    write_beside(folder / "result.json", result.to_json().encode())
-    write_beside(folder / NAME, calibration_of(result).to_json().encode())
+def save(result: Result, folder: Path, more: Mapping[str, bytes] | None = None) -> None:
+    """Write `more` files, DIR/calibration.json and DIR/result.json, all whole before the first is in place."""
+    write_all(folder, {**(more or {}), NAME: calibration_of(result).to_json().encode(), "result.json": result.to_json().encode()})
 
 
 def simulate_study(study: Study, folder: Path) -> pd.DataFrame:
     """Data with the study's planted effects, at the configurations of its measurements file where there is one, else drawn."""
     robot, rng = robot_of(study, folder), generator(study.seed, "simulate")
     path = find_data(study.measurements.file, folder)
-    covariates: Mapping[str, Array] = {}
     if path.is_file():
         measured = read_measurements(path, [j.prismatic for j in robot.joints], study.measurements.columns)
-        first = np.unique(measured.configuration, return_index=True)[1]
-        q, covariates = measured.q[first], {name: values[first] for name, values in measured.covariates.items()}
+        at = measured.take(np.unique(measured.configuration, return_index=True)[1])
+        at = replace(at, target=np.zeros(len(at), np.intp), targets=("target",))
     else:
         q = robot.draw(rng, study.simulate.configurations)
-    units = scene(robot, measurements(q, np.zeros((len(q), 3)), covariates=covariates), np.zeros((1, 3))).names()
+        at = measurements(q, np.zeros((len(q), 3)))
+    units = scene(robot, at, np.zeros((1, 3))).names()
     effects = []
     for k, effect in enumerate(study.simulate.effect, 1):
         if effect.frame > robot.n + 1:
@@ -150,8 +167,8 @@ def simulate_study(study: Study, folder: Path) -> pd.DataFrame:
     noise = study.noise.floor_mm if study.noise.floor_mm is not None else study.simulate.noise_mm
     if study.robot.tools_mm:
         import pandas as pd
-        frames = [simulate(robot, np.array(tool), effects, q=q, noise_mm=noise, rng=rng, covariates=covariates).assign(
-            target=name, configuration=range(len(q))) for name, tool in study.robot.tools_mm.items()]
+        frames = [simulate(robot, np.array(tool), effects, at=at, noise_mm=noise, rng=rng).assign(
+            target=name, configuration=range(len(at))) for name, tool in study.robot.tools_mm.items()]
         return pd.concat(frames).sort_values("configuration", kind="stable", ignore_index=True)
     tool = np.array(study.robot.tool_mm if study.robot.tool_mm is not None else (0.0, 0.0, 0.0))
-    return simulate(robot, tool, effects, q=q, noise_mm=noise, rng=rng, covariates=covariates)
+    return simulate(robot, tool, effects, at=at, noise_mm=noise, rng=rng)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...words.errors import StudyError
-from ..write import write_beside
+from ..write import write_all
 from .details import details, dumps
 from .document import Page, Source, book
 from .end import outliers, provenance, unidentifiable
@@ -40,9 +40,9 @@ PAGES: dict[str, Page] = {
 }
 
 
-def save_details(result: Result, folder: Path) -> None:
-    """Write DIR/details.json, whole or not at all."""
-    write_beside(folder / "details.json", dumps(details(result)).encode())
+def detailed(result: Result) -> dict[str, bytes]:
+    """details.json of a result, to be saved with it."""
+    return {"details.json": dumps(details(result)).encode()}
 
 
 def read(folder: Path) -> Source:
@@ -73,6 +73,5 @@ def draw(folder: Path, pages: tuple[str, ...] | None = None, say: Callable[[str]
     blocks = book(source, PAGES, pages)
     say("setting the report")
     pdf, _ = compiled(content(source, blocks), source.pictures)
-    write_beside(folder / "report.pdf", pdf)
-    write_beside(folder / "report.html", page(source))
+    write_all(folder, {"report.pdf": pdf, "report.html": page(source)})
     return [folder / "report.pdf", folder / "report.html"]
