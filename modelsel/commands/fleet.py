@@ -22,14 +22,15 @@ def fleet(fleet: Path, out: Path | None, workers: int | None, scheduler: str | N
     """Run many studies as one job, and fit measurement sets that come in many files."""
     from ..telling.fleet import cluster, run_fleet, save_summary, show
     from ..telling.fleetfile import read_fleet
-    from ..telling.write import check_writable
+    from ..telling.write import check_writable, claimed
     read = read_fleet(fleet)
     folder = out if out is not None else Path("reports") / fleet.resolve().parent.name
     check_writable(folder)
-    with cluster(workers, scheduler) as client:
-        rows = run_fleet(read, folder, client, sampling=not no_sampling, resume=resume, reports=not no_report,
-                         say=progress())
-    written = save_summary(rows, folder, read.name)
+    with claimed(folder):
+        with cluster(workers, scheduler) as client:
+            rows = run_fleet(read, folder, client, sampling=not no_sampling, resume=resume, reports=not no_report,
+                             say=progress())
+        written = save_summary(rows, folder, read.name)
     if as_json:
         print_json({"fleet": read.name, "studies": rows})
     else:

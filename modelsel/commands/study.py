@@ -3,11 +3,14 @@ from __future__ import annotations
 
 import gc
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from . import console, print_json, progress
+
+if TYPE_CHECKING:
+    from ..telling.finished import Result
 
 UNCONVERGED = 5
 COLLECT = 50_000   # new values between two looks of Python's garbage collector
@@ -30,7 +33,8 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     from ..telling.report.drawing import draw
     from ..telling.stored import WRITES, save
     from ..telling.study import rehearse, robot_of, run
-    from ..telling.write import check_writable
+    from ..telling.write import check_writable, claimed
+    from ..words.errors import StudyError
     from ..wrong.registry import with_plugins
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
@@ -47,18 +51,29 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
             click.echo(_would(found, folder, WRITES))
         return
     say = progress()
-    result = run(read, path.parent, registry=registry, say=say, sampling=not no_sampling, checkpoint=Checkpoint(folder, resume))
-    written = save(result, folder)
+    with claimed(folder):
+        keeper = Checkpoint(folder, resume)
+        result = run(read, path.parent, registry=registry, say=say, sampling=not no_sampling, checkpoint=keeper)
+        try:
+            written = save(result, folder)
+        except StudyError:                  # what was computed is at least told
+            _tell(result, as_json)
+            raise
+        keeper.clear()
+        _tell(result, as_json)
+        written += [] if no_report else draw(folder, say=say)
+    if not as_json:
+        click.echo(f"Written: {', '.join(map(str, written))}")
+    if result.confidence.sampling is not None and not result.confidence.sampling.converged:
+        raise SystemExit(UNCONVERGED)
+
+
+def _tell(result: Result, as_json: bool) -> None:
     if as_json:
         click.echo(result.to_json(), nl=False)
     else:
         from ..telling.tables import show
         show(result, console())
-    written += [] if no_report else draw(folder, say=say)
-    if not as_json:
-        click.echo(f"Written: {', '.join(map(str, written))}")
-    if result.confidence.sampling is not None and not result.confidence.sampling.converged:
-        raise SystemExit(UNCONVERGED)
 
 
 def _would(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:

@@ -3,19 +3,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..words.errors import DataError, suggest
+from ..words.errors import StudyError, suggest
 from ..words.rigid import Array, from_quaternion
 from .copies import copies, duplicates
 from .measurements import Measurements, Note, measurements, numbered
-from .table import UNITS, Source, Table, Where, as_numbers, labels, measured, numbers, read_table, renamed, together
+from .table import Source, Table, Where, as_numbers, labels, measured, numbers, read_table, renamed, together
 
+JOINT = re.compile(r"q([0-9]{1,9})_(?:rad|deg|mm|m)")
 TEXT = ("target", "configuration", "group")
+USED = (*TEXT, "order", "sx_mm", "sy_mm", "sz_mm", "qw", "qx", "qy", "qz", "srx_rad", "sry_rad", "srz_rad")
+KNOWN = ("payload_kg", "temperature_C", "time_s")
 FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "free"}
 RESERVED = re.compile(r"(q|approach|move|torque)\d+|[xyz]_mm|range_mm|(moment\d*|down)_[xyz]|torque\d+_\d+|progress")
 
@@ -29,22 +31,23 @@ def _joints(table: Table, prismatic: Sequence[bool]) -> Array:
             raise where.refuse(f"{q[row]:g} rad is beyond two turns: it looks like degrees.", row=row, column=f"q{j}_rad",
                                remedy=f"If the readings are degrees, name the column q{j}_deg.")
         columns.append(q)
-    extra = f"q{len(prismatic) + 1}"
-    if any(f"{extra}_{unit}" in table for unit in UNITS):
-        raise where.refuse(f"{'the file' if where.is_file else 'it'} has a joint {extra}, but the robot has {len(prismatic)} "
-                           "joints.", remedy="Check the robot's name in the study.")
+    for name in table.columns:
+        if (found := JOINT.fullmatch(name)) and not 1 <= int(found[1]) <= len(prismatic):
+            raise where.refuse(f"{'the file' if where.is_file else 'it'} has a joint q{int(found[1])}, but the robot has "
+                               f"{len(prismatic)} joints.", column=name,
+                               remedy="Check the robot's name in the study, or rename the column.")
     return np.stack(columns, 1)
 
 
 def _covariates(table: Table, used: set[str]) -> tuple[dict[str, Array], list[Note]]:
     out, ignored, unusable = {}, [], []
     for name in table.columns:
-        if name in used:
+        if name in used or JOINT.fullmatch(name):
             continue
-        values = numbers(table, name) if name in ("payload_kg", "temperature_C", "time_s") else as_numbers(table.columns[name])
+        values = numbers(table, name, -1e12, 1e12) if name in KNOWN else as_numbers(table.columns[name])
         if not np.isfinite(values).any():
             ignored.append(name)
-        elif not np.isfinite(values).all() or not name.isidentifier() or name in FUNCTIONS or RESERVED.fullmatch(name):
+        elif not (np.abs(values) <= 1e30).all() or not name.isidentifier() or name in FUNCTIONS or RESERVED.fullmatch(name):
             unusable.append(name)
         else:
             out[name] = values
@@ -52,22 +55,9 @@ def _covariates(table: Table, used: set[str]) -> tuple[dict[str, Array], list[No
     if ignored:
         notes.append(Note("columns-ignored", f"Columns that hold no numbers are ignored: {', '.join(ignored)}."))
     if unusable:
-        notes.append(Note("covariates-ignored", "Columns that cannot serve as causes are ignored (empty cells, or a name "
-                                                f"that is not a plain word): {', '.join(unusable)}."))
+        notes.append(Note("covariates-ignored", "Columns that cannot serve as causes are ignored (empty cells, numbers above "
+                                                f"1e30, or a name that is not a plain word): {', '.join(unusable)}."))
     return out, notes
-
-
-def row_groups(path: Path) -> tuple[int, ...]:
-    """Rows of every row group of a Parquet file; each can be read alone. Raises DataError."""
-    import pyarrow.lib
-    import pyarrow.parquet as pq
-    try:
-        told = pq.ParquetFile(path).metadata
-        return tuple(int(told.row_group(k).num_rows) for k in range(told.num_row_groups))
-    except FileNotFoundError:
-        raise DataError("no such file.", file=path.name) from None
-    except (OSError, pyarrow.lib.ArrowException) as error:
-        raise DataError(f"not a readable Parquet file: {str(error)[:120]}", file=path.name) from None
 
 
 def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mapping[str, str] | None = None,
@@ -76,8 +66,10 @@ def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mappin
     Parquet file or a pandas DataFrame with the same columns.
 
     `columns` maps contract names to names in the file; `group`: one row group of a Parquet file alone; where `positions` need
-    not be there, absent ones are nan. Raises DataError with file, line and column, or row (from 0) and column of the DataFrame.
+    not be there, absent ones are nan. Raises DataError with file, line and column, or row (from 0) and column of the DataFrame;
+    StudyError for a contract name that is none.
     """
+    _known(columns or {}, prismatic)
     table = renamed(read_table(source, group), columns or {})
     where, n, m = table.where, len(prismatic), len(table)
     q = _joints(table, prismatic)
@@ -91,14 +83,11 @@ def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mappin
     approach = together(table, [f"approach{j}" for j in range(1, n + 1)])
     if approach is not None and not np.isin(approach, (-1.0, 0.0, 1.0)).all():
         at, j = np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))[0]
-        raise where.refuse("a direction of approach is -1, 0 or +1.", row=int(at), column=f"approach{j + 1}")
+        raise where.refuse("a direction of approach is -1, 0 or +1.", row=int(at), column=f"approach{j + 1}",
+                           remedy="Correct the cell, or leave the approach columns out.")
     text = {name: labels(table, name) for name in TEXT if name in table}
     order = numbers(table, "order") if "order" in table else None
-    used = {*TEXT, "order", "sx_mm", "sy_mm", "sz_mm", "qw", "qx", "qy", "qz", "srx_rad", "sry_rad", "srz_rad",
-            *(f"{axis}_{u}" for axis in "xyz" for u in ("mm", "m")),
-            *(f"{stem}{j}{u}" for j in range(1, n + 1) for stem, u in (("q", "_rad"), ("q", "_deg"), ("q", "_mm"),
-                                                                      ("approach", "")))}
-    covariates, notes = _covariates(table, used)
+    covariates, notes = _covariates(table, _names(prismatic) - set(KNOWN))
     if "configuration" in text:
         _one_reading_each(text["configuration"], q, where)
     others = [] if quaternion is None else list(quaternion.T)
@@ -131,6 +120,24 @@ def _once(table: Table, q: Array, position: Array, others: list[Array]) -> tuple
     keep = ~again
     keep[rows[found]] = False
     return keep, notes
+
+
+def _names(prismatic: Sequence[bool]) -> set[str]:
+    """The column names of the contract, for a robot whose joints are `prismatic` or not."""
+    n = len(prismatic)
+    return {*USED, *KNOWN, *(f"{axis}_{u}" for axis in "xyz" for u in ("mm", "m")), *(f"approach{j}" for j in range(1, n + 1)),
+            *(f"q{j}_{u}" for j, slides in enumerate(prismatic, 1) for u in (("mm",) if slides else ("rad", "deg")))}
+
+
+def _known(columns: Mapping[str, str], prismatic: Sequence[bool]) -> None:
+    """Refuses a mapping to a name that the contract has not."""
+    names = _names(prismatic)
+    problems = [f'measurements.columns: "{name}" is no name of the contract. {suggest(name, names)}' for name in columns
+                if name not in names]
+    problems += [f'measurements.columns: "{given}" is mapped to twice. Name another column.'
+                 for given in sorted(set(columns.values())) if list(columns.values()).count(given) > 1]
+    if problems:
+        raise StudyError(*problems)
 
 
 def _one_reading_each(names: list[str], q: Array, where: Where) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 import csv
 import hashlib
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -14,12 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..words.errors import DataError, suggest
-from ..words.rigid import Array
+from ..words.rigid import LARGEST, Array
+from ..words.text import unreadable
 
 if TYPE_CHECKING:
     import pandas as pd
 
 CHUNK = 50_000
+COMMA = re.compile(r"[-+]?\d+,\d+")
+SMALLEST = 1e-9        # mm or rad: the least standard uncertainty
 UNITS = {"rad": 1.0, "deg": np.pi / 180, "mm": 1.0, "m": 1e3}
 Columns = Mapping[str, "NDArray[Any]"]
 Source: TypeAlias = Union[str, "os.PathLike[str]", "pd.DataFrame"]
@@ -80,9 +85,14 @@ def read_table(source: Source, group: int | None = None) -> Table:
 
 
 def digest(source: Source) -> str:
-    """SHA-256 of a file's bytes; of a DataFrame, of the CSV file that `to_csv(index=False)` would write."""
+    """SHA-256 of a file's bytes; of a DataFrame, of the CSV file that `to_csv(index=False)` would write. Raises DataError."""
     if isinstance(source, (str, os.PathLike)):
-        return hashlib.sha256(Path(source).read_bytes()).hexdigest()
+        try:
+            with Path(source).open("rb") as file:
+                return hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError as error:
+            raise DataError(f"cannot be read any more: {error.strerror}.", file=Path(source).name,
+                            remedy="Run again when it is there.") from None
     return hashlib.sha256(source.to_csv(index=False, lineterminator="\n").encode()).hexdigest()
 
 
@@ -107,6 +117,7 @@ def _frame(frame: pd.DataFrame, where: Where) -> Table:
 
 def _rows(path: Path) -> Iterator[list[list[str]]]:
     """Chunks of CSV rows, the header first as a chunk of its own; refuses ragged rows with their line."""
+    _there(path)
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file)
@@ -114,6 +125,7 @@ def _rows(path: Path) -> Iterator[list[list[str]]]:
             if not header or "\0" in "".join(header):
                 raise DataError("the file is empty or not text.", file=path.name,
                                 remedy="A CSV with a header line and a row per measured point is expected.")
+            _separated(header, path)
             yield [[name.strip() for name in header]]
             line = 2
             while chunk := list(islice(reader, CHUNK)):
@@ -122,17 +134,30 @@ def _rows(path: Path) -> Iterator[list[list[str]]]:
                         if not row and all(not later for later in chunk[k:]):
                             chunk = chunk[:k]
                             break
+                        comma = " Numbers need a decimal point: a comma parts cells." if len(row) > len(header) else ""
                         raise DataError(f"{len(row)} cells, but the header has {len(header)}.", file=path.name,
-                                        line=line + k, remedy="Every row needs as many cells as the header.")
+                                        line=line + k, remedy=f"Every row needs as many cells as the header.{comma}")
                 if chunk:
                     yield chunk
                 line += len(chunk)
-    except FileNotFoundError:
-        raise DataError("no such file.", file=path.name, remedy="Put it beside the study file, or set MODELSEL_DATA to the "
-                        "folder that holds it.") from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or ("it is not UTF-8 text" if isinstance(error, ValueError) else str(error))
-        raise DataError(f"the file cannot be read: {reason}.", file=path.name) from None
+        raise DataError(f"the file cannot be read: {reason}.", file=path.name, remedy="Save it as CSV in UTF-8.") from None
+
+
+def _there(path: Path) -> None:
+    """Refuses what is not a file."""
+    if (why := unreadable(path)) is not None:
+        raise DataError(f"{why}.", file=path.name, remedy="Put it beside the study file, or set MODELSEL_DATA to the folder that "
+                        "holds it.")
+
+
+def _separated(header: Sequence[str], path: Path) -> None:
+    """Refuses a header in one cell that other marks than commas part."""
+    for mark, word in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars"), (" ", "blanks")):
+        if len(header) == 1 and mark in header[0].strip():
+            raise DataError(f"{word} part its cells; a CSV with commas is expected.", file=path.name, line=1,
+                            remedy="Save it with commas between the cells and points in the numbers (1.5, not 1,5).")
 
 
 def _csv(path: Path, where: Where) -> Table:
@@ -147,17 +172,35 @@ def _csv(path: Path, where: Where) -> Table:
 
 def _parquet(path: Path, where: Where, group: int | None) -> Table:
     """All of a file, or one of its row groups."""
+    import pyarrow as pa
+    with _opened(path) as file:
+        names = file.schema_arrow.names
+        _distinct(names, where)
+        table = file.read(use_threads=False) if group is None else file.read_row_group(group, use_threads=False)
+        if not names:
+            raise DataError("no columns.", file=path.name, remedy="A row per measured point, with named columns, is expected.")
+        nested = [name for name in names if pa.types.is_nested(table.schema.field(name).type)]     # no number, no text
+        return Table({name: np.full(len(table), "(nested)", object) if name in nested else table.column(name).to_numpy()
+                      for name in names}, where)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """A Parquet file; raises DataError where it, or what is read of it, is none."""
     import pyarrow.lib
     import pyarrow.parquet as pq
+    _there(path)
     try:
-        table = (pq.read_table(path, use_threads=False, partitioning=None) if group is None
-                 else pq.ParquetFile(path).read_row_group(group, use_threads=False))
-    except FileNotFoundError:
-        raise DataError("no such file.", file=path.name) from None
-    except (OSError, pyarrow.lib.ArrowException) as error:
-        raise DataError(f"not a readable Parquet file: {str(error)[:120]}", file=path.name) from None
-    _distinct(table.column_names, where)
-    return Table({name: table.column(name).to_numpy() for name in table.column_names}, where)
+        with pq.ParquetFile(path) as file:
+            yield file
+    except (OSError, ValueError, TypeError, NotImplementedError, MemoryError, OverflowError, pyarrow.lib.ArrowException):
+        raise DataError("not a readable Parquet file.", file=path.name, remedy="Write it anew, or give a CSV.") from None
+
+
+def row_groups(path: Path) -> tuple[int, ...]:
+    """Rows of every row group of a Parquet file; each can be read alone. Raises DataError."""
+    with _opened(path) as file:
+        return tuple(int(file.metadata.row_group(k).num_rows) for k in range(file.metadata.num_row_groups))
 
 
 def _distinct(header: Sequence[str], where: Where) -> None:
@@ -179,32 +222,35 @@ def renamed(table: Table, columns: Mapping[str, str]) -> Table:
     return Table({new.get(name, name): table.columns[name] for name in kept}, table.where)
 
 
-def numbers(table: Table, name: str) -> Array:
-    """A column as finite floats; refuses the first cell that is not one, with its line."""
+def numbers(table: Table, name: str, low: float = -np.inf, high: float = np.inf) -> Array:
+    """A column as finite floats between two bounds; refuses the first cell that is not one, with its line."""
     column = table.columns[name]
-    out = as_numbers(column) if column.dtype == object else np.asarray(column, dtype=float)
-    bad = np.flatnonzero(~np.isfinite(out))
+    out = as_numbers(column) if column.dtype.kind != "b" else np.full(len(column), np.nan)
+    with np.errstate(invalid="ignore"):
+        bad = np.flatnonzero(~(np.isfinite(out) & (out >= low) & (out <= high)))
     if len(bad):
         cell = column[bad[0]]
-        empty = cell is None or str(cell).strip() == "" or column.dtype != object and np.isnan(cell)
+        empty = cell is None or str(cell).strip() == "" or column.dtype.kind == "f" and np.isnan(cell)
         shown = "an empty cell" if empty else f'"{str(cell)[:30]}"'
         more = f" ({len(bad)} such cells)" if len(bad) > 1 else ""
-        raise table.where.refuse(f"expected a finite number, found {shown}{more}.", row=int(bad[0]), column=name,
-                                 remedy="Correct the cell or remove the row.")
+        bounds = f" between {low:g} and {high:g}" if np.isfinite(out[bad[0]]) else ""
+        comma = " Numbers need a decimal point, not a comma." if COMMA.fullmatch(str(cell).strip()) else ""
+        raise table.where.refuse(f"expected a finite number{bounds}, found {shown}{more}.", row=int(bad[0]), column=name,
+                                 remedy=f"Correct the cell or remove the row.{comma}")
     return out
 
 
 def as_numbers(column: NDArray[Any]) -> Array:
     """(m,) floats, nan where a cell is none."""
-    return np.array([_number(cell) for cell in column]) if column.dtype.kind not in "fiub" else np.asarray(column, float)
+    return np.asarray(column, float) if column.dtype.kind in "fiub" else np.array([_number(cell) for cell in column], float)
 
 
 def _number(cell: Any) -> float:
-    if isinstance(cell, str) and "_" in cell:      # Python would read 1_000 as a number; no measuring program writes that
-        return float("nan")
+    if isinstance(cell, (bool, np.bool_)) or isinstance(cell, str) and "_" in cell:
+        return float("nan")         # Python would read 1_000 as a number; no measuring program writes that
     try:
         return float(cell)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return float("nan")
 
 
@@ -213,7 +259,7 @@ def measured(table: Table, stem: str, units: Sequence[str]) -> Array:
     present = [unit for unit in units if f"{stem}_{unit}" in table]
     wanted, where = " or ".join(f"{stem}_{unit}" for unit in units), table.where
     if len(present) == 1:
-        return numbers(table, f"{stem}_{present[0]}") * UNITS[present[0]]
+        return numbers(table, f"{stem}_{present[0]}", -LARGEST, LARGEST) * UNITS[present[0]]
     if present:
         raise where.refuse(f"{' and '.join(f'{stem}_{u}' for u in present)} are both there.", remedy="Keep one of them.")
     if stem in table:
@@ -231,12 +277,14 @@ def together(table: Table, names: Sequence[str], refuse: str = "") -> Array | No
     if len(there) < len(names):
         raise where.refuse(f"{', '.join(there)} without {', '.join(n for n in names if n not in there)}.",
                            remedy=f"{' '.join(names)} come together.")
-    out = np.stack([numbers(table, name) for name in names], 1)
-    if refuse == "not positive" and (out <= 0).any():
-        row, column = np.argwhere(out <= 0)[0]
-        raise where.refuse("a standard uncertainty must be above zero.", row=int(row), column=names[column])
+    out = np.stack([numbers(table, name, -LARGEST, LARGEST) for name in names], 1)
+    if refuse == "not positive" and (out < SMALLEST).any():
+        row, column = np.argwhere(out < SMALLEST)[0]
+        raise where.refuse(f"a standard uncertainty must be above zero, {SMALLEST:g} at least.", row=int(row),
+                           column=names[column], remedy="Correct the cell, or leave the uncertainties out.")
     if refuse == "zero" and not out.any(1).all():
-        raise where.refuse("a quaternion of length zero.", row=int(np.argmin(out.any(1))), column=names[0])
+        raise where.refuse("a quaternion of length zero.", row=int(np.argmin(out.any(1))), column=names[0],
+                           remedy="Correct the row or remove it.")
     return out
 
 

@@ -1,12 +1,12 @@
 """Simulated measurements: the exact chain with planted screws and noise, in contract form."""
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..data.measurements import measurements
+from ..data.measurements import Measurements, measurements
 from ..machine.robot import Robot
 from ..matrix.design import residuals
 from ..matrix.scene import scene
@@ -18,18 +18,33 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def simulate(robot: Robot, tool: Array, effects: Sequence[tuple[Screw, float]], *, q: Array, noise_mm: float,
-             rng: np.random.Generator, covariates: Mapping[str, Array] | None = None) -> pd.DataFrame:
-    """A DataFrame in contract form: joint readings q (m, n), the exact chain's positions with every effect (screw, size in
-    mm or rad per unit of its cause) in it, and normal noise of `noise_mm` per coordinate. Frame 0 is the tracker's."""
+def simulate(robot: Robot, tool: Array, effects: Sequence[tuple[Screw, float]], *, at: Measurements, noise_mm: float,
+             rng: np.random.Generator) -> pd.DataFrame:
+    """A DataFrame in contract form: the configurations `at`, with all that is known of each but its positions; the exact chain's
+    positions with every effect (screw, size in mm or rad per unit of its cause) in it, and normal noise of `noise_mm` per
+    coordinate. Frame 0 is the tracker's. Raises StudyError for an effect that is not finite."""
     import pandas as pd
-    bound = scene(robot, measurements(q, np.zeros((len(q), 3)), covariates=covariates), np.atleast_2d(tool))
+    bound = scene(robot, at, np.atleast_2d(tool))
     terms = tuple(Term(f"p{k}", (screw,)) for k, (screw, _) in enumerate(effects))
     with np.errstate(all="ignore"):
         position = -residuals(bound, terms, np.array([size for _, size in effects]))[:, :3]
     if not np.isfinite(position).all():
-        raise StudyError("simulate: a planted effect is not finite at some configurations; check its cause and size")
+        raise StudyError("simulate: a planted effect is not finite at some configurations; check its cause and size.")
     position = position + rng.normal(0.0, noise_mm, position.shape)
-    frame = {f"q{j + 1}_{'mm' if joint.prismatic else 'rad'}": q[:, j] for j, joint in enumerate(robot.joints)}
+    frame = {f"q{j + 1}_{'mm' if joint.prismatic else 'rad'}": at.q[:, j] for j, joint in enumerate(robot.joints)}
     frame |= {f"{axis}_mm": position[:, a] for a, axis in enumerate("xyz")}
-    return pd.DataFrame(frame | dict(covariates or {}))
+    return pd.DataFrame(frame | dict(at.covariates) | _known(at))
+
+
+def _known(at: Measurements) -> dict[str, Any]:
+    """Columns of what reading the simulated file would not find by itself."""
+    out: dict[str, Any] = {}
+    if at.groups != ("all",):
+        out["group"] = np.array(at.groups, dtype=object)[at.group]
+    if not np.array_equal(at.order, at.row):
+        out["order"] = at.order
+    if all(note.code != "approach-from-order" for note in at.notes):
+        out |= {f"approach{j + 1}": at.approach[:, j].astype(int) for j in range(at.q.shape[1])}
+    if measurements(at.q, at.position, group=at.group.tolist()).configurations != len(at):
+        out["configuration"] = np.arange(len(at))           # visits one after the other with the same readings
+    return out

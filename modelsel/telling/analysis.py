@@ -109,6 +109,9 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
         say(f"the whole procedure again in {study.split.nested_folds} folds")
         within = nested(data, base, question.everything, study.seed, question.cells, study.split.nested_folds)
     ladder = tuple(remeasured(r, data) for r in rungs)
+    if lost := [" + ".join(r.names) for r in ladder if r.cv_rms_mm is None or not np.isfinite(r.cv_rms_mm)]:
+        notes = (*notes, Note("cv-not-estimable", f"No cross-validation of {', '.join(lost)}: without one of the folds the data "
+                              "do not determine it, and its cv_rms_mm is null. More folds or configurations are needed."))
     say("weighing every mechanism of the chosen model")
     sure = confidence(data, _fit(chosen), chosen.names, study.seed)
     return Result(study, question.robot, data, floor or estimated_floor(chosen, data), ladder, comparison,

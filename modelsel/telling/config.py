@@ -2,13 +2,11 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_serializer, model_validator
 from pydantic import SerializerFunctionWrapHandler as Plain
 
@@ -16,9 +14,16 @@ from ..data.table import Source, digest
 from ..machine.robot import Robot
 from ..use.records import robot_record
 from ..words.errors import StudyError, suggest
+from ..words.rigid import LARGEST
+from ..words.text import read_text, toml
+from .values import plain_values, wording
 
-Vector = Annotated[list[Annotated[float, Field(allow_inf_nan=False)]], Field(min_length=3, max_length=3)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+Positive = Annotated[float, Field(ge=1e-9, le=LARGEST, allow_inf_nan=False)]
+Nought = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1, le=10_000_000)]       # of configurations: what a computer holds
+FileName = Annotated[str, Field(min_length=1, max_length=4000, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 
 class _Table(BaseModel):
@@ -31,7 +36,7 @@ class RobotTable(_Table):
 
     nominal: Robot | None = None
     name: str | None = None
-    file: str | None = None
+    file: FileName | None = None
     base: str | None = None
     tip: str | None = None
     tool_mm: Vector | None = None
@@ -78,7 +83,7 @@ class MeasurementsTable(_Table):
     """[measurements]: the file, and names that differ from the contract's. From Python `frame` may be a DataFrame in the file's
     place; a path or a DataFrame alone stands for the table."""
 
-    file: str
+    file: FileName
     frame: Held | None = Field(None, exclude=True)     # its hash is that of the data
     columns: dict[str, str] = {}
 
@@ -105,7 +110,7 @@ class SplitTable(_Table):
     estimation: Annotated[int, Field(ge=1)] | None = None
     column: str | None = None
     held_out: str = "held-out"
-    nested_folds: Annotated[int, Field(ge=0)] = 0
+    nested_folds: Annotated[int, Field(ge=0, le=1000)] = 0
 
     @model_validator(mode="after")
     def _one_way(self) -> SplitTable:
@@ -141,9 +146,9 @@ class NoiseTable(_Table):
     """[noise]: a known floor, or the instrument."""
 
     floor_mm: Positive | None = None
-    range_mm: Annotated[float, Field(ge=0)] = 0.0
-    range_ppm: Annotated[float, Field(ge=0)] = 0.0
-    angle_urad: Annotated[float, Field(ge=0)] = 0.0
+    range_mm: Nought = 0.0
+    range_ppm: Nought = 0.0
+    angle_urad: Nought = 0.0
     tracker_mm: Vector = [0.0, 0.0, 0.0]
 
     @property
@@ -164,14 +169,14 @@ class EffectTable(_Table):
     frame: Annotated[int, Field(ge=1)]
     axis: Literal["tx", "ty", "tz", "rx", "ry", "rz"]
     cause: str
-    size: Annotated[float, Field(allow_inf_nan=False)]
+    size: Finite
 
 
 class SimulateTable(_Table):
     """[simulate]: what `modelsel simulate` makes; without a measurements file the configurations are drawn."""
 
-    configurations: Annotated[int, Field(ge=1)] = 200
-    noise_mm: Annotated[float, Field(ge=0)] = 0.06
+    configurations: Count = 200
+    noise_mm: Nought = 0.06
     effect: list[EffectTable] = []
 
 
@@ -192,7 +197,7 @@ class Study(_Table):
 
     def __init__(self, /, **tables: Any) -> None:
         try:
-            super().__init__(**_plain(tables))
+            super().__init__(**plain_values(tables))
         except ValidationError as error:
             sentences: dict[str, None] = {}
             for problem in error.errors():
@@ -230,53 +235,25 @@ def _sentence(error: Any) -> str:
         return f'{where}: unknown key "{error["loc"][-1]}". {suggest(str(error["loc"][-1]), _known(error["loc"][:-1]))}'
     if error["type"] == "missing":
         return f"{place} is missing."
-    what = "expected a table of settings" if error["type"] == "model_type" else error["msg"].removeprefix("Value error, ")
-    found = "" if error["type"] == "value_error" else f", found {str(error['input'])[:60]!r}"
-    return f"{place}: {what}{found}."
+    return f"{place}: {wording(error)}."
 
 
 def parse_study(text: str, where: str) -> Study:
     """A study from TOML text. Raises StudyError with every problem and its place in `where`."""
-    try:
-        table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise StudyError(f"{where}: not valid TOML: {error}") from None
+    table = toml(text, where)
     try:
         return Study(**table)
     except StudyError as error:
         raise StudyError(*(f"{where}: {problem}" for problem in error.problems)) from None
     except RecursionError:
-        raise StudyError(f"{where}: nested too deeply") from None
-
-
-def _plain(value: Any) -> Any:
-    """Values as TOML would have them. Whole numbers inside arrays count as numbers (TOML tells 100 from 100.0; a tool's offset
-    need not); from Python tuples and arrays are arrays, a path is its text."""
-    if isinstance(value, Mapping):
-        lengths = ("_mm", "_ppm", "_urad", "size")
-        return {k: float(v) if isinstance(v, int) and not isinstance(v, bool) and str(k).endswith(lengths) else _plain(v)
-                for k, v in value.items()}
-    if isinstance(value, (np.ndarray, np.generic)):
-        return _plain(value.tolist())
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    if isinstance(value, (list, tuple)):
-        if value and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in value):
-            return [float(v) for v in value]
-        return [_plain(v) for v in value]
-    return value
+        raise StudyError(f"{where}: nested too deeply. Tables of a few levels are expected.") from None
 
 
 def read_study(path: Path | str) -> Study:
     """A study file; a folder stands for its study.toml. Raises StudyError."""
     path = Path(path)
     path = path / "study.toml" if path.is_dir() else path
-    try:
-        return parse_study(path.read_text(encoding="utf-8"), path.name)
-    except FileNotFoundError:
-        raise StudyError(f"{path}: no such study file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise StudyError(f"{path.name}: cannot be read: {getattr(error, 'strerror', None) or 'it is not UTF-8 text'}") from None
+    return parse_study(read_text(path, "the study file"), path.name)
 
 
 def find_data(name: str, beside: Path) -> Path:

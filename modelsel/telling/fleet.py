@@ -22,7 +22,7 @@ from ..words.errors import DataError, ModelselError, StudyError
 from ..wrong.registry import mechanism, with_plugins
 from .analysis import provenance
 from .config import find_data
-from .fleetfile import Fleet, PartsTable, Task
+from .fleetfile import Fleet, PartsTable, Task, matching
 from .report.drawing import draw
 from .report.fleet import summary
 from .result import dumps
@@ -145,7 +145,8 @@ _COLUMNS = ("name", "state", "exit", "robot", "estimation", "held_out", "noise_m
 def _whole_set(table: PartsTable, folder: Path, out: Path, client: Any) -> Row:
     """A measurement set in pieces: fitted on the workers, parts.json written."""
     try:
-        files = [path for pattern in table.files for path in sorted(folder.glob(pattern))]
+        problems: list[str] = []
+        files = [path for pattern in table.files for path in matching(folder, pattern, problems)]
         if not files:
             raise DataError(f"no file matches {', '.join(table.files)}.", remedy="Patterns are relative to the fleet file.")
         robot = load(table.robot) if table.robot in builtin_names() else read_robot(folder / table.robot)

@@ -16,7 +16,7 @@ from .report.details import dumps as compact
 from .report.document import Source
 from .report.drawing import draw_source, read
 from .views import Views
-from .write import write_beside
+from .write import write_all
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,17 +64,12 @@ def _details(result: Result | StoredResult) -> str:
 
 
 def save(result: Result | StoredResult, folder: Path | str) -> list[Path]:
-    """Write a result into a folder: result.json, details.json, calibration.json and residuals.parquet, each whole or not at all,
-    and none unless all can be made; `load_result` reads them back. Files written. Raises StudyError."""
+    """Write a result into a folder: result.json, details.json, calibration.json and residuals.parquet, all whole
+    before the first takes its place; `load_result` reads them back. Files written. Raises StudyError."""
     made = {RESIDUALS: _parquet(result), "details.json": _details(result).encode(),
             NAME: calibration_of(result).to_json().encode(), "result.json": result.to_json().encode()}
-    written = []
-    for name in WRITES:
-        content, path = made[name], Path(folder) / name
-        if content is not None:
-            write_beside(path, content)
-            written.append(path)
-    return written
+    write_all(Path(folder), {name: content for name in WRITES if (content := made[name]) is not None})
+    return [Path(folder) / name for name in WRITES if made[name] is not None]
 
 
 def load_result(folder: Path | str) -> StoredResult:

@@ -1,7 +1,7 @@
 """One study, from its file to its result."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +18,7 @@ from ..fitting.noise import Instrument
 from ..machine.robot import Robot
 from ..machine.robotfile import load, read_robot
 from ..matrix.scene import scene
-from ..words.errors import StudyError
-from ..words.rigid import Array
+from ..words.errors import DataError, StudyError
 from ..wrong.causes import parse
 from ..wrong.registry import BUILTIN, Registry, every, faults, mechanism, parts
 from ..wrong.screws import Mechanism, Screw, unstorable
@@ -100,23 +99,32 @@ def asked(study: Study, folder: Path, registry: Registry) -> tuple[Question, Mea
     return Question(study, plan_of(study), robot, candidates_of(study, robot, registry), registry), measured, labels, source
 
 
+def _state(path: Source) -> tuple[int, int, int] | None:
+    """What tells whether a file was written to."""
+    try:
+        found = Path(path).stat()
+        return found.st_ino, found.st_size, found.st_mtime_ns
+    except (OSError, ValueError, TypeError):
+        return None
+
+
 def run(study: Study | Path | str, folder: Path | str | None = None, *, registry: Registry = BUILTIN, say: Say = lambda _: None,
         sampling: bool = True, checkpoint: Checkpoint | None = None) -> Result:
     """Run a study: a study file or its folder, or a Study, whose files stand in `folder`. `sampling`: whether emcee samples the
-    posterior, most of the time a study takes. `checkpoint`: where an unfinished chain is kept and taken up again; without it
-    nothing is written. Raises StudyError, DataError or NotEstimable."""
+    posterior, most of the time a study takes. `checkpoint`: where an unfinished chain is kept and taken up again, to be cleared
+    when the result is saved; without it nothing is written. Raises StudyError, DataError or NotEstimable."""
     study, folder = opened(study, folder)
     say(f"reading {study.measurements.file}")
+    before = _state(data_of(study, folder))
     question, measured, labels, source = asked(study, folder, registry)
     data_sha256 = digest(source)
+    if before is not None and before != _state(source):
+        raise DataError("the file changed while it was read.", file=study.measurements.file,
+                        remedy="Run again when it is complete.")
     if checkpoint is not None:
         checkpoint.bind(provenance(study, data_sha256))
     result = analyse(question, measured, labels=labels, say=say, data_sha256=data_sha256)
-    if sampling:
-        result = with_sampling(question, result, say, checkpoint)
-    if checkpoint is not None:
-        checkpoint.clear()
-    return result
+    return with_sampling(question, result, say, checkpoint) if sampling else result
 
 
 def rehearse(study: Study | Path | str, folder: Path | str | None = None, *, registry: Registry = BUILTIN) -> dict[str, Any]:
@@ -138,14 +146,14 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
     study, folder = opened(study, folder)
     robot, rng = robot_of(study, folder), generator(study.seed, "simulate")
     source = data_of(study, folder)
-    covariates: Mapping[str, Array] = {}
     if not isinstance(source, Path) or source.is_file():
         measured = read_measurements(source, robot.prismatic, study.measurements.columns, positions=False)
-        first = np.unique(measured.configuration, return_index=True)[1]
-        q, covariates = measured.q[first], {name: values[first] for name, values in measured.covariates.items()}
+        at = measured.take(np.unique(measured.configuration, return_index=True)[1])
+        at = replace(at, target=np.zeros(len(at), np.intp), targets=("target",))
     else:
         q = robot.draw(rng, study.simulate.configurations)
-    units = scene(robot, measurements(q, np.zeros((len(q), 3)), covariates=covariates), np.zeros((1, 3))).names()
+        at = measurements(q, np.zeros((len(q), 3)))
+    units = scene(robot, at, np.zeros((1, 3))).names()
     effects = []
     for k, effect in enumerate(study.simulate.effect, 1):
         if effect.frame > robot.n + 1:
@@ -154,8 +162,8 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
     noise = study.noise.floor_mm if study.noise.floor_mm is not None else study.simulate.noise_mm
     if study.robot.tools_mm:
         import pandas as pd
-        frames = [simulate(robot, np.array(tool), effects, q=q, noise_mm=noise, rng=rng, covariates=covariates).assign(
-            target=name, configuration=range(len(q))) for name, tool in study.robot.tools_mm.items()]
+        frames = [simulate(robot, np.array(tool), effects, at=at, noise_mm=noise, rng=rng).assign(
+            target=name, configuration=range(len(at))) for name, tool in study.robot.tools_mm.items()]
         return pd.concat(frames).sort_values("configuration", kind="stable", ignore_index=True)
     tool = np.array(study.robot.tool_mm if study.robot.tool_mm is not None else (0.0, 0.0, 0.0))
-    return simulate(robot, tool, effects, q=q, noise_mm=noise, rng=rng, covariates=covariates)
+    return simulate(robot, tool, effects, at=at, noise_mm=noise, rng=rng)

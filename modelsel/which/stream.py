@@ -14,8 +14,9 @@ from zlib import crc32
 
 import numpy as np
 
-from ..data.io import read_measurements, row_groups
+from ..data.io import read_measurements
 from ..data.measurements import SAME_READING, Index, Measurements
+from ..data.table import row_groups
 from ..fitting.fit import Fit, fit
 from ..machine.robot import Robot
 from ..matrix.design import Model

@@ -6,6 +6,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
+LARGEST = 1e9      # mm, degrees, kg in a file: no arm and no room is larger; beyond it the arithmetic overflows
 
 
 def turn(axis: int, angle: ArrayLike) -> Array:

@@ -89,7 +89,9 @@ def parts(name: str, robot: Robot, registry: Registry = BUILTIN) -> tuple[Mechan
     if isinstance(entry, (PerJoint, Scanned)) and entry.joints is not None:
         joints = entry.joints(robot)
         if given and given[0] not in map(str, joints):
-            raise StudyError(f'"{name}": {stem} applies to joints {", ".join(map(str, joints)) or "none"} of {robot.name}.')
+            where = (f"no joint of {robot.name}" if not joints else
+                     f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))} of {robot.name}")
+            raise StudyError(f'"{name}": {stem} applies to {where}.')
         places: tuple[tuple[int, ...], ...] = tuple((j,) for j in joints if not given or str(j) == given[0])
     else:
         places = ((),)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ...words.errors import StudyError
-from ..write import write_beside
+from ..write import write_all
 from .document import Page, Source, book
 from .end import outliers, provenance, unidentifiable
 from .evidence import correlation, held_out, posterior, residuals, significance
@@ -67,6 +67,5 @@ def draw_source(source: Source, folder: Path, pages: tuple[str, ...] | None, say
     blocks = book(source, PAGES, pages)
     say("setting the report")
     pdf, _ = compiled(content(source, blocks), source.pictures)
-    write_beside(folder / "report.pdf", pdf)
-    write_beside(folder / "report.html", page(source))
+    write_all(folder, {"report.pdf": pdf, "report.html": page(source)})
     return [folder / "report.pdf", folder / "report.html"]
