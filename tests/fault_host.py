@@ -74,7 +74,7 @@ def run(place: Path, kills: int, rng: np.random.Generator, sampling: bool) -> di
         if k % 2:                               # over an older result, or where nothing was
             shutil.copytree(place / "old", out)
         pid = child([*words, str(out)])
-        time.sleep(float(rng.uniform(0.2 * sampling, 1) * latest))
+        time.sleep(float(rng.uniform(0.7 if k % 4 > 1 else 0.2 * sampling, 1) * latest))     # half of them about the writing
         os.kill(pid, signal.SIGKILL)
         if ended(pid) != -signal.SIGKILL:       # it was done already
             found["came too late"] += 1

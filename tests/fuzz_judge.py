@@ -80,7 +80,7 @@ def in_process(words: list[str], out: Path) -> Outcome:
     return Outcome(status, stdout, stderr, left, time.perf_counter() - start)
 
 
-WRITTEN = {"result.json", "calibration.json", "details.json"}
+WRITTEN = set(WRITES)
 INSIDE = re.compile(r"Traceback|Error\b|Warning\b|internal error|<class|object at 0x|pydantic|numpy|\[type=")
 
 

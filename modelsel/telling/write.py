@@ -21,9 +21,11 @@ def write_beside(path: Path, content: bytes) -> None:
 def write_all(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write files of a folder, whole or not at all: all of them are on the disk before the first takes its place, in the order
     given. Raises StudyError with the reason."""
-    _write({folder / name: content for name, content in files.items()}, folder / HIDDEN)
-    with suppress(OSError):
-        (folder / HIDDEN).rmdir()
+    try:
+        _write({folder / name: content for name, content in files.items()}, folder / HIDDEN)
+    finally:
+        with suppress(OSError):
+            (folder / HIDDEN).rmdir()
 
 
 def _write(files: Mapping[Path, bytes], beside: Path) -> None:

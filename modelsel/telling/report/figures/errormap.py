@@ -34,7 +34,7 @@ def error_map(result: dict[str, Any]) -> bytes | None:
     p = np.array(whole["p_family_wise"], dtype=float)[:, columns]
     shade = np.log10(np.maximum(f, 1.0))
     with styled() as sheets:
-        fig, ax = sheets.subplots(figsize=(WIDTH, 0.135 * len(f) + 1.55), layout="constrained")
+        fig, ax = sheets.subplots(figsize=(WIDTH, max(0.135 * len(f) + 1.55, 2.9)), layout="constrained")
         mesh = ax.pcolormesh(
             np.arange(len(columns) + 1) - 0.5,
             np.arange(len(f) + 1) - 0.5,
