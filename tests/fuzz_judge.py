@@ -18,6 +18,7 @@ from typing import Any
 from click.testing import CliRunner
 
 from modelsel.cli import main
+from modelsel.telling.stored import WRITES
 
 SLOW = 60  # seconds: beyond it a command hangs
 
