@@ -16,9 +16,10 @@ from .pdf import compiled
 from .style import shortened
 
 Row = dict[str, Any]
-ROWS = 80  # lines of the table; a larger fleet has the others in summary.csv
+ROWS = 45  # lines of the table; a larger fleet has the others in summary.csv
 NAMES = 14  # findings that are counted
-SAID = 8  # studies named beside a warning or failure
+FAILED = 12  # failures that are listed
+SAID = 6  # studies named beside a warning or failure
 LONG = 160  # letters of a warning or reason
 
 
@@ -33,7 +34,7 @@ def summary(name: str, rows: Sequence[Row], out: Path) -> bytes:
         "about": f"{_count(len(rows), 'study', 'studies')} · {len(done)} done, {len(failed)} failed",
     }
     blocks: list[Block] = [title, *(text(sentence, "lead") for sentence in _verdict(rows, done, failed)), *_found(done)]
-    blocks += [heading("Study by study"), *_studies(done)]
+    blocks += [heading("Study by study", opens=False), *_studies(done)]
     blocks += _failures(failed) + _warnings(done, out)
     pdf, _ = compiled(
         {
@@ -102,35 +103,37 @@ def _found(done: Sequence[Row]) -> list[Block]:
 def _studies(done: Sequence[Row]) -> list[Block]:
     if not done:
         return [text("No study was finished.")]
+    left = sorted(done, key=lambda row: -(row["chosen_mm"] or 0.0)) if len(done) > ROWS else done
+    shown = left[:ROWS]
     lines = [
         [
             row["name"],
             row["robot"] or "–",
             str(row["estimation"] + row["held_out"]),
             *(mm(row[what]) for what in ("nominal_mm", "base_mm", "chosen_mm", "noise_mm")),
-            row["found"] or "nothing",
+            row["found"] or ("nothing" if row["chosen_mm"] is not None else "a fit alone"),
             row["warnings"].replace(" + ", ", ") or "–",
         ]
-        for row in done[:ROWS]
+        for row in shown
     ]
     columns = [("study", "left"), ("robot", "left")]
-    columns += [(n, "right") for n in ("rows", "nominal", "base", "chosen", "noise")]
+    columns += [(n, "right") for n in ("measured", "nominal", "base", "chosen", "noise")]
     columns += [("found beyond the base", "left"), ("warnings", "left")]
     caption = (
         "Mean error on held-out configurations [mm] of the nominal, the base and the chosen model; noise: of one coordinate "
-        "[mm]. Each study's own folder has its report."
+        "[mm]. Measured: configurations. Each study's own folder has its report."
     )
     if len(done) > ROWS:
-        caption += f" The first {ROWS} of {len(done)}; all are in summary.csv."
+        caption += f" Of {len(done)} the {ROWS} with the largest error left; all are in summary.csv."
     return [table(columns, lines, caption, [0.55, 0.45, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.6])]
 
 
 def _failures(failed: Sequence[Row]) -> list[Block]:
     if not failed:
         return []
-    lines = [[row["name"], str(row["exit"]), shortened(" ".join(str(row["why"]).split()), LONG)] for row in failed[:ROWS]]
+    lines = [[row["name"], str(row["exit"]), shortened(" ".join(str(row["why"]).split()), LONG)] for row in failed[:FAILED]]
     caption = "Exit: 1 internal error, 2 study file, 3 measurements, 4 not estimable."
-    caption += f" The first {ROWS} of {len(failed)}; all are in summary.csv." if len(failed) > ROWS else ""
+    caption += f" The first {FAILED} of {len(failed)}; all are in summary.csv." if len(failed) > FAILED else ""
     return [
         heading("What failed", opens=False),
         table([("study", "left"), ("exit", "right"), ("why", "left")], lines, caption, [0.3, 0.0, 1.0]),
