@@ -222,3 +222,14 @@ def test_nearly_dependent_columns_are_told_apart(rng) -> None:
             beta = np.linalg.lstsq(X[fold_of != k][:, columns], y[fold_of != k], rcond=1e-12)[0]
             left = y[fold_of == k] - X[fold_of == k][:, columns] @ beta
             assert held_out[k] == pytest.approx(float(left @ left), rel=1e-7)
+
+
+def test_a_base_column_that_one_fold_has_alone(rng) -> None:
+    """Without its fold nothing but rounding is left of it: it stays as it is fitted, and no figure overflows."""
+    blocks = rng.normal(size=(3, 5, 4))
+    blocks[1:, :, 0] *= 1e-180
+    found = all_subsets(Folded(blocks, np.full(3, 5)), [0], [[1], [2]])
+    blocks[1:, :, 0] = 0
+    alone = all_subsets(Folded(blocks, np.full(3, 5)), [0], [[1], [2]])
+    np.testing.assert_allclose(found.held_out, alone.held_out, rtol=1e-9)
+    assert np.isfinite(found.held_out).all()

@@ -44,13 +44,17 @@ def _projected(folded: Folded, base: Sequence[int], rest: Sequence[int]) -> tupl
     b, d = len(base), width - len(base)
     S, W = np.empty((K + 1, d, d)), np.empty((K + 1, d, d))
     everything = blocks.reshape(-1, width)
+    size = np.linalg.norm(everything[:, :b], axis=0)
     for k in range(K + 1):
         train = everything if k == K else np.delete(blocks, k, axis=0).reshape(-1, width)
+        gone = np.linalg.norm(train[:, :b], axis=0) <= 1e-12 * size        # a column that only this fold has stays as fitted
+        if gone.any():
+            train = train * np.r_[~gone, np.ones(d, bool)]
         R = Reduction.empty(width - 1).add(train).R
         inner = R[b:, b:]
         S[k] = inner.T @ inner
         test = everything if k == K else blocks[k]
-        unit = np.maximum(np.linalg.norm(R[:b, :b], axis=0), 1e-300)
+        unit = np.where(gone, np.inf, np.maximum(np.linalg.norm(R[:b, :b], axis=0), 1e-300))
         left = test[:, b:] - (test[:, :b] / unit) @ np.linalg.lstsq(R[:b, :b] / unit, R[:b, b:], rcond=1e-13)[0]
         W[k] = left.T @ left
     return S, W
