@@ -136,4 +136,5 @@ def _redone(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]]
 def some_subsets(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]], members: NDArray[np.bool_]) -> Subsets:
     """The given subsets (S, G) alone, each by orthogonal factors; those that rest on one fold are held out at infinity."""
     rank, rss, held_out = refined(folded, base, groups, members)
-    return Subsets(members, rss, rank, np.where(np.isfinite(held_out).all(1, keepdims=True), held_out, np.inf), np.ones(len(members)))
+    held_out = np.where(np.isfinite(held_out).all(1, keepdims=True), held_out, np.inf)
+    return Subsets(members, rss, rank, held_out, np.ones(len(members)))
