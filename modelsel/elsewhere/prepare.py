@@ -35,6 +35,7 @@ class Plan:
     by: str = "configuration"
     stated_mm: float | None = None
     instrument: Instrument | None = None
+    tracker: tuple[float, float, float] = (0.0, 0.0, 0.0)       # where the instrument stands, in the data's frame
 
 
 PURPOSES = ("split", "folds", "gain", "naming", "simulate", "sampling", "null", "nested", "flips", "bootstrap", "halves", "scan")
@@ -95,7 +96,7 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
     if unseen:
         notes.append(Note("other-session", f"Nothing of {', '.join(unseen)} estimates: when it was measured in the campaign is "
                                            "not known to the model, and drift is taken at the campaign's middle there."))
-    bound = scene(robot, data, tools_of(data, plan.tools))
+    bound = replace(scene(robot, data, tools_of(data, plan.tools)), tracker=plan.tracker)
     if plan.register:
         bound = register(bound, estimation, plan.per_group)
     size = np.linalg.norm(residuals(bound)[:, :3], axis=1)
