@@ -1,0 +1,45 @@
+"""What the long runs measured, as rows of the reliability page: read from benchmarks/results, never typed."""
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
+NULL = re.compile(r"^([A-Za-z0-9 ]+?) {2,}(\d+) {2,}([\d.]+ \[[\d., ]+\])", re.MULTILINE)     # noise, studies, something found
+
+
+def _rate(figure: dict[str, Any]) -> str:
+    return f"{figure['rate']:.3f} [{figure['low']:.3f}, {figure['high']:.3f}] ({figure['hits']} of {figure['of']})"
+
+
+def measured() -> str:
+    """Rows on false alarms, credible sets and broken files."""
+    nulls = (RESULTS / "nulls.txt").read_text(encoding="utf-8").partition("The same seeds without")[0]
+    found = NULL.findall(nulls)
+    said = "; ".join(f"{noise} {rate}" for noise, _, rate in found)
+    figures = json.loads((RESULTS / "naming.json").read_text(encoding="utf-8"))["summary"]["figures"]
+    rows = (("**False alarms**", f"nothing planted, {found[0][1]} studies under each of four kinds of noise, level 5 %", said,
+             "`benchmarks.nulls`; short: `tests/test_false_alarms.py`"),
+            ("", "nothing planted, three arms, equal noise", _rate(figures["false alarm, no effect"]), "`benchmarks.naming`"),
+            ("**Credible sets**", "planted effects, by formulas other than the search's",
+             f"hold the cause: {_rate(figures['coverage, all found'])}", "`benchmarks.naming`; short: `tests/test_hidden.py`"))
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def broken() -> str:
+    """How many broken files came to which end, of `python tests/fuzz_engine.py`."""
+    runs = json.loads((RESULTS / "fuzz.json").read_text(encoding="utf-8"))["runs"]
+    total: dict[str, Counter[str]] = {}
+    for run in runs:
+        for kind, counted in run["by_kind"].items():
+            total.setdefault(kind, Counter()).update(counted)
+    total["**all**"] = sum(total.values(), Counter())
+    ends = sorted(total["**all**"])
+    rows = [f"| {kind} | " + " | ".join(f"{counted[end]:,}" for end in ends) + f" | {counted.total():,} |"
+            for kind, counted in total.items()]
+    notes = [run["note"] for run in runs if "note" in run]
+    return "\n".join([f"| file | {' | '.join(ends)} | all |", "|---" + "|--:" * (len(ends) + 1) + "|", *rows, "",
+                      *(f"{note[0].upper()}{note[1:]}." for note in notes)])
