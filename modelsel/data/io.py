@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from ..words.errors import DataError, suggest
 from ..words.rigid import Array, from_quaternion
+from .columns import UNITS, Table, column_of, labels_of, number, numbers, together
+from .kinds import COLUMNS, Kinds, read_kinds, read_positions, read_quaternions, read_uncertainties
 from .measurements import Measurements, Note, measurements
 
 CHUNK = 50_000
-UNITS = {"rad": 1.0, "deg": np.pi / 180, "mm": 1.0, "m": 1e3}
 TEXT = ("target", "configuration", "group")
 FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "free"}
 RESERVED = re.compile(r"(q|approach|move|torque)\d+|[xyz]_mm|range_mm|(moment\d*|down)_[xyz]|torque\d+_\d+|progress")
-Table = dict[str, "NDArray[Any]"]
 
 
 def _rows(path: Path) -> Iterator[list[list[str]]]:
@@ -85,68 +85,10 @@ def _distinct(header: Sequence[str], path: Path) -> None:
                             remedy="Column names must differ.")
 
 
-def _numbers(table: Table, name: str, path: Path) -> Array:
-    """A column as finite floats; refuses the first cell that is not one, with its line."""
-    column = table[name]
-    out = np.array([_number(cell) for cell in column]) if column.dtype == object else np.asarray(column, dtype=float)
-    bad = np.flatnonzero(~np.isfinite(out))
-    if len(bad):
-        cell = column[bad[0]]
-        shown = "an empty cell" if cell is None or str(cell).strip() == "" else f'"{str(cell)[:30]}"'
-        more = f" ({len(bad)} such cells)" if len(bad) > 1 else ""
-        raise DataError(f"expected a finite number, found {shown}{more}.", file=path.name, line=int(bad[0]) + 2, column=name,
-                        remedy="Correct the cell or remove the row.")
-    return out
-
-
-def _number(cell: Any) -> float:
-    if isinstance(cell, str) and "_" in cell:      # Python would read 1_000 as a number; no measuring program writes that
-        return float("nan")
-    try:
-        return float(cell)
-    except (TypeError, ValueError):
-        return float("nan")
-
-
-def _column(table: Table, path: Path, stem: str, units: Sequence[str]) -> Array:
-    """The column `stem_unit` in mm or rad; refuses a missing one, two units, or none in the name."""
-    present = [unit for unit in units if f"{stem}_{unit}" in table]
-    wanted = " or ".join(f"{stem}_{unit}" for unit in units)
-    if len(present) == 1:
-        return _numbers(table, f"{stem}_{present[0]}", path) * UNITS[present[0]]
-    if present:
-        raise DataError(f"{' and '.join(f'{stem}_{u}' for u in present)} are both there.", file=path.name, line=1,
-                        remedy="Keep one of them.")
-    if stem in table:
-        raise DataError(f'column "{stem}" has no unit in its name.', file=path.name, line=1, column=stem,
-                        remedy=f'Rename it to {wanted}, or map it in the study file: [measurements] columns = '
-                               f'{{ {stem}_{units[0]} = "{stem}" }}.')
-    raise DataError(f"column {wanted} is missing. {suggest(f'{stem}_{units[0]}', list(table))}", file=path.name, line=1,
-                    remedy=f'If it has another name, map it in the study file: [measurements] columns = '
-                           f'{{ {stem}_{units[0]} = "NAME" }}.')
-
-
-def _together(table: Table, path: Path, names: Sequence[str], refuse: str = "") -> Array | None:
-    """Columns that come together or not at all, (m, len(names)); refuses rows that are "not positive" or "zero"."""
-    there = [name for name in names if name in table]
-    if not there:
-        return None
-    if len(there) < len(names):
-        raise DataError(f"{', '.join(there)} without {', '.join(n for n in names if n not in there)}.", file=path.name, line=1,
-                        remedy=f"{' '.join(names)} come together.")
-    out = np.stack([_numbers(table, name, path) for name in names], 1)
-    if refuse == "not positive" and (out <= 0).any():
-        row, column = np.argwhere(out <= 0)[0]
-        raise DataError("a standard uncertainty must be above zero.", file=path.name, line=int(row) + 2, column=names[column])
-    if refuse == "zero" and not out.any(1).all():
-        raise DataError("a quaternion of length zero.", file=path.name, line=int(np.argmin(out.any(1))) + 2, column=names[0])
-    return out
-
-
 def _joints(table: Table, path: Path, prismatic: Sequence[bool]) -> Array:
     columns = []
     for j, slides in enumerate(prismatic, 1):
-        q = _column(table, path, f"q{j}", ("mm",) if slides else ("rad", "deg"))
+        q = column_of(table, path, f"q{j}", ("mm",) if slides else ("rad", "deg"))
         if not slides and f"q{j}_rad" in table and len(q) and np.abs(q).max() > 4 * np.pi:
             row = int(np.argmax(np.abs(q) > 4 * np.pi))
             raise DataError(f"{q[row]:g} rad is beyond two turns: it looks like degrees.", file=path.name, line=row + 2,
@@ -186,9 +128,9 @@ def _covariates(table: Table, used: set[str], path: Path) -> tuple[dict[str, Arr
         if name in used:
             continue
         column = table[name]
-        values = np.array([_number(cell) for cell in column]) if column.dtype.kind not in "fiub" else np.asarray(column, float)
+        values = np.array([number(cell) for cell in column]) if column.dtype.kind not in "fiub" else np.asarray(column, float)
         if name in ("payload_kg", "temperature_C", "time_s"):
-            values = _numbers(table, name, path)
+            values = numbers(table, name, path)
         if not np.isfinite(values).any():
             ignored.append(name)
         elif not np.isfinite(values).all() or not name.isidentifier() or name in FUNCTIONS or RESERVED.fullmatch(name):
@@ -236,20 +178,23 @@ def read_measurements(path: Path | str, prismatic: Sequence[bool], columns: Mapp
     table = {renamed.get(name, name): column for name, column in table.items() if name in renamed or name not in (columns or {})}
     n, m = len(prismatic), len(next(iter(table.values()), []))
     q = _joints(table, path, prismatic)
+    kinds = read_kinds(table, path)
     there = positions or any(name in table for axis in "xyz" for name in (axis, f"{axis}_mm", f"{axis}_m"))
-    position = np.stack([_column(table, path, axis, ("mm", "m")) for axis in "xyz"], 1) if there else np.full((m, 3), np.nan)
+    if kinds is not None:
+        position = read_positions(table, path, kinds)
+    else:
+        position = np.stack([column_of(table, path, a, ("mm", "m")) for a in "xyz"], 1) if there else np.full((m, 3), np.nan)
     if not m:
         raise DataError("a header, but no rows.", file=path.name, line=2, remedy="Each measured point is a row.")
-    sigma = _together(table, path, ("sx_mm", "sy_mm", "sz_mm"), "not positive")
-    quaternion = _together(table, path, ("qw", "qx", "qy", "qz"), "zero")
-    sigma_rotation = _together(table, path, ("srx_rad", "sry_rad", "srz_rad"), "not positive")
-    approach = _together(table, path, [f"approach{j}" for j in range(1, n + 1)])
+    sigma, quaternion, sigma_rotation = _spreads(table, path, kinds)
+    approach = together(table, path, [f"approach{j}" for j in range(1, n + 1)])
     if approach is not None and not np.isin(approach, (-1.0, 0.0, 1.0)).all():
         at, j = np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))[0]
         raise DataError("a direction of approach is -1, 0 or +1.", file=path.name, line=int(at) + 2, column=f"approach{j + 1}")
-    text = {name: _labels(table, name, path) for name in TEXT if name in table}
-    order = _numbers(table, "order", path) if "order" in table else None
-    used = {*TEXT, "order", "sx_mm", "sy_mm", "sz_mm", "qw", "qx", "qy", "qz", "srx_rad", "sry_rad", "srz_rad",
+    text = {name: labels_of(table, name, path) for name in TEXT if name in table}
+    order = numbers(table, "order", path) if "order" in table else None
+    used = {*TEXT, "order", *(() if kinds is None else COLUMNS), "sx_mm", "sy_mm", "sz_mm",
+            "qw", "qx", "qy", "qz", "srx_rad", "sry_rad", "srz_rad",
             *(f"{axis}_{u}" for axis in "xyz" for u in ("mm", "m")),
             *(f"{stem}{j}{u}" for j in range(1, n + 1) for stem, u in (("q", "_rad"), ("q", "_deg"), ("q", "_mm"),
                                                                       ("approach", "")))}
@@ -267,7 +212,16 @@ def read_measurements(path: Path | str, prismatic: Sequence[bool], columns: Mapp
         target=kept(text.get("target")), group=kept(text.get("group")), order=kept(order), approach=kept(approach),
         covariates={name: values[keep] for name, values in covariates.items()}, sigma=kept(sigma),
         rotation=None if quaternion is None else from_quaternion(quaternion[keep]), sigma_rotation=kept(sigma_rotation),
-        notes=tuple(notes))
+        notes=tuple(notes), kind=None if kinds is None else kept(kinds.kind).tolist(),
+        feature=None if kinds is None else kept(kinds.feature).tolist(), length=None if kinds is None else kinds.length[keep])
+
+
+def _spreads(table: Table, path: Path, kinds: Kinds | None) -> tuple[Array | None, Array | None, Array | None]:
+    """(standard uncertainties [mm], quaternions, their standard uncertainties [rad])."""
+    if kinds is not None:
+        return read_uncertainties(table, path, kinds), *read_quaternions(table, path, kinds)
+    return (together(table, path, ("sx_mm", "sy_mm", "sz_mm"), "not positive"), together(table, path, ("qw", "qx", "qy", "qz"),
+            "zero"), together(table, path, ("srx_rad", "sry_rad", "srz_rad"), "not positive"))
 
 
 def _one_reading_each(labels: list[str], q: Array, path: Path) -> None:
@@ -281,17 +235,9 @@ def _one_reading_each(labels: list[str], q: Array, path: Path) -> None:
                         remedy="Rows that share a configuration share its readings; number configurations through all groups.")
 
 
-def _labels(table: Table, name: str, path: Path) -> list[str]:
-    out = ["" if cell is None else str(cell).strip() for cell in table[name]]
-    if "" in out:
-        raise DataError("an empty cell.", file=path.name, line=out.index("") + 2, column=name,
-                        remedy=f"Give every row its {name}, or leave the column out.")
-    return out
-
-
 def read_labels(path: Path, column: str) -> NDArray[np.object_]:
     """A text column (the split's) of every row of the file. Raises DataError."""
     table = _read_parquet(path) if path.suffix.lower() in (".parquet", ".pq") else _read_csv(path)
     if column not in table:
         raise DataError(f'the study\'s split column "{column}" is missing. {suggest(column, table)}', file=path.name, line=1)
-    return np.array(_labels(table, column, path), dtype=object)
+    return np.array(labels_of(table, column, path), dtype=object)

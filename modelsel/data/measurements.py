@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..words.errors import DataError
 from ..words.rigid import Array
 
 Index = NDArray[np.intp]
@@ -19,6 +20,52 @@ class Note:
 
     code: str
     sentence: str
+
+
+KINDS = ("point", "x", "y", "z", "wire", "ball-bar", "distance", "same-point", "plane")
+PLACE = ("tx", "ty", "tz")
+UNKNOWN = {"wire": PLACE, "ball-bar": PLACE, "same-point": PLACE, "plane": ("tz", "rx", "ry"), "distance": ()}
+COORDINATES = np.array([(1, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 0), (1, 0, 0), (1, 0, 0), (1, 1, 1), (1, 0, 0)], bool)
+
+
+@dataclass(frozen=True)
+class Feature:
+    """What rows of one `kind` share: a wire's anchor, a ball-bar's sphere, a point, a plane. What is known of it, in the
+    tracker's frame [mm]; `free` are its numbers that are fitted, of tx ty tz (place), rx ry (tilt), length."""
+
+    name: str
+    kind: str
+    position: tuple[float, float, float] | None = None
+    normal: tuple[float, float, float] | None = None
+    length: float | None = None
+    free: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Gauges:
+    """What m rows measure where not every row is a point: `kind` (m,) index into KINDS, `feature` (m,) index into `features`
+    (-1: none), `length` (m,) mm (nan: none); `origin`: for rows of kind distance, where the length begins (the others: the row
+    itself), None where there are none."""
+
+    kind: Index
+    feature: Index
+    length: Array
+    features: tuple[Feature, ...] = ()
+    origin: Measurements | None = None
+
+    @property
+    def coordinates(self) -> NDArray[np.bool_]:
+        """(m, 3) which coordinates of a row's residual are measured; a single number stands in the first (y, z in their own)."""
+        return COORDINATES[self.kind]
+
+    def of(self, *kinds: str) -> NDArray[np.bool_]:
+        """(m,) rows of some kinds."""
+        return np.isin(self.kind, [KINDS.index(k) for k in kinds])
+
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Gauges:
+        """Of some rows."""
+        origin = None if self.origin is None else self.origin.take(index)
+        return replace(self, kind=self.kind[index], feature=self.feature[index], length=self.length[index], origin=origin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +90,7 @@ class Measurements:
     rotation: Array | None = None              # (m, 3, 3) measured orientation of the target frame
     sigma_rotation: Array | None = None        # (m, 3) rad
     notes: tuple[Note, ...] = ()
+    gauges: Gauges | None = None               # None: every row is a point; else what is not measured is nan
 
     def __len__(self) -> int:
         return len(self.position)
@@ -56,7 +104,8 @@ class Measurements:
         """The rows `index` (integers, a mask or a slice); approach and move stay as first read."""
         rows = {f.name: getattr(self, f.name)[index] for f in fields(self)
                 if isinstance(getattr(self, f.name), np.ndarray)}
-        return replace(self, **rows, covariates={k: v[index] for k, v in self.covariates.items()})
+        gauges = None if self.gauges is None else self.gauges.take(index)
+        return replace(self, **rows, covariates={k: v[index] for k, v in self.covariates.items()}, gauges=gauges)
 
 
 def _numbered(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tuple[str, ...]]:
@@ -141,8 +190,11 @@ def measurements(q: Array, position: Array, *, row: Index | None = None, configu
                  order: Array | None = None, approach: Array | None = None,
                  covariates: Mapping[str, Array] | None = None, sigma: Array | None = None,
                  rotation: Array | None = None, sigma_rotation: Array | None = None,
-                 notes: tuple[Note, ...] = ()) -> Measurements:
-    """Measurements from plain arrays; everything optional is derived as contract.md says. Units: rad (or mm) and mm."""
+                 notes: tuple[Note, ...] = (), kind: Sequence[str] | None = None, feature: Sequence[str] | None = None,
+                 length: Array | None = None) -> Measurements:
+    """Measurements from plain arrays; everything optional is derived as contract.md says. Units: rad (or mm) and mm. `kind`,
+    `feature` ("" for none) and `length` [mm, nan for none] where not every row is a point; `position` is then nan where it is
+    not measured."""
     q, position = np.asarray(q, float), np.asarray(position, float)
     m = len(q)
     target_index, targets = _numbered(target) if target is not None else (np.zeros(m, np.intp), ("target",))
@@ -154,7 +206,52 @@ def measurements(q: Array, position: Array, *, row: Index | None = None, configu
         approach = derived
         notes = (*notes, Note("approach-from-order", "Directions of approach are taken from the order of motion, once, "
                                                      "on reading: the data have no approach columns."))
-    return Measurements(q, position, np.arange(m) if row is None else row, visit, blocks(q, visit), target_index,
+    made = Measurements(q, position, np.arange(m) if row is None else row, visit, blocks(q, visit), target_index,
                         group_index, order, np.asarray(approach, float), move, campaign(group_index, order),
                         targets, groups, dict(covariates or {}),
                         sigma, rotation, sigma_rotation, notes)
+    if kind is None or set(kind) <= {"point"}:
+        return made
+    gauges = _gauges(kind, [""] * m if feature is None else feature, np.full(m, np.nan) if length is None else length)
+    return _from_origins(replace(made, gauges=gauges))
+
+
+def _gauges(kind: Sequence[str], feature: Sequence[str], length: Array) -> Gauges:
+    """Features numbered by their first rows; a ball-bar without lengths has one that is not known."""
+    code, length = np.array([KINDS.index(word) for word in kind], dtype=np.intp), np.asarray(length, float)
+    first: dict[str, int] = {}
+    for k, name in enumerate(feature):
+        if name:
+            first.setdefault(name, k)
+    number = {name: k for k, name in enumerate(first)}
+    unknown = {name: UNKNOWN[kind[k]] + (("length",) if kind[k] == "ball-bar" and np.isnan(length[k]) else ())
+               for name, k in first.items()}
+    return Gauges(code, np.array([number.get(name, -1) for name in feature], dtype=np.intp), length,
+                  tuple(Feature(name, kind[k], free=unknown[name]) for name, k in first.items()))
+
+
+def _from_origins(data: Measurements) -> Measurements:
+    """A distance runs from the first row of its feature: that row is no measurement of its own, but the `origin` of the others,
+    which are never apart, since they share it. Raises DataError for a feature with one row."""
+    gauges = data.gauges
+    assert gauges is not None
+    distance = gauges.of("distance")
+    if not distance.any():
+        return data
+    origin = np.arange(len(data))
+    for f in np.unique(gauges.feature[distance]):
+        rows = np.flatnonzero(gauges.feature == f)
+        origin[rows] = rows[0]
+        if len(rows) < 2:
+            raise DataError(f'distance "{gauges.features[f].name}" has one row.', line=int(data.row[rows[0]]) + 2,
+                            remedy="The first row of a feature is where its distances begin; add the row where one ends.")
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    count = int(data.block.max()) + 1
+    graph = coo_array((np.ones(len(data)), (data.block, data.block[origin])), shape=(count, count))
+    joined = replace(data, block=np.asarray(connected_components(graph, directed=False)[1][data.block], dtype=np.intp))
+    kept = np.flatnonzero(~distance | (origin != np.arange(len(data))))
+    start = replace(joined, gauges=None, notes=()).take(origin[kept])
+    joined = joined.take(kept)
+    assert joined.gauges is not None
+    return replace(joined, gauges=replace(joined.gauges, origin=start))

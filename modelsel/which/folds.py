@@ -65,7 +65,8 @@ def pad(parts: Sequence[Array], rows: Sequence[int] | Index) -> Folded:
 def fold(scene: Scene, terms: Sequence[Term], fold_of: Index, at: tuple[Sequence[Term], Array] | None = None) -> Folded:
     """A scene's whitened design and residual, reduced fold by fold, block of rows by block of rows."""
     count, p1 = int(fold_of.max()) + 1, len(terms) + 1
-    rows_of = np.bincount(fold_of, minlength=count) * scene.components
+    rows_of = (np.bincount(fold_of, minlength=count) * scene.components if scene.measured is None
+               else np.bincount(fold_of, scene.measured.sum(1), minlength=count).astype(np.intp))
     if len(scene) > BLOCK:
         return pad([reduce_scene(scene.take(fold_of == k), terms, at).R for k in range(count)], rows_of)
     _, columns, residual = next(blocks(scene, terms, at))

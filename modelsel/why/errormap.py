@@ -93,7 +93,7 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
             terms.setdefault(t.screws, t)
     place = {screws: k for k, screws in enumerate(terms)}
     slices = [np.array([place[t.screws] for t in c.mechanism.terms], dtype=np.intp) for c in found]
-    parts = [c.reshape(len(c), r.size) for _, c, r in blocks(scene, tuple(terms.values()), at)]
+    parts = [_flat(scene, rows, c) for rows, c, _ in blocks(scene, tuple(terms.values()), at)]
     XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
     rms: dict[int, float] = {}                  # by the cause's identity: a hundred places share one
     most = np.array([_most(scene, t, rms) for t in terms.values()])
@@ -107,6 +107,12 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
         grams.append(Block(which, index, gram, most[index], None if roots is None else np.stack(roots)))
     signs = np.array([c.mechanism.terms[0].sign if len(c.mechanism.terms) == 1 else 0 for c in found], dtype=float)
     return Columns(XT, tuple(slices), tuple(grams), signs)
+
+
+def _flat(scene: Scene, rows: slice, values: Array) -> Array:
+    """(k, N) measured coordinates of values (k, c, rows)."""
+    flat = values.reshape(len(values), -1)
+    return flat if scene.measured is None else flat[:, scene.measured[rows].T.reshape(-1)]
 
 
 def _most(scene: Scene, term: Term, rms: dict[int, float]) -> float:
@@ -145,7 +151,7 @@ def subset(cols: Columns, which: Index) -> Columns:
 
 def stacked(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None) -> tuple[Array, Array]:
     """(columns (N, p), residual (N,)) whitened, in the row order of `columns`."""
-    parts = [(c.reshape(len(c), r.size), r.reshape(-1)) for _, c, r in blocks(scene, terms, at)]
+    parts = [(_flat(scene, rows, c), _flat(scene, rows, r[None])[0]) for rows, c, r in blocks(scene, terms, at)]
     return np.concatenate([c for c, _ in parts], axis=1).T, np.concatenate([r for _, r in parts])
 
 
