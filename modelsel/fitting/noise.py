@@ -84,6 +84,9 @@ def weigh(scene: Scene, instrument: Instrument | None, stated_mm: float | None, 
     """
     data = scene.data
     blocks: Array | None = None
+    if instrument is not None and data.gauges is not None and data.sigma is None:
+        raise StudyError("noise: range_mm, range_ppm and angle_urad say how a tracker measures points, but the file has rows of "
+                         "other kinds; give s_mm in the file, or floor_mm")
     if data.sigma is not None:
         blocks = np.einsum("mi,ij->mij", 1 / data.sigma, np.eye(3))
         floor: Floor | None = Floor(float(np.sqrt(np.square(data.sigma).mean())), "stated")
@@ -93,6 +96,8 @@ def weigh(scene: Scene, instrument: Instrument | None, stated_mm: float | None, 
         spread = covariance(data, instrument)
         blocks = np.linalg.inv(np.linalg.cholesky(spread))
         floor = Floor(float(np.sqrt(np.trace(spread, axis1=1, axis2=2).mean() / 3)), "instrument")
+    elif data.gauges is not None:
+        floor = None                        # rows of several kinds: what repeats of one would say is not true of the others
     else:
         floor = from_repeats(data) or from_target_pairs(data)
     at = instrument.at if instrument is not None else scene.tracker

@@ -27,6 +27,8 @@ FAR = 2.8  # rad between two orientations, beyond which the axis of their turn i
 
 def register(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
     """The scene with placement(s) and tools found from the rows `use` (mask). Raises DataError with too few rows."""
+    gauges = scene.data.gauges
+    use = use if gauges is None else use & gauges.of("point")
     some = scene.take(use)
     group = some.data.group if per_group else np.zeros(len(some), np.intp)
     count = len(scene.data.groups) if per_group else 1
@@ -34,7 +36,8 @@ def register(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
         seen = len(np.unique(some.data.configuration[group == g]))
         if seen < LEAST:
             where = f"group {scene.data.groups[g]}" if per_group else "the data"
-            raise DataError(f"{where} has {seen} estimation configurations; registration needs {LEAST} per placement.",
+            what = "estimation configurations" if gauges is None else "estimation configurations with a measured point"
+            raise DataError(f"{where} has {seen} {what}; registration needs {LEAST} per placement.",
                             remedy="Measure more, or choose another [split].")
     start = None if scene.tool_rotations is None else _oriented(some, group, count)
     placement, tools = start or _affine(some, group, count)

@@ -6,7 +6,15 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 
 from ..words.errors import StudyError, suggest
 
@@ -42,11 +50,30 @@ class RobotTable(_Table):
         return self
 
 
+class FeatureTable(_Table):
+    """[measurements.features.NAME]: what is known of an anchor, a sphere, a point or a plane; `estimate`: a first guess only."""
+
+    position_mm: Vector | None = None
+    normal: Vector | None = None
+    length_mm: Positive | None = None
+    estimate: bool = False
+    zero: Literal["known", "unknown"] = "known"
+
+
 class MeasurementsTable(_Table):
-    """[measurements]: the file, and names that differ from the contract's."""
+    """[measurements]: the file, names that differ from the contract's, what is known of features that rows share."""
 
     file: str
     columns: dict[str, str] = {}
+    features: dict[str, FeatureTable] = {}
+
+    @model_serializer(mode="wrap")
+    def _plain(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A study without features is written, and hashed, as it was before there were any."""
+        out: dict[str, Any] = handler(self)
+        if not self.features:
+            out.pop("features", None)
+        return out
 
 
 class SplitTable(_Table):
@@ -144,6 +171,8 @@ def _known(location: tuple[Any, ...]) -> list[str]:
         inner = None if field is None else field.annotation
         if inner == list[EffectTable]:
             inner = EffectTable
+        if inner == dict[str, FeatureTable]:
+            return list(FeatureTable.model_fields)
         if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
             return []
         table = inner

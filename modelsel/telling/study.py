@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.io import read_labels, read_measurements
+from ..data.kinds import Known, with_known
 from ..data.measurements import Measurements, measurements
 from ..elsewhere.explain import Say
 from ..elsewhere.prepare import Plan, generator, prepare
@@ -51,6 +52,15 @@ def plan_of(study: Study) -> Plan:
                 study.split.column, study.split.held_out, study.comparison.folds, study.comparison.by, noise.floor_mm, instrument)
 
 
+def known_features(study: Study) -> dict[str, Known]:
+    """What a study says of its features, as plain values."""
+    def vector(value: list[float] | None) -> tuple[float, float, float] | None:
+        return None if value is None else (value[0], value[1], value[2])
+
+    return {name: Known(vector(f.position_mm), vector(f.normal), f.length_mm, f.estimate, f.zero == "unknown")
+            for name, f in study.measurements.features.items()}
+
+
 def check_names(study: Study, robot: Robot, registry: Registry) -> None:
     """Every mechanism a study names is known and applies; all problems at once. Raises StudyError."""
     problems: dict[str, None] = {}
@@ -80,6 +90,7 @@ def asked(study: Study, folder: Path, registry: Registry) -> tuple[Question, Mea
     check_names(study, robot, registry)
     path = find_data(study.measurements.file, folder)
     measured = read_measurements(path, [j.prismatic for j in robot.joints], study.measurements.columns)
+    measured = with_known(measured, known_features(study))
     labels = None
     if study.split.column is not None:
         labels = read_labels(path, study.split.column)[measured.row]

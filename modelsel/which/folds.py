@@ -30,6 +30,10 @@ def assign(data: Measurements, folds: int, rng: np.random.Generator, by: str = "
     distinct = np.unique(unit)
     count = len(distinct) if folds <= 0 else min(folds, len(distinct))
     order = rng.permutation(len(distinct))
+    if data.gauges is not None:             # rows of one feature go to different folds: each can be told without any one of them
+        first = np.full(len(distinct), -1)
+        first[np.searchsorted(distinct, unit)] = data.gauges.feature
+        order = order[np.argsort(first[order], kind="stable")]
     fold = np.empty(len(distinct), dtype=np.intp)
     fold[order] = np.arange(len(distinct)) % count
     return fold[np.searchsorted(distinct, unit)]
