@@ -12,6 +12,7 @@ from ..matrix.design import Model, residuals
 from ..matrix.identify import FAINT_MM, Identified, identify, solve, told, usual_sizes
 from ..matrix.reduce import PROBE, Reduction, Source, reduce, reduce_scene
 from ..matrix.scene import Scene
+from ..matrix.size import as_drawn
 from ..matrix.smooth import penalty
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
@@ -140,6 +141,7 @@ def fit(scene: Scene | Source, model: Model, *, precision: Array | None = None, 
     root = None if precision is None else penalty(terms, precision)
     found = identify(_with_prior(nominal, root, theta))
     found = told(found, usual_sizes(terms), max(FAINT_MM * weight * np.sqrt(len(scene)), _linear_sigma(nominal, found)))
+    found = as_drawn(found, scene, terms)
     kept = list(found.kept)
     if nominal.rows <= found.rank and precision is None:
         raise NotEstimable(f"{nominal.rows} measured coordinates cannot determine the {found.rank} estimable parameters of "

@@ -26,11 +26,13 @@ class Instrument:
 
 @dataclass(frozen=True)
 class Floor:
-    """Standard uncertainty of one coordinate [mm] and its source; `freedom` its degrees of freedom (inf where stated)."""
+    """Standard uncertainty of one coordinate [mm] and its source; `freedom` its degrees of freedom (inf where stated); how many
+    `coordinates` a row has, on average."""
 
     coordinate_mm: float
     source: str
     freedom: float = np.inf
+    coordinates: float = 3.0
 
 
 def covariance(data: Measurements, instrument: Instrument) -> Array:

@@ -168,16 +168,26 @@ def field_of(scene: Scene, at: Pose, rows: slice) -> Array:
     """Screw field (n+1, 6, c, rows) of a pose in the tracker's frame: mm (and rad of the target frame) per unit screw."""
     R = scene.placement[0][scene.data.group[rows]]
     moved: Array = np.einsum("mij,fajm->faim", R, at.displacement())
-    if (gauges := scene.data.gauges) is not None:           # what the rows see of it; a distance has no place of its own
-        gauges = gauges.take(rows)
-        x = np.einsum("mij,jm->im", R, at.target) + scene.placement[1][scene.data.group[rows]].T
-        G, _ = gradients(gauges, scene.fixtures, np.zeros((len(gauges.features), len(FIXTURE_AXES))), x, None)
-        moved = np.einsum("ijm,fajm->faim", G * ~gauges.of("distance"), moved)
+    if scene.data.gauges is not None:
+        G = directions(scene, at, rows) * ~scene.data.gauges.of("distance")[rows]       # which has no place of its own
+        moved = np.einsum("ijm,fajm->faim", G, moved)
     if scene.components == 3:
         return moved
     turned = np.zeros_like(moved)
     turned[:, 3:] = np.einsum("mij,fajm->faim", R, at.axes[:, 3:])
     return np.concatenate([moved, turned], axis=2)
+
+
+def directions(scene: Scene, at: Pose, rows: slice) -> Array:
+    """(3, 3, rows) what the rows see of the target's displacement at a pose, in the tracker's frame."""
+    R, t = scene.placement[0][scene.data.group[rows]], scene.placement[1][scene.data.group[rows]]
+    gauges = scene.data.gauges
+    if gauges is None:
+        return np.tile(np.eye(3)[:, :, None], (1, 1, len(R)))
+    gauges = gauges.take(rows)
+    x = np.einsum("mij,jm->im", R, at.target) + t.T
+    G, _ = gradients(gauges, scene.fixtures, np.zeros((len(gauges.features), len(FIXTURE_AXES))), x, None)
+    return G
 
 
 def columns_of(scene: Scene, field: Array, terms: Sequence[Term], rows: slice) -> Array:

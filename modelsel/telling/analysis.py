@@ -33,10 +33,14 @@ from ..wrong.screws import Mechanism, Screw
 from .config import Study
 from .findings import Finding, fault_dict, finding_dict, screws_of
 from .left import (
+    Placed,
     estimated_floor,
+    features,
     fit_of,
     held_out_outliers,
+    noise_dict,
     nothing_else,
+    per_row,
     predictable_left,
     remeasured,
     rows_seen,
@@ -71,6 +75,11 @@ class Result:
     provenance: Mapping[str, str] = field(repr=False)
 
     @property
+    def features(self) -> tuple[Placed, ...]:
+        """Where the chosen model has the features that rows share."""
+        return features(self.data.scene, fit_of(self.chosen))
+
+    @property
     def named(self) -> list[tuple[str, str]]:
         """(name, verdict) of every finding, faults of single rows first, as result.json lists them."""
         return [*((f"fault:{f.name}", "found") for f in self.faults),
@@ -89,7 +98,8 @@ class Result:
             "configurations": {"estimation": data.take(estimation).configurations,
                                "held_out": data.take(~estimation).configurations,
                                "estimation_rows": data.row[estimation]},
-            "noise_floor": {"coordinate_mm": self.floor.coordinate_mm, "source": self.floor.source},
+            "noise_floor": noise_dict(self.floor, data),
+            **({} if data.gauges is None else {"features": [asdict(f) for f in self.features]}),
             "ladder": [rung_dict(r) for r in self.ladder],
             "candidates": candidates_dict(self.comparison),
             "findings": [*(fault_dict(f) for f in self.faults),
@@ -185,7 +195,7 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     ladder = tuple(remeasured(r, data) for r in rungs)
     say("weighing every mechanism of the chosen model")
     sure = confidence(data, fit_of(chosen), chosen.names, study.seed)
-    return Result(study, question.robot, data, floor or estimated_floor(chosen, data), ladder, comparison,
+    return Result(study, question.robot, data, per_row(floor or estimated_floor(chosen, data), data), ladder, comparison,
                   remeasured(chosen, data), paired(nominal, chosen), findings, faults, extension, error_map(extension, found),
                   nothing_else(extension, found, data, steps[-1]), predictable_left(data, steps[-1],
                   generator(study.seed, "flips")), within,

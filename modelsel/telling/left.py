@@ -2,14 +2,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..data.measurements import Measurements
 from ..fitting.fit import Fit
 from ..fitting.noise import Floor
-from ..matrix.design import whitened
+from ..matrix.design import fixture_values, whitened
+from ..matrix.gauges import LENGTH
+from ..matrix.scene import Scene
 from ..which.candidates import Candidate
 from ..which.compare import Data, Rung
 from ..which.validate import errors
@@ -17,6 +21,8 @@ from ..why.extend import LEVEL, Extension
 from ..why.predictor import Predictable, predictable
 from ..why.robust import GROSS, far_off
 from ..why.words import display, label
+from ..words.rigid import Array, turn
+from ..wrong.causes import Member
 from .findings import detection_limit
 
 
@@ -75,6 +81,60 @@ def fit_of(rung_: Rung) -> Fit:
     """The fit that a rung was measured with."""
     assert rung_.fit is not None
     return rung_.fit
+
+
+def per_row(floor: Floor, data: Data) -> Floor:
+    """With the number of coordinates that a row has."""
+    seen = data.scene.measured
+    return floor if seen is None else replace(floor, coordinates=float(seen[:, :3].sum(1).mean()))
+
+
+def noise_dict(floor: Floor, measured: Measurements) -> dict[str, Any]:
+    """The result's noise floor; with rows that are no points also the mean length [mm] of a row's noise."""
+    out: dict[str, Any] = {"coordinate_mm": floor.coordinate_mm, "source": floor.source}
+    if measured.gauges is not None:
+        single = float((measured.gauges.coordinates.sum(1) == 1).mean())
+        out["mean_mm"] = floor.coordinate_mm * float(single * np.sqrt(2 / np.pi) + (1 - single) * np.sqrt(8 / np.pi))
+    return out
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A feature as the chosen model has it, in the tracker's frame: its place (of a plane: a point of it), a plane's normal, a
+    length that readings leave out or a ball-bar's own; `fitted`: what was not known."""
+
+    name: str
+    kind: str
+    position_mm: tuple[float, float, float]
+    normal: tuple[float, float, float] | None
+    length_mm: float | None
+    fitted: tuple[str, ...]
+
+
+def features(scene: Scene, fitted: Fit) -> tuple[Placed, ...]:
+    """Every feature that has a place, of a scene with rows that are no points."""
+    gauges = scene.data.gauges
+    if gauges is None:
+        return ()
+    values = fixture_values(len(gauges.features), fitted.terms, fitted.theta)
+    out = []
+    for k, f in enumerate(gauges.features):
+        if f.kind == "distance":
+            continue
+        place, normal = scene.fixtures.centre[k] + values[k, :3], None
+        if f.kind == "plane":
+            local = turn(0, values[k, 3]) @ turn(1, values[k, 4]) @ np.array([0.0, 0.0, 1.0])
+            normal = local @ scene.fixtures.axes[k]
+            place = scene.fixtures.centre[k] + values[k, 2] * normal
+        length = float(scene.fixtures.length[k] + values[k, LENGTH])
+        symbols = tuple(t.symbol for t in fitted.terms if t.fixture and t.screws[0].cause == Member("feature", k))
+        out.append(Placed(f.name, f.kind, _three(place), None if normal is None else _three(normal), length or None, symbols))
+    return tuple(out)
+
+
+def _three(vector: Array) -> tuple[float, float, float]:
+    x, y, z = vector.tolist()
+    return x, y, z
 
 
 def predictable_left(data: Data, last: Rung, rng: np.random.Generator) -> Predictable | None:

@@ -9,7 +9,6 @@ from ...words.rigid import AXES
 from ..causes import ONE, Cause, Member
 from ..screws import Mechanism, Screw, Term, letter
 
-NUMBERS = {"tx": "x", "ty": "y", "tz": "z", "rx": "tilt 1", "ry": "tilt 2", "length": "length"}     # of a feature
 SIZE = {"t": (0.0, 5.0), "r": (0.0, 20e-3)}  # mm, rad: what an assembled arm shows against its drawing
 
 
@@ -50,7 +49,13 @@ def setup(robot: Robot, targets: int, groups: int, register: bool, orientation: 
         for g in range(groups):
             cause, label = (Member("group", g), f"[{g + 1}]") if groups > 1 else (ONE, "")
             terms += [_term(1, axis, cause, label) for axis in AXES]
-    terms += [Term(f"{NUMBERS[axis]} of {f.name}", (Screw(0, axis, Member("feature", k)),))
+    terms += [Term(f"{_number(f, axis)} of {f.name}", (Screw(0, axis, Member("feature", k)),))
               for k, f in enumerate(features) for axis in f.free]
     return Mechanism("set-up", tuple(terms), "Where the tracker stands and where the targets sit on the flange.",
                      "H_1 and H_{n+1}, constant per group and target", "contract: register, targets")
+
+
+def _number(feature: Feature, axis: str) -> str:
+    """What a feature's number is called: a place's coordinate, a plane's offset and tilts, a length."""
+    plane = {"tz": "offset", "rx": "tilt 1", "ry": "tilt 2"}
+    return plane[axis] if feature.kind == "plane" else axis.removeprefix("t")

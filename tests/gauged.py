@@ -1,0 +1,109 @@
+"""Campaigns measured with other means than a tracker's points, on the tests' own exact arm (hidden_arm): wires, ball-bars,
+distances, plates, touched points, dial gauges. Constraints are held by moving the joints until the exact arm meets them."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from hidden_arm import Arm, Effect, State, arm, measured
+
+from modelsel.machine.robotfile import load
+
+NOISE = 0.05
+TOOL = (30.0, -20.0, 100.0)
+ANCHORS = {"w1": (900.0, -1200.0, 300.0), "w2": (-1300.0, 500.0, 100.0), "w3": (200.0, 1400.0, -500.0)}
+Gap = Callable[[np.ndarray], np.ndarray]
+
+
+def hold(a: Arm, effects: list[Effect], q: np.ndarray, gap: Gap) -> np.ndarray:
+    """Readings (m, n) near q at which gap (m, k) of the exact target (m, 3) is nought: Newton's steps of least size."""
+    def at(q: np.ndarray) -> np.ndarray:
+        return gap(measured(a, State(a, q), effects))
+
+    for _ in range(40):
+        g = at(q)
+        J = np.stack([(at(q + h) - g) / 1e-6 for h in 1e-6 * np.eye(a.n)], 2)
+        step = -np.einsum("mjk,mk->mj", np.linalg.pinv(J, rcond=1e-3), g)
+        q = q + step * np.minimum(1, 0.5 / np.maximum(np.linalg.norm(step, axis=1), 1e-9))[:, None]
+    return q[np.abs(at(q)).max(1) < 1e-6]
+
+
+@dataclass
+class Campaign:
+    """Rows of a measurements file, made kind by kind; `file` writes them."""
+
+    rng: np.random.Generator
+    effects: list[Effect] = field(default_factory=list)
+    arm: Arm = field(init=False)
+    rows: list[dict[str, object]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.arm = arm(load("puma760"), self.rng, TOOL)
+
+    def exact(self, q: np.ndarray) -> np.ndarray:
+        return measured(self.arm, State(self.arm, q), self.effects)
+
+    def add(self, kind: str, q: np.ndarray, feature: str = "", **cells: np.ndarray) -> None:
+        for k, reading in enumerate(q):
+            self.rows.append({f"q{j + 1}_rad": v for j, v in enumerate(reading)}
+                             | {"kind": kind, "feature": feature, "s_mm": NOISE}
+                             | {name: values[k] for name, values in cells.items()})
+
+    def noise(self, *shape: int) -> np.ndarray:
+        return self.rng.normal(0, NOISE, shape)
+
+    def points(self, m: int) -> None:
+        q = self.arm.draw(self.rng, m)
+        x = self.exact(q) + self.noise(m, 3)
+        self.add("point", q, **{f"{axis}_mm": x[:, a] for a, axis in enumerate("xyz")})
+
+    def axes(self, m: int) -> None:
+        for a, axis in enumerate("xyz"):
+            q = self.arm.draw(self.rng, m // 3)
+            self.add(axis, q, **{f"{axis}_mm": self.exact(q)[:, a] + self.noise(len(q))})
+
+    def wires(self, m: int, dead: float = 0.0) -> None:
+        for name, anchor in ANCHORS.items():
+            q = self.arm.draw(self.rng, m // 3)
+            self.add("wire", q, name, length_mm=np.linalg.norm(self.exact(q) - anchor, axis=1) - dead + self.noise(len(q)))
+
+    def bars(self, m: int, lengths: Mapping[str, float], given: bool) -> None:
+        """A bar of fixed length about each of some spheres; its length is written where it is `given`."""
+        for k, (name, length) in enumerate(lengths.items()):
+            start = self.arm.draw(self.rng, 2 * m // len(lengths))
+            centre = self.exact(self.arm.draw(self.rng, 1))[0] if k else np.array([500.0, 300.0, 100.0])
+            want = length + self.noise(len(start))
+            q = self._held(start, lambda x, c=centre, w=want: (np.linalg.norm(x - c, axis=1) - w)[:, None])[:m // len(lengths)]
+            self.add("ball-bar", q, name, **({"length_mm": np.full(len(q), length)} if given else {}))
+
+    def distances(self, m: int) -> None:
+        """Pairs of configurations, each a feature."""
+        a, b = self.arm.draw(self.rng, m), self.arm.draw(self.rng, m)
+        length = np.linalg.norm(self.exact(a) - self.exact(b), axis=1) + self.noise(m)
+        for k in range(m):
+            self.add("distance", a[k:k + 1], f"d{k}", length_mm=np.array([np.nan]))
+            self.add("distance", b[k:k + 1], f"d{k}", length_mm=length[k:k + 1])
+
+    def touches(self, m: int, points: int) -> None:
+        for k in range(points):
+            start = self.arm.draw(self.rng, 4 * m // points)
+            place = self.exact(self.arm.draw(self.rng, 1))[0] * 0.8
+            want = place + self.noise(len(start), 3)
+            self.add("same-point", self._held(start, lambda x, w=want: x - w)[:m // points], f"p{k}")
+
+    def plates(self, m: int, plates: int) -> None:
+        for k in range(plates):
+            start = self.arm.draw(self.rng, 2 * m // plates)
+            normal = np.linalg.qr(self.rng.normal(size=(3, 3)))[0][0]
+            want = self.rng.uniform(-300, 300) + self.noise(len(start))
+            self.add("plane", self._held(start, lambda x, n=normal, w=want: (x @ n - w)[:, None])[:m // plates], f"plate{k}")
+
+    def _held(self, start: np.ndarray, gap: Callable[..., np.ndarray]) -> np.ndarray:
+        return hold(self.arm, self.effects, start, gap)
+
+    def file(self, folder: Path, name: str = "measurements.csv") -> Path:
+        import pandas as pd
+        pd.DataFrame(self.rows).to_csv(folder / name, index=False)
+        return folder / name
