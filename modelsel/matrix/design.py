@@ -213,6 +213,9 @@ def _products(scene: Scene, field: Array, terms: Sequence[Term], rows: slice, ou
     """Columns of terms, screw field times cause, into out (len(terms), c, rows)."""
     scaled = space.array("scaled", *out.shape[1:])
     for column, term in zip(out, terms, strict=True):
+        if term.fixture:                        # rows that are points see no feature
+            column[:] = 0.0
+            continue
         first, *others = term.screws
         np.multiply(field[first.frame - 1, PLACE[first.axis]], _rows(scene.cause(first.cause), rows), out=column)
         for s in others:

@@ -96,7 +96,8 @@ def sentences(found: dict[str, Any]) -> list[str]:
         out.append(f"Joint {j['joint']}: {moved}")
     floor = found["noise_floor"]
     out.append("Noise floor: " + (f"{floor['coordinate_mm']:.3g} mm per coordinate, from {floor['source']}" if floor else
-                                  "cannot be told from these data alone" + ("" if "kinds" in found else " (no repeats, no target pairs)")))
+                                  "cannot be told from these data alone"
+                                  + ("" if "kinds" in found else " (no repeats, no target pairs)")))
     geometry = found["geometry"]
     out.append(f"Geometry: {geometry['rank']} of {geometry['parameters']} parameters can be determined (target assumed at "
                f"0, 0, 100 mm), condition {geometry['condition']:.0f}")

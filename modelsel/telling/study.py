@@ -13,8 +13,8 @@ from ..data.io import read_labels, read_measurements
 from ..data.kinds import Known, with_known
 from ..data.measurements import Measurements, measurements
 from ..elsewhere.explain import Say
-from ..elsewhere.prepare import Plan, generator, prepare
-from ..elsewhere.simulate import simulate
+from ..elsewhere.prepare import Plan, generator, prepare, tools_of
+from ..elsewhere.simulate import simulate, simulate_rows
 from ..fitting.noise import Instrument
 from ..machine.robot import Robot
 from ..machine.robotfile import load, read_robot
@@ -146,8 +146,10 @@ def simulate_study(study: Study, folder: Path) -> pd.DataFrame:
     robot, rng = robot_of(study, folder), generator(study.seed, "simulate")
     path = find_data(study.measurements.file, folder)
     covariates: Mapping[str, Array] = {}
+    rows: Measurements | None = None
     if path.is_file():
         measured = read_measurements(path, [j.prismatic for j in robot.joints], study.measurements.columns)
+        rows = None if measured.gauges is None else with_known(measured, known_features(study))
         first = np.unique(measured.configuration, return_index=True)[1]
         q, covariates = measured.q[first], {name: values[first] for name, values in measured.covariates.items()}
     else:
@@ -159,6 +161,8 @@ def simulate_study(study: Study, folder: Path) -> pd.DataFrame:
             raise StudyError(f"simulate.effect {k}: frame {effect.frame}, but {robot.name} has frames 1 to {robot.n + 1}")
         effects.append((Screw(effect.frame, effect.axis, parse(effect.cause, units, f"simulate.effect {k}")), effect.size))
     noise = study.noise.floor_mm if study.noise.floor_mm is not None else study.simulate.noise_mm
+    if rows is not None:
+        return simulate_rows(robot, tools_of(rows, plan_of(study).tools), effects, data=rows, noise_mm=noise, rng=rng)
     if study.robot.tools_mm:
         import pandas as pd
         frames = [simulate(robot, np.array(tool), effects, q=q, noise_mm=noise, rng=rng, covariates=covariates).assign(
