@@ -17,17 +17,19 @@ ANCHORS = {"w1": (900.0, -1200.0, 300.0), "w2": (-1300.0, 500.0, 100.0), "w3": (
 Gap = Callable[[np.ndarray], np.ndarray]
 
 
-def hold(a: Arm, effects: list[Effect], q: np.ndarray, gap: Gap) -> np.ndarray:
-    """Readings (m, n) near q at which gap (m, k) of the exact target (m, 3) is nought: Newton's steps of least size."""
-    def at(q: np.ndarray) -> np.ndarray:
-        return gap(measured(a, State(a, q), effects))
-
-    for _ in range(40):
-        g = at(q)
-        J = np.stack([(at(q + h) - g) / 1e-6 for h in 1e-6 * np.eye(a.n)], 2)
+def hold(a: Arm, effects: list[Effect], q: np.ndarray, gap: Gap) -> tuple[np.ndarray, np.ndarray]:
+    """(readings (m, n) near q at which gap (m, k) of the exact target (m, 3) is nought, whether it is (m,)): steps of least size,
+    Newton's but for what effects add to the joints' own turns."""
+    for _ in range(60):
+        x = measured(a, State(a, q), effects)
+        g = gap(x)
+        if (np.abs(g).max(1) < 1e-6).mean() > 0.9:
+            break
+        slope = np.stack([(gap(x + h) - g) / 1e-4 for h in 1e-4 * np.eye(3)], 2)
+        J = slope @ a.screws(q)[:, :a.n, 5].transpose(0, 2, 1)
         step = -np.einsum("mjk,mk->mj", np.linalg.pinv(J, rcond=1e-3), g)
         q = q + step * np.minimum(1, 0.5 / np.maximum(np.linalg.norm(step, axis=1), 1e-9))[:, None]
-    return q[np.abs(at(q)).max(1) < 1e-6]
+    return q, np.abs(gap(measured(a, State(a, q), effects))).max(1) < 1e-6
 
 
 @dataclass
@@ -71,12 +73,11 @@ class Campaign:
 
     def bars(self, m: int, lengths: Mapping[str, float], given: bool) -> None:
         """A bar of fixed length about each of some spheres; its length is written where it is `given`."""
-        for k, (name, length) in enumerate(lengths.items()):
-            start = self.arm.draw(self.rng, 2 * m // len(lengths))
-            centre = self.exact(self.arm.draw(self.rng, 1))[0] if k else np.array([500.0, 300.0, 100.0])
-            want = length + self.noise(len(start))
-            q = self._held(start, lambda x, c=centre, w=want: (np.linalg.norm(x - c, axis=1) - w)[:, None])[:m // len(lengths)]
-            self.add("ball-bar", q, name, **({"length_mm": np.full(len(q), length)} if given else {}))
+        length = np.repeat(list(lengths.values()), 2 * m // len(lengths))
+        centre = np.repeat(self.exact(self.arm.draw(self.rng, len(lengths))), 2 * m // len(lengths), axis=0)
+        want = length + self.noise(len(length))
+        self._held("ball-bar", [*lengths], m, lambda x: (np.linalg.norm(x - centre, axis=1) - want)[:, None],
+                   **({"length_mm": length} if given else {}))
 
     def distances(self, m: int) -> None:
         """Pairs of configurations, each a feature."""
@@ -87,21 +88,23 @@ class Campaign:
             self.add("distance", b[k:k + 1], f"d{k}", length_mm=length[k:k + 1])
 
     def touches(self, m: int, points: int) -> None:
-        for k in range(points):
-            start = self.arm.draw(self.rng, 4 * m // points)
-            place = self.exact(self.arm.draw(self.rng, 1))[0] * 0.8
-            want = place + self.noise(len(start), 3)
-            self.add("same-point", self._held(start, lambda x, w=want: x - w)[:m // points], f"p{k}")
+        place = np.repeat(self.exact(self.arm.draw(self.rng, points)) * 0.8, 2 * m // points, axis=0)
+        want = place + self.noise(*place.shape)
+        self._held("same-point", [f"p{k}" for k in range(points)], m, lambda x: x - want)
 
     def plates(self, m: int, plates: int) -> None:
-        for k in range(plates):
-            start = self.arm.draw(self.rng, 2 * m // plates)
-            normal = np.linalg.qr(self.rng.normal(size=(3, 3)))[0][0]
-            want = self.rng.uniform(-300, 300) + self.noise(len(start))
-            self.add("plane", self._held(start, lambda x, n=normal, w=want: (x @ n - w)[:, None])[:m // plates], f"plate{k}")
+        normal = np.repeat(np.linalg.qr(self.rng.normal(size=(plates, 3, 3)))[0][:, 0], 2 * m // plates, axis=0)
+        want = np.repeat(self.rng.uniform(-300, 300, plates), 2 * m // plates) + self.noise(len(normal))
+        self._held("plane", [f"plate{k}" for k in range(plates)], m, lambda x: ((x * normal).sum(1) - want)[:, None])
 
-    def _held(self, start: np.ndarray, gap: Callable[..., np.ndarray]) -> np.ndarray:
-        return hold(self.arm, self.effects, start, gap)
+    def _held(self, kind: str, names: list[str], m: int, gap: Gap, **cells: np.ndarray) -> None:
+        """m rows, alike many for each feature, of twice as many attempts."""
+        each = m // len(names)
+        q, good = hold(self.arm, self.effects, self.arm.draw(self.rng, 2 * each * len(names)), gap)
+        for k, name in enumerate(names):
+            rows = 2 * each * k + np.flatnonzero(good[2 * each * k:2 * each * (k + 1)])[:each]
+            assert len(rows) == each
+            self.add(kind, q[rows], name, **{column: values[rows] for column, values in cells.items()})
 
     def file(self, folder: Path, name: str = "measurements.csv") -> Path:
         import pandas as pd
