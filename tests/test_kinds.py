@@ -34,6 +34,7 @@ from modelsel.telling.study import calibration_of, run
 from modelsel.telling.tables import sentences
 from modelsel.use.calibration import loads, predict
 from modelsel.use.drift import judge
+from modelsel.use.plan import pool
 from modelsel.which.compare import Data
 from modelsel.which.folds import assign
 from modelsel.which.stream import Parts, parts_of
@@ -428,3 +429,21 @@ def test_parts_of_a_set_are_points(tmp_path) -> None:
     some = parts_of([tmp_path / "rows.parquet"])
     with pytest.raises(DataError, match="cannot be fitted in parts"):
         Parts(PUMA, TOOL, some).scene(some[0])
+
+
+def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
+    """The information beyond free anchors is the Schur complement of all columns' information."""
+    c = campaign()
+    c.wires(90)
+    c.points(10)
+    measured = made(c, tmp_path)
+    known = prepared(measured, 100).training()
+    fitted = fit(known, model(measured))
+    some = [fitted.terms[k] for k in fitted.found.kept]
+    at, pool_scene = fitted.at(), scene(PUMA, measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL]))
+    p = pool(known, pool_scene, fitted.terms, at, NOISE)
+    X = design(replace(known, whiten=1.0), some, at)[0].reshape(-1, len(some))
+    own = [k for k, t in enumerate(some) if not t.fixture]
+    columns = p.known.reshape(-1, len(p.terms))[:, p.of(some)]
+    inverse = np.linalg.inv(X.T @ X)[np.ix_(own, own)]
+    np.testing.assert_allclose(columns.T @ columns @ inverse, np.eye(len(own)), atol=1e-5)
