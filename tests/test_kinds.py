@@ -30,7 +30,7 @@ from modelsel.telling.config import parse_study
 from modelsel.telling.inspect import describe
 from modelsel.telling.inspect import sentences as checked
 from modelsel.telling.report.details import details, dumps
-from modelsel.telling.study import calibration_of, run
+from modelsel.telling.study import calibration_of, known_features, run
 from modelsel.telling.tables import sentences
 from modelsel.use.calibration import loads, predict
 from modelsel.use.drift import judge
@@ -88,6 +88,9 @@ FILLED: dict[str, Callable[[Campaign], None]] = {
 }
 
 
+TELL = {"axes": 27, "wires and points": 27, "touched points": 20, "plates": 20, "ball-bars of unknown length": 20}    # others: 21
+
+
 @pytest.mark.parametrize("what", FILLED)
 def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> None:
     c = campaign()
@@ -96,6 +99,9 @@ def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> Non
     measured = made(c, tmp_path, **known)
     data = prepared(measured, round(0.7 * measured.configurations))
     assert data.scene.data.gauges is not None
+    base = fit(data.training(), model(measured))            # points tell 27 numbers of this arm; six are where the base stands
+    assert sum(not base.terms[k].fixture for k in base.found.kept) == TELL.get(what, 21)
+    assert all(k in base.found.kept for k, t in enumerate(base.terms) if t.fixture)
     data, extension, _ = explain(data, model(measured), OFFERED, 1, cells=False)
     assert [e.candidate.mechanism.name for e in extension.effects] == ["wrist-coupling:5"]
     (effect,) = extension.effects
@@ -177,6 +183,7 @@ def test_without_a_length_one_stays_as_drawn_and_that_is_said(tmp_path) -> None:
     assert fitted.sigma == pytest.approx(1, rel=0.2)                              # not shrunk to nothing
     said = " ".join(u.sentence for u in unidentifiable(fitted.found, fitted.terms))
     assert "a3 is kept at zero: no row measures a length" in said
+    assert "α1, β1 and γ1 are kept at zero: no row is measured in a frame of its own" in said
     assert "x of p0" in said                                                      # nor where the base stands
     assert "a1" in said
     c.distances(6)
@@ -447,3 +454,13 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
     columns = p.known.reshape(-1, len(p.terms))[:, p.of(some)]
     inverse = np.linalg.inv(X.T @ X)[np.ix_(own, own)]
     np.testing.assert_allclose(columns.T @ columns @ inverse, np.eye(len(own)), atol=1e-5)
+
+
+def test_the_readme_s_example_is_read(tmp_path) -> None:
+    text = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8").partition("## What can be measured")[2]
+    rows, known = (text.partition(f"```{language}\n")[2].partition("```")[0] for language in ("csv", "toml"))
+    data = read_measurements(written(tmp_path, rows.strip()), ARM)
+    assert [KINDS[k] for k in data.gauges.kind] == ["point", "z", "wire", "distance", "same-point"]
+    study = 'name = "a"\n[robot]\nname = "puma760"\ntool_mm = [0, 0, 100]\n[measurements]\nfile = "a.csv"\n' + known
+    assert set(known_features(parse_study(study, "study.toml"))) == {"north", "plate", "bar"}
+    assert all(f"| `{kind}` |" in text or f"`{kind}`, " in text or f"`{kind}` |" in text for kind in KINDS)

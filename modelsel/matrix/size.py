@@ -1,7 +1,8 @@
 """How long is the arm? Planes, touched points and bars of unknown length do not say: an arm of half the size meets them all.
 
 Worse, the smaller arm meets them better, by half of every error, and least squares would shrink it to nothing. One length then
-stays as drawn, and all others are relative to it (Bennett & Hollerbach 1991, closed-loop calibration).
+stays as drawn, and all others are relative to it (Bennett & Hollerbach 1991, closed-loop calibration). Nor do touched points say
+which way the base looks: about points that nobody knows the whole may turn.
 """
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..wrong.causes import Number
+from ..wrong.causes import ONE, Number
 from ..wrong.screws import Term
 from .identify import Identified
 from .reduce import Source
@@ -34,8 +35,21 @@ def sized(scene: Scene | Source) -> bool:
                for kind, count in KNOWN.items())
 
 
+def turned(scene: Scene | Source) -> bool:
+    """Whether touched points stand alone: no row is measured in a frame, no feature is known. Of wires and planes the columns say
+    so themselves; touched points seem to tell, by as much as they miss each other on the nominal arm."""
+    if isinstance(scene, Source) or (gauges := scene.data.gauges) is None:
+        return False
+    known = any(f.kind != "distance" and not {"tx", "tz"} & set(f.free) for f in gauges.features)
+    return bool(gauges.of("same-point").any()) and not known and not gauges.of("point", "x", "y", "z").any()
+
+
 def as_drawn(found: Identified, scene: Scene | Source, terms: Sequence[Term]) -> Identified:
-    """Without one representative, the largest length of the arm, where the data measure none and every length is open."""
+    """Without the representatives that these data leave as drawn: the way the base looks, and the largest length of the arm where
+    they measure none and every length is open."""
+    if turned(scene):
+        base = [k for k in found.kept if [(s.frame, s.axis[0], s.cause) for s in terms[k].screws] == [(1, "r", ONE)]]
+        found = replace(found, kept=tuple(k for k in found.kept if k not in base), still=tuple(base))
     if sized(scene) or isinstance(scene, Source):
         return found
     robot = scene.robot
