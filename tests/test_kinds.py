@@ -37,7 +37,9 @@ from modelsel.use.drift import judge
 from modelsel.use.plan import pool
 from modelsel.which.compare import Data
 from modelsel.which.folds import assign
+from modelsel.which.folds import fold as fold_scene
 from modelsel.which.stream import Parts, parts_of
+from modelsel.why.robust import gross
 from modelsel.words.errors import DataError, StudyError
 from modelsel.wrong.causes import Member
 from modelsel.wrong.mechanisms.geometry import setup
@@ -214,6 +216,42 @@ def test_folds_keep_every_feature_in_the_others(tmp_path) -> None:
     assert all(len(np.unique(fold[data.gauges.feature == k])) == 2 for k in range(20))
 
 
+def test_folds_count_what_was_measured(tmp_path) -> None:
+    c = campaign()
+    c.points(30)
+    c.wires(60)
+    measured = made(c, tmp_path)
+    data = prepared(measured, 90)
+    folded = fold_scene(data.training(), model(measured).terms, data.training_folds())
+    assert folded.rows.tolist() == [int(3 * (data.folds[:30] == k).sum() + (data.folds[30:] == k).sum()) for k in range(10)]
+
+
+def test_a_wrong_wire_length_is_an_outlier_and_a_wrong_point_too(tmp_path) -> None:
+    c = campaign()
+    c.points(40)
+    c.wires(90)
+    c.rows[70]["length_mm"] += 3.0
+    c.rows[11]["y_mm"] += 3.0
+    measured = made(c, tmp_path)
+    flagged = gross(prepared(measured, 130).scene, model(measured, "wrist-coupling:5"))
+    assert np.flatnonzero(flagged).tolist() == [11, 70]
+
+
+def test_what_a_set_up_cannot_be_is_refused(tmp_path) -> None:
+    c = campaign()
+    c.points(3)
+    c.wires(60)
+    with pytest.raises(DataError, match="3 estimation configurations have a measured point; registration needs 4"):
+        prepared(made(c, tmp_path), 63, register=True)
+    for k, row in enumerate(c.rows):
+        row["group"] = f"day {k % 2}"
+    with pytest.raises(StudyError, match='feature "w1" stands in several groups'):
+        prepared(made(c, tmp_path), 63, register=True, per_group=True)
+    few, sides = made(c, tmp_path), np.array(["held-out"] * 3 + ["estimation"] * 3 + ["held-out"] * 57, dtype=object)
+    with pytest.raises(DataError, match=r'feature "w1" \(wire\) has 3 estimation rows; to place it takes 4'):
+        prepare(PUMA, few, plan(0, column="role"), sides)
+
+
 def test_anchors_stand_where_they_stood_in_a_registered_frame(tmp_path) -> None:
     c = campaign()
     c.points(40)
@@ -383,6 +421,9 @@ def test_good_rows_are_read_as_they_stand(tmp_path) -> None:
     np.testing.assert_array_equal(data.gauges.length, [np.nan, np.nan, 900, 12])
     np.testing.assert_array_equal(data.gauges.origin.q[3], [0, 0.4])
     assert data.block[3] not in data.block[:3]
+    others = "0,0.6,distance,d,14,,,", "0,0.7,distance,e,,,,", "0,0.8,distance,e,9,,,"
+    more = read_measurements(written(tmp_path, HEAD, *GOOD, *others), ARM[:2])
+    assert [len(more), len(np.unique(more.block))] == [6, 5]                  # two that begin alike are never apart
 
 
 def test_uncertainties_are_the_rows_own(tmp_path) -> None:

@@ -94,7 +94,7 @@ def read_uncertainties(table: Table, path: Path, kinds: Kinds) -> Array | None:
         return None
     out = np.where(np.isfinite(each), each, np.nan if own is None else own[:, None])
     out = np.where(np.isfinite(out), out, np.nanmax(np.where(np.isfinite(out), out, -np.inf), axis=1, initial=-np.inf)[:, None])
-    out[kinds.of("distance") & np.isnan(kinds.length) & ~np.isfinite(out).all(1)] = 1.0       # where one begins, nothing is measured
+    out[kinds.of("distance") & np.isnan(kinds.length) & ~np.isfinite(out).all(1)] = 1.0       # where one begins, none is measured
     if not (np.isfinite(out) & (out > 0)).all():
         row = int(np.argmax(~(np.isfinite(out) & (out > 0)).all(1)))
         raise DataError(f"a row of kind {kinds.kind[row]} has no standard uncertainty above zero.", file=path.name, line=row + 2,
