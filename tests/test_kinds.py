@@ -39,7 +39,7 @@ from modelsel.which.compare import Data
 from modelsel.which.folds import assign
 from modelsel.which.folds import fold as fold_scene
 from modelsel.which.stream import Parts, parts_of
-from modelsel.why.robust import gross
+from modelsel.why.robust import gross, scale_of
 from modelsel.words.errors import DataError, StudyError
 from modelsel.wrong.causes import Member
 from modelsel.wrong.mechanisms.geometry import setup
@@ -237,6 +237,13 @@ def test_a_wrong_wire_length_is_an_outlier_and_a_wrong_point_too(tmp_path) -> No
     assert np.flatnonzero(flagged).tolist() == [11, 70]
 
 
+def test_single_numbers_and_points_have_one_robust_scale(rng) -> None:
+    seen = np.arange(40_000)[:, None] % 2 <= np.arange(2, -1, -1)[None] // 2          # all three, or the first alone
+    size = np.linalg.norm(rng.normal(size=seen.shape) * seen, axis=1)
+    for rows in (slice(0, None, 2), slice(1, None, 2), slice(None)):
+        assert scale_of(size[rows], seen[rows]) == pytest.approx(1, rel=0.03)
+
+
 def test_what_a_set_up_cannot_be_is_refused(tmp_path) -> None:
     c = campaign()
     c.points(3)
@@ -247,6 +254,14 @@ def test_what_a_set_up_cannot_be_is_refused(tmp_path) -> None:
         row["group"] = f"day {k % 2}"
     with pytest.raises(StudyError, match='feature "w1" stands in several groups'):
         prepared(made(c, tmp_path), 63, register=True, per_group=True)
+    for row in c.rows[3:]:
+        row["group"] = "day 0"
+    c.distances(1)
+    for row, day in zip(c.rows[-2:], ("day 0", "day 1"), strict=True):
+        row["group"] = day
+    with pytest.raises(StudyError, match='feature "d0" stands in several groups'):
+        prepared(made(c, tmp_path), 63, per_group=True)
+    del c.rows[-2:]
     few, sides = made(c, tmp_path), np.array(["held-out"] * 3 + ["estimation"] * 3 + ["held-out"] * 57, dtype=object)
     with pytest.raises(DataError, match=r'feature "w1" \(wire\) has 3 estimation rows; to place it takes 4'):
         prepare(PUMA, few, plan(0, column="role"), sides)

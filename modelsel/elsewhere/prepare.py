@@ -135,7 +135,9 @@ def _seen(data: Measurements, estimation: NDArray[np.bool_], plan: Plan
     if gauges is None:
         return data, estimation, notes
     for k, feature in enumerate(gauges.features):
-        if plan.per_group and len(np.unique(data.group[gauges.feature == k])) > 1:
+        rows = gauges.feature == k
+        groups = data.group[rows] if gauges.origin is None else np.concatenate([data.group[rows], gauges.origin.group[rows]])
+        if plan.per_group and len(np.unique(groups)) > 1:
             raise StudyError(f'robot.register = "per group": feature "{feature.name}" stands in several groups, whose trackers '
                              "stand apart; give it a name in each.")
     lost = unseen(data, estimation)
@@ -157,9 +159,17 @@ def _timeless(data: Measurements, estimation: NDArray[np.bool_]) -> tuple[Measur
     if not strange.any():
         return data, ()
     own = data.progress[estimation]
+    gauges = data.gauges
+    if gauges is not None and gauges.origin is not None:
+        gauges = replace(gauges, origin=_rescaled(gauges.origin, own, ~np.isin(gauges.origin.group, data.group[estimation])))
+    return replace(_rescaled(data, own, strange), gauges=gauges), tuple(data.groups[g] for g in np.unique(data.group[strange]))
+
+
+def _rescaled(data: Measurements, own: Array, strange: NDArray[np.bool_]) -> Measurements:
+    """With the place in the campaign from 0 to 1 over the estimated rows' `own`, the middle for strange ones."""
     progress = (data.progress - own.min()) / max(float(np.ptp(own)), 1e-12)
     progress[strange] = 0.5
-    return replace(data, progress=progress), tuple(data.groups[g] for g in np.unique(data.group[strange]))
+    return replace(data, progress=progress)
 
 
 def reweigh_rotation(data: Data, plan: Plan, residual: Array) -> Data:

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..words.rigid import AXES
-from .causes import ONE, Cause
+from .causes import ONE, Cause, Member
 
 FIXTURE_AXES = (*AXES, "length")      # of a feature of the set-up: its place, its tilt, a length
 LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
@@ -25,7 +25,8 @@ class Screw:
     cause: Cause = ONE
 
     def __post_init__(self) -> None:
-        if self.axis not in (AXES if self.frame else FIXTURE_AXES) or self.frame < 0:
+        feature = self.frame == 0 and isinstance(self.cause, Member) and self.cause.kind == "feature"
+        if self.axis not in (FIXTURE_AXES if feature else AXES) or self.frame < (0 if feature else 1):
             raise ValueError(f"no such place: frame {self.frame}, axis {self.axis}; frames count from 1, axes are {AXES}")
 
     def __str__(self) -> str:
