@@ -5,26 +5,77 @@ The steps of a study, each callable alone; names are loaded when first used, so 
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .words.version import VERSION
+
+if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_names.py holds the two alike
+    from .data.io import read_measurements as read_measurements
+    from .data.measurements import Measurements as Measurements
+    from .fitting.fit import Fit as Fit
+    from .machine.robot import Robot as Robot
+    from .machine.robot import forward as forward
+    from .machine.robot import screw_field as screw_field
+    from .machine.robotfile import builtin_names as builtin_names
+    from .machine.robotfile import load as load
+    from .machine.robotfile import read_robot as read_robot
+    from .matrix.design import Model as Model
+    from .matrix.design import residuals as residuals
+    from .telling.config import Study as Study
+    from .telling.config import read_study as read_study
+    from .telling.finished import Result as Result
+    from .telling.planning import Planned as Planned
+    from .telling.planning import plan_next as plan_next
+    from .telling.stored import StoredResult as StoredResult
+    from .telling.stored import calibration_of as calibration_of
+    from .telling.stored import load_result as load_result
+    from .telling.stored import report as report
+    from .telling.stored import save as save
+    from .telling.study import rehearse as rehearse
+    from .telling.study import run as run
+    from .telling.study import simulate_study as simulate_study
+    from .use.calibration import Calibration as Calibration
+    from .use.calibration import load_calibration as load_calibration
+    from .use.calibration import predict as predict
+    from .use.compensate import correct as correct
+    from .which.split import choose as choose
+    from .which.validate import gain as gain
+    from .words.errors import DataError as DataError
+    from .words.errors import ModelselError as ModelselError
+    from .words.errors import NotEstimable as NotEstimable
+    from .words.errors import StudyError as StudyError
+    from .wrong.causes import Cause as Cause
+    from .wrong.registry import BUILTIN as BUILTIN
+    from .wrong.registry import PerJoint as PerJoint
+    from .wrong.registry import every as every
+    from .wrong.registry import mechanism as mechanism
+    from .wrong.registry import with_plugins as with_plugins
+    from .wrong.screws import Mechanism as Mechanism
+    from .wrong.screws import Screw as Screw
+    from .wrong.screws import Term as Term
 
 __version__ = VERSION
 
 _NAMES = {  # a name that is also a module's (fit, scene, extend …) is imported from there: from modelsel.fitting.fit import fit
+    "words.errors": "ModelselError StudyError DataError NotEstimable",
     "data.io": "read_measurements",
-    "machine.robot": "forward screw_field",
+    "data.measurements": "Measurements",
+    "machine.robot": "Robot forward screw_field",
     "machine.robotfile": "load read_robot builtin_names",
     "wrong.causes": "Cause",
-    "wrong.registry": "mechanism every BUILTIN PerJoint",
+    "wrong.registry": "mechanism every BUILTIN PerJoint with_plugins",
     "wrong.screws": "Screw Term Mechanism",
     "matrix.design": "Model residuals",
     "fitting.fit": "Fit",
     "which.split": "choose",
     "which.validate": "gain",
     "use.calibration": "load_calibration Calibration predict",
+    "use.compensate": "correct",
     "telling.config": "read_study Study",
-    "telling.study": "run save calibration_of",
+    "telling.finished": "Result",
+    "telling.planning": "plan_next Planned",
+    "telling.stored": "save load_result StoredResult report calibration_of",
+    "telling.study": "run rehearse simulate_study",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)

@@ -1,9 +1,12 @@
 """The command line; every command is a module of its own, imported when it runs."""
 from __future__ import annotations
 
+import contextlib
 import os
 import shlex
+import signal
 import sys
+from collections.abc import Iterator
 from importlib import import_module
 from typing import Any
 
@@ -15,6 +18,7 @@ import click
 from .words.version import VERSION
 
 INTERRUPTED = 130
+RESUMES = ("study", "fleet")        # commands that take up what was interrupted
 
 
 COMMANDS = {    # name: what `modelsel --help` says of it; modelsel/commands/<name>.py has it
@@ -33,6 +37,20 @@ COMMANDS = {    # name: what `modelsel --help` says of it; modelsel/commands/<na
     "doctor": "Whether this installation works, and with what.",
     "completion": "Shell completion: what to put into your shell's start-up file.",
 }
+
+
+@contextlib.contextmanager
+def _terminable() -> Iterator[None]:
+    """SIGTERM ends a command as Ctrl-C does; outside the main thread signals stay as they are."""
+    try:
+        before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    except ValueError:
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 class _Lazy(click.Group):
@@ -56,7 +74,8 @@ class _Lazy(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         from .words.errors import ModelselError
         try:
-            return super().invoke(ctx)
+            with _terminable():
+                return super().invoke(ctx)
         except ModelselError as error:
             if ctx.params.get("debug"):
                 raise
@@ -64,7 +83,8 @@ class _Lazy(click.Group):
                 click.echo(f"modelsel: {line}", err=True)
             sys.exit(error.exit_code)
         except KeyboardInterrupt:
-            again = [*sys.argv[1:], *(["--resume"] if "study" in sys.argv and "--resume" not in sys.argv else [])]
+            resumes = ctx.invoked_subcommand in RESUMES and "--resume" not in sys.argv
+            again = [*sys.argv[1:], *(["--resume"] if resumes else [])]
             click.echo(f"modelsel: interrupted; to go on: modelsel {shlex.join(again)}", err=True)
             sys.exit(INTERRUPTED)
         except BrokenPipeError:

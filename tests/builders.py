@@ -35,7 +35,8 @@ def drawn(robot: Robot | str, rng: np.random.Generator, m: int, tool: Sequence[f
     q = robot.draw(rng, m)
     covariates = {"payload_kg": rng.uniform(0, 5, m), "temperature_C": rng.uniform(15, 35, m), "time_s": np.arange(m) * 30.0,
                   "current_A": rng.normal(size=m)}
-    return bind(robot, measurements(q, forward(robot, q, np.array(tool)), **({"covariates": covariates} | more)), tool)
+    return bind(robot, measurements(q, forward(robot, q, np.array(tool)), **({"covariates": covariates} | more),
+                                    prismatic=robot.prismatic), tool)
 
 
 def measured(at: Scene, position: Array) -> Scene:

@@ -16,7 +16,8 @@ from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model, residuals
 from modelsel.matrix.scene import Scene
 from modelsel.telling.config import read_study
-from modelsel.telling.study import calibration_of, run, save
+from modelsel.telling.stored import calibration_of, save
+from modelsel.telling.study import run
 from modelsel.use.calibration import NAME, Calibration, calibrate, in_tracker, load_calibration, loads, predict, uncertainty
 from modelsel.use.records import cause_of, cause_record
 from modelsel.which.compare import Data

@@ -11,10 +11,11 @@ from modelsel.fitting.fit import fit
 from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model, design
 from modelsel.which.candidates import candidates
-from modelsel.which.compare import MOST, Comparison, Data, compare, rung, strongest
+from modelsel.which.compare import Data, rung
 from modelsel.which.criteria import aic, bic
 from modelsel.which.folds import assign, fold
 from modelsel.which.search import all_subsets
+from modelsel.which.table import MOST, Comparison, compare, strongest
 from modelsel.wrong.causes import ONE, Named, cos, q, sin
 from modelsel.wrong.registry import every, mechanism
 from modelsel.wrong.screws import Mechanism, Screw, Term

@@ -17,9 +17,10 @@ from modelsel.data.measurements import measurements
 from modelsel.machine.robot import forward
 from modelsel.machine.robotfile import load
 from modelsel.telling.config import parse_study
-from modelsel.telling.study import calibration_of, run
+from modelsel.telling.stored import calibration_of
+from modelsel.telling.study import run
 from modelsel.use.calibration import predict
-from modelsel.use.compensate import BOUND, commanded, compensate, nominal, outside, refuse
+from modelsel.use.compensate import BOUND, commanded, compensate, correct, nominal, outside, refuse
 from modelsel.words.errors import DataError
 from modelsel.words.rigid import from_quaternion
 
@@ -93,6 +94,23 @@ def test_refuses_beyond_the_bound(made) -> None:
     with pytest.raises(DataError, match=r"line 6: .* beyond the bound of 10 mrad and 20 mm"):
         refuse(c, compensate(c, data), data, BOUND, "t.csv")
     refuse(c, compensate(c, data), data, (10.0, 1e3), "t.csv")
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_a_frame_of_targets_in_and_out(made) -> None:
+    """Planned commands and wanted positions as a DataFrame; corrected ones come back, refused ones by their row."""
+    c, at = made
+    data = plan(at, slice(1, 9))
+    data = replace(data, position=nominal(c.scene(data)))
+    frame = data.to_frame().drop(columns=["configuration", "order"])
+    found, made_here = correct(c, frame), compensate(c, data)
+    np.testing.assert_allclose(found[[f"q{j}_rad" for j in range(1, 7)]], made_here.q, atol=1e-9)
+    np.testing.assert_allclose(found["expected_error_mm"], made_here.expected_mm, rtol=1e-6)
+    frame.iloc[4, frame.columns.get_loc("x_mm")] += 30.0
+    with pytest.raises(DataError, match=r"DataFrame, row 4: .* beyond the bound .* raise the bound"):
+        correct(c, frame)
+    with pytest.warns(UserWarning, match="1 of 1 rows lie beyond the"):
+        correct(c, frame[:1].drop(columns=["x_mm", "y_mm", "z_mm"]).assign(q2_rad=4.0), bound=(10.0, 1e3))
 
 
 def test_outside_is_said(made) -> None:

@@ -13,13 +13,26 @@ import numpy as np
 import pandas as pd
 import pytest
 from builders import drawn
+from click.testing import CliRunner
+from pypdf import PdfReader
 
+from modelsel.cli import main
+from modelsel.data.io import read_measurements
+from modelsel.fitting.fit import fit
+from modelsel.machine.robotfile import load
+from modelsel.matrix.design import Model
+from modelsel.matrix.scene import scene
+from modelsel.telling import fleet as fleets
 from modelsel.telling.config import read_study
 from modelsel.telling.fleet import cluster, run_fleet, save_summary
 from modelsel.telling.fleetfile import read_fleet
+from modelsel.telling.stored import WRITES, load_result
 from modelsel.telling.study import run
+from modelsel.which.stream import Parts, fit_parts, parts_of
 from modelsel.words.errors import StudyError
+from modelsel.wrong.registry import mechanism
 
+TOOL = (40.0, -25.0, 100.0)
 STUDY = """
 name = "arm {k}"
 seed = {k}
@@ -104,16 +117,29 @@ def test_fleet_on_two_workers(folder) -> None:
     for name in ("arm0", "arm4"):
         alone = run(read_study(folder / name), folder / name, sampling=False)
         assert (out / name / "result.json").read_bytes() == alone.to_json().encode()
+        assert load_result(out / name).to_json() == alone.to_json()         # with all that a report is drawn from
     assert json.loads((out / "what-if" / "result.json").read_text())["provenance"]["data_sha256"] == json.loads(
         (out / "arm1" / "result.json").read_text())["provenance"]["data_sha256"]
     found = json.loads((out / "whole" / "parts.json").read_text())
     assert (found["rows"], found["pieces"]) == (300, 6)
     assert found["sigma_mm"] == pytest.approx(0.05, rel=0.15)
-    written = save_summary(rows, out)
+    written = save_summary(rows, out, fleet.name)
     assert pd.read_csv(written[0])["name"].tolist() == [row["name"] for row in rows]
     assert pd.read_parquet(written[1])["exit"].tolist() == [row["exit"] for row in rows]
     before = [path.read_bytes() for path in written]
-    assert [path.read_bytes() for path in save_summary(again, out)] == before
+    assert [path.read_bytes() for path in save_summary(again, out, fleet.name)] == before
+    pdf = PdfReader(written[2])
+    metadata, words = pdf.xmp_metadata, " ".join("".join(page.extract_text() for page in pdf.pages).split())
+    assert b"pdfuaid" in metadata.stream.get_data()
+    assert len(pdf.pages) <= 3
+    assert "five arms" in words
+    assert "1 study of 7 failed: arm2" in words
+    assert all(row["name"] in words for row in rows)
+    assert "line 9" in words
+    assert {path.name for path in (out / "arm0").iterdir()} == set(WRITES)
+    drawn_again = CliRunner().invoke(main, ["report", str(out / "arm0"), "--pages", "provenance"])
+    assert drawn_again.exit_code == 0, drawn_again.output
+    assert "Written" in drawn_again.output
 
 
 def test_fleet_file_says_all_at_once(folder) -> None:
@@ -137,6 +163,50 @@ file = "arm0"
     assert "parts.1.tool_mm is missing" in str(wrong.value)
     with pytest.raises(StudyError, match="no such fleet file"):
         read_fleet(folder / "absent.toml")
+
+
+def test_an_unexpected_error_in_one_set_stops_nothing(folder, monkeypatch) -> None:
+    """A set whose work breaks in a way nobody foresaw: its row says so, the set after it is fitted."""
+    text = (folder / "fleet.toml").read_text()
+    (folder / "fleet.toml").write_text('name = "two"\n' + "".join(
+        text[text.index("[[parts]]"):].replace('"whole"', f'"{name}"') for name in ("first", "second")))
+    found = fleets.fit_parts
+    monkeypatch.setattr(fleets, "fit_parts", lambda *a: found(*a) if len(calls.append(1) or calls) > 1 else 1 / 0)
+    calls: list[int] = []
+
+    class Here:
+        """A client whose work is done here."""
+
+        loop = None
+
+        def map(self, work, items, **_):
+            return list(map(work, items))
+
+        def gather(self, done):
+            return done
+    monkeypatch.setattr("distributed.as_completed", lambda futures, loop: iter(futures))
+    rows = run_fleet(read_fleet(folder / "fleet.toml"), folder / "out", Here())
+    assert [(row["state"], row["exit"]) for row in rows] == [("failed", 1), ("done", 0)]
+    assert rows[0]["why"] == "internal error: ZeroDivisionError: division by zero"
+    assert rows[1]["estimation"] == 300
+
+
+def test_pieces_know_nothing_of_the_one_before(folder) -> None:
+    """What hangs on the order of motion across pieces is refused; stated directions of approach are as in one file."""
+    files = sorted(folder.glob("day*.parquet"))
+    arm = load("puma760")
+    for name, said in (("tracker-drift", "progress"), ("settle:2", "move2"), ("approach-backlash:2", "approach1")):
+        model = Model((mechanism("geometric", arm), mechanism(name, arm)))
+        with pytest.raises(StudyError, match=said):
+            fit_parts(Parts(arm, TOOL, parts_of(files)), model)
+    whole = pd.concat([pd.read_parquet(file) for file in files], ignore_index=True)
+    for j in range(1, 7):
+        whole[f"approach{j}"] = np.random.default_rng(j).choice([-1, 1], len(whole))
+    whole.to_parquet(folder / "stated.parquet", index=False, row_group_size=70)
+    model = Model((mechanism("geometric", arm), mechanism("approach-backlash:2", arm)))
+    fitted, _ = fit_parts(Parts(arm, TOOL, parts_of([folder / "stated.parquet"])), model)
+    at = read_measurements(folder / "stated.parquet", [False] * 6)
+    np.testing.assert_allclose(fitted.theta, fit(scene(arm, at, np.array([TOOL])), model).theta, atol=1e-9)
 
 
 def test_no_scheduler_there() -> None:

@@ -10,9 +10,10 @@ import pytest
 from gauged import ANCHORS, NOISE, TOOL, Campaign, hold
 from hidden_effects import at, one
 
+from modelsel.data.features import KINDS, UNKNOWN
 from modelsel.data.io import read_measurements
 from modelsel.data.kinds import Known, with_known
-from modelsel.data.measurements import KINDS, UNKNOWN, Measurements, measurements
+from modelsel.data.measurements import Measurements, measurements
 from modelsel.elsewhere.explain import explain
 from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.elsewhere.simulate import simulate_rows
@@ -30,7 +31,8 @@ from modelsel.telling.config import parse_study
 from modelsel.telling.inspect import describe
 from modelsel.telling.inspect import sentences as checked
 from modelsel.telling.report.details import details, dumps
-from modelsel.telling.study import calibration_of, known_features, run
+from modelsel.telling.stored import calibration_of
+from modelsel.telling.study import known_features, run
 from modelsel.telling.tables import sentences
 from modelsel.use.calibration import loads, predict
 from modelsel.use.drift import judge
@@ -441,6 +443,69 @@ def test_good_rows_are_read_as_they_stand(tmp_path) -> None:
     assert [len(more), len(np.unique(more.block))] == [6, 5]                  # two that begin alike are never apart
 
 
+@pytest.mark.parametrize(("line", "said"), [("0,1,wire,w,-3,,,", "DataFrame, row 5, column length_mm: a length must be above"),
+                                            ("0,1,ball-bar,w,900,,,", "of kind wire on row 2 and of kind ball-bar here"),
+                                            ("0,1,z,,,5,,3", 'row 5, column x_mm: found "5.0", but a row of this kind')])
+def test_a_bad_row_of_a_dataframe_is_refused_with_its_place(line, said, tmp_path) -> None:
+    import pandas as pd
+    frame = pd.read_csv(written(tmp_path, HEAD, *GOOD, line))
+    with pytest.raises(DataError, match=said):
+        read_measurements(frame, ARM[:2])
+
+
+def test_every_kind_goes_through_a_dataframe_and_back(tmp_path) -> None:
+    c = campaign()
+    c.points(6)
+    c.axes(6)
+    c.wires(9)
+    c.bars(6, {"b1": 600.0}, given=True)
+    c.distances(3)
+    c.touches(4, 1)
+    c.plates(4, 1)
+    for row in c.rows[:6]:
+        row |= {"qw": 0.6, "qx": 0.0, "qy": 0.8, "qz": 0.0, "srx_rad": 1e-4, "sry_rad": 2e-4, "srz_rad": 3e-4}
+        row |= {"s_mm": np.nan, "sx_mm": 0.1, "sy_mm": 0.2, "sz_mm": 0.3}
+    for k, row in enumerate(c.rows):
+        row |= {"group": f"day {k % 2}", "temperature_C": 20.0 + k}
+    data = made(c, tmp_path)
+    for back in (read_measurements(data.to_frame(), ARM), read_measurements(c.file(tmp_path), ARM)):
+        assert back.gauges.features == data.gauges.features
+        for mine, other in ((back, data), (back.gauges.origin, data.gauges.origin), (back.gauges, data.gauges)):
+            for name, values in vars(other).items():
+                if isinstance(values, np.ndarray) and not (name == "position" and mine is back.gauges.origin):
+                    np.testing.assert_allclose(getattr(mine, name), values, rtol=1e-12, atol=1e-12, err_msg=name)
+        np.testing.assert_array_equal(back.covariates["temperature_C"], data.covariates["temperature_C"])
+    some = data.take(data.gauges.of("distance", "wire"))
+    assert len(read_measurements(some.to_frame(), ARM)) == len(some) == 12
+
+
+def test_copies_are_of_one_kind_feature_and_reading(tmp_path) -> None:
+    c = campaign()
+    c.wires(30)
+    c.points(3)
+    c.touches(4, 1)
+    for k, row in enumerate(c.rows):
+        row["order"] = k
+    again = [c.rows[4] | {"order": 100}, c.rows[31] | {"order": 101}, c.rows[34] | {"order": 102}]
+    others = [c.rows[4] | {"order": 103, "feature": "w2"}, c.rows[35] | {"order": 104, "feature": "p1"}]
+    c.rows += [*again, *others]
+    data = read_measurements(c.file(tmp_path), ARM)
+    assert data.row.tolist() == [*range(37), 40, 41]
+    (note,) = (n.sentence for n in data.notes if n.code == "copied-rows")
+    assert note.startswith("3 rows hold the readings")
+    assert "line 39 is line 6 again" in note
+    assert read_measurements(data.to_frame(), ARM).row.tolist() == [*range(39)]
+
+
+def test_repeated_readings_of_one_coarse_number_are_no_copies(tmp_path) -> None:
+    c = campaign()
+    for _ in range(3):
+        c.wires(30)
+    for k, first in enumerate(c.rows[:30] * 3):
+        c.rows[k] = first | {"order": k, "length_mm": round(first["length_mm"] + c.rng.normal(0, 0.05), 1)}
+    assert len(read_measurements(c.file(tmp_path), ARM)) == 90
+
+
 def test_uncertainties_are_the_rows_own(tmp_path) -> None:
     head, rows = f"{HEAD},s_mm,sx_mm,sy_mm,sz_mm", [f"{line}," for line in GOOD]
     tails = [",0.1,0.2,0.3", "0.4,,,", "0.5,,,", "0.6,,,", "0.7,,,"]
@@ -512,8 +577,8 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
     np.testing.assert_allclose(columns.T @ columns @ inverse, np.eye(len(own)), atol=1e-5)
 
 
-def test_the_readme_s_example_is_read(tmp_path) -> None:
-    text = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8").partition("## What can be measured")[2]
+def test_the_page_s_example_is_read(tmp_path) -> None:
+    text = (Path(__file__).parents[1] / "docs" / "kinds.md").read_text(encoding="utf-8")
     rows, known = (text.partition(f"```{language}\n")[2].partition("```")[0] for language in ("csv", "toml"))
     data = read_measurements(written(tmp_path, rows.strip()), ARM)
     assert [KINDS[k] for k in data.gauges.kind] == ["point", "z", "wire", "distance", "same-point"]

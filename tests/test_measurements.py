@@ -9,7 +9,7 @@ import pytest
 from builders import drawn, seeds
 
 from modelsel.data.io import read_labels, read_measurements
-from modelsel.data.measurements import Measurements, measurements
+from modelsel.data.measurements import Measurements, in_turn, measurements
 from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.machine.robotfile import load
 from modelsel.words.errors import DataError
@@ -140,6 +140,26 @@ def test_order_and_groups(rng) -> None:
                         configuration=[visit[k] for k in shuffle])
     np.testing.assert_array_equal(data.approach, np.array(APPROACH * 2)[shuffle])
     np.testing.assert_allclose(data.move, np.array(MOVE * 2)[shuffle])
+
+
+def test_groups_follow_one_another_by_the_clock() -> None:
+    """Where one clock runs through all groups they stand in its order, whatever the rows' order; else in that of first rows."""
+    q, x, group = np.arange(6.0)[:, None].repeat(2, 1), np.zeros((6, 3)), ["tue", "tue", "mon", "mon", "wed", "wed"]
+    def progress(*time: float) -> list[float]:
+        return (measurements(q, x, group=group, covariates={"time_s": np.array(time)}).progress * 5).tolist()
+    assert progress(10, 11, 0, 1, 20, 21) == [2, 3, 0, 1, 4, 5]
+    assert progress(0, 1, 0, 1, 0, 1) == [0, 1, 2, 3, 4, 5]               # a clock that starts anew
+    assert progress(10, 11, 0, 10.5, 20, 21) == [0, 1, 2, 3, 4, 5]        # groups side by side
+
+
+def test_units_are_numbered_as_the_arm_came_to_them(rng) -> None:
+    unit, progress = np.array([7, 3, 7, 5, 3]), np.array([0.9, 0.4, 0.1, 0.2, 0.3])
+    number, first = in_turn(unit, progress)
+    assert number.tolist() == [0, 2, 0, 1, 2]
+    assert first.tolist() == [2, 3, 4]
+    mixed = rng.permutation(5)
+    again, _ = in_turn(unit[mixed], progress[mixed])
+    assert again.tolist() == number[mixed].tolist()
 
 
 def test_a_new_group_begins_a_new_configuration() -> None:

@@ -9,6 +9,8 @@ import pytest
 from builders import drawn
 from click.testing import CliRunner
 
+from modelsel import plan_next
+from modelsel import run as study_run
 from modelsel.cli import main
 from modelsel.commands.plan import PURPOSES
 from modelsel.machine.robotfile import load
@@ -27,6 +29,7 @@ from modelsel.use.plan import (
     tell_apart,
     told_with,
 )
+from modelsel.words.errors import DataError
 from modelsel.wrong.registry import mechanism, parts
 from modelsel.wrong.screws import Term
 
@@ -213,13 +216,18 @@ def test_command(tmp_path, rng) -> None:
     assert first.exit_code == 0, first.output
     assert first.stdout == again.stdout
     assert run("plan", tmp_path).exit_code == 2
+    result = study_run(tmp_path, sampling=False)
+    planned = plan_next(result, 4)                                           # the same from Python, and in a notebook
+    pd.testing.assert_frame_equal(planned.to_frame(), chosen, atol=1e-6)
+    assert "told from its nearest rival with probability" in planned._repr_html_()
+    with pytest.raises(DataError, match="DataFrame: column q1_rad or q1_deg is missing"):
+        plan_next(result, 3, pool=chosen.drop(columns="q1_rad"))
 
 
 def test_every_target_is_seen_at_every_configuration(rng) -> None:
     """A pool without targets is seen through all of the study's; one that lists them unevenly is refused."""
     from modelsel.data.measurements import measurements
     from modelsel.telling.planning import every_target, table_of
-    from modelsel.words.errors import DataError
     at = drawn(ROBOT, rng, 40, target=["a", "b"] * 20, configuration=np.repeat(np.arange(20), 2))
     q = ROBOT.draw(rng, 7)
     possible = every_target(measurements(q, np.zeros((7, 3))), ("a", "b"))

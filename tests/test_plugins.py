@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from modelsel import read_study, run, simulate_study
 from modelsel.cli import main
 from modelsel.machine.robotfile import load
+from modelsel.telling.config import ModelTable
 from modelsel.use.calibration import load_calibration
 from modelsel.use.laws import LawBroken, broken, check_mechanism
 from modelsel.use.skeleton import skeleton, table, tried
@@ -132,6 +134,65 @@ def test_a_broken_plugin_is_listed_and_stops_nothing(tmp_path, monkeypatch) -> N
     assert ran.exit_code == 0
     assert "plug-in wrong, raises is left out: ZeroDivisionError" in ran.output
     monkeypatch.delitem(sys.modules, "wrong")
+
+
+OWN = """from dataclasses import dataclass
+from modelsel.wrong.causes import Applied, Named, q
+from modelsel.wrong.registry import PerJoint
+from modelsel.wrong.screws import Mechanism, Screw, Term
+@dataclass(frozen=True)
+class Squared(Named):
+    def of(self, state):
+        return state.value(self.name) ** 2
+def bent(robot):
+    return Mechanism("bent", (Term("k", (Screw(4, "rz", 2.0 * Squared("q4", "rad") + 1.0),)),), "It bends.", "k", "nowhere")
+def mechanisms():
+    return {"bent": bent}
+"""
+
+
+@pytest.fixture
+def own_cause(tmp_path, monkeypatch) -> Path:
+    """A study beside an installed plug-in whose mechanism has a cause of a class of its own."""
+    (tmp_path / "own.py").write_text(OWN)
+    info = tmp_path / "own-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: own\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[modelsel.mechanisms]\nown = own:mechanisms\n")
+    (tmp_path / "study.toml").write_text(STUDY.replace("hose-twist", "gear-eccentricity"))
+    simulate_study(tmp_path).to_csv(tmp_path / "measurements.csv", index=False)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("sys.dont_write_bytecode", True)
+    yield tmp_path
+    sys.modules.pop("own", None)
+
+
+def test_a_cause_that_no_calibration_can_store_is_refused_before_the_work(own_cause) -> None:
+    """The plug-in is left out, and why is said; a study that names it is refused; nothing is written."""
+    says = "Squared is a kind of cause of its own, which no calibration can store: build it of those in modelsel.wrong.causes."
+    quick = ["--no-report", "--no-sampling"]
+    study, out = own_cause / "study.toml", own_cause / "out"
+    ran = CliRunner().invoke(main, ["study", str(study), "--out", str(out), *quick])
+    assert ran.exit_code == 0, ran.output
+    assert f"plug-in own, bent is left out: {says}" in ran.stderr
+    assert load_calibration(out).model.names[0] == "geometric"
+    study.write_text(study.read_text().replace('"wrist-coupling"', '"bent"'))
+    ran = CliRunner().invoke(main, ["study", str(study), "--out", str(own_cause / "other"), *quick])
+    assert ran.exit_code == 2
+    assert says in ran.stderr
+    assert 'unknown mechanism "bent"' in ran.stderr
+    assert not (own_cause / "other").exists()
+
+
+@pytest.mark.parametrize("model", [{"candidates": "all"}, {"candidates": ["bent"]}, {"base": ["geometric", "bent"]},
+                                   {"ladder": [["bent"]]}])
+def test_a_registry_with_such_a_cause_is_refused_before_the_work(model, own_cause) -> None:
+    from own import mechanisms
+    steps: list[str] = []
+    whole = read_study(own_cause).model_copy(update={"model": ModelTable(**model)})
+    with pytest.raises(StudyError, match="bent: Squared is a kind of cause of its own"):
+        run(whole, own_cause, registry={**BUILTIN, **mechanisms()}, say=steps.append)
+    assert steps == ["reading measurements.csv"]
 
 
 def bad(**changes: object) -> Mechanism:

@@ -99,7 +99,7 @@ def test_weights_find_the_curved_posterior() -> None:
     fitted = fit(scene, model)
     known = posterior(fitted)
     draws = known.draw(rng, 40_000)
-    good = weighted(scene, fitted, known, draws)
+    good = weighted(scene, fitted, draws)
     grid = fitted.theta[0] + np.linspace(-3.0, 3.0, 6001)
     cost = np.square(Ensemble(scene, model.terms).residuals(grid[:, None])).sum((1, 2))
     density = cost ** (-known.freedom / 2 - 0.5)          # σ integrated out
@@ -130,7 +130,7 @@ def test_calibrated_by_simulation(rng: np.random.Generator) -> None:
         scene = planted(at, MODEL.terms, truth, rng, sigma)
         fitted = fit(scene, MODEL, start=truth)
         known = posterior(fitted)
-        draws = weighted(scene, fitted, known, known.draw(rng, DRAWS))
+        draws = weighted(scene, fitted, known.draw(rng, DRAWS))
         below = draws.weight @ (draws.theta[:, kept] < truth[kept])
         ranks[study] = below
         low, high = known.quantile(np.array([0.025, 0.975])).T

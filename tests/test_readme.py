@@ -1,5 +1,5 @@
-"""README and CONTRIBUTING say what is true: their Python runs and prints what they show, their tables are the registry's, the
-report is the study's. `python tests/test_readme.py` writes the README's shown output, excerpt and table of mechanisms anew."""
+"""README and CONTRIBUTING say what is true: their Python runs and prints what they show, their names are the registry's, the
+report is the study's. `python tests/test_readme.py` writes the README's shown output, excerpt and names of mechanisms anew."""
 from __future__ import annotations
 
 import ast
@@ -8,8 +8,6 @@ import html
 import io
 import json
 import re
-import shutil
-import tempfile
 import textwrap
 from pathlib import Path
 
@@ -23,17 +21,15 @@ import modelsel
 from modelsel.cli import COMMANDS, main
 from modelsel.machine.robotfile import load
 from modelsel.matrix.design import design, residuals
-from modelsel.telling.study import save
 from modelsel.telling.tables import show
-from modelsel.words.errors import DataError, Interrupted, ModelselError, NotEstimable, StudyError
-from modelsel.wrong.registry import BUILTIN, Registry, Scanned, parts, with_plugins
+from modelsel.words.errors import StudyError
+from modelsel.wrong.registry import BUILTIN, Registry, parts, with_plugins
 
 ROOT = Path(__file__).parents[1]
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
 AGAIN = "python tests/test_readme.py writes it anew"
 EXCERPT = ("Nominal model", "Found", "Not told apart", "Nothing else", "On held-out")
-USED = "Use what was found"
-TABLE = re.compile(r"<!-- mechanisms -->\n(.*?)\n\n(?!\|)", re.DOTALL)
+NAMES = re.compile(r"<!-- mechanisms -->\n(.*?)\n\n", re.DOTALL)
 RATES = re.compile(r"<!-- naming -->\n(.*?)\n\n(?!\|)", re.DOTALL)
 SHOWN = re.compile(r"```python\n(.*?)```\n\n```text\n(.*?)```", re.DOTALL)
 
@@ -67,17 +63,9 @@ def excerpt(result: modelsel.telling.analysis.Result) -> str:
     return "\n".join(textwrap.fill(line, 130, subsequent_indent="    ", break_on_hyphens=False) for line in lines) + "\n"
 
 
-def mechanism_table(registry: Registry = BUILTIN, robot: str = "puma760") -> str:
-    """Every registered mechanism in the README's form, for the first joint it applies to."""
-    rows = ["| name | what goes wrong | equation |", "|---|---|---|"]
-    arm = load(robot)
-    for stem in registry:
-        first, *others = parts(stem, arm, registry)
-        joints = dict.fromkeys(p.name.partition(":")[2] for p in (first, *others))
-        last = f" … `:{list(joints)[-1]}`" if len(joints) > 1 else ""
-        scanned = f", {(1 + len(others)) // len(joints)} constants" if isinstance(registry[stem], Scanned) else ""
-        rows.append(f"| `{first.name}`{last}{scanned} | {first.sentence} | {first.equation} |")
-    return "\n".join(rows)
+def mechanism_names(registry: Registry = BUILTIN) -> str:
+    """Every registered name, as the README lists them."""
+    return textwrap.fill(", ".join(f"`{stem}`" for stem in registry) + ".", 150, break_on_hyphens=False)
 
 
 def naming_table() -> str:
@@ -121,87 +109,17 @@ def test_python_prints_what_is_shown(page, ran) -> None:
     assert ran[0] == shown, AGAIN
 
 
-CAMPAIGN = """name = "campaign"
-seed = {seed}
-[robot]
-name = "puma760"
-tool_mm = [0, 0, 100]
-[measurements]
-file = "measurements.csv"
-[split]
-estimation = {estimation}
-[model]
-candidates = {candidates}
-[simulate]
-configurations = {count}
-noise_mm = 0.05
-"""
-EFFECT = '[[simulate.effect]]\nframe = {}\naxis = "{}"\ncause = "{}"\nsize = {}\n'
-WORN = ((4, "ty", "1", 0.3), (1, "rz", "approach1", 1.5e-4))
-RIVALS = '["gear-eccentricity", "axis-wobble", "joint-compliance", "base-tilt", "joint2-twist"]'
-
-
-def invoked(*words: str) -> str:
-    """What a command prints on the output; it must be done (0) or have said what a check found (5)."""
-    ran = CliRunner().invoke(main, [*words])
-    assert ran.exit_code in (0, 5), ran.output
-    return ran.stdout
-
-
-def workshop(folder: Path, result: modelsel.telling.analysis.Result) -> None:
-    """The files that the README's commands run on: the PUMA's result, two campaigns before and after, a study with rivals."""
-    save(result, folder / "reports" / "puma760")
-    shutil.copy(ROOT / "studies" / "puma760" / "measurements.csv", folder)
-    shape = {"candidates": '"all"', "estimation": 80, "count": 120}
-    for name, effects, table in (
-            ("before", [(3, "rz", "cos(q2+q3)", 1e-3)], shape | {"seed": 1}),
-            ("after", [(3, "rz", "cos(q2+q3)", 1.4e-3), *WORN], shape | {"seed": 2}),
-            ("rivals", [(2, "rz", "cos(q2)", 1.1e-4)], {"seed": 3, "candidates": RIVALS, "estimation": 50, "count": 60})):
-        here = folder / "studies" / name
-        here.mkdir(parents=True)
-        (here / "study.toml").write_text(CAMPAIGN.format(**table) + "".join(EFFECT.format(*e) for e in effects))
-        invoked("simulate", str(here), "--out", str(here / "measurements.csv"))
-        if name != "rivals":
-            invoked("study", str(here), "--out", str(folder / "reports" / name), "--json", "--no-report",
-                    "--no-sampling")
-
-
-def commands(block: str) -> str:
-    """A console block as it would be now: each command, then what it prints, folded."""
-    out = ""
-    for line in re.findall(r"^\$ modelsel (.*)$", block, re.MULTILINE):
-        shown = invoked(*line.split()).splitlines()
-        out += f"$ modelsel {line}\n" + "".join(textwrap.fill(row, 150, subsequent_indent="    ", break_on_hyphens=False) + "\n"
-                                               for row in shown)
-    return out
-
-
-def used(text: str, result: modelsel.telling.analysis.Result, folder: Path) -> list[tuple[str, str]]:
-    """(as shown, as it is now) of every console block of the section."""
-    part = section(USED, text)
-    workshop(folder, result)
-    (targets,) = fenced("csv", part)
-    (folder / "targets.csv").write_text(targets)
-    with contextlib.chdir(folder):
-        return [(block, commands(block)) for block in fenced("console", part)]
-
-
-def test_commands_print_what_is_shown(page, ran, tmp_path) -> None:
-    for shown, now in used(page, ran[1]["result"], tmp_path):
-        assert shown == now, AGAIN
-
-
 def test_at_most_twelve_lines_beside_imports(page) -> None:
-    lines = "".join(fenced("python", page)).splitlines()
-    assert len([line for line in lines if line and not re.match(r"from|import", line)]) <= 12
+    for block in fenced("python", page):
+        assert len([line for line in block.splitlines() if line and not re.match(r"from|import", line)]) <= 12
 
 
 def test_excerpt_is_what_the_study_prints(page, ran) -> None:
     assert fenced("text", section("What it says", page)) == [excerpt(ran[1]["result"])], AGAIN
 
 
-def test_every_mechanism_is_in_the_table(page) -> None:
-    assert TABLE.search(page).group(1) == mechanism_table(), AGAIN
+def test_every_mechanism_is_named(page) -> None:
+    assert NAMES.search(page).group(1) == mechanism_names(), AGAIN
 
 
 def test_naming_s_rates_are_the_benchmark_s(page) -> None:
@@ -229,12 +147,6 @@ def test_commands_and_links_exist(page) -> None:
         assert (ROOT / target).exists(), f"{target} does not exist"
     for command in set(re.findall(r"`(?:\.venv/bin/)?modelsel (\w+)", text)):
         assert command in COMMANDS, f"modelsel {command} does not exist"
-
-
-def test_exit_status_table(page) -> None:
-    rows = set(re.findall(r"^\| (\d+) \|", section("Exit status", page), re.MULTILINE))
-    kinds = (ModelselError, StudyError, DataError, NotEstimable, Interrupted)
-    assert {str(kind.exit_code) for kind in kinds} <= rows
 
 
 def test_floors_are_those_of_the_test(page) -> None:
@@ -288,17 +200,14 @@ def test_example_prints_as_shown(plugin) -> None:
 
 
 def rewrite() -> None:
-    """The README with its shown output, excerpt and table of mechanisms as they are now."""
+    """The README with its shown output, excerpt and names of mechanisms as they are now."""
     text, names = README.read_text(encoding="utf-8"), {}
     blocks = SHOWN.findall(text)
     for (code, old), new in zip(blocks, printed([code for code, _ in blocks], names), strict=True):
         text = text.replace(f"{code}```\n\n```text\n{old}", f"{code}```\n\n```text\n{new}")
     said = section("What it says", text)
     text = text.replace(said, said.replace(fenced("text", said)[0], excerpt(names["result"])))
-    with tempfile.TemporaryDirectory() as folder:
-        for old, new in used(text, names["result"], Path(folder)):
-            text = text.replace(old, new)
-    text = TABLE.sub(lambda old: old.group(0).replace(old.group(1), mechanism_table()), text)
+    text = NAMES.sub(lambda old: old.group(0).replace(old.group(1), mechanism_names()), text)
     text = RATES.sub(lambda old: old.group(0).replace(old.group(1), naming_table()), text)
     (shown,) = fenced("text", section("How it is built", text))
     README.write_text(text.replace(shown, floors()), encoding="utf-8")

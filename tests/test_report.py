@@ -20,7 +20,7 @@ from modelsel.cli import main
 from modelsel.telling.report import drawing
 from modelsel.telling.report.document import book
 from modelsel.telling.report.pdf import ReportError, compiled, content
-from modelsel.telling.study import save
+from modelsel.telling.stored import WRITES, save
 from modelsel.words.errors import StudyError
 
 ROOT = Path(__file__).parents[1]
@@ -55,7 +55,7 @@ def plain(text: str) -> str:
 
 
 def test_files_are_there_and_small(drawn) -> None:
-    assert {p.name for p in drawn.iterdir()} == {"result.json", "calibration.json", "details.json", "report.pdf", "report.html"}
+    assert {p.name for p in drawn.iterdir()} == {*WRITES, "report.pdf", "report.html"}
     assert (drawn / "report.pdf").stat().st_size < 3e6
     assert (drawn / "details.json").stat().st_size < 2e6
 
@@ -163,7 +163,7 @@ def test_same_bytes_anywhere(drawn, tmp_path) -> None:
 def test_study_writes_the_same_details_again(drawn, tmp_path) -> None:
     again = CliRunner().invoke(main, ["study", str(PUMA / "study.toml"), "--out", str(tmp_path), "--no-report"])
     assert again.exit_code == 0
-    assert {p.name for p in tmp_path.iterdir()} == {"result.json", "calibration.json", "details.json"}
+    assert {p.name for p in tmp_path.iterdir()} == set(WRITES)
     for name in ("result.json", "details.json"):
         assert (tmp_path / name).read_bytes() == (drawn / name).read_bytes()
 
@@ -280,7 +280,6 @@ def test_sound_with_little_to_draw(case, tmp_path) -> None:
     result = run(read_study(folder / "study.toml"), folder, sampling=False)
     out = tmp_path / "out"
     save(result, out)
-    drawing.save_details(result, out)
     assert drawing.draw(out) == [out / "report.pdf", out / "report.html"]
     text = pages(out)
     for sentence in json.loads((out / "result.json").read_text())["verdict"]:

@@ -100,7 +100,7 @@ def links(rows: np.ndarray, rng: np.random.Generator) -> tuple[list[np.ndarray],
     special = [np.eye(3), np.diag([1.0, -1, -1])]                      # axis z, axis -z
     for k, (theta, d, a, alpha) in enumerate(rows):
         C = np.eye(4)
-        C[:3, :3] = special[k] if k < 2 else Rotation.random(rng=rng).as_matrix()
+        C[:3, :3] = special[k] if k < 2 else Rotation.from_quat(rng.normal(size=4)).as_matrix()
         origins.append(left @ screw_x(alpha, a) @ screw_z(theta, d) @ C)
         axes.append(C[2, :3])
         left = np.linalg.inv(C)

@@ -32,6 +32,7 @@ from modelsel.sure.posterior import Importance
 from modelsel.sure.sampling import Sampling, State, sample
 from modelsel.sure.target import TAIL, Target
 from modelsel.telling.checkpoint import Checkpoint
+from modelsel.telling.stored import WRITES
 from modelsel.words.errors import StudyError
 from modelsel.words.rigid import Array, rpy
 from modelsel.wrong.causes import q, sin
@@ -375,7 +376,7 @@ def test_interrupted_study_resumes(folder: Path, monkeypatch: pytest.MonkeyPatch
     chain = json.loads(whole)["sampling"]
     assert chain["converged"]
     assert chain["effective_samples"] > 500
-    assert {p.name for p in (folder / "out").iterdir()} == {"result.json", "calibration.json", "details.json"}
+    assert {p.name for p in (folder / "out").iterdir()} == set(WRITES)
     (folder / "out" / "result.json").unlink()
 
     density, left = Target.log_density, [700]

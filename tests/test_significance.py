@@ -19,7 +19,7 @@ from modelsel.sure.posterior import posterior
 from modelsel.sure.significance import nested, significance, stability
 from modelsel.telling.result import dumps
 from modelsel.which.compare import Data, rung
-from modelsel.which.folds import fold
+from modelsel.which.folds import by_unit, fold
 from modelsel.wrong.causes import Named, q, sin
 from modelsel.wrong.registry import BUILTIN, mechanism
 
@@ -146,8 +146,7 @@ def test_bootstrap_is_the_cluster_robust_formula(rng: np.random.Generator) -> No
     lump = np.repeat(rng.normal(0, 0.1, (20, 3)), 2, axis=0)
     at = replace(at, data=replace(at.data, position=at.data.position + lump))
     fitted = fit(at, model)
-    folded = fold(at, model.terms, np.arange(40) // 2, fitted.at())
-    found = bootstrap(folded, fitted, rng)
+    found = bootstrap(by_unit(at, model.terms, at.data.block, fitted.at()), fitted, rng)
     X, r = design(at, model.terms, fitted.at())
     X, r = X.reshape(-1, 4), r.ravel()
     inverse = np.linalg.inv(X.T @ X)
@@ -188,7 +187,7 @@ def test_shrunk_parameters_have_their_prior_in_the_bootstrap(rng: np.random.Gene
     strong = np.array([0.0, 0.0, 1 / (free.factor[2] @ free.factor[2])])
     scene = planted(at, model.terms, np.zeros(3), rng, 0.1)
     fitted = fit(scene, model, precision=strong)
-    found = bootstrap(fold(scene, model.terms, np.arange(60), fitted.at()), fitted, rng)
+    found = bootstrap(by_unit(scene, model.terms, scene.data.block, fitted.at()), fitted, rng)
     assert np.allclose(found.errors, posterior(fitted).spread, rtol=0.25)
 
 

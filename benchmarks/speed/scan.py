@@ -1,11 +1,12 @@
 """The scan of 3,000 groups of three columns with 2,000 null draws, against a loop of nested F tests without any. Ours is what naming runs:
-the evidence of every group and its family-wise null."""
+the evidence of every group and its family-wise null. The null alone is one product of 17 GFlop in single precision, so the ratio cannot
+exceed some 18 here; like for like, without a null on either side, stands beside it."""
 from __future__ import annotations
 
 import numpy as np
 
-from modelsel.why.errormap import Block, Columns, basis, scan
-from modelsel.why.evidence import evidence, null, p_value
+from modelsel.why.errormap import Block, Columns, Scan, basis, grams_of, scan
+from modelsel.why.evidence import evidence, factors, null, p_value
 
 from .timing import interleaved
 
@@ -19,21 +20,27 @@ def run() -> dict[str, float]:
     base, y = rng.normal(size=(ROWS, BASE)), rng.normal(size=ROWS)
     index = np.arange(GROUPS * SIZE).reshape(GROUPS, SIZE)
 
-    def ours() -> float:
-        gram = np.einsum("nkr,nlr->nkl", XT[index], XT[index])
-        cols = Columns(XT, tuple(index), (Block(np.arange(GROUPS), index, gram, np.full(index.shape, np.inf)),), np.zeros(GROUPS))
+    log_prior = np.full(GROUPS, -np.log(GROUPS))
+
+    def alone() -> tuple[Scan, float]:
+        """What the loop does: every group's own evidence, without a null."""
+        cols = Columns(XT, tuple(index), (Block(np.arange(GROUPS), index, grams_of(XT, index), np.full(index.shape, np.inf)),),
+                       np.zeros(GROUPS))
         Q = basis(base)
         seen = scan(cols, Q)
-        left = y - Q @ (Q.T @ y)
-        log_prior = np.full(GROUPS, -np.log(GROUPS))
-        drawn, _ = null(seen, log_prior, DRAWS, rng)
-        return p_value(evidence(seen, log_prior, left)[0], drawn)
+        return seen, evidence(factors(seen, y - Q @ (Q.T @ y)), log_prior)[0]
+
+    def ours() -> float:
+        seen, value = alone()
+        return p_value(value, null(seen, log_prior, DRAWS, rng)[0])
 
     def loop() -> None:
         small = sm.OLS(y, base).fit()
         for g in range(SAMPLE):
             sm.OLS(y, np.column_stack([base, XT[index[g]].T])).fit().compare_f_test(small)
 
-    seconds = interleaved({"ours": ours, "loop": loop}, 3)
-    return {"scan_vs_ftests": seconds["loop"] / SAMPLE * GROUPS / seconds["ours"], "scan_seconds": seconds["ours"]}
+    seconds = interleaved({"ours": ours, "alone": alone, "loop": loop}, 3)
+    whole = seconds["loop"] / SAMPLE * GROUPS
+    return {"scan_vs_ftests": whole / seconds["ours"], "scan_seconds": seconds["ours"],
+            "scan_without_null_vs_ftests": whole / seconds["alone"]}
 

@@ -20,7 +20,7 @@ def check(data: Path, robot: str, base: str | None, tip: str | None, as_json: bo
     from ..machine.robotfile import load, read_robot
     from ..telling.inspect import describe, sentences
     arm = read_robot(Path(robot), base, tip) if robot.endswith((".toml", ".urdf", ".xml")) else load(robot)
-    found = describe(arm, read_measurements(data, [j.prismatic for j in arm.joints]))
+    found = describe(arm, read_measurements(data, arm.prismatic))
     if as_json:
         print_json(found)
     else:

@@ -10,8 +10,6 @@ import numpy as np
 from . import print_json
 
 if TYPE_CHECKING:
-    from ..data.measurements import Measurements
-    from ..use.calibration import Calibration
     from ..use.compensate import Commands
 
 
@@ -31,18 +29,16 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
     """
     from ..data.io import read_measurements
     from ..use.calibration import load_calibration, predict
+    from ..use.compensate import commands_frame, outside, refuse
     from ..use.compensate import compensate as corrected
-    from ..use.compensate import outside, refuse
     c = load_calibration(result)
-    data = read_measurements(targets, [j.prismatic for j in c.robot.joints], positions=False)
+    data = read_measurements(targets, c.robot.prismatic, positions=False)
     made, said = corrected(c, data), outside(c, data)
     if forward:
-        frame = _rows(c, data, data.q, predict(c, c.scene(data)), {})
+        frame = commands_frame(c, data, data.q, predict(c, c.scene(data)), {})
     else:
         refuse(c, made, data, (bound[0] / 1e3, bound[1]), targets.name)
-        figures = {"error_before_mm": made.before_mm, "error_left_mm": made.left_mm, "model_uncertainty_mm": made.model_mm,
-                   "expected_error_mm": made.expected_mm}
-        frame = _rows(c, data, made.q, made.wanted, figures)
+        frame = commands_frame(c, data, made.q, made.wanted, made.figures())
     _write(frame, out)
     if as_json:
         print_json({"written": out.name, "rows": len(data), "warnings": said, **({} if forward else _figures(made))})
@@ -66,20 +62,9 @@ def _figures(made: Commands) -> dict[str, Any]:
 
 def _sentence(made: Commands) -> str:
     before = f"{made.before_mm.mean():.3f} mm on average and {made.before_mm.max():.3f} mm at most"
-    before = f"{made.before_mm.mean():.3f} mm on average and {made.before_mm.max():.3f} mm at most"
     after = f"{made.expected_mm.mean():.3f} mm as measured is expected, {made.model_mm.mean():.3f} mm of it from the model"
     return (f" Without correction the target is off by {before}; with it, {after}. No joint changes by more than "
             f"{np.abs(made.change).max() * 1e3:.3g} mrad (µm where it slides).")
-
-
-def _rows(c: Calibration, data: Measurements, q: np.ndarray, x: np.ndarray, more: dict[str, np.ndarray]) -> Any:
-    """A table in the form of a measurements file."""
-    import pandas as pd
-    columns: dict[str, Any] = {f"q{j + 1}_{c.robot.unit(j + 1)}": q[:, j] for j in range(c.robot.n)}
-    columns |= dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
-    columns["target"] = np.array(data.targets)[data.target]
-    columns |= {f"approach{j + 1}": data.approach[:, j].astype(int) for j in range(c.robot.n)} | dict(data.covariates)
-    return pd.DataFrame(columns | more)
 
 
 def _write(frame: Any, out: Path) -> None:

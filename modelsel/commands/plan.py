@@ -22,13 +22,9 @@ PURPOSES = ("rivals", "d", "a", "o1", "o2", "o3", "o4", "o5")
 def plan(study: Path, pool_file: Path | None, limits: bool, count: int, purpose: str | None, size: float | None, out: Path | None,
          as_json: bool) -> None:
     """What to measure next: what best tells a study's rival explanations apart, or determines its parameters."""
-    import pandas as pd
-
-    from ..data.io import read_measurements
     from ..telling.config import read_study
-    from ..telling.planning import drawn_pool, every_target, sentences, sided, table_of
-    from ..telling.planning import plan as planned
-    from ..telling.study import calibration_of, robot_of, run
+    from ..telling.planning import plan_next, sentences
+    from ..telling.study import robot_of, run
     from ..telling.write import write_beside
     from ..use.plan import more_needed
     from ..wrong.registry import with_plugins
@@ -38,13 +34,8 @@ def plan(study: Path, pool_file: Path | None, limits: bool, count: int, purpose:
     read = read_study(path)
     registry, _ = with_plugins(robot=robot_of(read, path.parent))
     result = run(read, path.parent, registry=registry, say=progress(), sampling=False)
-    c = calibration_of(result)
-    possible = drawn_pool(c, result.study.seed, result.data.scene.data) if pool_file is None else sided(read_measurements(
-        pool_file, [j.prismatic for j in c.robot.joints], positions=False), result.study.seed)
-    possible = every_target(possible, c.targets)
-    found = planned(result, c, possible, count, purpose)
-    table = pd.DataFrame(table_of(c, possible, found.rows))
-    known, limit = result.data.training().data.configurations, result.nothing_else[1]
+    found = plan_next(result, count, pool=pool_file, purpose=purpose)
+    table, known, limit = found.to_frame(), found.configurations, result.nothing_else[1]
     more = None if size is None or limit is None else more_needed(limit, known, size)
     if out is not None:
         write_beside(out, table.to_csv(index=False, float_format="%.6f", lineterminator="\n").encode())
@@ -56,7 +47,7 @@ def plan(study: Path, pool_file: Path | None, limits: bool, count: int, purpose:
                     "more_for_size": more})
         return
     click.echo(table.to_string(index=False, float_format=lambda v: f"{v:.4f}") if out is None else f"Written: {out}")
-    for line in sentences(found, known):
+    for line in sentences(found):
         click.echo(line)
     if more is not None:
         click.echo(f"An effect of {size:g} mm rms beyond the model is found with 90 % after {more} more configurations.")

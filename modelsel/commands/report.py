@@ -15,8 +15,11 @@ from . import print_json, progress
 def report(folder: Path, pages: str | None, as_json: bool) -> None:
     """Draw report.pdf and report.html of a finished study again, from its folder; nothing is computed anew."""
     from ..telling.report.drawing import draw
+    from ..telling.write import check_writable, claimed
     chosen = None if pages is None else tuple(name.strip() for name in pages.split(",") if name.strip())
-    written = draw(folder, chosen, progress())
+    check_writable(folder)
+    with claimed(folder):
+        written = draw(folder, chosen, progress())
     if as_json:
         print_json({"written": [path.name for path in written]})
     else:

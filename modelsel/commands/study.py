@@ -1,15 +1,19 @@
 """modelsel study: run a study."""
 from __future__ import annotations
 
+import gc
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from . import console, print_json, progress
 
+if TYPE_CHECKING:
+    from ..telling.finished import Result
+
 UNCONVERGED = 5
-WRITES = ("result.json", "calibration.json", "details.json")
+COLLECT = 50_000   # new values between two looks of Python's garbage collector
 
 
 @click.command()
@@ -23,11 +27,14 @@ WRITES = ("result.json", "calibration.json", "details.json")
 def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_json: bool, dry_run: bool,
           resume: bool) -> None:
     """Run a study: what is wrong, the ladder of models, the gain on held-out configurations."""
+    gc.set_threshold(COLLECT)     # a study makes many small values and drops few: looking for lost ones costs a twentieth of it
     from ..telling.checkpoint import Checkpoint
     from ..telling.config import read_study
-    from ..telling.report.drawing import draw, save_details
-    from ..telling.study import rehearse, robot_of, run, save
-    from ..telling.write import check_writable
+    from ..telling.report.drawing import draw
+    from ..telling.stored import WRITES, save
+    from ..telling.study import rehearse, robot_of, run
+    from ..telling.write import check_writable, claimed
+    from ..words.errors import StudyError
     from ..wrong.registry import with_plugins
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
@@ -41,29 +48,39 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
         if as_json:
             print_json(found | {"writes": list(WRITES)})
         else:
-            click.echo(_would(found, folder))
+            click.echo(_would(found, folder, WRITES))
         return
     say = progress()
-    result = run(read, path.parent, registry=registry, say=say, sampling=not no_sampling, checkpoint=Checkpoint(folder, resume))
-    save(result, folder)
-    if as_json:
-        click.echo(result.to_json(), nl=False)
-    else:
-        from ..telling.tables import show
-        show(result, console())
-    save_details(result, folder)
-    written = [*(folder / name for name in WRITES), *([] if no_report else draw(folder, say=say))]
+    with claimed(folder):
+        keeper = Checkpoint(folder, resume)
+        result = run(read, path.parent, registry=registry, say=say, sampling=not no_sampling, checkpoint=keeper)
+        try:
+            written = save(result, folder)
+        except StudyError:                  # what was computed is at least told
+            _tell(result, as_json)
+            raise
+        keeper.clear()
+        _tell(result, as_json)
+        written += [] if no_report else draw(folder, say=say)
     if not as_json:
         click.echo(f"Written: {', '.join(map(str, written))}")
     if result.confidence.sampling is not None and not result.confidence.sampling.converged:
         raise SystemExit(UNCONVERGED)
 
 
-def _would(found: dict[str, Any], folder: Path) -> str:
+def _tell(result: Result, as_json: bool) -> None:
+    if as_json:
+        click.echo(result.to_json(), nl=False)
+    else:
+        from ..telling.tables import show
+        show(result, console())
+
+
+def _would(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:
     counts = found["configurations"]
     said = (f"{found['study']}: {found['robot']}, {found['rows']} rows; {counts['estimation']} configurations would estimate, "
             f"{counts['held_out']} would be held out{', tracker and target found first' if found['registered'] else ''}. Base: "
             f"{', '.join(found['base'])}, {found['base_parameters']} parameters; {found['mechanisms']} mechanisms may extend it"
-            f"{', and any cell of the error map' if found['cells'] else ''}. Would write {', '.join(WRITES)} "
+            f"{', and any cell of the error map' if found['cells'] else ''}. Would write {', '.join(writes)} "
             f"into {folder}.")
     return "\n".join([said, *(f"Note: {w['sentence']}" for w in found["warnings"])])

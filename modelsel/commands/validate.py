@@ -20,7 +20,7 @@ def validate(result: Path, data: Path, register: bool, as_json: bool) -> None:
     from ..use.compensate import outside
     from ..use.drift import judge, sentences
     c = load_calibration(result)
-    measured = read_measurements(data, [j.prismatic for j in c.robot.joints])
+    measured = read_measurements(data, c.robot.prismatic)
     found = judge(c, measured, register)
     said, beyond = sentences(measured, found), outside(c, measured)
     if as_json:

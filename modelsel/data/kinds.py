@@ -6,14 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from ..words.errors import DataError, StudyError, suggest
-from ..words.rigid import Array
-from .columns import Mask, Table, blank, column_of, numbers, together
-from .measurements import KINDS, UNKNOWN, Measurements
+from ..words.errors import StudyError, suggest
+from ..words.rigid import LARGEST, Array
+from .cells import SMALLEST, Mask, blank, measured, numbers, together
+from .features import KINDS, UNKNOWN
+from .measurements import Measurements
+from .table import Table
 
 NAMED = ("wire", "ball-bar", "distance", "same-point", "plane")      # kinds whose rows name a feature
 COLUMNS = ("kind", "feature", "length_mm", "s_mm")
@@ -32,88 +33,101 @@ class Kinds:
         return np.isin(self.kind, kinds)
 
 
-def read_kinds(table: Table, path: Path) -> Kinds | None:
+def _words(table: Table, name: str) -> list[str]:
+    """A text column; "" where a cell is empty or there is no such column."""
+    if name not in table:
+        return [""] * len(table)
+    column = table.columns[name]
+    return ["" if none else str(cell).strip() for cell, none in zip(column, blank(column), strict=True)]
+
+
+def read_kinds(table: Table) -> Kinds | None:
     """The kinds of a table's rows; None where it has no such column, or one that says something else. Raises DataError."""
-    kind = ["" if blank(cell) else str(cell).strip() for cell in table.get("kind", ())]
+    kind, where = _words(table, "kind"), table.where
     if not set(kind) & set(KINDS):
         return None
     for row, word in enumerate(kind):
         if word not in KINDS:
-            raise DataError(f'"{word}" is no kind of measurement. {suggest(word, KINDS)}', file=path.name, line=row + 2,
-                            column="kind", remedy=f"Kinds are {', '.join(KINDS)}.")
-    feature = ["" if blank(cell) else str(cell).strip() for cell in table.get("feature", [""] * len(kind))]
+            raise where.refuse(f'"{word}" is no kind of measurement. {suggest(word, KINDS)}', row=row, column="kind",
+                               remedy=f"Kinds are {', '.join(KINDS)}.")
+    feature = _words(table, "feature")
     first: dict[str, int] = {}
     for row, (word, name) in enumerate(zip(kind, feature, strict=True)):
         if bool(name) != (word in NAMED):
             what = f"a row of kind {word} names no feature" if name else f"a row of kind {word} has to name its feature"
-            raise DataError(f"{what}.", file=path.name, line=row + 2, column="feature", remedy="Leave the cell empty." if name
-                            else "Rows that share an anchor, sphere, point, plane or first position share its name.")
+            raise where.refuse(f"{what}.", row=row, column="feature", remedy="Leave the cell empty." if name
+                               else "Rows that share an anchor, sphere, point, plane or first position share its name.")
         if name and kind[first.setdefault(name, row)] != word:
-            raise DataError(f'feature "{name}" is of kind {kind[first[name]]} on line {first[name] + 2} and of kind {word} here.',
-                            file=path.name, line=row + 2, column="feature", remedy="Give each its own name.")
-    return Kinds(kind, feature, _lengths(table, path, kind, feature, first))
+            raise where.refuse(f'feature "{name}" is of kind {kind[first[name]]} on {where.named(first[name])} and of kind '
+                               f"{word} here.", row=row, column="feature", remedy="Give each its own name.")
+    for name, row in first.items():
+        if kind[row] == "distance" and feature.count(name) < 2:
+            raise where.refuse(f'distance "{name}" has one row.', row=row,
+                               remedy="The first row of a feature is where its distances begin; add the row where one ends.")
+    return Kinds(kind, feature, _lengths(table, kind, feature, first))
 
 
-def _lengths(table: Table, path: Path, kind: Sequence[str], feature: Sequence[str], first: Mapping[str, int]) -> Array:
+def _lengths(table: Table, kind: Sequence[str], feature: Sequence[str], first: Mapping[str, int]) -> Array:
     """(m,) lengths: in every row of a wire, all rows of a ball-bar or none, every row of a distance but the feature's first."""
-    bars = {name for name, word, cell in zip(feature, kind, table.get("length_mm", [""] * len(kind)), strict=True)
-            if word == "ball-bar" and not blank(cell)}
-    where = np.array([word == "wire" or (word == "ball-bar" and name in bars) or (word == "distance" and first[name] != row)
-                      for row, (word, name) in enumerate(zip(kind, feature, strict=True))])
-    if not where.any() and "length_mm" not in table:
+    empty = blank(table.columns["length_mm"]) if "length_mm" in table else np.ones(len(kind), bool)
+    bars = {name for name, word, none in zip(feature, kind, empty, strict=True) if word == "ball-bar" and not none}
+    rows = np.array([word == "wire" or (word == "ball-bar" and name in bars) or (word == "distance" and first[name] != row)
+                     for row, (word, name) in enumerate(zip(kind, feature, strict=True))])
+    if not rows.any() and "length_mm" not in table:
         return np.full(len(kind), np.nan)
-    out = column_of(table, path, "length", ("mm",), where)
+    out = measured(table, "length", ("mm",), rows)
     if (out <= 0).any():
-        raise DataError("a length must be above zero.", file=path.name, line=int(np.argmax(out <= 0)) + 2, column="length_mm")
+        raise table.where.refuse("a length must be above zero.", row=int(np.argmax(out <= 0)), column="length_mm",
+                                 remedy="Correct the cell or remove the row.")
     return out
 
 
-def read_positions(table: Table, path: Path, kinds: Kinds) -> Array:
+def read_positions(table: Table, kinds: Kinds) -> Array:
     """(m, 3) mm; nan where a row's kind does not measure the coordinate. Raises DataError."""
     out = np.full((len(kinds.kind), 3), np.nan)
     for a, axis in enumerate("xyz"):
-        where = kinds.of("point", axis)
-        if where.any() or any(f"{axis}_{unit}" in table for unit in ("mm", "m")):
-            out[:, a] = column_of(table, path, axis, ("mm", "m"), where)
+        rows = kinds.of("point", axis)
+        if rows.any() or any(f"{axis}_{unit}" in table for unit in ("mm", "m")):
+            out[:, a] = measured(table, axis, ("mm", "m"), rows)
     return out
 
 
-def read_uncertainties(table: Table, path: Path, kinds: Kinds) -> Array | None:
+def read_uncertainties(table: Table, kinds: Kinds) -> Array | None:
     """(m, 3) mm: `s_mm`, of whatever a row measures, or `sx_mm sy_mm sz_mm` for its coordinates; one or the other in every row,
     or none at all. Raises DataError."""
     own = None
     if "s_mm" in table:
-        own = numbers(table, "s_mm", path, np.array([not blank(cell) for cell in table["s_mm"]]))
+        own = numbers(table, "s_mm", -LARGEST, LARGEST, ~blank(table.columns["s_mm"]))
     each = np.full((len(kinds.kind), 3), np.nan)
     if any(f"s{axis}_mm" in table for axis in "xyz"):
         free = np.ones(len(each), bool) if own is None else ~np.isfinite(own)
         for a, axis in enumerate("xyz"):
             if f"s{axis}_mm" in table:
-                each[:, a] = numbers(table, f"s{axis}_mm", path, kinds.of("point", axis) & free)
+                each[:, a] = numbers(table, f"s{axis}_mm", -LARGEST, LARGEST, kinds.of("point", axis) & free)
     elif own is None:
         return None
     out = np.where(np.isfinite(each), each, np.nan if own is None else own[:, None])
     out = np.where(np.isfinite(out), out, np.nanmax(np.where(np.isfinite(out), out, -np.inf), axis=1, initial=-np.inf)[:, None])
     out[kinds.of("distance") & np.isnan(kinds.length) & ~np.isfinite(out).all(1)] = 1.0       # where one begins, none is measured
-    if not (np.isfinite(out) & (out > 0)).all():
-        row = int(np.argmax(~(np.isfinite(out) & (out > 0)).all(1)))
-        raise DataError(f"a row of kind {kinds.kind[row]} has no standard uncertainty above zero.", file=path.name, line=row + 2,
-                        column="s_mm", remedy="Give s_mm in every row (or sx_mm sy_mm sz_mm for coordinates), or nowhere.")
+    good = (np.isfinite(out) & (out >= SMALLEST)).all(1)
+    if not good.all():
+        row = int(np.argmin(good))
+        raise table.where.refuse(f"a row of kind {kinds.kind[row]} has no standard uncertainty above zero, {SMALLEST:g} at "
+                                 "least.", row=row, column="s_mm",
+                                 remedy="Give s_mm in every row (or sx_mm sy_mm sz_mm for coordinates), or nowhere.")
     return out
 
 
-def read_quaternions(table: Table, path: Path, kinds: Kinds) -> tuple[Array | None, Array | None]:
-    """(quaternions, their uncertainties) of the points; the other rows' are 1 0 0 0, and nobody looks at them."""
-    where = kinds.of("point")
-    turned = together(table, path, ("qw", "qx", "qy", "qz"), where=where)
-    spread = together(table, path, ("srx_rad", "sry_rad", "srz_rad"), "not positive", where)
-    if turned is None:
-        return None, spread
-    turned[~where] = 1.0, 0.0, 0.0, 0.0
-    if not turned.any(1).all():
-        raise DataError("a quaternion of length zero.", file=path.name, line=int(np.argmin(turned.any(1))) + 2, column="qw")
+def read_quaternions(table: Table, kinds: Kinds) -> tuple[Array | None, Array | None]:
+    """(quaternions, their uncertainties) of the points; the other rows' are 1 0 0 0, and nobody looks at them. Raises
+    DataError."""
+    rows = kinds.of("point")
+    turned = together(table, ("qw", "qx", "qy", "qz"), "zero", rows)
+    spread = together(table, ("srx_rad", "sry_rad", "srz_rad"), "not positive", rows)
+    if turned is not None:
+        turned[~rows] = 1.0, 0.0, 0.0, 0.0
     if spread is not None:
-        spread[~where] = 1.0
+        spread[~rows] = 1.0
     return turned, spread
 
 

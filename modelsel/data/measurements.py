@@ -3,12 +3,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..words.errors import DataError
-from ..words.rigid import Array
+from ..words.rigid import Array, to_quaternion
+from .features import COORDINATES, KINDS, Feature, features_of, framed
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Index = NDArray[np.intp]
 SAME_READING = 1e-6  # rad or mm: two readings closer than this are the same configuration
@@ -20,25 +25,6 @@ class Note:
 
     code: str
     sentence: str
-
-
-KINDS = ("point", "x", "y", "z", "wire", "ball-bar", "distance", "same-point", "plane")
-PLACE = ("tx", "ty", "tz")
-UNKNOWN = {"wire": PLACE, "ball-bar": PLACE, "same-point": PLACE, "plane": ("tz", "rx", "ry"), "distance": ()}
-COORDINATES = np.array([(1, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 0), (1, 0, 0), (1, 0, 0), (1, 1, 1), (1, 0, 0)], bool)
-
-
-@dataclass(frozen=True)
-class Feature:
-    """What rows of one `kind` share: a wire's anchor, a ball-bar's sphere, a point, a plane. What is known of it, in the
-    tracker's frame [mm]; `free` are its numbers that are fitted, of tx ty tz (place), rx ry (tilt), length."""
-
-    name: str
-    kind: str
-    position: tuple[float, float, float] | None = None
-    normal: tuple[float, float, float] | None = None
-    length: float | None = None
-    free: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +54,7 @@ class Gauges:
         return replace(self, kind=self.kind[index], feature=self.feature[index], length=self.length[index], origin=origin)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Measurements:
     """m measured points. Positions in the tracker's frame [mm]; residual = measured - predicted everywhere."""
 
@@ -90,6 +76,7 @@ class Measurements:
     rotation: Array | None = None              # (m, 3, 3) measured orientation of the target frame
     sigma_rotation: Array | None = None        # (m, 3) rad
     notes: tuple[Note, ...] = ()
+    prismatic: tuple[bool, ...] = ()           # joints that slide; empty: none does
     gauges: Gauges | None = None               # None: every row is a point; else what is not measured is nan
 
     def __len__(self) -> int:
@@ -107,8 +94,49 @@ class Measurements:
         gauges = None if self.gauges is None else self.gauges.take(index)
         return replace(self, **rows, covariates={k: v[index] for k, v in self.covariates.items()}, gauges=gauges)
 
+    def to_frame(self) -> pd.DataFrame:
+        """The measurements in contract form, in rad and mm, indexed by the row of the file they came from; `read_measurements`
+        reads it back. Positions that were not measured have no columns; of rows that were left out, no move is known any more."""
+        import pandas as pd
+        slides = self.prismatic or (False,) * self.q.shape[1]
+        columns: dict[str, object] = {f"q{j}_{'mm' if s else 'rad'}": self.q[:, j - 1] for j, s in enumerate(slides, 1)}
+        several = (("position", ("x_mm", "y_mm", "z_mm"), self.position), ("sigma", ("sx_mm", "sy_mm", "sz_mm"), self.sigma),
+                   ("rotation", ("qw", "qx", "qy", "qz"), None if self.rotation is None else to_quaternion(self.rotation)),
+                   ("sigma_rotation", ("srx_rad", "sry_rad", "srz_rad"), self.sigma_rotation))
+        for what, names, values in several:
+            if values is not None and not (what == "position" and np.isnan(values).all()):
+                columns |= dict(zip(names, values.T, strict=True))
+        for name, index, known, plain in (("target", self.target, self.targets, ("target",)),
+                                          ("group", self.group, self.groups, ("all",))):
+            if known != plain:
+                columns[name] = np.array(known, dtype=object)[index]
+        columns |= {"configuration": self.configuration, "order": self.order}
+        columns |= {f"approach{j}": self.approach[:, j - 1] for j in range(1, len(slides) + 1)}
+        frame = pd.DataFrame(columns | dict(self.covariates), index=pd.Index(self.row, name="row"))
+        return frame if self.gauges is None else self._framed(frame, self.gauges)
 
-def _numbered(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tuple[str, ...]]:
+    def _framed(self, frame: pd.DataFrame, gauges: Gauges) -> pd.DataFrame:
+        """The same where not every row is a point, the rows where distances begin back in their places."""
+        import pandas as pd
+        names, distance = [*(f.name for f in gauges.features), ""], np.flatnonzero(gauges.of("distance"))
+        out = framed(frame, [KINDS[k] for k in gauges.kind], [names[k] for k in gauges.feature], gauges.length)
+        if gauges.origin is None or not len(distance):
+            return out
+        feature, first = np.unique(gauges.feature[distance], return_index=True)
+        start = gauges.origin.take(distance[first]).to_frame()
+        begins = framed(start, ["distance"] * len(first), [names[k] for k in feature], np.full(len(first), np.nan))
+        return pd.concat([out, begins.dropna(axis="columns", how="all")]).sort_index(kind="stable")
+
+    def __repr__(self) -> str:
+        targets = f"{len(self.targets)} target{'s' * (len(self.targets) > 1)}"
+        return f"Measurements: {len(self)} rows, {self.configurations} configurations, {targets}"
+
+    def _repr_html_(self) -> str:
+        """How much was measured, and the first rows, for a notebook."""
+        return f"<p>{self!r}</p>{self.to_frame().to_html(max_rows=6, max_cols=10, float_format='%.4g')}"
+
+
+def numbered(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tuple[str, ...]]:
     """Index of each key's first appearance, and the distinct keys in that order."""
     names: dict[str, int] = {}
     index = np.array([names.setdefault(str(key), len(names)) for key in keys], dtype=np.intp)
@@ -118,7 +146,7 @@ def _numbered(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tupl
 def visits(q: Array, explicit: Sequence[object] | None, group: Index) -> Index:
     """Configuration of every row: the given column, else adjacent rows with equal readings in one group."""
     if explicit is not None:
-        return _numbered(explicit)[0]
+        return numbered(explicit)[0]
     new = np.ones(len(q), bool)
     new[1:] = (np.abs(np.diff(q, axis=0)).max(1) > SAME_READING) | (np.diff(group) != 0)
     return np.asarray(np.cumsum(new) - 1, dtype=np.intp)
@@ -178,11 +206,34 @@ def motion(q: Array, configuration: Index, group: Index, order: Array) -> tuple[
     return sign[where[configuration]], np.abs(step)[where[configuration]]
 
 
-def campaign(group: Index, order: Array) -> Array:
-    """(m,) place of every row in the campaign, 0 to 1: groups in the order of their first rows, each in order of motion."""
+def campaign(group: Index, order: Array, time: Array | None = None) -> Array:
+    """(m,) place of every row in the campaign, 0 to 1: groups by the clock where one clock runs through all of them, else in the
+    order of their first rows; each in order of motion."""
     rank = np.empty(len(group))
-    rank[np.lexsort((np.arange(len(group)), order, group))] = np.arange(len(group))
+    rank[np.lexsort((np.arange(len(group)), order, _after_one_another(group, time)))] = np.arange(len(group))
     return rank / max(len(group) - 1, 1)
+
+
+def _after_one_another(group: Index, time: Array | None) -> Index:
+    """The groups numbered as one followed another: by the clock where their times do not overlap, else as they are."""
+    if time is None or not len(group):
+        return group
+    first, last = np.full(group.max() + 1, np.inf), np.full(group.max() + 1, -np.inf)
+    np.minimum.at(first, group, time)
+    np.maximum.at(last, group, time)
+    in_turn = np.argsort(first, kind="stable")
+    if (first[in_turn[1:]] < last[in_turn[:-1]]).any():
+        return group
+    return np.asarray(np.argsort(in_turn)[group], dtype=np.intp)
+
+
+def in_turn(unit: Index, progress: Array) -> tuple[Index, Index]:
+    """(every row's unit (m,) numbered as the arm came to them, the first row (u,) of each): the same whatever the rows' order."""
+    _, which = np.unique(unit, return_inverse=True)
+    sequence = np.lexsort((progress, which))
+    first = sequence[np.flatnonzero(np.diff(which[sequence], prepend=-1))]
+    order = np.argsort(progress[first], kind="stable")
+    return np.asarray(np.argsort(order, kind="stable")[which], dtype=np.intp), first[order]
 
 
 def measurements(q: Array, position: Array, *, row: Index | None = None, configuration: Sequence[object] | None = None,
@@ -190,15 +241,15 @@ def measurements(q: Array, position: Array, *, row: Index | None = None, configu
                  order: Array | None = None, approach: Array | None = None,
                  covariates: Mapping[str, Array] | None = None, sigma: Array | None = None,
                  rotation: Array | None = None, sigma_rotation: Array | None = None,
-                 notes: tuple[Note, ...] = (), kind: Sequence[str] | None = None, feature: Sequence[str] | None = None,
-                 length: Array | None = None) -> Measurements:
+                 notes: tuple[Note, ...] = (), prismatic: Sequence[bool] = (), kind: Sequence[str] | None = None,
+                 feature: Sequence[str] | None = None, length: Array | None = None) -> Measurements:
     """Measurements from plain arrays; everything optional is derived as contract.md says. Units: rad (or mm) and mm. `kind`,
     `feature` ("" for none) and `length` [mm, nan for none] where not every row is a point; `position` is then nan where it is
-    not measured."""
+    not measured. Raises DataError for a distance of one row."""
     q, position = np.asarray(q, float), np.asarray(position, float)
     m = len(q)
-    target_index, targets = _numbered(target) if target is not None else (np.zeros(m, np.intp), ("target",))
-    group_index, groups = _numbered(group) if group is not None else (np.zeros(m, np.intp), ("all",))
+    target_index, targets = numbered(target) if target is not None else (np.zeros(m, np.intp), ("target",))
+    group_index, groups = numbered(group) if group is not None else (np.zeros(m, np.intp), ("all",))
     order = np.arange(m, dtype=float) if order is None else np.asarray(order, float)
     visit = visits(q, configuration, group_index)
     derived, move = motion(q, visit, group_index, order)
@@ -207,43 +258,29 @@ def measurements(q: Array, position: Array, *, row: Index | None = None, configu
         notes = (*notes, Note("approach-from-order", "Directions of approach are taken from the order of motion, once, "
                                                      "on reading: the data have no approach columns."))
     made = Measurements(q, position, np.arange(m) if row is None else row, visit, blocks(q, visit), target_index,
-                        group_index, order, np.asarray(approach, float), move, campaign(group_index, order),
-                        targets, groups, dict(covariates or {}),
-                        sigma, rotation, sigma_rotation, notes)
+                        group_index, order, np.asarray(approach, float), move,
+                        campaign(group_index, order, (covariates or {}).get("time_s")), targets, groups, dict(covariates or {}),
+                        sigma, rotation, sigma_rotation, notes, tuple(prismatic))
     if kind is None or set(kind) <= {"point"}:
         return made
-    gauges = _gauges(kind, [""] * m if feature is None else feature, np.full(m, np.nan) if length is None else length)
-    return _from_origins(replace(made, gauges=gauges))
+    length = np.full(m, np.nan) if length is None else np.asarray(length, float)
+    index, features = features_of(kind, [""] * m if feature is None else feature, length)
+    return _from_origins(made, Gauges(np.array([KINDS.index(word) for word in kind], dtype=np.intp), index, length, features))
 
 
-def _gauges(kind: Sequence[str], feature: Sequence[str], length: Array) -> Gauges:
-    """Features numbered by their first rows; a ball-bar without lengths has one that is not known."""
-    code, length = np.array([KINDS.index(word) for word in kind], dtype=np.intp), np.asarray(length, float)
-    first: dict[str, int] = {}
-    for k, name in enumerate(feature):
-        if name:
-            first.setdefault(name, k)
-    number = {name: k for k, name in enumerate(first)}
-    unknown = {name: UNKNOWN[kind[k]] + (("length",) if kind[k] == "ball-bar" and np.isnan(length[k]) else ())
-               for name, k in first.items()}
-    return Gauges(code, np.array([number.get(name, -1) for name in feature], dtype=np.intp), length,
-                  tuple(Feature(name, kind[k], free=unknown[name]) for name, k in first.items()))
-
-
-def _from_origins(data: Measurements) -> Measurements:
-    """A distance runs from the first row of its feature: that row is no measurement of its own, but the `origin` of the others,
-    which are never apart, since they share it. Raises DataError for a feature with one row."""
-    gauges = data.gauges
-    assert gauges is not None
+def _from_origins(data: Measurements, gauges: Gauges) -> Measurements:
+    """The measurements with what their rows measure. A distance runs from the first row of its feature: that row is no
+    measurement of its own, but the `origin` of the others, which are never apart, since they share it. Raises DataError for a
+    feature with one row."""
     distance = gauges.of("distance")
     if not distance.any():
-        return data
+        return replace(data, gauges=gauges)
     origin = np.arange(len(data))
     for f in np.unique(gauges.feature[distance]):
         rows = np.flatnonzero(gauges.feature == f)
         origin[rows] = rows[0]
         if len(rows) < 2:
-            raise DataError(f'distance "{gauges.features[f].name}" has one row.', line=int(data.row[rows[0]]) + 2,
+            raise DataError(f'distance "{gauges.features[f].name}" has one row.',
                             remedy="The first row of a feature is where its distances begin; add the row where one ends.")
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -251,7 +288,5 @@ def _from_origins(data: Measurements) -> Measurements:
     graph = coo_array((np.ones(len(data)), (data.block, data.block[origin])), shape=(count, count))
     joined = replace(data, block=np.asarray(connected_components(graph, directed=False)[1][data.block], dtype=np.intp))
     kept = np.flatnonzero(~distance | (origin != np.arange(len(data))))
-    start = replace(joined, gauges=None, notes=()).take(origin[kept])
-    joined = joined.take(kept)
-    assert joined.gauges is not None
-    return replace(joined, gauges=replace(joined.gauges, origin=start))
+    start = replace(joined, notes=()).take(origin[kept])
+    return replace(joined.take(kept), gauges=replace(gauges.take(kept), origin=start))

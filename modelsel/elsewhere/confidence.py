@@ -14,7 +14,7 @@ from ..matrix.design import Model
 from ..sure.components import components, single
 from ..sure.constants import constants
 from ..sure.correlation import Correlation, correlation, free, labels
-from ..sure.parameters import Parameter, difference_notes, displacement, parameters, with_posterior
+from ..sure.parameters import Parameter, difference_notes, displacement, lasting, parameters, with_posterior
 from ..sure.posterior import draws_for, importance, posterior, weighted
 from ..sure.sampling import PER_NAME, WALKERS, Keeper, Sampling, sample
 from ..sure.significance import Significance, significance
@@ -32,17 +32,23 @@ WIDE = 80                              # integrated coefficients up to which sev
 
 @dataclass(frozen=True, eq=False)
 class Confidence:
-    """Three answers for every parameter, their correlations, what each mechanism matters, and the chain (None: not sampled)."""
+    """Three answers for every parameter, their correlations, what each mechanism matters, the chain (None: not sampled), and
+    whether what is left goes together within groups."""
 
     parameters: tuple[Parameter, ...]
     correlation: Correlation
     significance: tuple[Significance, ...]
     sampling: Sampling | None = None
+    lasting: bool = False
 
     @property
     def notes(self) -> tuple[Note, ...]:
         """What the user should know."""
         out = difference_notes(self.parameters)
+        if self.lasting:
+            out += (Note("residuals-together", "What is left goes together within groups: errors last from one configuration to "
+                         "the next. Signs are drawn for whole groups, and the parameters' intervals are those of whole groups; "
+                         "posterior, F tests and the gain's interval count configurations as independent and are too sure."),)
         if self.sampling is not None and not self.sampling.converged:
             s = self.sampling
             out += (Note("unconverged", f"The chain has not converged after {s.steps:,} steps (autocorrelation time "
@@ -65,7 +71,8 @@ def confidence(data: Data, fitted: Fit, names: Sequence[str], seed: int) -> Conf
     if not fitted.rank:
         return Confidence((), Correlation((), np.zeros((0, 0)), (), ()), ())
     return Confidence(parameters(data, fitted, generator(seed, "bootstrap")), correlation(fitted),
-                      significance(data, fitted, names, generator(seed, "halves")))
+                      significance(data, fitted, names, generator(seed, "halves")),
+                      lasting=lasting(data, fitted, generator(seed, "bootstrap")))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +93,7 @@ def sampled(found: Confidence, data: Data, fitted: Fit, request: Request, seed: 
         return found
     training, rng = data.training(), generator(seed, "sampling")
     known = posterior(fitted)
-    draws = weighted(training, fitted, known, known.draw(rng, draws_for(training)))
+    draws = weighted(training, fitted, known.draw(rng, draws_for(training)))
     target = target_of(data, fitted, request)
     chain = sample(target, importance(draws), described(target), rng, say=say, keeper=keeper)
     return replace(found, sampling=chain, parameters=with_posterior(found.parameters, fitted, draws, chain))

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import KINDS, Measurements, Note
+from ..data.features import KINDS
+from ..data.measurements import Measurements, Note
 from ..fitting.fixtures import place, unseen
 from ..fitting.noise import Floor, Instrument, weigh
 from ..fitting.register import register
@@ -17,7 +18,7 @@ from ..matrix.scene import scene
 from ..which.compare import Data
 from ..which.folds import assign
 from ..which.split import choose
-from ..words.errors import DataError, StudyError, suggest
+from ..words.errors import DataError, NotEstimable, StudyError, suggest
 from ..words.rigid import Array
 
 
@@ -88,10 +89,10 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
             ) -> tuple[Data, Floor | None, tuple[Note, ...]]:
     """The scene with its split and folds, the noise floor where it is known, and what is to be said.
 
-    Raises StudyError or DataError.
+    Raises StudyError, DataError or NotEstimable.
     """
     notes = list(data.notes)
-    estimation = split(data, labels, plan, tuple(j.prismatic for j in robot.joints))
+    estimation = split(data, labels, plan, robot.prismatic)
     data, unseen = _timeless(data, estimation)
     if unseen:
         notes.append(Note("other-session", f"Nothing of {', '.join(unseen)} estimates: when it was measured in the campaign is "
@@ -118,6 +119,9 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
     if plan.by == "group" and len(np.unique(data.group[estimation])) < 2:
         raise StudyError('comparison.by = "group": the estimation rows belong to one group; two and more are needed to leave one '
                          'out. Use by = "configuration".')
+    if len(np.unique(data.block)) < 2:
+        raise NotEstimable("the file has one set of joint readings: no parameter can be told from it; measure more "
+                           "configurations.")
     if len(np.unique(data.block[estimation])) < 2:
         raise StudyError("split: the estimation rows have one set of joint readings: nothing can be compared or cross-validated.")
     fold = np.full(len(data), -1, dtype=np.intp)

@@ -124,6 +124,11 @@ def _cost(reduction: Reduction) -> float:
     return float(np.square(reduction.R[:, -1]).sum())
 
 
+def typical_weight(scene: Scene | Source) -> float:
+    """1/mm: of one coordinate of a typical row."""
+    return scene.whiten if isinstance(scene.whiten, float) else float(np.median(np.diagonal(scene.whiten, 0, 1, 2)[:, :3]))
+
+
 def fit(scene: Scene | Source, model: Model, *, precision: Array | None = None, iterations: int = ITERATIONS,
         start: Array | None = None, step_mm: float = STEP_MM) -> Fit:
     """Least squares of a model on a scene. precision (p,): prior 1/variance of each term in whitened units, about zero, the
@@ -135,18 +140,12 @@ def fit(scene: Scene | Source, model: Model, *, precision: Array | None = None, 
     """
     terms = model.terms
     theta = np.zeros(len(terms)) if start is None else start.copy()
-    weight = scene.whiten if isinstance(scene.whiten, float) else float(np.median(np.diagonal(scene.whiten, 0, 1, 2)[:, :3]))
+    weight = typical_weight(scene)
     nominal = reduce_scene(scene, terms)
     # rank is a property of the nominal chain: off it, exact dependences turn into directions that need radians to be seen
     root = None if precision is None else penalty(terms, precision)
-    found = identify(_with_prior(nominal, root, theta))
-    found = told(found, usual_sizes(terms), max(FAINT_MM * weight * np.sqrt(len(scene)), _linear_sigma(nominal, found)))
-    found = as_drawn(found, scene, terms)
+    found = _estimable(_with_prior(nominal, root, theta), nominal, model, weight, scene, precision is None)
     kept = list(found.kept)
-    if nominal.rows <= found.rank and precision is None:
-        raise NotEstimable(f"{nominal.rows} measured coordinates cannot determine the {found.rank} estimable parameters of "
-                           f"{' + '.join(model.names) or 'the model'}: measure more configurations.",
-                           parameters=[t.symbol for t in terms])
     lost = np.delete(np.arange(len(terms)), kept)
     if theta[lost].any():               # another choice of representatives: the start's parts do not fit together
         theta[:] = 0.0
@@ -168,11 +167,55 @@ def fit(scene: Scene | Source, model: Model, *, precision: Array | None = None, 
     if step > 1e3 * step_mm and iterations == ITERATIONS and damping < STUCK:
         raise NotEstimable(f"the fit of {' + '.join(model.names)} does not settle (last step {step:.3g} mm): the data hardly "
                            "determine some parameters; measure more widely spread configurations.")
-    inner = solve(full, kept)[1]
-    factor = np.zeros((len(terms), len(kept)))
-    factor[kept] = inner
-    return Fit(model, theta, found, factor, float(np.square(reduction.R[:, -1]).sum()), reduction.rows, done, step, reduction,
-               precision)
+    return Fit(model, theta, found, _factor(full, kept), _cost(reduction), reduction.rows, done, step, reduction, precision)
+
+
+def _estimable(full: Reduction, nominal: Reduction, model: Model, weight: float, scene: Scene | Source,
+               plain: bool) -> Identified:
+    """What the data tell of a model at the nominal chain, `full` with its prior; `weight` [1/mm] of one coordinate."""
+    found = identify(full)
+    found = told(found, usual_sizes(model.terms), max(FAINT_MM * weight * np.sqrt(len(scene)), _linear_sigma(nominal, found)))
+    found = as_drawn(found, scene, model.terms)
+    if nominal.rows <= found.rank and plain:
+        raise NotEstimable(f"{nominal.rows} measured coordinates cannot determine the {found.rank} estimable parameters of "
+                           f"{' + '.join(model.names) or 'the model'}: measure more configurations.",
+                           parameters=[t.symbol for t in model.terms])
+    return found
+
+
+def _factor(full: Reduction, kept: Sequence[int]) -> Array:
+    """(p, rank) covariance factor of the kept terms, noughts for the others."""
+    factor = np.zeros((full.p, len(kept)))
+    factor[kept] = solve(full, kept)[1]
+    return factor
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One linear step from a known point, from reductions alone: where it goes, and what it can tell. `fit` is the model there,
+    once its reduction at theta is known."""
+
+    model: Model
+    theta: Array
+    found: Identified
+    size_mm: float
+
+    def fit(self, reduction: Reduction) -> Fit:
+        """The fit, from the reduction at theta."""
+        factor, cost = _factor(reduction, list(self.found.kept)), _cost(reduction)
+        return Fit(self.model, self.theta, self.found, factor, cost, reduction.rows, 1, self.size_mm, reduction)
+
+
+def one_step(model: Model, start: Array, nominal: Reduction, here: Reduction, weight: float, scene: Scene) -> Step:
+    """What `fit` with one iteration does from `start` (p,): `nominal` and `here` are the model's reductions at the nominal chain
+    and at the start, `weight` [1/mm] of one coordinate of the `scene`. Raises NotEstimable."""
+    found = _estimable(nominal, nominal, model, weight, scene, True)
+    kept, theta = list(found.kept), start.copy()
+    if theta[np.delete(np.arange(len(theta)), kept)].any():
+        theta, here = np.zeros(len(theta)), nominal
+    delta = np.zeros(len(theta))
+    delta[kept] = solve(here, kept)[0]
+    return Step(model, theta + delta, found, float(np.linalg.norm(here.R[:-1, :-1] @ delta)) / weight)
 
 
 @dataclass(frozen=True, eq=False)

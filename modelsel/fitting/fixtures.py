@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Feature, Index, Measurements
+from ..data.features import Feature
+from ..data.measurements import Index, Measurements
 from ..matrix.design import residuals
 from ..matrix.gauges import Fixtures
 from ..matrix.scene import Scene

@@ -13,7 +13,7 @@ import numpy as np
 from ..words.rigid import Array
 
 Frame = tuple[Array, Array]                # its axes (3, 3, m) or (3, 3, 1), an axis a row, and its origin (3, m) or (3, 1)
-FRAMES = 4         # whose cross products are made together: few calls, and they stay in cache
+TOGETHER = 3000    # configurations x frames whose cross products are made together: few calls, and they stay in cache
 BASE: Frame = (np.eye(3)[:, :, None], np.zeros((3, 1)))
 Sparse = tuple[tuple[int, float], ...]     # (index, value) of what is not nought
 
@@ -123,8 +123,10 @@ def twisted(here: Array, origin: Array, entries: Array, space: Space) -> Frame:
     for a in range(3):
         here[3 + a] = R[a]
         angle = entries[3 + a]
-        if angle.any():
-            turn[0], turn[1] = np.cos(angle), np.sin(angle)
+        alike = bool((angle == angle[:1]).all())           # most entries are: one cosine does for all rows
+        if not alike or angle[:1].any():
+            one = angle[:1] if alike else angle
+            turn[0], turn[1] = np.cos(one), np.sin(one)
             np.negative(turn[1], out=turn[2])
             out = space.array(f"twisted{a}", 3, 3, m)
             spin_into(R, a, turn, SAME, out, two)
@@ -136,19 +138,26 @@ def screws_into(field_: Array, origins: Array, target: Array, twisted: bool, spa
     """Axes (n+1, 6, c, m) become the screw field, in place: tx ty tz the axis, rx ry rz axis x lever; with c = 6 the target
     frame's rotation below."""
     frames, _, c, m = field_.shape
-    for start in range(0, frames, FRAMES):
-        some = field_[start:start + FRAMES]
+    step = min(max(1, TOGETHER // max(m, 1)), frames)
+    levers, products = space.array("lever", step, 4, m), space.array("product", step, 3, 3, m)     # x y z x: two components of
+    firsts = space.array("first", step, 3, m)                                                      # a product are one stride
+    for start in range(0, frames, step):
+        some = field_[start:start + step]
         n = len(some)
-        lever, five = space.array("lever", n, 1, 5 * m), space.array("five", n, 3, 5 * m)   # x y z x y: a cross product is one
-        product = space.array("product", n, 3, 3 * m)                                       # stride
-        source = some[:, 3:, :3] if twisted else some[:, :3, :3]
-        np.subtract(target, origins[start:start + n], out=lever.reshape(n, 5, m)[:, :3])
-        lever[..., 3 * m:] = lever[..., :2 * m]
-        five.reshape(n, 3, 5, m)[:, :, :3] = source
-        five[..., 3 * m:] = five[..., :2 * m]
+        lever, product, first = levers[:n], products[:n], firsts[:n]
+        axes, out = some[:, 3:, :3] if twisted else some[:, :3, :3], some[:, 3:, :3]
+        np.subtract(target, origins[start:start + n], out=lever[:, :3])
+        lever[:, 3] = lever[:, 0]
         if c == 6:
-            some[:, :3, 3:], some[:, 3:, 3:] = 0.0, source
-        np.multiply(five[..., 2 * m:], lever[..., m:4 * m], out=product)
-        out = some[:, 3:].reshape(n, 3, c * m)[..., :3 * m]                              # a view: a frame is one piece
-        np.multiply(five[..., m:4 * m], lever[..., 2 * m:], out=out)
+            some[:, :3, 3:], some[:, 3:, 3:] = 0.0, axes
+        y, zx = lever[:, None, 1], lever[:, None, 2:]
+        np.multiply(axes[:, :, 2], y, out=product[:, :, 0])
+        np.multiply(axes[:, :, :2], zx, out=product[:, :, 1:])
+        if twisted:                                                          # the axes stand where their products go
+            np.multiply(axes[:, :, 0], y, out=first)
+            np.multiply(axes[:, :, 1:], zx, out=out[:, :, :2])
+            out[:, :, 2] = first
+        else:
+            np.multiply(axes[:, :, 0], y, out=out[:, :, 2])
+            np.multiply(axes[:, :, 1:], zx, out=out[:, :, :2])
         out -= product

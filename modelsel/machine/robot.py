@@ -44,6 +44,11 @@ class Robot:
         """Number of joints; the target's frame is n + 1."""
         return len(self.joints)
 
+    @property
+    def prismatic(self) -> tuple[bool, ...]:
+        """Which joints slide, as `read_measurements` wants to know."""
+        return tuple(j.prismatic for j in self.joints)
+
     @cached_property
     def reach(self) -> float:
         """Upper bound of the distance [mm] from joint 1 to the flange: the sum of the fixed translations after it."""
@@ -112,9 +117,10 @@ def walk(robot: Robot, q: Array, tool: Array, into: tuple[Array, Array], twist: 
 
     def settle(f: int, o: Array, offset: Sequence[tuple[int, Array | float]] = ()) -> Frame:
         here, origin = axes[f], origins[f]
-        origin[:] = o
-        add(origin, here, fixed[f].offset, scratch)
-        add(origin, here, offset, scratch)
+        (first, weight), *others = (*fixed[f].offset, *offset) or ((0, 0.0),)
+        np.multiply(here[first], weight, out=origin)
+        origin += o
+        add(origin, here, others, scratch)
         return (here[:3], origin) if twist is None else twisted(here, origin, twist[f], space)
 
     turn_into(start[0], fixed[0].columns, axes[0], scratch)

@@ -1,7 +1,6 @@
 """Robot TOML files -> Robot: 3x4 transforms, URDF-like origins, standard and modified DH rows, in any mixture."""
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -10,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..words.errors import StudyError, suggest
-from ..words.rigid import Array, align_z, inverse, rpy, transform, turn
+from ..words.rigid import LARGEST, Array, align_z, inverse, rpy, transform, turn
+from ..words.text import read_text, toml
 from .robot import Joint, Robot
 
 FORMS = ("transform_mm", "xyz_mm", "dh")
@@ -26,7 +26,7 @@ class _Reader:
         self.where, self.problems = where, list[str]()
 
     def say(self, place: str, what: str) -> None:
-        self.problems.append(f"{self.where}: {place}: {what}")
+        self.problems.append(f"{self.where}: {place}: {what}{'' if what.endswith(('.', '?')) else '.'}")
 
     def keys(self, place: str, table: Mapping[str, Any], known: set[str]) -> None:
         for key in table:
@@ -37,11 +37,13 @@ class _Reader:
         """A finite array of the wanted shape; zeros, and a problem noted, where it is not one."""
         try:
             out = np.array(value, dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             out = np.array(np.nan)
-        if out.shape != shape or not np.isfinite(out).all() or isinstance(value, (bool, str)):
+        if out.shape != shape or not (np.abs(out) <= LARGEST).all() or isinstance(value, (bool, str)):
             wanted = " x ".join(map(str, shape)) + " finite numbers" if shape else "one finite number"
-            self.say(place, f"expected {wanted}, found {str(value)[:60]}")
+            if out.shape == shape and np.isfinite(out).all():
+                wanted += f" below {LARGEST:g}"
+            self.say(place, f"expected {wanted}, found {str(value)[:120]}")
             return np.zeros(shape)
         return out
 
@@ -61,7 +63,7 @@ def _form(read: _Reader, place: str, row: Mapping[str, Any], modified: bool) -> 
         origin = transform(rpy(*np.radians(read.numbers(f"{place}.rpy_deg", row.get("rpy_deg", (0, 0, 0)), (3,)))),
                            read.numbers(f"{place}.xyz_mm", row["xyz_mm"], (3,)))
         axis = read.numbers(f"{place}.axis", row.get("axis", (0, 0, 1)), (3,))
-        if not np.linalg.norm(axis):
+        if np.linalg.norm(axis) < 1e-9:
             read.say(f"{place}.axis", "the axis has no length")
             axis = np.array([0.0, 0.0, 1.0])
         B = transform(align_z(axis))
@@ -100,7 +102,7 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
     read.keys("robot file", table, TOP_KEYS)
     rows, last = table.get("joint"), table.get("last")
     if not isinstance(rows, list) or not rows or not all(isinstance(row, Mapping) for row in rows):
-        raise StudyError(*read.problems, f"{where}: no [[joint]] found: one table per joint, from the base on")
+        raise StudyError(*read.problems, f"{where}: no [[joint]] found: one table per joint, from the base on, is expected.")
     convention = table.get("convention", "standard")
     if convention not in ("standard", "modified"):
         read.say("convention", f'expected "standard" or "modified", found "{convention}"')
@@ -125,7 +127,7 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
     if "gravity" in table:
         g = read.numbers("gravity", table["gravity"], (3,))
         size = float(np.linalg.norm(g))
-        if size:
+        if size >= 1e-9:
             gravity = (float(g[0] / size), float(g[1] / size), float(g[2] / size))
         else:
             read.say("gravity", "the direction has no length; leave the key out where it is not known")
@@ -142,14 +144,7 @@ def read_robot(path: Path, base: str | None = None, tip: str | None = None) -> R
         return read_urdf(path, base, tip)
     if base is not None or tip is not None:
         raise StudyError(f"{path.name}: base and tip choose a chain of a URDF; a TOML robot file has one chain.")
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise StudyError(f"{path.name}: the robot file cannot be read: {getattr(error, 'strerror', None) or 'not text'}."
-                         " Give it beside the study file.") from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise StudyError(f"{path.name}: not valid TOML: {error}") from None
-    return robot_from_table(table, path.name)
+    return robot_from_table(toml(read_text(path, "the robot file"), path.name), path.name)
 
 
 def builtin_names() -> list[str]:
@@ -163,4 +158,4 @@ def load(name: str) -> Robot:
     if name not in builtin_names():
         raise StudyError(f'unknown robot "{name}". {suggest(name, builtin_names())}')
     text = files("modelsel").joinpath("robots").joinpath(f"{name}.toml").read_text(encoding="utf-8")
-    return robot_from_table(tomllib.loads(text), f"{name}.toml")
+    return robot_from_table(toml(text, f"{name}.toml"), f"{name}.toml")

@@ -8,10 +8,13 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from ..words.errors import StudyError, suggest
-from ..words.rigid import Array, align_z, inverse, rpy, to_rpy, transform
+from ..words.rigid import LARGEST, Array, align_z, inverse, rpy, to_rpy, transform
+from ..words.text import read_text
 from .robot import Joint, Robot
 
 MOVING = ("revolute", "continuous", "prismatic")
+AROUND = 'Or name a chain without it: base = "…", tip = "…".'
+KINDS = (*MOVING, "fixed")      # planar and floating ones have more than one reading
 
 
 def _vector(element: ET.Element | None, key: str, default: tuple[float, ...]) -> Array:
@@ -21,8 +24,9 @@ def _vector(element: ET.Element | None, key: str, default: tuple[float, ...]) ->
         out = np.array([float(v) for v in str(element.get(key)).split()])
     except ValueError:
         out = np.array([np.nan])
-    if out.shape != (len(default),) or not np.isfinite(out).all():
-        raise StudyError(f'<{element.tag} {key}="{element.get(key)}">: expected {len(default)} finite numbers')
+    if out.shape != (len(default),) or not (np.abs(out) <= LARGEST / 1e3).all():
+        wanted = "one finite number" if len(default) == 1 else f"{len(default)} finite numbers"
+        raise StudyError(f'<{element.tag} {key}="{element.get(key)}">: expected {wanted} below {LARGEST / 1e3:g}.')
     return out
 
 
@@ -32,25 +36,41 @@ def _origin(element: ET.Element) -> Array:
     return transform(rpy(roll, pitch, yaw), _vector(origin, "xyz", (0.0, 0.0, 0.0)) * 1e3)
 
 
-def _ends(joint: ET.Element) -> tuple[str, str] | None:
-    """Names of a joint's parent and child link; None where it lacks one."""
-    parent, child = joint.find("parent"), joint.find("child")
-    return None if parent is None or child is None else (str(parent.get("link")), str(child.get("link")))
+def _end(joint: ET.Element, which: str) -> str | None:
+    """Name of a joint's parent or child link; None where it lacks one."""
+    found = joint.find(which)
+    return None if found is None else found.get("link")
+
+
+def _child(joint: ET.Element) -> str:
+    return str(_end(joint, "child"))
 
 
 def _below(root: ET.Element) -> dict[str, list[ET.Element]]:
     """Link -> the joints that hang on it."""
     out: dict[str, list[ET.Element]] = {}
-    for joint in root.iter("joint"):
-        if (ends := _ends(joint)) is not None:
-            out.setdefault(ends[0], []).append(joint)
+    for joint in root.findall("joint"):
+        out.setdefault(str(_end(joint, "parent")), []).append(joint)
     return out
 
 
-def _child(joint: ET.Element) -> str:
-    ends = _ends(joint)
-    assert ends is not None
-    return ends[1]
+def _tree(root: ET.Element, where: str) -> None:
+    """Refuses links and joints that are no tree, with every problem: what hangs twice, on itself or on nothing."""
+    links = {link.get("name") for link in root.findall("link")}
+    problems, hang = list[str](), set[str]()
+    for joint in root.findall("joint"):
+        said = f'{where}: joint "{joint.get("name")}"'
+        for which in ("parent", "child"):
+            if (end := _end(joint, which)) not in links:
+                problems.append(f'{said}: its {which} "{end}" is no <link> of the file. Name one that is.' if end is not None else
+                                f"{said}: it has no <{which} link=…/>. Add it.")
+        child = _child(joint)
+        if child in hang or child == _end(joint, "parent"):
+            problems.append(f'{said}: link "{child}" hangs on another joint too, or on itself: a tree of links is expected. '
+                            "Remove one of the joints.")
+        hang.add(child)
+    if problems:
+        raise StudyError(*problems)
 
 
 def _chain(root: ET.Element, where: str, base: str | None, tip: str | None) -> list[ET.Element]:
@@ -61,15 +81,17 @@ def _chain(root: ET.Element, where: str, base: str | None, tip: str | None) -> l
         if name is not None and name not in links:
             raise StudyError(f'{where}: {word} = "{name}" is no link of the chain. {suggest(name, links)}')
     roots = [link for link in below if link not in {_child(j) for joints in below.values() for j in joints}]
+    if not below:
+        raise StudyError(f"{where}: expected one root link, found no joints. Is it a URDF?")
     if base is None and len(roots) != 1:
         raise StudyError(f"{where}: expected one root link, found {len(roots)}: {', '.join(sorted(roots)[:5])}. Say which: "
-                         "base = \"…\"")
+                         "base = \"…\".")
     paths: list[tuple[int, int, list[ET.Element]]] = []
     stack: list[tuple[str, list[ET.Element]]] = [(base or roots[0], [])]
     while stack:
         link, path = stack.pop()
         if len(path) > 1000:
-            raise StudyError(f"{where}: the links form a loop; a serial chain is expected")
+            raise StudyError(f"{where}: the links form a loop. A serial chain is expected.")
         if tip is None or link == tip:
             paths.append((sum(j.get("type") in MOVING for j in path), -len(path), path))
         stack += [(_child(j), [*path, j]) for j in below.get(link, [])]
@@ -77,7 +99,7 @@ def _chain(root: ET.Element, where: str, base: str | None, tip: str | None) -> l
         raise StudyError(f'{where}: no chain leads from "{base or roots[0]}" to "{tip}": the tip must hang on the base.')
     best = max(count for count, _, _ in paths)
     if not best:
-        raise StudyError(f"{where}: no moving joint found" + ("" if tip is None else f' from "{base or roots[0]}" to "{tip}"'))
+        raise StudyError(f"{where}: no moving joint found{'' if tip is None else f' on the way to {chr(34)}{tip}{chr(34)}'}.")
     longest = [path for count, _, path in paths if count == best]
     return max(longest, key=len)
 
@@ -102,11 +124,7 @@ def _weights(root: ET.Element, start: str, stop: set[str]) -> tuple[float, Array
 
 def read_urdf(path: Path, base: str | None = None, tip: str | None = None) -> Robot:
     """A robot from a URDF file. Raises StudyError."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise StudyError(f"{path.name}: the URDF cannot be read: {getattr(error, 'strerror', None) or 'not text'}") from None
-    return read_urdf_text(text, path.name, base, tip)
+    return read_urdf_text(read_text(path, "the URDF"), path.name, base, tip)
 
 
 def read_urdf_text(text: str, where: str, base: str | None = None, tip: str | None = None) -> Robot:
@@ -116,27 +134,42 @@ def read_urdf_text(text: str, where: str, base: str | None = None, tip: str | No
     Entities and document types are refused: a URDF needs none, and they are how XML files attack their reader.
     """
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise StudyError(f"{where}: a document type or entity in a URDF is refused; remove it")
+        raise StudyError(f"{where}: a document type or entity in a URDF is refused. Remove it.")
     try:
         root = ET.fromstring(text)
     except ET.ParseError as error:
-        raise StudyError(f"{where}: not valid XML: {error}") from None
+        raise StudyError(f"{where}: not valid XML: {error}. Correct this place.") from None
+    try:
+        return _robot(root, where, base, tip)
+    except StudyError as error:
+        raise StudyError(*(p if p.startswith(where) else f"{where}: {p}" for p in error.problems)) from None
+
+
+def _robot(root: ET.Element, where: str, base: str | None, tip: str | None) -> Robot:
+    _tree(root, where)
     pending, joints = np.eye(4), []
     chain = _chain(root, where, base, tip)
     moving = {str(j.get("name")) for j in chain if j.get("type") in MOVING}
     for element in chain:
         pending = pending @ _origin(element)
-        kind = element.get("type")
-        if kind not in MOVING:
+        kind, said = element.get("type"), f'{where}: joint "{element.get("name")}"'
+        if kind not in KINDS:
+            raise StudyError(f'{said}: type "{kind}"; {", ".join(KINDS)} are known. {AROUND}')
+        if kind == "fixed":
             continue
+        if element.find("mimic") is not None:
+            raise StudyError(f"{said} mimics another joint: every joint of the chain needs a reading of its own. Take <mimic> "
+                             f"out where it has one. {AROUND}")
         axis = _vector(element.find("axis"), "xyz", (1.0, 0.0, 0.0))
-        if not axis.any():
-            raise StudyError(f'{where}: joint "{element.get("name")}": the axis has no length')
+        if np.linalg.norm(axis) < 1e-9:
+            raise StudyError(f'{said}: the axis has no length. Give its direction: xyz="0 0 1".')
         B = transform(align_z(axis))
         limit, limits = element.find("limit"), None
         if limit is not None and kind != "continuous" and limit.get("upper"):
             scale = 1e3 if kind == "prismatic" else 1.0
             limits = (float(_vector(limit, "lower", (0.0,))[0]) * scale, float(_vector(limit, "upper", (0.0,))[0]) * scale)
+            if limits[0] > limits[1]:
+                raise StudyError(f"{said}: its lower limit is above the upper one. Exchange them.")
         mass, com = None, np.zeros(3)
         if (carried := _weights(root, _child(element), moving)) is not None:
             mass, com = carried[0], B[:3, :3].T @ carried[1]

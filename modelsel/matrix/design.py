@@ -105,9 +105,11 @@ def assemble(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Arra
     _residual(scene, seen, rows, out[-1])
     screws_into(field, origins, origins[-1], twist is not None, space)
     _products(scene, field, terms[:first], rows, out[:first], space)
-    others = space.array("others", p - stop, c, m)                      # the field is read before it is overwritten
-    _products(scene, field, terms[stop:], rows, others, space)
-    out[stop:p] = others
+    covered = min(p, first + 6 * n + 6)                                 # the field is read before it is overwritten
+    others = space.array("others", max(covered - stop, 0), c, m)
+    _products(scene, field, terms[stop:covered], rows, others, space)
+    _products(scene, field, terms[covered:], rows, out[covered:p], space)
+    out[stop:covered] = others
     out[p] = out[-1]
     return out[:p + 1]
 
@@ -228,12 +230,12 @@ def residuals(scene: Scene, terms: Sequence[Term] = (), theta: Array | None = No
     out, space = np.empty((len(scene), scene.components)), Space()
     if scene.data.gauges is not None:
         return _gauged_residuals(scene, terms, np.zeros(len(terms)) if theta is None else theta)
-    for rows in scene.blocks():
-        twist = None if theta is None else twist_of(scene, terms, theta, rows)
-        frames, m = scene.robot.n + 1, rows.stop - rows.start
+    for rows, part in scene.parts():
+        every, frames, m = slice(0, len(part)), scene.robot.n + 1, len(part)
+        twist = None if theta is None else twist_of(part, terms, theta, every)
         axes, origins = space.array("axes", frames, 6, 3, m), space.array("origins", frames, 3, m)
-        seen = walk(scene.robot, scene.data.q[rows], _tool(scene, rows), (axes, origins), twist, _start(scene, rows), space)
-        _residual(scene, seen, rows, out[rows].T)
+        seen = walk(scene.robot, part.data.q, _tool(part, every), (axes, origins), twist, _start(part, every), space)
+        _residual(part, seen, every, out[rows].T)
     return out
 
 

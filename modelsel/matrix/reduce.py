@@ -21,7 +21,8 @@ TOLERANCE = 1e-11   # of a unit column: structural dependence leaves 1e-14, NIST
 DEPENDENT = 1e-9    # of a column, in any row: what is left of a dependent one beyond its combination
 PROBE = (256, 8192)  # configurations that tell which terms depend, in data of more than so many
 STREAM = 2000  # configurations whose design a core's cache about holds; no power of two, whose strides collide in it
-PANEL = 8  # dtpqrt's inner block, measured best for some forty columns
+PANEL = 8, 4  # dtpqrt's inner block up to and beyond LONG rows: there the narrower is a fifth faster, below it hardly differs
+LONG = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +97,8 @@ def reduce(matrix: Array, response: Array) -> Reduction:
 
 def _stack(triangle: Array, matrix: Array) -> None:
     """The rows of matrix (k, p+1) onto the triangle (p+1, p+1), both Fortran-ordered and overwritten."""
-    _, _, _, info = dtpqrt(0, min(PANEL, len(triangle)), triangle, matrix, overwrite_a=True, overwrite_b=True)
+    panel = min(PANEL[len(matrix) > LONG], len(triangle))
+    _, _, _, info = dtpqrt(0, panel, triangle, matrix, overwrite_a=True, overwrite_b=True)
     if info:
         raise ArithmeticError(f"dtpqrt: argument {-info} is wrong")
 
@@ -161,7 +163,8 @@ def _stream(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array
         if check is not None and np.abs(check @ block[:p]).max() > bound:
             raise _Disagrees
         if len(picked) <= p:
-            block = np.take(block, picked, axis=0, out=space.array("picked", len(picked), block.shape[1]))
+            there = space.array("picked", len(picked), block.shape[1])
+            block = np.take(block, picked, axis=0, out=there, mode="clip")        # any other mode goes through a buffer
         _stack(triangle, block.T)
     return triangle
 

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Measurements
+from ..data.measurements import Index, Measurements
 from ..machine.gravity import moment, moments, unit_moments
 from ..machine.robot import Pose, Robot, pose
 from ..words.rigid import Array
@@ -59,6 +59,12 @@ class Scene:
     def coordinates(self) -> int:
         """Measured numbers, of all rows."""
         return len(self) * self.components if self.measured is None else int(self.measured.sum())
+
+    def counted(self, of: Index, count: int) -> Index:
+        """(count,) measured numbers of the rows that `of` (m,) numbers alike."""
+        if self.measured is None:
+            return np.asarray(np.bincount(of, minlength=count) * self.components, dtype=np.intp)
+        return np.bincount(of, self.measured.sum(1), minlength=count).astype(np.intp)
 
     @cached_property
     def bare(self) -> Scene:
@@ -109,12 +115,12 @@ class Scene:
 
     def cause(self, cause: Cause) -> Array | float:
         """A cause at every row, evaluated once where the data are few enough to keep it."""
-        if cause not in self._causes:
-            value = cause.of(self)
-            if len(self) > REMEMBER:
-                return value
-            self._causes[cause] = value
-        return self._causes[cause]
+        known = self._causes.get(cause)
+        if known is None:
+            known = cause.of(self)
+            if len(self) <= REMEMBER:
+                self._causes[cause] = known
+        return known
 
     # -- the state that causes look at -------------------------------------------------------------------------------
 
@@ -152,20 +158,27 @@ class Scene:
                 return {f"{stem}{j + 1}": values[:, j] for j in range(self.robot.n)}
         if name not in self.names():
             raise KeyError(name)
-        at = self.pose(slice(None))
-        R, t = self.placement
-        seen = np.einsum("mij,jm->mi", R[data.group], at.target) + t[data.group] - np.array(self.tracker)
-        out = dict(zip(("x_mm", "y_mm", "z_mm"), at.target, strict=True)) | {"range_mm": np.linalg.norm(seen, axis=1)}
-        if self.robot.gravity is not None:
-            bends = moments(self.robot, at, data.q)
-            out |= {f"torque{j + 1}": m[2] for j, m in enumerate(bends)}
-            out |= {f"moment{j + 1}_{axis}": m[a] for j, m in enumerate(bends) for a, axis in enumerate("xy")}
-            out |= {f"moment_{axis}": row for axis, row in zip("xyz", moment(self.robot, at, data.q), strict=True)}
-            for (j, k), each in unit_moments(self.robot, at).items():
-                out |= {f"moment{j}_x_{k}": each[0], f"moment{j}_y_{k}": each[1], f"torque{j}_{k}": each[2]}
-            down = np.einsum("aim,i->am", at.axes[-1, :3], np.array(self.robot.gravity))
-            out |= {f"down_{axis}": row for axis, row in zip("xyz", down, strict=True)}
-        return out
+        return self._by_pose(name)
+
+    def _by_pose(self, name: str) -> dict[str, Array]:
+        """What the chain's pose decides, with what comes along at no cost: moments of many kinds, and one rarely needs all."""
+        data = self.data
+        at, robot = self.pose(slice(None)), self.robot
+        if name in ("x_mm", "y_mm", "z_mm", "range_mm"):
+            R, t = self.placement
+            seen = np.einsum("mij,jm->mi", R[data.group], at.target) + t[data.group] - np.array(self.tracker)
+            return dict(zip(("x_mm", "y_mm", "z_mm"), at.target, strict=True)) | {"range_mm": np.linalg.norm(seen, axis=1)}
+        if name.startswith("down_"):
+            down = np.einsum("aim,i->am", at.axes[-1, :3], np.array(robot.gravity))
+            return {f"down_{axis}": row for axis, row in zip("xyz", down, strict=True)}
+        if name.startswith("moment_"):
+            return {f"moment_{axis}": row for axis, row in zip("xyz", moment(robot, at, data.q), strict=True)}
+        if name.count("_") == 1 + name.startswith("moment"):          # moment2_x_3, torque2_3: of 1 kg at one frame
+            return {each: row for (j, k), rows in unit_moments(robot, at).items()
+                    for each, row in zip((f"moment{j}_x_{k}", f"moment{j}_y_{k}", f"torque{j}_{k}"), rows, strict=True)}
+        bends = moments(robot, at, data.q)
+        return ({f"torque{j + 1}": m[2] for j, m in enumerate(bends)}
+                | {f"moment{j + 1}_{axis}": m[a] for j, m in enumerate(bends) for a, axis in enumerate("xy")})
 
 
 def unit_of(name: str) -> str:

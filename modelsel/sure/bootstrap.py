@@ -6,6 +6,7 @@ bootstrap; Cameron, Gelbach & Miller 2008). Each configuration's residuals are f
 """
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from ..which.folds import Folded
 from ..words.rigid import Array
 
 REPLICATES = 999
+SIGNS = 4_000_000  # drawn at once
 LEAST = 1e-6     # of a direction that a configuration alone decides: its residual is nought and stays so
 
 
@@ -29,32 +31,43 @@ class Bootstrap:
     configurations: Array
 
 
-def bootstrap(folded: Folded, fitted: Fit, rng: np.random.Generator) -> Bootstrap:
+def bootstrap(parts: Iterable[Folded], fitted: Fit, rng: np.random.Generator) -> Bootstrap:
     """Of every parameter.
 
-    `folded`: the training scene at the optimum, a fold per configuration. Shrunk coefficients are drawn from their prior, as if
-    each were one more configuration, so that their errors compare with those of the posterior.
+    `parts`: the training scene at the optimum, a fold per configuration, some at a time (`by_unit`). Shrunk coefficients
+    are drawn from their prior, as if each were one more configuration, so that their errors compare with those of the posterior.
     """
     kept = list(fitted.found.kept)
-    X, y = folded.blocks[:, :, kept], folded.blocks[:, :, -1]
-    prior = fitted.prior
-    total = folded.total()
+    prior, total = fitted.prior, fitted.reduction
     if prior is not None:
         total = Reduction(total.add(prior).R, total.rows)
     beta, factor, _ = solve(total, kept)
-    Q, e = X @ factor, y - X @ beta
-    values, vectors = np.linalg.eigh(np.eye(X.shape[1]) - Q @ Q.transpose(0, 2, 1))
-    root = np.where(values > LEAST, 1 / np.sqrt(np.maximum(values, LEAST)), 0.0)
-    adjusted = np.einsum("kab,kb,kcb,kc->ka", vectors, root, vectors, e)
-    scores = np.einsum("kar,ka->kr", Q, adjusted)
-    moved = signs(rng, REPLICATES, len(scores)) @ scores
+    found, share, squared = [], np.zeros(len(kept)), np.zeros(len(kept))
+    for part in parts:
+        Q, scores = _scores(part, kept, beta, factor)
+        found.append(scores)
+        own = np.square(Q @ factor.T).sum(1)                # (K, r) of a parameter's variance that each configuration brings
+        share, squared = share + own.sum(0), squared + np.square(own).sum(0)
+    scores = np.concatenate(found)
+    step = max(1, SIGNS // len(scores))
+    moved = np.concatenate([signs(rng, min(step, REPLICATES - start), len(scores)) @ scores
+                            for start in range(0, REPLICATES, step)])
     if prior is not None and len(prior):
         moved = moved + fitted.sigma * rng.standard_normal((REPLICATES, len(prior))) @ (prior[:, kept] @ factor)
     errors, rests = np.zeros(len(fitted.theta)), np.ones(len(fitted.theta))
     errors[kept] = np.sqrt(np.square(moved @ factor.T).mean(0))
-    share = np.square(Q @ factor.T).sum(1)                  # (K, r) of a parameter's variance that each configuration brings
-    rests[kept] = np.square(share.sum(0)) / np.square(share).sum(0)
+    rests[kept] = np.square(share) / squared
     return Bootstrap(errors, rests)
+
+
+def _scores(folded: Folded, kept: Sequence[int], beta: Array, factor: Array) -> tuple[Array, Array]:
+    """(Q (K, h, r), scores (K, r)) of some configurations: what each moves the estimate by, its leverage made good."""
+    X, y = folded.blocks[:, :, kept], folded.blocks[:, :, -1]
+    Q, e = X @ factor, y - X @ beta
+    values, vectors = np.linalg.eigh(np.eye(X.shape[1]) - Q @ Q.transpose(0, 2, 1))
+    root = np.where(values > LEAST, 1 / np.sqrt(np.maximum(values, LEAST)), 0.0)
+    adjusted = np.einsum("kab,kb,kcb,kc->ka", vectors, root, vectors, e)
+    return Q, np.einsum("kar,ka->kr", Q, adjusted)
 
 
 def signs(rng: np.random.Generator, replicates: int, units: int) -> Array:

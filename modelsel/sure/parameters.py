@@ -10,7 +10,8 @@ from ..data.measurements import Note
 from ..fitting.fit import Fit
 from ..matrix.design import blocks
 from ..which.compare import Data
-from ..which.folds import fold
+from ..which.folds import by_unit
+from ..why.flips import LASTING, together
 from ..words.rigid import Array
 from .bootstrap import bootstrap
 from .correlation import labels, owners
@@ -43,12 +44,20 @@ class Parameter:
 
 
 def parameters(data: Data, fitted: Fit, rng: np.random.Generator) -> tuple[Parameter, ...]:
-    """Every estimable parameter of a fit, in the model's order; the posterior's answers come later (`with_posterior`)."""
+    """Every estimable parameter of a fit, in the model's order; the posterior's answers come later (`with_posterior`).
+
+    Where the residuals of a group's configurations go together, whole groups are the bootstrap's units, and the intervals are
+    its: a t of as many degrees of freedom as there are groups, less one (Cameron, Gelbach & Miller 2008).
+    """
+    from scipy.special import stdtrit
     training = data.training()
-    configurations = np.unique(training.data.block, return_inverse=True)[1].reshape(-1)
-    folded = fold(training, fitted.terms, configurations, fitted.at())
-    boot = bootstrap(folded, fitted, rng)
+    grouped = lasting(data, fitted, rng)
+    unit = training.data.group if grouped else training.data.block
+    boot = bootstrap(by_unit(training, fitted.terms, unit, fitted.at()), fitted, rng)
     low, high = posterior(fitted).quantile(np.array([0.025, 0.975])).T
+    if grouped:
+        half = float(stdtrit(len(np.unique(unit)) - 1, 0.975)) * np.maximum(boot.errors, fitted.standard_errors)
+        low, high = fitted.theta - half, fitted.theta + half
     mean, worst = displacement(data, fitted)
     error, names, owner = fitted.standard_errors, labels(fitted.model), owners(fitted.model)
     out = []
@@ -58,6 +67,12 @@ def parameters(data: Data, fitted: Fit, rng: np.random.Generator) -> tuple[Param
                              float(low[k]), float(high[k]), float(mean[k]), float(worst[k]), rests,
                              _differ((analytic, again), rests)))
     return tuple(out)
+
+
+def lasting(data: Data, fitted: Fit, rng: np.random.Generator) -> bool:
+    """Whether what is left goes together within groups: errors that last from one configuration to the next."""
+    training = data.training()
+    return together(training.data, fitted.residuals(training)[:, :3], rng) <= LASTING
 
 
 def _differ(errors: Sequence[float], configurations: float) -> bool:

@@ -13,12 +13,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..fitting.fit import Fit
+from ..matrix.reduce import reduce_scene
 from ..matrix.scene import Scene
 from ..words.rigid import Array
 from .ensemble import Ensemble
 
 DRAWS = (400, 4000)     # fewest and most
 WORK = 1_000_000        # draws x configurations to stay within
+CURVED = 20_000         # rows on which the chain's curvature is felt out
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,17 +58,16 @@ class Posterior:
         """Independent draws; all weights alike."""
         sigma = np.sqrt(self.cost / rng.chisquare(self.freedom, count))
         normal = rng.standard_normal((count, self.factor.shape[1]))
-        return Draws(self.theta + sigma[:, None] * (normal @ self.factor.T), sigma, np.full(count, 1 / count), normal)
+        return Draws(self.theta + sigma[:, None] * (normal @ self.factor.T), sigma, np.full(count, 1 / count))
 
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """theta (n, p), sigma (n,) in whitened units, weights (n,) that sum to one, and the normal numbers (n, r) behind."""
+    """theta (n, p), sigma (n,) in whitened units, weights (n,) that sum to one."""
 
     theta: Array
     sigma: Array
     weight: Array
-    normal: Array = field(repr=False)
 
     @property
     def effective(self) -> float:
@@ -87,18 +88,21 @@ def posterior(fitted: Fit) -> Posterior:
     return Posterior(fitted.theta, fitted.factor, cost, fitted.rows - (fitted.rank - shrunk))
 
 
-def weighted(scene: Scene, fitted: Fit, exact: Posterior, draws: Draws) -> Draws:
-    """The draws with importance weights: the exact chain's posterior over the linear one, on the fit's own scene."""
-    ensemble, cost = Ensemble(scene, fitted.terms), np.empty(len(draws.theta))
-    step = max(1, WORK // (10 * len(scene)))
+def weighted(scene: Scene, fitted: Fit, draws: Draws) -> Draws:
+    """The draws with importance weights: the exact chain's posterior over the linear one, on the fit's own scene. How far the
+    chain departs from its tangent is worked out on at most CURVED rows, evenly spread, that stand for all: thinning can only
+    make the weights less even. The prior is in both, and alike."""
+    some = scene if len(scene) <= CURVED else scene.take(np.linspace(0, len(scene) - 1, CURVED).astype(np.intp))
+    ensemble, cost = Ensemble(some, fitted.terms), np.empty(len(draws.theta))
+    step = max(1, WORK // (10 * len(some)))
     for start in range(0, len(cost), step):
-        some = slice(start, start + step)
-        cost[some] = np.square(ensemble.residuals(draws.theta[some])).sum((1, 2))
-    cost += np.square(draws.theta @ fitted.root.T).sum(1)
-    linear = exact.cost + np.square(draws.sigma) * np.square(draws.normal).sum(1)
-    log_weight = (linear - cost) / (2 * np.square(draws.sigma))
+        part = slice(start, start + step)
+        cost[part] = np.square(ensemble.residuals(draws.theta[part])).sum((1, 2))
+    R = reduce_scene(some, fitted.terms, fitted.at(), fitted.found.kept).R
+    linear = np.square(R[:, -1] - (draws.theta - fitted.theta) @ R[:, :-1].T).sum(1)
+    log_weight = (linear - cost) / (2 * np.square(draws.sigma)) * (len(scene) / len(some))
     weight = np.exp(log_weight - log_weight.max())
-    return Draws(draws.theta, draws.sigma, np.asarray(weight / weight.sum()), draws.normal)
+    return Draws(draws.theta, draws.sigma, np.asarray(weight / weight.sum()))
 
 
 def draws_for(scene: Scene) -> int:

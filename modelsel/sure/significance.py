@@ -12,20 +12,20 @@ import numpy as np
 
 from ..data.measurements import Index
 from ..fitting.fit import Fit
-from ..matrix.design import Model, blocks
+from ..matrix.design import Model
 from ..matrix.identify import identify, solve
-from ..matrix.reduce import Reduction
+from ..matrix.reduce import Reduction, reduce_scene
 from ..which.compare import Data
 from ..which.criteria import log_evidence
-from ..which.folds import Folded, cross_validate, fold, held_out_residuals
+from ..which.folds import Folded, cross_validate, fold
 from ..words.errors import NotEstimable
-from ..words.rigid import Array
 from ..wrong.screws import Mechanism
 from .bootstrap import halves
 from .ensemble import Ensemble
 
 HALVES = 100
 LEVEL = 0.05
+BUNDLES = 2000        # of configurations, of which halves are drawn; fewer configurations are one each
 SETUP = "set-up"      # the placement is no error of the arm
 
 
@@ -57,7 +57,7 @@ def significance(data: Data, fitted: Fit, names: Sequence[str], rng: np.random.G
     judged = [m for m in model.mechanisms if m.name != SETUP and set(_terms(model, m)) & set(fitted.found.kept)]
     without = _Without(data, fitted)
     moved = _displaced(data, fitted, [_terms(model, m) for m in judged])
-    stable = stability(without.folded_by_configuration(), fitted, [_own(model, m, fitted) for m in judged], rng)
+    stable = stability(without.bundled(), fitted, [_own(model, m, fitted) for m in judged], rng)
     cv, held = without.rms([])
     out = []
     for m, (mean, worst), share in zip(judged, moved, stable, strict=True):
@@ -90,10 +90,14 @@ def _displaced(data: Data, fitted: Fit, groups: Sequence[Sequence[int]]) -> list
     theta = np.tile(fitted.theta, (1 + len(groups), 1))
     for row, group in zip(theta[1:], groups, strict=True):
         row[list(group)] = 0.0
-    ensemble = Ensemble(scene, fitted.terms)
-    full = ensemble.residuals(theta[:1])[0, :3]
-    sizes = [np.linalg.norm(ensemble.residuals(row[None])[0, :3] - full, axis=0) for row in theta[1:]]
-    return [(float(s.mean()), float(s.max())) for s in sizes]
+    total, worst = np.zeros(len(groups)), np.zeros(len(groups))
+    for _, part in scene.parts():
+        ensemble = Ensemble(part, fitted.terms)
+        full = ensemble.residuals(theta[:1])[0, :3]
+        for g, row in enumerate(theta[1:]):
+            size = np.linalg.norm(ensemble.residuals(row[None])[0, :3] - full, axis=0)
+            total[g], worst[g] = total[g] + size.sum(), max(worst[g], size.max())
+    return [(float(t / len(scene)), float(w)) for t, w in zip(total, worst, strict=True)]
 
 
 def nested(fitted: Fit, own: Sequence[int]) -> tuple[float | None, float | None, float | None]:
@@ -111,18 +115,24 @@ def nested(fitted: Fit, own: Sequence[int]) -> tuple[float | None, float | None,
 
 
 class _Without:
-    """Cross-validated and held-out errors of the model without some terms, from blocks made once."""
+    """Cross-validated and held-out errors of the model without some terms, from triangles made once: no row is seen twice."""
 
     def __init__(self, data: Data, fitted: Fit):
-        self.data, self.fitted, self.training = data, fitted, data.training()
-        self.folds = data.training_folds()
-        self.folded = fold(self.training, fitted.terms, self.folds, fitted.at())
-        self.held = data.scene.take(~data.estimation & ~data.outlying)
+        self.fitted, self.training = fitted, data.training()
+        kept, folds = fitted.found.kept, data.training_folds()
+        self.folded = fold(self.training, fitted.terms, folds, fitted.at(), kept)
+        weight = self.training.whiten
+        self.plain = (Folded(self.folded.blocks / weight, self.folded.rows) if isinstance(weight, float) else
+                      fold(replace(self.training, whiten=1.0), fitted.terms, folds, fitted.at(), kept))
+        held = data.scene.take(~data.estimation & ~data.outlying)
+        self.held = len(held)
+        position = 1.0 if held.components == 3 else np.broadcast_to(np.diag([1.0, 1, 1, 0, 0, 0]), (len(held), 6, 6))
+        self.held_R = reduce_scene(replace(held, whiten=position), fitted.terms, fitted.at(), kept).R if self.held else None
 
-    def folded_by_configuration(self) -> Folded:
-        """A fold per configuration."""
-        own = np.unique(self.training.data.block, return_inverse=True)[1].reshape(-1)
-        return fold(self.training, self.fitted.terms, own, self.fitted.at())
+    def bundled(self) -> Folded:
+        """A fold per configuration; of very many, per bundle of them, whose halves tell the same."""
+        own = np.unique(self.training.data.block, return_inverse=True)[1].reshape(-1) % BUNDLES
+        return fold(self.training, self.fitted.terms, own, self.fitted.at(), self.fitted.found.kept)
 
     def rms(self, out: Sequence[int]) -> tuple[float | None, float | None]:
         """(cross-validated, held-out) rms [mm] of the lengths of the residual vectors."""
@@ -141,21 +151,17 @@ class _Without:
             cv = cross_validate(Folded(changed, self.folded.rows), kept, prior)
             per_fold = cv.without.copy()
             per_fold[:, gone] -= fitted.theta[gone]
-            left = held_out_residuals(self.training, fitted.terms, self.folds, per_fold, fitted.at())
-            crossed: float | None = float(np.sqrt(np.square(left).sum(1).mean()))
+            left = self.plain.blocks[:, :, -1] - np.einsum("khp,kp->kh", self.plain.blocks[:, :, :-1], per_fold)
+            crossed: float | None = float(np.sqrt(np.square(left).sum() / len(self.training)))
         except NotEstimable:
             crossed = None
         delta = np.zeros(len(fitted.theta))
         delta[kept] = solve(total, kept)[0]
         delta[gone] = -fitted.theta[gone]
-        return crossed, self._held_out(delta)
-
-    def _held_out(self, delta: Array) -> float | None:
-        if not len(self.held):
-            return None
-        squares = [np.square(residual[:3] - np.einsum("pcm,p->cm", columns[:, :3], delta)).sum()
-                   for _, columns, residual in blocks(replace(self.held, whiten=1.0), self.fitted.terms, self.fitted.at())]
-        return float(np.sqrt(sum(squares) / len(self.held)))
+        if self.held_R is None:
+            return crossed, None
+        left = self.held_R[:, -1] - self.held_R[:, :-1] @ delta
+        return crossed, float(np.sqrt(np.square(left).sum() / self.held))
 
 
 def stability(folded: Folded, fitted: Fit, groups: Sequence[Sequence[int]], rng: np.random.Generator, count: int = HALVES

@@ -3,42 +3,39 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..data.measurements import Measurements, Note
-from ..elsewhere.confidence import Confidence, Request, confidence, sampled
-from ..elsewhere.explain import Nested, Say, explain, nested
+from ..elsewhere.confidence import Request, confidence, sampled
+from ..elsewhere.explain import Say, explain, nested
 from ..elsewhere.prepare import Plan, generator, prepare, reweigh_rotation
-from ..fitting.noise import Floor
 from ..machine.robot import Robot
 from ..matrix.design import Model
-from ..matrix.identify import Unidentifiable, unidentifiable
+from ..matrix.identify import unidentifiable
 from ..sure.sampling import Keeper
 from ..which.candidates import Candidate
-from ..which.compare import Comparison, Data, Rung, compare, rung, strongest
-from ..which.validate import Gain, gain
-from ..why.extend import Extension, models
-from ..why.faults import Fault, misplaced
-from ..why.maps import ErrorMap, error_map
-from ..why.predictor import Predictable
+from ..which.compare import Data, Rung, rung
+from ..which.table import MOST, compare, strongest
+from ..which.validate import Gain, Resampled, paired
+from ..why.extend import Extension
+from ..why.faults import misplaced
+from ..why.maps import error_map
+from ..why.view import models
 from ..why.words import label
 from ..words.version import VERSION
 from ..wrong.mechanisms.geometry import setup
 from ..wrong.registry import Registry, mechanism
 from ..wrong.screws import Mechanism, Screw
 from .config import Study
-from .findings import Finding, fault_dict, finding_dict, screws_of
+from .findings import Finding, beside, surprised, uneven
+from .finished import Result
 from .left import (
-    Placed,
     estimated_floor,
-    features,
     fit_of,
     held_out_outliers,
-    noise_dict,
     nothing_else,
     per_row,
     predictable_left,
@@ -46,84 +43,6 @@ from .left import (
     rows_seen,
     thinned,
 )
-from .result import candidates_dict, dumps, rung_dict
-from .verdict import verdict
-
-
-@dataclass(frozen=True, eq=False)
-class Result:
-    """A finished study: values for programs, `to_json` for the contract's file."""
-
-    study: Study
-    robot: Robot
-    data: Data
-    floor: Floor
-    ladder: tuple[Rung, ...]
-    comparison: Comparison | None
-    chosen: Rung
-    gain: Gain
-    findings: tuple[Finding, ...]
-    faults: tuple[Fault, ...]
-    extension: Extension = field(repr=False)
-    error_map: ErrorMap = field(repr=False)
-    nothing_else: tuple[str, float | None]
-    predictable: Predictable | None
-    nested: Nested | None
-    unidentifiable: tuple[Unidentifiable, ...]
-    warnings: tuple[Note, ...]
-    confidence: Confidence
-    provenance: Mapping[str, str] = field(repr=False)
-
-    @property
-    def features(self) -> tuple[Placed, ...]:
-        """Where the chosen model has the features that rows share."""
-        return features(self.data.scene, fit_of(self.chosen))
-
-    @property
-    def named(self) -> list[tuple[str, str]]:
-        """(name, verdict) of every finding, faults of single rows first, as result.json lists them."""
-        return [*((f"fault:{f.name}", "found") for f in self.faults),
-                *((label(f.effect.candidate), f.effect.named.verdict) for f in self.findings)]
-
-    def to_dict(self) -> dict[str, Any]:
-        """The contract's result."""
-        data = self.data.scene.data
-        estimation = self.data.estimation
-        extending = [] if self.study.model.candidates == [] else [e.candidate for e in self.extension.effects]
-        return {
-            "schema": 1, "study": self.study.name, "robot": self.robot.name, "seed": self.study.seed,
-            "provenance": dict(self.provenance),
-            "verdict": list(verdict(self.ladder[0], self.chosen, self.gain, self.floor, self.named,
-                                    self.study.model.candidates != [], self.nothing_else[0])),
-            "configurations": {"estimation": data.take(estimation).configurations,
-                               "held_out": data.take(~estimation).configurations,
-                               "estimation_rows": data.row[estimation]},
-            "noise_floor": noise_dict(self.floor, data),
-            **({} if data.gauges is None else {"features": [asdict(f) for f in self.features]}),
-            "ladder": [rung_dict(r) for r in self.ladder],
-            "candidates": candidates_dict(self.comparison),
-            "findings": [*(fault_dict(f) for f in self.faults),
-                         *(finding_dict(f, self.data.scene.take(estimation)) for f in self.findings)],
-            "nothing_else": {"sentence": self.nothing_else[0], "detection_limit_mm": self.nothing_else[1],
-                             "predictable": None if self.predictable is None else asdict(self.predictable)},
-            "nested_cv": None if self.nested is None else {
-                "folds": self.nested.folds, "geometric": asdict(self.nested.base), "chosen": asdict(self.nested.chosen),
-                "named_in_folds": self.nested.named},
-            "chosen": {"mechanisms": [*self.study.model.base, *(c.mechanism.name for c in extending if c.registered)],
-                       "cells": [s for c in extending if not c.registered
-                                 for s in screws_of(c, self.data.scene.take(estimation))]},
-            "path": list(self.extension.path),
-            "error_map": {"places": list(self.error_map.places), "causes": list(self.error_map.causes), "f": self.error_map.f,
-                          "p_family_wise": self.error_map.p},
-            "outliers": data.row[self.data.outlying],
-            "unidentifiable": [{"sentence": u.sentence, "parameters": list(u.parameters)} for u in self.unidentifiable],
-            "warnings": [{"code": w.code, "sentence": w.sentence} for w in (*self.warnings, *self.confidence.notes)],
-            **self.confidence.to_dict(),
-        }
-
-    def to_json(self) -> str:
-        """result.json's text."""
-        return dumps(self.to_dict())
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +85,10 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
         notes = (*notes, Note("scan-of-some", f"What is wrong was looked for in {rows_seen(extension, data)} of "
                               f"the {int(data.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
                               "all rows."))
+    notes = (*notes, *uneven(extension), *(beside(data.scene) if question.cells else ()))
     say("comparing all subsets of the candidates")
-    offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects])
+    offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects],
+                               study.comparison.mechanisms or MOST)
     comparison = compare(data, base, fit_of(base_rung), offered, base_names, aside) if offered else None
     say("measuring the gain")
     steps = _steps(data, base_rung, extension)
@@ -179,27 +100,34 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     data = replace(data, outlying=data.outlying | held_out_outliers(data, [r for r in rungs if r is not nominal]))
     faults = misplaced(data.scene, data.outlying, fit_of(chosen), generator(study.seed, "null"))
     held = ~data.estimation & ~data.outlying
+    drawn = Resampled.of(measured.block[held], generator(study.seed, "gain"))
 
-    def paired(before: Rung, after: Rung) -> Gain:
-        rng = generator(study.seed, "gain")
-        return gain(before.residual[held][:, :3], after.residual[held][:, :3], measured.block[held], rng)
+    def gained(before: Rung, after: Rung) -> Gain:
+        return paired(before.residual[held][:, :3], after.residual[held][:, :3], drawn)
 
-    findings = tuple(Finding(e, paired(a, b)) for e, a, b in zip(extension.effects, steps, steps[1:], strict=False))
+    findings = tuple(Finding(e, gained(a, b)) for e, a, b in zip(extension.effects, steps, steps[1:], strict=False))
     if comparison is not None and set(comparison.choice) != set(chosen.names):
         notes = (*notes, Note("table-differs", "The one-standard-error choice of the table of subsets is "
                               f"{' + '.join(comparison.choice)}; the chosen model follows what was named."))
+    notes = (*notes, *surprised(data, chosen))
+    if comparison is not None and comparison.certified is not None and not comparison.certified.proven:
+        notes = (*notes, Note("search-unproven", f"Of 2^{len(comparison.considered)} subsets of the candidates the best by BIC "
+                              f"that was found is not proven: another may have up to {comparison.certified.gap:.3g} less."))
     within = None
     if study.split.nested_folds:
         say(f"the whole procedure again in {study.split.nested_folds} folds")
         within = nested(data, base, question.everything, study.seed, question.cells, study.split.nested_folds)
     ladder = tuple(remeasured(r, data) for r in rungs)
+    if lost := [" + ".join(r.names) for r in ladder if r.cv_rms_mm is None or not np.isfinite(r.cv_rms_mm)]:
+        notes = (*notes, Note("cv-not-estimable", f"No cross-validation of {', '.join(lost)}: without one of the folds the data "
+                              "do not determine it, and its cv_rms_mm is null. More folds or configurations are needed."))
     say("weighing every mechanism of the chosen model")
     sure = confidence(data, fit_of(chosen), chosen.names, study.seed)
     return Result(study, question.robot, data, per_row(floor or estimated_floor(chosen, data), data), ladder, comparison,
-                  remeasured(chosen, data), paired(nominal, chosen), findings, faults, extension, error_map(extension, found),
+                  remeasured(chosen, data), gained(nominal, chosen), findings, faults, extension, error_map(extension, found),
                   nothing_else(extension, found, data, steps[-1]), predictable_left(data, steps[-1],
-                  generator(study.seed, "flips")), within,
-                  unidentifiable(fit_of(base_rung).found, base.terms), notes, sure, provenance(study, data_sha256))
+                  generator(study.seed, "flips")), within, unidentifiable(fit_of(base_rung).found, base.terms), notes, sure,
+                  provenance(study, data_sha256))
 
 
 def with_sampling(question: Question, result: Result, say: Say = lambda _: None, keeper: Keeper | None = None) -> Result:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..sure.sampling import State
 from ..words.errors import StudyError
-from .write import write_beside
+from .write import HIDDEN, write_beside
 
 EVERY = 5.0      # seconds between two copies; what is written has no part in the result
 WHAT = {"data_sha256": "the measurements", "study_sha256": "the study file", "modelsel": "modelsel's version",
@@ -24,7 +24,7 @@ class Checkpoint:
     """DIR/.modelsel/sampling.npz. `resume`: take up what is there; else it is overwritten."""
 
     def __init__(self, folder: Path, resume: bool):
-        self.path, self.resume = folder / ".modelsel" / "sampling.npz", resume
+        self.path, self.resume = folder / HIDDEN / "sampling.npz", resume
         self.identity: dict[str, object] = {}
         self.last = time.monotonic()
 

@@ -1,45 +1,59 @@
-"""The study file: TOML -> frozen values; every problem of a file is said at once, each with its place."""
+"""A study: frozen values, from TOML or from Python; every problem is said at once, each with its place."""
 from __future__ import annotations
 
 import os
-import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    SerializerFunctionWrapHandler,
-    ValidationError,
-    model_serializer,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_serializer, model_validator
+from pydantic import SerializerFunctionWrapHandler as Plain
 
+from ..data.table import Source, digest
+from ..machine.robot import Robot
+from ..use.records import robot_record
 from ..words.errors import StudyError, suggest
+from ..words.rigid import LARGEST
+from ..words.text import read_text, toml
+from .values import plain_values, wording
 
-Vector = Annotated[list[Annotated[float, Field(allow_inf_nan=False)]], Field(min_length=3, max_length=3)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+Positive = Annotated[float, Field(ge=1e-9, le=LARGEST, allow_inf_nan=False)]
+Nought = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
+Count = Annotated[int, Field(ge=1, le=10_000_000)]       # of configurations: what a computer holds
+FileName = Annotated[str, Field(min_length=1, max_length=4000, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
 
 
 class RobotTable(_Table):
-    """[robot]: which nominal robot, where its target is, whether the tracker's frame is to be found."""
+    """[robot]: which nominal robot, where its target is, whether the tracker's frame is to be found. From Python `nominal` may
+    be the Robot itself."""
 
+    nominal: Robot | None = None
     name: str | None = None
-    file: str | None = None
+    file: FileName | None = None
     base: str | None = None
     tip: str | None = None
     tool_mm: Vector | None = None
     tools_mm: dict[str, Vector] | None = None
     register_: bool | Literal["per group"] = Field(False, alias="register")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _table(cls, given: Any) -> Any:
+        if isinstance(given, (str, Robot)):
+            which = f'name = "{given}"' if isinstance(given, str) else "nominal = the Robot"
+            raise ValueError(f"expected a table: {which} and tool_mm = [x, y, z]")
+        return given
+
     @model_validator(mode="after")
     def _one_source(self) -> RobotTable:
-        if (self.name is None) == (self.file is None):
+        if [self.nominal, self.name, self.file].count(None) != 2:
             raise ValueError('give either name = "…" (built in) or file = "robot.toml"')
         if self.file is None and (self.base or self.tip):
             raise ValueError('base and tip name links of a URDF: file = "robot.urdf" goes with them')
@@ -48,6 +62,21 @@ class RobotTable(_Table):
         if not self.register_ and self.tool_mm is None and self.tools_mm is None:
             raise ValueError("tool_mm is missing: the nominal target in the flange frame (or register = true to find it)")
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_none(self, plain: Plain) -> dict[str, Any]:
+        """A study's hash takes in a robot given as an object by its numbers."""
+        robot = self.nominal
+        rest = {key: value for key, value in plain(self.model_copy(update={"nominal": None})).items() if key != "nominal"}
+        return rest if robot is None else rest | {"nominal": robot_record(robot)}
+
+
+@dataclass(frozen=True)
+class Held:
+    """A DataFrame as it was when the study was described; two are equal where their cells are."""
+
+    sha256: str
+    frame: Any = field(compare=False, repr=False)
 
 
 class FeatureTable(_Table):
@@ -61,19 +90,34 @@ class FeatureTable(_Table):
 
 
 class MeasurementsTable(_Table):
-    """[measurements]: the file, names that differ from the contract's, what is known of features that rows share."""
+    """[measurements]: the file, names that differ from the contract's, what is known of features that rows share. From Python
+    `frame` may be a DataFrame in the file's place; a path or a DataFrame alone stands for the table."""
 
-    file: str
+    file: FileName
+    frame: Held | None = Field(None, exclude=True)     # its hash is that of the data
     columns: dict[str, str] = {}
     features: dict[str, FeatureTable] = {}
 
     @model_serializer(mode="wrap")
-    def _plain(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _since(self, plain: Plain) -> dict[str, Any]:
         """A study without features is written, and hashed, as it was before there were any."""
-        out: dict[str, Any] = handler(self)
-        if not self.features:
-            out.pop("features", None)
-        return out
+        return {k: v for k, v in plain(self).items() if k != "features" or v}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _alone(cls, given: Any) -> Any:
+        if isinstance(given, str):
+            return {"file": given}
+        table = given if isinstance(given, Mapping) else {"frame": given}
+        if "frame" not in table:
+            return table
+        import pandas as pd
+        if "file" in table:
+            raise ValueError("give file or frame, not both")
+        if not isinstance(table["frame"], pd.DataFrame):
+            raise ValueError(f"expected a file or a pandas DataFrame, found {type(table['frame']).__name__}")
+        frame = table["frame"].copy()
+        return {**table, "file": "DataFrame", "frame": Held(digest(frame), frame)}
 
 
 class SplitTable(_Table):
@@ -82,7 +126,7 @@ class SplitTable(_Table):
     estimation: Annotated[int, Field(ge=1)] | None = None
     column: str | None = None
     held_out: str = "held-out"
-    nested_folds: Annotated[int, Field(ge=0)] = 0
+    nested_folds: Annotated[int, Field(ge=0, le=1000)] = 0
 
     @model_validator(mode="after")
     def _one_way(self) -> SplitTable:
@@ -102,19 +146,25 @@ class ModelTable(_Table):
 
 
 class ComparisonTable(_Table):
-    """[comparison]: folds of the cross-validation, and what they keep whole."""
+    """[comparison]: folds of the cross-validation, what they keep whole, how many mechanisms the table of subsets is made of."""
 
     folds: Annotated[int, Field(ge=2)] = 10
     by: Literal["configuration", "group"] = "configuration"
+    mechanisms: Annotated[int, Field(ge=1, le=64)] | None = None
+
+    @model_serializer(mode="wrap")
+    def _since(self, plain: Plain) -> dict[str, Any]:
+        """Without what studies before it did not have: their hash stays."""
+        return {k: v for k, v in plain(self).items() if k != "mechanisms" or v is not None}
 
 
 class NoiseTable(_Table):
     """[noise]: a known floor, or the instrument."""
 
     floor_mm: Positive | None = None
-    range_mm: Annotated[float, Field(ge=0)] = 0.0
-    range_ppm: Annotated[float, Field(ge=0)] = 0.0
-    angle_urad: Annotated[float, Field(ge=0)] = 0.0
+    range_mm: Nought = 0.0
+    range_ppm: Nought = 0.0
+    angle_urad: Nought = 0.0
     tracker_mm: Vector = [0.0, 0.0, 0.0]
 
     @property
@@ -135,19 +185,20 @@ class EffectTable(_Table):
     frame: Annotated[int, Field(ge=1)]
     axis: Literal["tx", "ty", "tz", "rx", "ry", "rz"]
     cause: str
-    size: Annotated[float, Field(allow_inf_nan=False)]
+    size: Finite
 
 
 class SimulateTable(_Table):
     """[simulate]: what `modelsel simulate` makes; without a measurements file the configurations are drawn."""
 
-    configurations: Annotated[int, Field(ge=1)] = 200
-    noise_mm: Annotated[float, Field(ge=0)] = 0.06
+    configurations: Count = 200
+    noise_mm: Nought = 0.06
     effect: list[EffectTable] = []
 
 
 class Study(_Table):
-    """A study file, checked."""
+    """A study, checked. From Python its tables are those of the file, as keyword arguments: `Study(name="…", robot={…}, …)`.
+    Raises StudyError with every problem."""
 
     name: str
     seed: Annotated[int, Field(ge=0)] = 0
@@ -159,6 +210,22 @@ class Study(_Table):
     noise: NoiseTable = NoiseTable()
     sampling: SamplingTable = SamplingTable()
     simulate: SimulateTable = SimulateTable()
+
+    def __init__(self, /, **tables: Any) -> None:
+        try:
+            super().__init__(**plain_values(tables))
+        except ValidationError as error:
+            sentences: dict[str, None] = {}
+            for problem in error.errors():
+                loc = tuple(p for p in problem["loc"] if not (isinstance(p, str) and (p.startswith(("literal", "list[")) or p in (
+                    "bool", "str", "float", "int"))))
+                sentences[_sentence({**problem, "loc": loc})] = None
+            raise StudyError(*sentences) from None
+
+
+    def with_measurements(self, measurements: Any) -> Study:
+        """The same study of other measurements: a path, a DataFrame or a table. Raises StudyError."""
+        return Study(**{name: getattr(self, name) for name in Study.model_fields} | {"measurements": measurements})
 
 
 def _known(location: tuple[Any, ...]) -> list[str]:
@@ -186,50 +253,25 @@ def _sentence(error: Any) -> str:
         return f'{where}: unknown key "{error["loc"][-1]}". {suggest(str(error["loc"][-1]), _known(error["loc"][:-1]))}'
     if error["type"] == "missing":
         return f"{place} is missing."
-    what = error["msg"].removeprefix("Value error, ")
-    found = "" if error["type"] == "value_error" else f", found {str(error['input'])[:60]!r}"
-    return f"{place}: {what}{found}."
+    return f"{place}: {wording(error)}."
 
 
 def parse_study(text: str, where: str) -> Study:
     """A study from TOML text. Raises StudyError with every problem and its place in `where`."""
+    table = toml(text, where)
     try:
-        table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise StudyError(f"{where}: not valid TOML: {error}") from None
-    try:
-        return Study.model_validate(_floats(table))
-    except (ValidationError, RecursionError) as error:
-        if isinstance(error, RecursionError):
-            raise StudyError(f"{where}: nested too deeply") from None
-        sentences: dict[str, None] = {}
-        for problem in error.errors():
-            loc = tuple(p for p in problem["loc"] if not (isinstance(p, str) and (p.startswith(("literal", "list[")) or p in (
-                "bool", "str", "float", "int"))))
-            sentences[f"{where}: {_sentence({**problem, 'loc': loc})}"] = None
-        raise StudyError(*sentences) from None
-
-
-def _floats(value: Any) -> Any:
-    """Whole numbers inside arrays count as numbers (TOML tells 100 from 100.0; a tool's offset need not)."""
-    if isinstance(value, dict):
-        return {k: float(v) if isinstance(v, int) and not isinstance(v, bool) and k.endswith(("_mm", "_ppm", "_urad", "size"))
-                else _floats(v) for k, v in value.items()}
-    if isinstance(value, list) and value and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in value):
-        return [float(v) for v in value]
-    return [_floats(v) for v in value] if isinstance(value, list) else value
+        return Study(**table)
+    except StudyError as error:
+        raise StudyError(*(f"{where}: {problem}" for problem in error.problems)) from None
+    except RecursionError:
+        raise StudyError(f"{where}: nested too deeply. Tables of a few levels are expected.") from None
 
 
 def read_study(path: Path | str) -> Study:
     """A study file; a folder stands for its study.toml. Raises StudyError."""
     path = Path(path)
     path = path / "study.toml" if path.is_dir() else path
-    try:
-        return parse_study(path.read_text(encoding="utf-8"), path.name)
-    except FileNotFoundError:
-        raise StudyError(f"{path}: no such study file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise StudyError(f"{path.name}: cannot be read: {getattr(error, 'strerror', None) or 'it is not UTF-8 text'}") from None
+    return parse_study(read_text(path, "the study file"), path.name)
 
 
 def find_data(name: str, beside: Path) -> Path:
@@ -238,6 +280,12 @@ def find_data(name: str, beside: Path) -> Path:
         if (folder / name).is_file():
             return folder / name
     return beside / name
+
+
+def data_of(study: Study, folder: Path) -> Source:
+    """A study's measurements: the DataFrame it holds, else the file."""
+    held = study.measurements.frame
+    return find_data(study.measurements.file, folder) if held is None else held.frame
 
 
 def _shared(beside: Path) -> list[Path]:

@@ -7,20 +7,23 @@ from typing import Any
 
 import numpy as np
 
+from ..data.measurements import Note
 from ..matrix.scene import Scene
-from ..which.candidates import Candidate
-from ..which.validate import Gain
+from ..which.candidates import Candidate, crowded
+from ..which.compare import Data, Rung
+from ..which.validate import Gain, surprise
 from ..why.evidence import RATIOS
 from ..why.extend import Effect, Extension
 from ..why.faults import Fault
 from ..why.naming import Entry
-from ..why.words import sentence
+from ..why.words import display, label, sentence
 from ..words.rigid import Array
 from ..wrong.causes import Bump
 from ..wrong.screws import Term
 
 PLAIN = ("payload_kg", "temperature_C", "time_s")
 POWER = 0.90
+CLEARLY, RARELY = 1.25, 1e-3      # how much more held-out rows err than promised, and how rarely so by chance, to be said
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,14 +104,17 @@ def fault_dict(fault: Fault) -> dict[str, Any]:
             "more_entries": 0, "estimate": [], "gain": asdict(Gain(None, None, None))}
 
 
-def detection_limit(extension: Extension, priors: Sequence[float], configurations: int, sigma: float) -> float:
+def detection_limit(extension: Extension, priors: Sequence[float], configurations: int, sigma: float) -> float | None:
     """Root mean square displacement per row [whitened units of sigma] beyond the model of a single-column effect that the
-    scan would find with 90 %: the noncentrality at which its evidence passes the bound (methods.md A.7)."""
+    scan would find with 90 %: the noncentrality at which its evidence passes the bound (methods.md A.7). None where the data
+    are so few that nothing passes it, however large."""
     from scipy.special import chndtr
     log_prior = float(np.log(np.median(priors)))
     freedom = extension.fit.freedom
-    share = np.linspace(0.0, 0.9, 4001)[1:]
+    share = np.concatenate([np.linspace(0.0, 0.9, 4001)[1:], 1 - np.logspace(-1, -7, 1201)[1:]])
     best = np.max([log_prior - 0.5 * np.log1p(r) - 0.5 * freedom * np.log1p(-share * r / (1 + r)) for r in RATIOS], axis=0)
+    if freedom <= 1 or not (best > extension.bound).any():
+        return None
     passing = share[np.argmax(best > extension.bound)]
     critical = passing / (1 - passing) * (freedom - 1)
     low, high = 0.0, 10 * critical + 100
@@ -116,3 +122,42 @@ def detection_limit(extension: Extension, priors: Sequence[float], configuration
         middle = (low + high) / 2
         low, high = (middle, high) if 1 - chndtr(critical, 1, middle) < POWER else (low, middle)
     return float(sigma * np.sqrt(high / configurations))
+
+
+def uneven(extension: Extension) -> tuple[Note, ...]:
+    """What equal normal noise would have named and the residual's own signs do not."""
+    if extension.held_back is None or extension.left is None:
+        return ()
+    first = label(extension.left.entries[0].candidate)
+    return (Note("uneven-noise", f"{first} is not named: were the noise normal and alike everywhere, chance would explain it "
+                 f"with probability {extension.held_back:.2g}, but the residuals as they are, with the signs of whole "
+                 f"configurations changed, do as well with probability {extension.left_p:.2g}. A few rows are loud, or errors "
+                 "last from one configuration to the next."),)
+
+
+def surprised(data: Data, chosen: Rung) -> tuple[Note, ...]:
+    """Held-out configurations that err clearly more than cross-validation within the estimation rows promises."""
+    held, block = ~data.estimation & ~data.outlying, data.scene.data.block
+    if chosen.crossed is None:
+        return ()
+    seen = np.linalg.norm(chosen.residual[held][:, :3], axis=1)
+    times, p = surprise(chosen.crossed, block[data.used], seen, block[held])
+    if times < CLEARLY or p > RARELY:
+        return ()
+    return (Note("held-out-surprise", f"The held-out configurations err by {display(rms(seen))} rms where cross-validation "
+                 f"within the estimation configurations promises {display(rms(chosen.crossed))} (by chance with probability "
+                 f"{p:.1g}): something acts there that the estimation configurations do not show. Neither the findings nor their "
+                 "absence speak of it: let such configurations estimate, too."),)
+
+
+def rms(values: Array) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.square(values).mean()))
+
+
+def beside(scene: Scene) -> tuple[Note, ...]:
+    """Where the arm has so many joints that the error map is not whole."""
+    if not crowded(scene):
+        return ()
+    return (Note("map-of-neighbours", f"With {scene.robot.n} joints the whole error map is too large: causes nobody registered "
+                 "were looked for only at the places of the joints they look at, and next to these."),)

@@ -1,8 +1,8 @@
 """Many studies as one job on dask.distributed, and measurement sets that are never held whole.
 
-A study runs on a worker exactly as alone and writes its own folder; what fails is said and stops nothing else. A worker that
-dies is replaced and its studies run again. Results do not depend on the workers: every study has its own seed, and pieces are
-merged in their order.
+A study runs on a worker exactly as alone and writes what it writes alone into its own folder; what fails is said and stops
+nothing else. A worker that dies is replaced and its studies run again. Results do not depend on the workers: every study has its
+own seed, and pieces are merged in their order.
 """
 from __future__ import annotations
 
@@ -22,9 +22,12 @@ from ..words.errors import DataError, ModelselError, StudyError
 from ..wrong.registry import mechanism, with_plugins
 from .analysis import provenance
 from .config import find_data
-from .fleetfile import Fleet, PartsTable, Task
+from .fleetfile import Fleet, PartsTable, Task, matching
+from .report.drawing import draw
+from .report.fleet import summary
 from .result import dumps
-from .study import run, save
+from .stored import WRITES, save
+from .study import run
 from .write import write_beside
 
 if TYPE_CHECKING:
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 RETRIES = 3        # of a study whose worker died
+UNCONVERGED = 5    # a study's exit status where its chain has not converged
 ERRORS = ("nominal", "base", "chosen")
 
 
@@ -59,46 +63,53 @@ def cluster(workers: int | None = None, scheduler: str | None = None) -> Iterato
         yield client
 
 
-def run_fleet(fleet: Fleet, out: Path, client: Any, *, sampling: bool = True, resume: bool = False,
+def run_fleet(fleet: Fleet, out: Path, client: Any, *, sampling: bool = True, resume: bool = False, reports: bool = False,
               say: Callable[[str], None] = lambda _: None) -> list[Row]:
-    """Every study and measurement set of a fleet, each into its folder below `out`; a row of the summary for each, in the
-    fleet's order. Nothing is raised for a study that fails: its row says why."""
+    """Every study and measurement set of a fleet, each into its folder below `out`, with its `reports` drawn or to be drawn
+    later; a row of the summary for each, in the fleet's order. Nothing is raised for a study that fails: its row says why."""
     from distributed import as_completed
     out = out.resolve()
     rows: dict[str, Row] = {}
     waiting = {}
     for task in fleet.tasks:
-        if resume and _finished(task, out / task.name, sampling):
-            rows[task.name] = _row(task.name, json.loads((out / task.name / "result.json").read_text()))
+        if resume and _finished(task, out / task.name, sampling, reports):
+            rows[task.name] = _row(task.name, json.loads((out / task.name / "result.json").read_text(encoding="utf-8")))
         else:
-            waiting[client.submit(_one, task, str(out / task.name), sampling, pure=False, retries=RETRIES)] = task.name
+            waiting[client.submit(_one, task, str(out / task.name), sampling, reports, pure=False, retries=RETRIES)] = task.name
     if rows:
         say(f"{len(rows)} of {len(fleet.tasks)} are finished already")
     for future in as_completed(list(waiting), loop=client.loop):
         name = waiting[future]
         error = future.exception()
-        rows[name] = future.result() if error is None else _failed(name, f"internal error: {type(error).__name__}: {error}", 1)
+        rows[name] = future.result() if error is None else _broken(name, error)
         say(f"{len(rows)} of {len(fleet.tasks)}  {name}: {rows[name]['state']}")
     for part in fleet.parts:
-        rows[part.name] = _whole_set(part, fleet.folder, out / part.name, client)
+        try:
+            rows[part.name] = _whole_set(part, fleet.folder, out / part.name, client)
+        except Exception as error:      # noqa: BLE001 - whatever breaks in one set, the job goes on and its row says what
+            rows[part.name] = _broken(part.name, error)
         say(f"{part.name}: {rows[part.name]['state']}")
     return [rows[name] for name in (*(t.name for t in fleet.tasks), *(p.name for p in fleet.parts))]
 
 
-def _one(task: Task, out: str, sampling: bool) -> Row:
-    """On a worker: one study, from its file to its result.json."""
+def _one(task: Task, out: str, sampling: bool, reports: bool) -> Row:
+    """On a worker: one study, from its file to all it writes."""
     try:
         result = run(task.study, task.folder, registry=with_plugins()[0], sampling=sampling)
         save(result, Path(out))
+        if reports:
+            draw(Path(out))
     except ModelselError as error:
         return _failed(task.name, str(error), error.exit_code)
-    return _row(task.name, json.loads((Path(out) / "result.json").read_text()))
+    return _row(task.name, json.loads((Path(out) / "result.json").read_text(encoding="utf-8")))
 
 
-def _finished(task: Task, folder: Path, sampling: bool) -> bool:
-    """Whether the folder holds this study's result: same data, same study, same versions."""
+def _finished(task: Task, folder: Path, sampling: bool, reports: bool) -> bool:
+    """Whether the folder holds all of this study: same data, same study, same versions."""
+    if not all((folder / name).is_file() for name in (*WRITES, *(("report.pdf", "report.html") if reports else ()))):
+        return False
     try:
-        there = json.loads((folder / "result.json").read_text())
+        there = json.loads((folder / "result.json").read_text(encoding="utf-8"))
         data = hashlib.sha256(find_data(task.study.measurements.file, task.folder).read_bytes()).hexdigest()
     except (OSError, ValueError):
         return False
@@ -109,27 +120,33 @@ def _finished(task: Task, folder: Path, sampling: bool) -> bool:
 def _row(name: str, result: Row) -> Row:
     """A study's line in the summary."""
     ladder = result["ladder"]
-    last = ladder[-1]
-    return {"name": name, "state": "done", "exit": 0, "estimation": result["configurations"]["estimation"],
+    last, sampled = ladder[-1], result["sampling"]
+    return {"name": name, "state": "done", "exit": 0 if sampled is None or sampled["converged"] else UNCONVERGED,
+            "robot": result["robot"], "estimation": result["configurations"]["estimation"],
             "held_out": result["configurations"]["held_out"], "noise_mm": result["noise_floor"]["coordinate_mm"],
             "nominal_mm": ladder[0]["held_out"]["mean_mm"], "base_mm": ladder[1 if len(ladder) > 1 else 0]["held_out"]["mean_mm"],
             "chosen_mm": last["held_out"]["mean_mm"], "rank": last["rank"],
             "found": " + ".join(m for m in last["mechanisms"] if m not in ladder[1 if len(ladder) > 1 else 0]["mechanisms"]),
-            "why": ""}
+            "warnings": " + ".join(dict.fromkeys(w["code"] for w in result["warnings"])), "why": ""}
 
 
 def _failed(name: str, why: str, code: int) -> Row:
-    return dict.fromkeys(_COLUMNS) | {"name": name, "state": "failed", "exit": code, "found": "", "why": why}
+    return dict.fromkeys(_COLUMNS) | {"name": name, "state": "failed", "exit": code, "found": "", "warnings": "", "why": why}
 
 
-_COLUMNS = ("name", "state", "exit", "estimation", "held_out", "noise_mm", "nominal_mm", "base_mm", "chosen_mm", "rank", "found",
-            "why")
+def _broken(name: str, error: BaseException) -> Row:
+    return _failed(name, f"internal error: {type(error).__name__}: {error}", 1)
+
+
+_COLUMNS = ("name", "state", "exit", "robot", "estimation", "held_out", "noise_mm", "nominal_mm", "base_mm", "chosen_mm", "rank",
+            "found", "warnings", "why")
 
 
 def _whole_set(table: PartsTable, folder: Path, out: Path, client: Any) -> Row:
     """A measurement set in pieces: fitted on the workers, parts.json written."""
     try:
-        files = [path for pattern in table.files for path in sorted(folder.glob(pattern))]
+        problems: list[str] = []
+        files = [path for pattern in table.files for path in matching(folder, pattern, problems)]
         if not files:
             raise DataError(f"no file matches {', '.join(table.files)}.", remedy="Patterns are relative to the fleet file.")
         robot = load(table.robot) if table.robot in builtin_names() else read_robot(folder / table.robot)
@@ -144,8 +161,8 @@ def _whole_set(table: PartsTable, folder: Path, out: Path, client: Any) -> Row:
              "estimate": [{"symbol": t.symbol, "unit": t.unit, "value": v, "standard_error": s}
                           for t, v, s in zip(model.terms, fitted.theta, fitted.standard_errors, strict=True)]}
     write_beside(out / "parts.json", dumps(found).encode())
-    return _failed(table.name, "", 0) | {"state": "done", "estimation": len(source), "held_out": 0, "noise_mm": fitted.sigma,
-                                         "rank": fitted.rank}
+    return _failed(table.name, "", 0) | {"state": "done", "robot": robot.name, "estimation": len(source), "held_out": 0,
+                                         "noise_mm": fitted.sigma, "rank": fitted.rank}
 
 
 def _on_workers(client: Any, work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
@@ -153,8 +170,9 @@ def _on_workers(client: Any, work: Callable[[Any], Any], items: Sequence[Any]) -
     return list(client.gather(client.map(work, items, pure=False, retries=0)))
 
 
-def save_summary(rows: Sequence[Row], out: Path) -> list[Path]:
-    """summary.csv and summary.parquet, a line a study; the same bytes for the same results."""
+def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> list[Path]:
+    """summary.csv and summary.parquet, a line a study, and for a fleet's `name` summary.pdf; the same bytes for the same
+    results."""
     import io
 
     import pandas as pd
@@ -164,6 +182,9 @@ def save_summary(rows: Sequence[Row], out: Path) -> list[Path]:
     paths = [out / "summary.csv", out / "summary.parquet"]
     write_beside(paths[0], frame.to_csv(index=False, float_format="%.10g", lineterminator="\n").encode())
     write_beside(paths[1], buffer.getvalue())
+    if name is not None:
+        paths.append(out / "summary.pdf")
+        write_beside(paths[2], summary(name, rows, out))
     return paths
 
 

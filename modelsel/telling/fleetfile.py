@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import os
-import tomllib
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,7 +10,11 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..words.errors import StudyError, suggest
-from .config import Study, Vector, find_data, read_study
+from ..words.text import read_text, toml
+from .config import FileName, Study, Vector, find_data, read_study
+from .values import plain_values, wording
+
+FOLDER = re.compile(r"(?!\.+$)[^\x00-\x1f/\\:]{1,200}")        # one part of a path, and not . or ..
 
 
 class _Table(BaseModel):
@@ -20,9 +24,9 @@ class _Table(BaseModel):
 class StudyTable(_Table):
     """[[study]]: a study file, and what is different here: a robot, a day, a what-if."""
 
-    file: str
+    file: FileName
     name: str | None = None
-    measurements: str | None = None
+    measurements: FileName | None = None
     estimation: Annotated[int, Field(ge=1)] | None = None
     candidates: list[str] | None = None
     seed: Annotated[int, Field(ge=0)] | None = None
@@ -32,8 +36,8 @@ class PartsTable(_Table):
     """[[parts]]: one measurement set in many Parquet files, fitted without ever being held whole."""
 
     name: str
-    files: Annotated[list[str], Field(min_length=1)]
-    robot: str
+    files: Annotated[list[FileName], Field(min_length=1)]
+    robot: FileName
     tool_mm: Vector
     base: list[str] = ["geometric"]
     folds: Annotated[int, Field(ge=2)] = 10
@@ -43,7 +47,7 @@ class FleetFile(_Table):
     """A fleet file, checked."""
 
     name: str
-    studies: list[str] = []
+    studies: list[FileName] = []
     study: list[StudyTable] = []
     parts: list[PartsTable] = []
 
@@ -69,34 +73,34 @@ class Fleet:
 
 def read_fleet(path: Path) -> Fleet:
     """A fleet file and the study files it names. Raises StudyError with every problem and its place."""
+    table = toml(read_text(path, "the fleet file"), path.name)
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise StudyError(f"{path}: no such fleet file") from None
-    except (OSError, ValueError) as error:
-        raise StudyError(f"{path.name}: not valid TOML: {error}") from None
-    try:
-        found = FleetFile.model_validate(_floats(table))
+        found = FleetFile.model_validate(plain_values(table))
     except ValidationError as error:
         raise StudyError(*(f"{path.name}: {_sentence(e)}" for e in error.errors())) from None
     problems: list[str] = []
     entries = [StudyTable(file=str(file.relative_to(path.parent))) for pattern in found.studies
-               for file in _matching(path.parent, pattern, problems)]
+               for file in matching(path.parent, pattern, problems)]
     tasks = [task for entry in (*entries, *found.study) if (task := _task(entry, path.parent, problems)) is not None]
     names = [task.name for task in tasks] + [part.name for part in found.parts]
-    problems += [f'"{name}" stands twice: give [[study]] name = "…"' for name in dict.fromkeys(names) if names.count(name) > 1]
-    problems += [f'"{name}" is no name for a folder' for name in names if not name or Path(name).name != name]
+    problems += [f'"{name}" stands twice: give [[study]] name = "…".' for name in dict.fromkeys(names) if names.count(name) > 1]
+    problems += [f'"{name}" is no name for a folder: give another name, of letters and digits.' for name in names
+                 if not FOLDER.fullmatch(name)]
     if not names and not problems:
-        problems.append('no studies: give studies = ["*/study.toml"], [[study]] or [[parts]]')
+        problems.append('no studies: give studies = ["*/study.toml"], [[study]] or [[parts]].')
     if problems:
         raise StudyError(*(f"{path.name}: {problem}" for problem in problems))
     return Fleet(found.name, tuple(tasks), tuple(found.parts), path.parent)
 
 
-def _matching(folder: Path, pattern: str, problems: list[str]) -> list[Path]:
-    files = sorted(folder.glob(pattern))
+def matching(folder: Path, pattern: str, problems: list[str]) -> list[Path]:
+    """The files of a pattern; where there is none, a problem more."""
+    try:
+        files = sorted(folder.glob(pattern))
+    except (IndexError, ValueError, NotImplementedError, OSError):      # what pathlib says of a pattern that is none, or absolute
+        files = []
     if not files:
-        problems.append(f'studies: no file matches "{pattern}"')
+        problems.append(f'studies: no file matches "{pattern}". Patterns are relative to the fleet file.')
     return files
 
 
@@ -121,13 +125,6 @@ def _task(entry: StudyTable, folder: Path, problems: list[str]) -> Task | None:
     return Task(entry.name or path.resolve().parent.name, study.model_copy(update=changes), path.parent)
 
 
-def _floats(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: [float(x) if isinstance(x, int) else x for x in v] if k == "tool_mm" and isinstance(v, list) else _floats(v)
-                for k, v in value.items()}
-    return [_floats(v) for v in value] if isinstance(value, list) else value
-
-
 def _sentence(error: Any) -> str:
     place = ".".join(str(part + 1) if isinstance(part, int) else str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":
@@ -136,4 +133,4 @@ def _sentence(error: Any) -> str:
         return f'unknown key "{place}". {suggest(str(error["loc"][-1]), table.model_fields)}'
     if error["type"] == "missing":
         return f"{place} is missing."
-    return f"{place}: {error['msg']}, found {str(error['input'])[:60]!r}."
+    return f"{place}: {wording(error)}."

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ..data.measurements import KINDS, Measurements
+from ..data.features import KINDS
+from ..data.measurements import Measurements
 from ..fitting.fixtures import place
 from ..fitting.noise import from_repeats, from_target_pairs
 from ..machine.robot import Robot

@@ -66,6 +66,8 @@ def nothing_else(extension: Extension, found: tuple[Candidate, ...], data: Data,
         return stopped, limit
     more = "else " if extension.effects else ""
     left = f" The strongest of what is left would come by chance with probability {extension.left_p:.2g}."
+    if limit is None:
+        return f"Nothing {more}was found; the data are too few for any further effect to be found, however large.{left}", None
     return f"Nothing {more}was found; an effect above {display(limit)} rms would have been found with 90 %.{left}", limit
 
 
@@ -144,5 +146,4 @@ def predictable_left(data: Data, last: Rung, rng: np.random.Generator) -> Predic
     if gauges is not None:
         code = gauges.kind * (len(gauges.features) + 1) + gauges.feature + 1
         rows = rows & (code == np.bincount(code[rows]).argmax())
-    return predictable(data.scene.data.take(rows), last.residual[rows][:, :3],
-                       tuple(j.prismatic for j in data.scene.robot.joints), rng)
+    return predictable(data.scene.data.take(rows), last.residual[rows][:, :3], data.scene.robot.prismatic, rng)

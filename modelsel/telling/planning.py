@@ -1,12 +1,15 @@
 """From a finished study to a plan: its rivals, the pool of configurations that could be measured, and the plan in words."""
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..data.io import read_measurements
 from ..data.measurements import Measurements, measurements
+from ..data.table import Source
 from ..elsewhere.prepare import generator
 from ..use.calibration import Calibration
 from ..use.plan import RIVALS, Rivals, determine, distinct, indices, more_needed, pool, tell_apart, told_with
@@ -15,18 +18,25 @@ from ..why.words import label
 from ..words.errors import StudyError
 from ..words.rigid import Array
 from ..wrong.screws import Term
-from .analysis import Result
+from .finished import Result
+from .stored import calibration_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 DRAWN = 2000          # configurations of a pool that is drawn from the limits
 COMPARED = 20         # random choices that a plan is held against
 SIZES = (2.0, 1.0, 0.5, 0.25)   # of the detection limit, for the learning curve
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Planned:
-    """Rows of the pool in the order to measure them; what they are for; figures before and after."""
+    """Configurations of the pool in the order to measure them, as columns of a measurements file; what they are for; figures
+    before and after; `configurations` measured already."""
 
     rows: tuple[int, ...]
+    table: Mapping[str, Array] = field(repr=False)
+    configurations: int
     purpose: str
     rivals: tuple[tuple[str, ...], ...]
     twins: tuple[str, ...]
@@ -34,6 +44,20 @@ class Planned:
     random: float | None
     indices: dict[str, tuple[float, float]]
     learning: tuple[tuple[float, int], ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """The configurations to measure, in order: a measurements file that lacks the measured positions."""
+        import pandas as pd
+        return pd.DataFrame(self.table)
+
+    def __repr__(self) -> str:
+        return " ".join(sentences(self))
+
+    def _repr_html_(self) -> str:
+        """The plan in words and its configurations, for a notebook."""
+        from html import escape
+        said = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences(self))
+        return f"<ul>{said}</ul>{self.to_frame().to_html(index=False, max_rows=20, float_format='%.4f')}"
 
 
 def rivals_of(result: Result) -> list[Rivals]:
@@ -64,7 +88,7 @@ def drawn_pool(c: Calibration, seed: int, data: Measurements) -> Measurements:
     q = rng.uniform(low, high, (DRAWN, c.robot.n))
     met = rng.integers(len(data), size=DRAWN)
     return measurements(q, np.zeros((DRAWN, 3)), approach=rng.choice([-1.0, 1.0], q.shape),
-                        covariates={name: values[met] for name, values in data.covariates.items()})
+                        covariates={name: values[met] for name, values in data.covariates.items()}, prismatic=c.robot.prismatic)
 
 
 def every_target(data: Measurements, targets: Sequence[str]) -> Measurements:
@@ -112,7 +136,7 @@ def plan(result: Result, c: Calibration, possible: Measurements, count: int, pur
     before, after = indices(p, kept, []), indices(p, kept, rows)
     limit, n = result.nothing_else[1], known.data.configurations
     learning = () if limit is None else tuple((s * limit, more_needed(limit, n, s * limit)) for s in SIZES)
-    return Planned(tuple(rows), purpose, tuple(r.names for r in sets), twins, tuple(told), random,
+    return Planned(tuple(rows), table_of(c, possible, rows), n, purpose, tuple(r.names for r in sets), twins, tuple(told), random,
                    {k: (before[k], after[k]) for k in before}, learning)
 
 
@@ -124,7 +148,17 @@ def table_of(c: Calibration, possible: Measurements, rows: Sequence[int]) -> dic
     return out | {name: values[first] for name, values in possible.covariates.items()}
 
 
-def sentences(found: Planned, configurations: int) -> list[str]:
+def plan_next(result: Result, count: int = 10, *, pool: Source | None = None, purpose: str | None = None) -> Planned:
+    """What to measure next: `count` configurations of a pool (a file or DataFrame of joint readings; without one, drawn within
+    the robot's limits), chosen as `plan` says. Raises DataError or StudyError."""
+    c = calibration_of(result)
+    seed = result.study.seed
+    possible = drawn_pool(c, seed, result.data.scene.data) if pool is None else sided(
+        read_measurements(pool, c.robot.prismatic, positions=False), seed)
+    return plan(result, c, every_target(possible, c.targets), count, purpose)
+
+
+def sentences(found: Planned) -> list[str]:
     """The plan in words."""
     out = []
     if found.told:
@@ -141,6 +175,6 @@ def sentences(found: Planned, configurations: int) -> list[str]:
                + ", ".join(f"{k.upper()} {a:.3g} -> {b:.3g}" for k, (a, b) in pairs.items())
                + f"; ln det of the information {found.indices['d'][0]:.1f} -> {found.indices['d'][1]:.1f}.")
     if found.learning:
-        out.append(f"Learning: with the {configurations} configurations measured, an effect is found with 90 % from "
+        out.append(f"Learning: with the {found.configurations} configurations measured, an effect is found with 90 % from "
                    + ", ".join(f"{size:.3g} mm rms on with {more} more" for size, more in found.learning if more) + ".")
     return out

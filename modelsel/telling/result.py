@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..which.compare import Comparison, Rung
+from ..which.compare import Rung
+from ..which.table import Comparison
 
 
 def rung_dict(rung: Rung) -> dict[str, Any]:
@@ -26,23 +27,26 @@ def candidates_dict(comparison: Comparison | None) -> dict[str, Any]:
         return {"compared": 0, "best": [], "choice": None, "considered": [], "set_aside": []}
     return {"compared": comparison.compared, "choice": list(comparison.choice), "considered": list(comparison.considered),
             "set_aside": list(comparison.set_aside),
+            **({} if (found := comparison.certified) is None else {"search": {
+                "mechanisms": len(comparison.considered), "criterion": "BIC", "nodes": found.nodes, "proven": found.proven,
+                "may_be_beaten_by": found.gap,
+                "best": [m for m, taken in zip(comparison.considered, found.members, strict=True) if taken]}}),
             "best": [{**rung_dict(r), "weight": r.weight, "note": r.note} for r in comparison.best]}
 
 
 def plain(value: Any) -> Any:
     """Floats to 10 significant digits, undefined ones null, arrays as lists."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, float):                # most of them, and so first
+        return float(f"{value:.10g}") if math.isfinite(value) else None
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
     if isinstance(value, (list, tuple)):
         return [plain(v) for v in value]
     if isinstance(value, (bool, str)) or value is None:
         return value
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    number = float(value)
-    return float(f"{number:.10g}") if math.isfinite(number) else None
+    return int(value) if isinstance(value, (int, np.integer)) else plain(float(value))
 
 
 def dumps(result: Mapping[str, Any]) -> str:

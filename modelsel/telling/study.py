@@ -1,8 +1,7 @@
 """One study, from its file to its result."""
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from ..data.io import read_labels, read_measurements
 from ..data.kinds import Known, with_known
 from ..data.measurements import Measurements, measurements
+from ..data.table import Source, digest
 from ..elsewhere.explain import Say
 from ..elsewhere.prepare import Plan, generator, prepare, tools_of
 from ..elsewhere.simulate import simulate, simulate_rows
@@ -19,16 +19,14 @@ from ..fitting.noise import Instrument
 from ..machine.robot import Robot
 from ..machine.robotfile import load, read_robot
 from ..matrix.scene import scene
-from ..use.calibration import NAME, Calibration, calibrate
-from ..words.errors import StudyError
-from ..words.rigid import Array
+from ..words.errors import DataError, StudyError
 from ..wrong.causes import parse
 from ..wrong.registry import BUILTIN, Registry, every, faults, mechanism, parts
-from ..wrong.screws import Mechanism, Screw
-from .analysis import Question, Result, analyse, provenance, with_sampling
+from ..wrong.screws import Mechanism, Screw, unstorable
+from .analysis import Question, analyse, provenance, with_sampling
 from .checkpoint import Checkpoint
-from .config import Study, find_data
-from .write import write_beside
+from .config import Study, data_of, read_study
+from .finished import Result
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,6 +34,8 @@ if TYPE_CHECKING:
 
 def robot_of(study: Study, folder: Path) -> Robot:
     """The study's nominal robot. Raises StudyError."""
+    if study.robot.nominal is not None:
+        return study.robot.nominal
     if study.robot.name is not None:
         return load(study.robot.name)
     return read_robot(folder / str(study.robot.file), study.robot.base, study.robot.tip)
@@ -62,7 +62,8 @@ def known_features(study: Study) -> dict[str, Known]:
 
 
 def check_names(study: Study, robot: Robot, registry: Registry) -> None:
-    """Every mechanism a study names is known and applies; all problems at once. Raises StudyError."""
+    """Every mechanism a study names is known and applies, and all that it may use can be stored with its calibration; all
+    problems at once. Raises StudyError."""
     problems: dict[str, None] = {}
     named = [("model.base", study.model.base), *(("model.ladder", rung_) for rung_ in study.model.ladder)]
     if study.model.candidates != "all":
@@ -70,9 +71,13 @@ def check_names(study: Study, robot: Robot, registry: Registry) -> None:
     for place, names in named:
         for name in names:
             try:
-                mechanism(name, robot, registry)
+                why = unstorable(mechanism(name, robot, registry))
             except StudyError as error:
                 problems[f"{place}: {error}"] = None
+            else:
+                problems |= {} if why is None else {f"{name}: {why}": None}
+    if study.model.candidates == "all":
+        problems |= {f"{m.name}: {why}": None for m in every(robot, registry) if (why := unstorable(m)) is not None}
     if problems:
         raise StudyError(*problems)
 
@@ -84,39 +89,59 @@ def candidates_of(study: Study, robot: Robot, registry: Registry) -> tuple[Mecha
     return tuple(dict.fromkeys(part for name in study.model.candidates for part in parts(name, robot, registry)))
 
 
-def asked(study: Study, folder: Path, registry: Registry) -> tuple[Question, Measurements, NDArray[np.object_] | None, Path]:
-    """What a study asks, of which measurements, with its split's labels, and their file. Raises StudyError or DataError."""
+def opened(study: Study | Path | str, folder: Path | str | None) -> tuple[Study, Path]:
+    """A study and the folder that its files stand in: given, or that of the study's own file, or the present one."""
+    if isinstance(study, Study):
+        return study, Path(folder or ".")
+    path = Path(study)
+    return read_study(path), Path(folder) if folder is not None else path if path.is_dir() else path.parent
+
+
+def asked(study: Study, folder: Path, registry: Registry) -> tuple[Question, Measurements, NDArray[np.object_] | None, Source]:
+    """What a study asks, of which measurements, with its split's labels, and where they are. Raises StudyError or DataError."""
     robot = robot_of(study, folder)
     check_names(study, robot, registry)
-    path = find_data(study.measurements.file, folder)
-    measured = read_measurements(path, [j.prismatic for j in robot.joints], study.measurements.columns)
+    source = data_of(study, folder)
+    measured = read_measurements(source, robot.prismatic, study.measurements.columns)
     measured = with_known(measured, known_features(study))
     labels = None
     if study.split.column is not None:
-        labels = read_labels(path, study.split.column)[measured.row]
-    return Question(study, plan_of(study), robot, candidates_of(study, robot, registry), registry), measured, labels, path
+        labels = read_labels(source, study.split.column)[measured.row]
+    return Question(study, plan_of(study), robot, candidates_of(study, robot, registry), registry), measured, labels, source
 
 
-def run(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN, say: Say = lambda _: None, sampling: bool = True,
-        checkpoint: Checkpoint | None = None) -> Result:
-    """Run a study whose files stand beside `folder`. `checkpoint`: where an unfinished chain is kept and taken up again; without
-    it nothing is written. Raises StudyError, DataError or NotEstimable."""
+def _state(path: Source) -> tuple[int, int, int] | None:
+    """What tells whether a file was written to."""
+    try:
+        found = Path(path).stat()
+        return found.st_ino, found.st_size, found.st_mtime_ns
+    except (OSError, ValueError, TypeError):
+        return None
+
+
+def run(study: Study | Path | str, folder: Path | str | None = None, *, registry: Registry = BUILTIN, say: Say = lambda _: None,
+        sampling: bool = True, checkpoint: Checkpoint | None = None) -> Result:
+    """Run a study: a study file or its folder, or a Study, whose files stand in `folder`. `sampling`: whether emcee samples the
+    posterior, most of the time a study takes. `checkpoint`: where an unfinished chain is kept and taken up again, to be cleared
+    when the result is saved; without it nothing is written. Raises StudyError, DataError or NotEstimable."""
+    study, folder = opened(study, folder)
     say(f"reading {study.measurements.file}")
-    question, measured, labels, path = asked(study, Path(folder), registry)
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    before = _state(data_of(study, folder))
+    question, measured, labels, source = asked(study, folder, registry)
+    data_sha256 = digest(source)
+    if before is not None and before != _state(source):
+        raise DataError("the file changed while it was read.", file=study.measurements.file,
+                        remedy="Run again when it is complete.")
     if checkpoint is not None:
-        checkpoint.bind(provenance(study, digest))
-    result = analyse(question, measured, labels=labels, say=say, data_sha256=digest)
-    if sampling:
-        result = with_sampling(question, result, say, checkpoint)
-    if checkpoint is not None:
-        checkpoint.clear()
-    return result
+        checkpoint.bind(provenance(study, data_sha256))
+    result = analyse(question, measured, labels=labels, say=say, data_sha256=data_sha256)
+    return with_sampling(question, result, say, checkpoint) if sampling else result
 
 
-def rehearse(study: Study, folder: Path | str = ".", *, registry: Registry = BUILTIN) -> dict[str, Any]:
+def rehearse(study: Study | Path | str, folder: Path | str | None = None, *, registry: Registry = BUILTIN) -> dict[str, Any]:
     """Everything that a study checks before it computes, and what it would then do. Raises as `run` does."""
-    question, measured, labels, _ = asked(study, Path(folder), registry)
+    study, folder = opened(study, folder)
+    question, measured, labels, _ = asked(study, folder, registry)
     data, floor, notes = prepare(question.robot, measured, question.plan, labels)
     model = question.model(study.model.base, measured)
     return {"study": study.name, "robot": question.robot.name, "rows": len(measured), "configurations": {
@@ -127,34 +152,21 @@ def rehearse(study: Study, folder: Path | str = ".", *, registry: Registry = BUI
         "warnings": [{"code": n.code, "sentence": n.sentence} for n in notes]}
 
 
-def calibration_of(result: Result) -> Calibration:
-    """The chosen model as a calibration that can be stored, exported and compensated with."""
-    fitted, data = result.chosen.fit, result.data
-    assert fitted is not None
-    return calibrate(result.study.name, data, fitted, result.floor, result.chosen.held_out.rms_mm,
-                     bool(result.study.robot.register_), result.provenance)
-
-
-def save(result: Result, folder: Path) -> None:
-    """Write DIR/result.json and DIR/calibration.json, each whole or not at all."""
-    write_beside(folder / "result.json", result.to_json().encode())
-    write_beside(folder / NAME, calibration_of(result).to_json().encode())
-
-
-def simulate_study(study: Study, folder: Path) -> pd.DataFrame:
-    """Data with the study's planted effects, at the configurations of its measurements file where there is one, else drawn."""
+def simulate_study(study: Study | Path | str, folder: Path | str | None = None) -> pd.DataFrame:
+    """Data with the study's planted effects, at the configurations of its measurements where there are any, else drawn."""
+    study, folder = opened(study, folder)
     robot, rng = robot_of(study, folder), generator(study.seed, "simulate")
-    path = find_data(study.measurements.file, folder)
-    covariates: Mapping[str, Array] = {}
+    source = data_of(study, folder)
     rows: Measurements | None = None
-    if path.is_file():
-        measured = read_measurements(path, [j.prismatic for j in robot.joints], study.measurements.columns)
+    if not isinstance(source, Path) or source.is_file():
+        measured = read_measurements(source, robot.prismatic, study.measurements.columns, positions=False)
         rows = None if measured.gauges is None else with_known(measured, known_features(study))
-        first = np.unique(measured.configuration, return_index=True)[1]
-        q, covariates = measured.q[first], {name: values[first] for name, values in measured.covariates.items()}
+        at = measured.take(np.unique(measured.configuration, return_index=True)[1])
+        at = replace(at, target=np.zeros(len(at), np.intp), targets=("target",), gauges=None)
     else:
         q = robot.draw(rng, study.simulate.configurations)
-    units = scene(robot, measurements(q, np.zeros((len(q), 3)), covariates=covariates), np.zeros((1, 3))).names()
+        at = measurements(q, np.zeros((len(q), 3)))
+    units = scene(robot, at, np.zeros((1, 3))).names()
     effects = []
     for k, effect in enumerate(study.simulate.effect, 1):
         if effect.frame > robot.n + 1:
@@ -165,8 +177,8 @@ def simulate_study(study: Study, folder: Path) -> pd.DataFrame:
         return simulate_rows(robot, tools_of(rows, plan_of(study).tools), effects, data=rows, noise_mm=noise, rng=rng)
     if study.robot.tools_mm:
         import pandas as pd
-        frames = [simulate(robot, np.array(tool), effects, q=q, noise_mm=noise, rng=rng, covariates=covariates).assign(
-            target=name, configuration=range(len(q))) for name, tool in study.robot.tools_mm.items()]
+        frames = [simulate(robot, np.array(tool), effects, at=at, noise_mm=noise, rng=rng).assign(
+            target=name, configuration=range(len(at))) for name, tool in study.robot.tools_mm.items()]
         return pd.concat(frames).sort_values("configuration", kind="stable", ignore_index=True)
     tool = np.array(study.robot.tool_mm if study.robot.tool_mm is not None else (0.0, 0.0, 0.0))
-    return simulate(robot, tool, effects, q=q, noise_mm=noise, rng=rng, covariates=covariates)
+    return simulate(robot, tool, effects, at=at, noise_mm=noise, rng=rng)

@@ -8,11 +8,12 @@ import numpy as np
 from ..which.validate import Errors
 from ..why.maps import strongest_causes
 from .result import sentence_list
+from .views import adds
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from .analysis import Result
+    from .finished import Result
 
 
 def mm(value: float | None) -> str:
@@ -29,20 +30,16 @@ def _errors(e: Errors) -> list[str]:
 def show(result: Result, console: Console) -> None:
     """The whole study on a terminal: what is wrong, the ladder, what is gained, what the data cannot tell."""
     from rich.table import Table
-    config = result.to_dict()["configurations"]
-    console.print(f"\n[bold]{result.study.name}[/bold]: {result.robot.name}, {config['estimation']} configurations estimate, "
-                  f"{config['held_out']} are held out")
+    data, estimation = result.data.scene.data, result.data.estimation
+    console.print(f"\n[bold]{result.study.name}[/bold]: {result.robot.name}, {data.take(estimation).configurations} "
+                  f"configurations estimate, {data.take(~estimation).configurations} are held out")
     table = Table(title="Ladder: errors in mm, lengths of the residual vectors", title_justify="left", title_style="bold")
     table.add_column("model", overflow="fold")
     for column in ("parameters", "rank", "mean", "worst", "held-out mean", "worst", "CV rms", "AICc"):
         table.add_column(column, justify="right")
-    above: tuple[str, ...] = ()
-    for r in result.ladder:
-        grown = above and r.names[:len(above)] == above and len(r.names) > len(above)       # "+": to the row above
-        model = "+ " + " + ".join(r.names[len(above):]) if grown else " + ".join(r.names)
+    for model, r in zip(adds([r.names for r in result.ladder]), result.ladder, strict=True):
         table.add_row(model, str(r.parameters), str(r.rank), *_errors(r.estimation), *_errors(r.held_out), mm(r.cv_rms_mm),
                       "–" if r.aicc is None else f"{r.aicc:.0f}")
-        above = r.names
     console.print(table)
     if result.comparison is not None:
         shown = Table(title=f"Best of {result.comparison.compared} candidate models, by cross-validation",
@@ -54,7 +51,7 @@ def show(result: Result, console: Console) -> None:
         base = len(result.study.model.base)
         for r in result.comparison.best:
             shown.add_row(" + ".join(r.names[base:]) or "nothing", str(r.rank), mm(r.cv_rms_mm), mm(r.held_out.mean_mm),
-                          f"{r.weight:.3f}", r.note)
+                          "–" if r.weight is None else f"{r.weight:.3f}", r.note)
         console.print(shown)
     show_map(result, console)
     show_significance(result, console)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +36,7 @@ DIGITS = 10      # of the covariance factor; everything else is written in full
 MIDDLE = 0.5     # of the campaign: where a drift is taken on data of another day
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """A calibrated robot. theta (p,) in the terms' units; covariance = factor factorᵀ, factor (p, r); `kept` the estimable
     terms; `ranges` of every joint reading, covariate and value that the model's causes looked at in estimation."""
@@ -52,12 +52,12 @@ class Calibration:
     tracker: tuple[float, float, float]
     model: Model
     theta: Array
-    factor: Array = field(repr=False)
+    factor: Array
     kept: tuple[int, ...]
     floor: Floor
     held_out_rms_mm: float | None
     ranges: Mapping[str, tuple[float, float]]
-    provenance: Mapping[str, str] = field(repr=False)
+    provenance: Mapping[str, str]
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -106,11 +106,14 @@ class Calibration:
             "standard_error": self.standard_errors, "unit": [t.unit for t in self.terms],
             "estimable": [k in self.kept for k in range(len(self.terms))]})
 
+    def __repr__(self) -> str:
+        return (f"Calibration of {self.study!r}: {self.robot.name}, {len(self.kept)} estimable terms, noise floor "
+                f"{self.floor.coordinate_mm:.3g} mm")
+
     def _repr_html_(self) -> str:
         """A heading and the table of terms, for a notebook."""
         from html import escape
-        head = f"{escape(self.study)}: {escape(self.robot.name)}, noise floor {self.floor.coordinate_mm:.3g} mm"
-        return f"<p><b>Calibration</b> {head}</p>{self.to_frame().to_html(index=False, max_rows=60)}"
+        return f"<p>{escape(repr(self))}</p>{self.to_frame().to_html(index=False, max_rows=60)}"
 
     def to_json(self) -> str:
         """The file's text; numbers in full."""

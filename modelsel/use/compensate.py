@@ -5,17 +5,26 @@ the screw field are the derivative; that causes change with the reading as well 
 """
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..data.io import read_measurements
 from ..data.measurements import Measurements
+from ..data.table import Source
 from ..machine.robot import forward
 from ..matrix.scene import Scene
 from ..words.errors import DataError
 from ..words.rigid import Array, rotation_vector
 from .calibration import Calibration, in_tracker, pose_of, predict, uncertainty
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 ITERATIONS = 60
 REACHED_MM = 1e-3           # 1 µm
@@ -43,6 +52,11 @@ class Commands:
     def reached(self) -> NDArray[np.bool_]:
         """(m,) rows that land on the wanted position to 1 µm of the model."""
         return self.left_mm <= REACHED_MM
+
+    def figures(self) -> dict[str, Array]:
+        """What is expected of every row, by the names of a table's columns."""
+        return {"error_before_mm": self.before_mm, "error_left_mm": self.left_mm, "model_uncertainty_mm": self.model_mm,
+                "expected_error_mm": self.expected_mm}
 
 
 def commanded(at: Scene, q: Array) -> Scene:
@@ -101,9 +115,34 @@ def compensate(c: Calibration, data: Measurements) -> Commands:
     return Commands(q, q - data.q, wanted, before, left, model, np.sqrt(model ** 2 + 3 * c.floor.coordinate_mm ** 2))
 
 
+def correct(c: Calibration, targets: Source, *, bound: tuple[float, float] = BOUND) -> pd.DataFrame:
+    """Corrected commands of a file or DataFrame of planned ones (q1_rad … or _deg, wanted x_mm y_mm z_mm or none, and what the
+    model looks at), with the error before, and what is left and expected after. Warns of what the calibration has never seen
+    and of rows that are not reached. `bound`: rad and mm that a correction may not pass. Raises DataError."""
+    from warnings import warn
+    data = read_measurements(targets, c.robot.prismatic, positions=False)
+    made = compensate(c, data)
+    refuse(c, made, data, bound, Path(targets).name if isinstance(targets, (str, PathLike)) else "")
+    missed = int((~made.reached).sum())
+    for said in (*outside(c, data), *([f"{missed} of {len(data)} rows are not reached: see error_left_mm."] if missed else [])):
+        warn(said, stacklevel=2)
+    return commands_frame(c, data, made.q, made.wanted, made.figures())
+
+
+def commands_frame(c: Calibration, data: Measurements, q: Array, x: Array, more: Mapping[str, Array]) -> pd.DataFrame:
+    """Commands q (m, n) and positions x (m, 3) as a table in the form of a measurements file, with `more` columns."""
+    import pandas as pd
+    columns: dict[str, object] = {f"q{j + 1}_{c.robot.unit(j + 1)}": q[:, j] for j in range(c.robot.n)}
+    columns |= dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
+    columns["target"] = np.array(data.targets)[data.target]
+    columns |= {f"approach{j + 1}": data.approach[:, j].astype(int) for j in range(c.robot.n)} | dict(data.covariates)
+    return pd.DataFrame(columns | dict(more))
+
+
 def refuse(c: Calibration, made: Commands, data: Measurements, bound: tuple[float, float], file: str) -> None:
-    """Raises DataError with the first row that would be changed by more than the bound (rad, mm)."""
-    slides = np.array([j.prismatic for j in c.robot.joints])
+    """Raises DataError with the first row that would be changed by more than the bound (rad, mm); `file`: empty for a
+    DataFrame."""
+    slides = np.array(c.robot.prismatic)
     over = np.abs(made.change) / np.where(slides, bound[1], bound[0])
     whole = np.column_stack([over, made.before_mm / bound[1]])
     bad = np.flatnonzero((whole > 1).any(1))
@@ -115,8 +154,10 @@ def refuse(c: Calibration, made: Commands, data: Measurements, bound: tuple[floa
             f"joint {k + 1} would be changed by " + (f"{made.change[row, k]:.3g} mm" if slides[k] else
                                                      f"{made.change[row, k] * 1e3:.3g} mrad"))
     raise DataError(f"{what}, beyond the bound of {bound[0] * 1e3:g} mrad and {bound[1]:g} mm"
-                    + (f" ({len(bad)} such rows)." if len(bad) > 1 else "."), file=file, line=int(data.row[row]) + 2,
-                    remedy="Nothing was written. Check that the wanted position belongs to the command, or raise --bound.")
+                    + (f" ({len(bad)} such rows)." if len(bad) > 1 else "."), file=file or "DataFrame",
+                    line=int(data.row[row]) + 2 if file else None, row=None if file else int(data.row[row]),
+                    remedy=f"Nothing was {'written' if file else 'changed'}. Check that the wanted position belongs to the "
+                           f"command, or raise {'--bound' if file else 'the bound'}.")
 
 
 def outside(c: Calibration, data: Measurements) -> list[str]:

@@ -208,7 +208,7 @@ def tree(cause: Cause) -> Any:
 def data_of(c: Calibration) -> dict[str, Any]:
     """The numbers of `exported.DATA`, for the first group."""
     R, t = c.placement[0][0], c.placement[1][0]
-    return {"robot": c.robot.name, "targets": list(c.targets), "prismatic": [j.prismatic for j in c.robot.joints],
+    return {"robot": c.robot.name, "targets": list(c.targets), "prismatic": list(c.robot.prismatic),
             "before": [j.before[:3].tolist() for j in c.robot.joints], "last": c.robot.last[:3].tolist(),
             "gravity": None if c.robot.gravity is None else list(c.robot.gravity),
             "masses": [float(j.mass or 0.0) for j in c.robot.joints], "coms": [list(j.com) for j in c.robot.joints],

@@ -10,13 +10,15 @@ from ..machine.robot import Joint, Robot
 from ..words.errors import StudyError
 from ..words.rigid import Array
 from ..wrong.causes import FUNCTIONS, RANK, Applied, Bump, Cause, Combined, Member, Named, Number
-from ..wrong.screws import Mechanism, Screw, Term
+from ..wrong.screws import Mechanism, Screw, Term, foreign
 
 DEEPEST = 200   # a cause nested more deeply than this is no cause of ours
 
 
 def cause_record(cause: Cause) -> dict[str, Any]:
     """A cause as nested JSON values. Raises StudyError for a kind of cause that is not of modelsel.wrong.causes."""
+    if (what := foreign(cause)) is not None:
+        raise StudyError(f"{what}, which no calibration can store: build it of those in modelsel.wrong.causes.")
     match cause:
         case Number(number, unit):
             return {"number": number, "unit": unit}
@@ -30,8 +32,7 @@ def cause_record(cause: Cause) -> dict[str, Any]:
             return {"member": kind, "index": index}
         case Bump(name, centre, width):
             return {"spline": name, "centre": centre, "width": width}
-    raise StudyError(f"{type(cause).__name__} is a kind of cause that no calibration can store: build it of those in "
-                     "modelsel.wrong.causes.")
+    raise AssertionError(f"{type(cause).__name__} is one of KINDS without a record")
 
 
 def cause_of(record: Any, depth: int = 0) -> Cause:

@@ -6,7 +6,8 @@ foreseen.
 """
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -27,6 +28,7 @@ KNOTS = tuple(np.radians(degrees) for degrees in (40.0, 20.0, 10.0, 4.0, 2.0))
 DENSITY = 3.0           # configurations per knot interval that a free function needs
 BETWEEN = tuple(k + part for k in range(3, 60) for part in (0.25, 0.5, 0.75))     # a gear ahead of the joint need not close
 ODD = 0.1               # prior of what is more strange than most (waves between whole numbers, free functions), against a cell
+CELLS = 40_000          # cells of the error map; with more (some fifteen joints) a cell's cause is of joints beside its place
 WARMING = (0.05, 0.1, 0.25, 0.5)      # time constants of a warm-up, in shares of the campaign
 
 
@@ -74,6 +76,17 @@ def cell_causes(scene: Scene) -> tuple[tuple[Cause, ...], ...]:
         if name == "payload_kg" and pair is not None:
             out += [(Named(name, "kg") * far(pair),), (Named(name, "kg") * near(pair),)]
     return tuple(out)
+
+
+def crowded(scene: Scene) -> bool:
+    """Whether the whole error map would have more than CELLS cells."""
+    return len(places(scene)) * len(cell_causes(scene)) > CELLS
+
+
+def _beside(causes: Sequence[Cause]) -> Callable[[int], bool]:
+    """Whether a frame is the place of every joint that some causes look at, or next to it."""
+    joints = {int(digits) for c in causes for name in c.names() for digits in re.findall(r"^[a-z]+(\d+)", name)}
+    return lambda frame: all(abs(j - frame) <= 1 for j in joints)
 
 
 def _cell(place: tuple[int, str], causes: Sequence[Cause], words: str) -> Mechanism:
@@ -135,7 +148,10 @@ def candidates(scene: Scene, base: Model, mechanisms: Sequence[Mechanism], cells
     others: list[tuple[Mechanism, float]] = []
     if cells:
         every_cause = [(causes, " & ".join(map(str, causes))) for causes in cell_causes(scene)]
-        pool = [(_cell(place, causes, words), 1.0) for place in places(scene) for causes, words in every_cause]
+        some = crowded(scene)
+        beside = [_beside(causes) if some else lambda frame: True for causes, _ in every_cause]
+        pool = [(_cell(place, causes, words), 1.0) for place in places(scene)
+                for (causes, words), near in zip(every_cause, beside, strict=True) if near(place[0])]
         for m, weight in [*pool, *waves(scene.robot), *((f, ODD) for f in free_functions(scene))]:
             key = frozenset(t.screws for t in m.terms)
             if key not in seen and not key <= inside:

@@ -6,16 +6,18 @@ Each fold enters reduced to a small block [columns | response], so any number of
 """
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Index, Measurements
-from ..matrix.design import blocks
+from ..data.measurements import Index, Measurements, in_turn
+from ..machine.chain import Space
+from ..matrix.design import assemble, blocks, whiten
 from ..matrix.identify import identify, solve
-from ..matrix.reduce import Reduction, reduce_scene
+from ..matrix.reduce import STREAM, Reduction
 from ..matrix.scene import BLOCK, Scene
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
@@ -26,17 +28,14 @@ DEPENDENT = 1e-9   # 1 − largest eigenvalue of Q_kᵀQ_k: below it the model i
 
 def assign(data: Measurements, folds: int, rng: np.random.Generator, by: str = "configuration") -> Index:
     """(m,) fold of every row: equal readings never apart; by="group" keeps groups whole. folds = 0 leaves one out."""
-    unit = data.group if by == "group" else data.block
-    distinct = np.unique(unit)
-    count = len(distinct) if folds <= 0 else min(folds, len(distinct))
-    order = rng.permutation(len(distinct))
+    unit, first = in_turn(data.group if by == "group" else data.block, data.progress)
+    count = len(first) if folds <= 0 else min(folds, len(first))
+    order = rng.permutation(len(first))
     if data.gauges is not None:             # rows of one feature go to different folds: each can be told without any one of them
-        first = np.full(len(distinct), -1)
-        first[np.searchsorted(distinct, unit)] = data.gauges.feature
-        order = order[np.argsort(first[order], kind="stable")]
-    fold = np.empty(len(distinct), dtype=np.intp)
-    fold[order] = np.arange(len(distinct)) % count
-    return fold[np.searchsorted(distinct, unit)]
+        order = order[np.argsort(data.gauges.feature[first][order], kind="stable")]
+    fold = np.empty(len(first), dtype=np.intp)
+    fold[order] = np.arange(len(first)) % count
+    return fold[unit]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +50,11 @@ class Folded:
         return Folded(self.blocks[:, :, [*columns, -1]], self.rows)
 
     def total(self) -> Reduction:
-        """All folds as one triangle."""
+        """All folds as one triangle, made once."""
+        return self._total
+
+    @cached_property
+    def _total(self) -> Reduction:
         p1 = self.blocks.shape[2]
         return Reduction(Reduction.empty(p1 - 1).add(self.blocks.reshape(-1, p1)).R, int(self.rows.sum()))
 
@@ -66,27 +69,89 @@ def pad(parts: Sequence[Array], rows: Sequence[int] | Index) -> Folded:
     return Folded(out, np.array(rows, dtype=np.intp))
 
 
-def fold(scene: Scene, terms: Sequence[Term], fold_of: Index, at: tuple[Sequence[Term], Array] | None = None) -> Folded:
-    """A scene's whitened design and residual, reduced fold by fold, block of rows by block of rows."""
-    count, p1 = int(fold_of.max()) + 1, len(terms) + 1
-    rows_of = (np.bincount(fold_of, minlength=count) * scene.components if scene.measured is None
-               else np.bincount(fold_of, scene.measured.sum(1), minlength=count).astype(np.intp))
-    if len(scene) > BLOCK:
-        return pad([reduce_scene(scene.take(fold_of == k), terms, at).R for k in range(count)], rows_of)
-    _, columns, residual = next(blocks(scene, terms, at))
-    stacked = np.concatenate([columns, residual[None]]).transpose(2, 1, 0)          # (rows, c, p+1)
-    return pad([stacked[fold_of == k].reshape(-1, p1) for k in range(count)], rows_of)
+Point = tuple[Sequence[Term], tuple[Sequence[Term], Array] | None, Sequence[int] | None]     # terms, where linearised, which
+
+
+def fold(scene: Scene, terms: Sequence[Term], fold_of: Index, at: tuple[Sequence[Term], Array] | None = None,
+         only: Sequence[int] | None = None) -> Folded:
+    """A scene's whitened design and residual, reduced fold by fold, block of rows by block of rows. `only`: the terms that are
+    asked for; of many rows the other columns are nought."""
+    return folds(scene, [(terms, at, only)], fold_of)[0]
+
+
+def folds(scene: Scene, points: Sequence[Point], fold_of: Index) -> list[Folded]:
+    """`fold` of several models, each at its own point, in one pass: a block's causes are evaluated once for all of them."""
+    count = int(fold_of.max()) + 1
+    rows_of = scene.counted(fold_of, count)
+    if len(scene) <= BLOCK:
+        out = []
+        for terms, at, _ in points:
+            stacked = whiten(scene, assemble(scene, terms, at)).transpose(2, 1, 0)                  # (rows, c, p+1)
+            out.append(pad([stacked[fold_of == k].reshape(-1, len(terms) + 1) for k in range(count)], rows_of))
+        return out
+    picked = [[*(range(len(terms)) if only is None else only), len(terms)] for terms, _, only in points]
+    found = [[Reduction.empty(len(some) - 1)] * count for some in picked]
+    spaces = [Space() for _ in points]
+    order = np.argsort(fold_of, kind="stable")
+    for rows in (order[start:start + STREAM] for start in range(0, len(scene), STREAM)):
+        part, (own, first) = scene.take(rows), np.unique(fold_of[rows], return_index=True)
+        for (terms, at, _), some, into, space in zip(points, picked, found, spaces, strict=True):
+            block = whiten(part, assemble(part, terms, at, space=space))[some]
+            for k, start, stop in zip(own, first, [*first[1:], len(rows)], strict=True):
+                into[k] = into[k].add(block[:, :, start:stop].reshape(len(some), -1).T)
+    return [pad([_spread(r.R, some, len(terms) + 1) for r in into], rows_of)
+            for (terms, _, _), some, into in zip(points, picked, found, strict=True)]
+
+
+def _spread(rows: Array, columns: Sequence[int], width: int) -> Array:
+    """Rows (k, len(columns)) at their columns of `width`, noughts elsewhere."""
+    out = np.zeros((len(rows), width))
+    out[:, columns] = rows
+    return out
+
+
+def by_unit(scene: Scene, terms: Sequence[Term], unit: Index, at: tuple[Sequence[Term], Array] | None = None) -> Iterator[Folded]:
+    """A fold per unit (m,), a configuration or a group, in order, a block of rows at a time: of any number of rows only one
+    block is held."""
+    unit = np.unique(unit, return_inverse=True)[1].reshape(-1)
+    order = np.argsort(unit, kind="stable")
+    edges = np.append(np.flatnonzero(np.diff(unit[order], prepend=-1)), len(scene))
+    c, p1, k = scene.components, len(terms) + 1, 0
+    while k < len(edges) - 1:
+        end = max(int(np.searchsorted(edges, edges[k] + BLOCK, side="right")) - 1, k + 1)
+        rows, height = order[edges[k]:edges[end]], np.diff(edges[k:end + 1])
+        if len(rows) == len(scene):
+            block = whiten(scene, assemble(scene, terms, at))[:, :, rows]
+        else:
+            part = scene.take(rows)
+            block = whiten(part, assemble(part, terms, at))
+        out = np.zeros((end - k, height.max(), c, p1))
+        which = unit[rows] - k
+        out[which, np.arange(len(rows)) - (edges[k:end] - edges[k])[which]] = block.transpose(2, 1, 0)
+        out = out.reshape(end - k, -1, p1)
+        tall = [b[:h * c] for b, h in zip(out, height, strict=True)] if out.shape[1] > p1 else None
+        seen = height * c if scene.measured is None else scene.take(rows).counted(which, end - k)
+        yield Folded(out, seen) if tall is None else pad(tall, seen)
+        k = end
 
 
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
-    """Of one model: beta (K, p) fitted without each fold, held-out sums of squares (K,) in whitened coordinates, and the
-    log predictive density (K,) of every fold (Jeffreys prior, multivariate t; methods.md A.4)."""
+    """Of one model: beta (K, p) fitted without each fold, held-out sums of squares (K,) in whitened coordinates, the residual sum
+    of squares of all rows, and the log predictive density (K,) of every fold (Jeffreys prior, multivariate t; methods.md A.4)
+    from the folds' QᵀQ (K, r, r) and eᵀ(I − H)⁻¹e (K,)."""
 
     without: Array
     held_out: Array
-    density: Array
     rows: Index
+    rss: float
+    gram: Array = field(repr=False)
+    quadratic: Array = field(repr=False)
+
+    @cached_property
+    def density(self) -> Array:
+        """(K,) log predictive density of every fold given the others."""
+        return _density(self.gram, self.quadratic, self.rss, self.rows, self.gram.shape[1])
 
     @property
     def rms(self) -> float:
@@ -114,8 +179,7 @@ def cross_validate(folded: Folded, kept: Sequence[int] | None = None, prior: Arr
     without = np.zeros((len(X), folded.blocks.shape[2] - 1))
     without[:, kept] = beta - v @ factor.T
     left = e + np.einsum("khr,kr->kh", Q, v)
-    quadratic = np.einsum("kh,kh->k", e, left)               # e_kᵀ (I − H_kk)⁻¹ e_k
-    return CrossValidation(without, np.square(left).sum(1), _density(gram, quadratic, rss, folded.rows, len(kept)), folded.rows)
+    return CrossValidation(without, np.square(left).sum(1), folded.rows, rss, gram, np.einsum("kh,kh->k", e, left))
 
 
 def _density(gram: Array, quadratic: Array, rss: float, rows: Index, rank: int) -> Array:

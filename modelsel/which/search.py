@@ -147,14 +147,37 @@ def _redone(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]]
     worst = np.argsort(-lost, kind="stable")[:REDONE + int(skipped.sum())]
     held_out, rss, rank = found.held_out.copy(), found.rss.copy(), found.rank.copy()
     for s in worst[lost[worst] > DOUBT]:
-        columns = list(dict.fromkeys([*base, *(c for g in np.flatnonzero(found.members[s]).tolist() for c in groups[g])]))
-        kept = [columns[k] for k in identify(total.select(columns)).kept]
-        if len(kept) != rank[s] and not skipped[s]:
-            continue
-        try:
-            held_out[s] = cross_validate(folded, kept).held_out
-        except NotEstimable:
-            continue
-        rss[s] = max(solve(total, kept)[2], float(np.finfo(float).eps * found.rss[0]))
-        rank[s] = len(kept)
+        again = _refitted(folded, total, _columns(base, groups, found.members[s]))
+        if again is not None and (again[0] == rank[s] or skipped[s]):
+            rank[s], rss[s], held_out[s] = again[0], max(again[1], float(np.finfo(float).eps * found.rss[0])), again[2]
     return Subsets(found.members, rss, rank, held_out, found.pivot)
+
+
+def _columns(base: Sequence[int], groups: Sequence[Sequence[int]], members: NDArray[np.bool_]) -> list[int]:
+    """Columns of a subset, each once."""
+    return list(dict.fromkeys([*base, *(c for g in np.flatnonzero(members).tolist() for c in groups[g])]))
+
+
+def _refitted(folded: Folded, total: Reduction, columns: Sequence[int]) -> tuple[int, float, Array] | None:
+    """(rank, rss, held-out sums of squares) of one subset by orthogonal factors; None where a fold alone decides."""
+    kept = [columns[k] for k in identify(total.select(columns)).kept]
+    try:
+        found = cross_validate(folded, kept)
+    except NotEstimable:
+        return None
+    return len(kept), found.rss, found.held_out
+
+
+def some_subsets(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]], members: NDArray[np.bool_]) -> Subsets:
+    """The given subsets (S, G) alone, each by orthogonal factors; those that rest on one fold are held out at infinity."""
+    total, K = folded.total(), len(folded.blocks)
+    rank, rss, held_out = np.zeros(len(members), np.intp), np.empty(len(members)), np.full((len(members), K), np.inf)
+    for s, one in enumerate(members):
+        columns = _columns(base, groups, one)
+        found = _refitted(folded, total, columns)
+        if found is None:
+            kept = [columns[k] for k in identify(total.select(columns)).kept]
+            rank[s], rss[s] = len(kept), solve(total, kept)[2]
+        else:
+            rank[s], rss[s], held_out[s] = found
+    return Subsets(members, rss, rank, held_out, np.ones(len(members)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Measurements
+from ..data.measurements import Measurements, in_turn
 from ..words.rigid import Array
 
 SWEEPS = 40
@@ -12,8 +12,9 @@ LARGE = 20_000     # beyond it a seeded random choice covers everything by itsel
 
 
 def _features(data: Measurements, first: NDArray[np.intp], prismatic: tuple[bool, ...]) -> Array:
-    """(blocks, d): first and second harmonics of every joint, approach, covariates and place in time, standardised."""
-    parts: list[Array] = [data.approach[first], np.linspace(-1, 1, len(first))[np.argsort(np.argsort(first))][:, None]]
+    """(blocks, d) of the rows `first`, in order of motion: first and second harmonics of every joint, approach, covariates and
+    place in time, standardised."""
+    parts: list[Array] = [data.approach[first], np.linspace(-1, 1, len(first))[:, None]]
     for j, slides in enumerate(prismatic):
         q = data.q[first, j]
         parts.append(np.stack([q, q * q] if slides else [np.sin(q), np.cos(q), np.sin(2 * q), np.cos(2 * q)], 1))
@@ -30,15 +31,14 @@ def choose(data: Measurements, count: int, prismatic: tuple[bool, ...], rng: np.
     Fedorov's exchange on the features' information: a start from the seed, then the pair of blocks that raises the
     determinant most changes places until none does (Fedorov 1972).
     """
-    blocks, first = np.unique(data.block, return_index=True)
-    visits = np.unique(np.stack([data.block, data.configuration]), axis=1)[0]
-    weight = np.bincount(np.searchsorted(blocks, visits))
-    order = rng.permutation(len(blocks))
-    inside = np.zeros(len(blocks), bool)
+    block, first = in_turn(data.block, data.progress)
+    weight = np.bincount(np.unique(np.stack([block, data.configuration]), axis=1)[0])
+    order = rng.permutation(len(first))
+    inside = np.zeros(len(first), bool)
     inside[order[:int(np.searchsorted(np.cumsum(weight[order]), count)) + 1]] = True
-    if len(blocks) <= LARGE and not inside.all():
+    if len(first) <= LARGE and not inside.all():
         _exchange(_features(data, first, prismatic), inside, weight)
-    return inside[np.searchsorted(blocks, data.block)]
+    return inside[block]
 
 
 def _exchange(X: Array, inside: NDArray[np.bool_], weight: NDArray[np.intp]) -> None:

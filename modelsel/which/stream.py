@@ -14,14 +14,15 @@ from zlib import crc32
 
 import numpy as np
 
-from ..data.io import read_measurements, row_groups
+from ..data.io import read_measurements
 from ..data.measurements import SAME_READING, Index, Measurements
+from ..data.table import row_groups
 from ..fitting.fit import Fit, fit
 from ..machine.robot import Robot
 from ..matrix.design import Model
 from ..matrix.reduce import Reduction, Source, merged, reduce_scene
 from ..matrix.scene import Scene, scene
-from ..words.errors import DataError
+from ..words.errors import DataError, StudyError
 from ..words.rigid import Array
 from ..wrong.screws import Term
 from .folds import CrossValidation, Folded, cross_validate, pad
@@ -98,7 +99,7 @@ def parts_of(files: Sequence[Path]) -> tuple[Part, ...]:
 @dataclass(frozen=True, eq=False)
 class Parts(Source):
     """Measurements that are never held whole, as a source of reductions: a robot, its target [mm], the pieces, and the `map` that
-    works on them. Directions of approach are known within a piece only."""
+    works on them. What hangs on an earlier piece is refused (`fit_parts`)."""
 
     robot: Robot
     tool: tuple[float, float, float]
@@ -111,7 +112,7 @@ class Parts(Source):
 
     def scene(self, part: Part) -> Scene:
         """A piece, read."""
-        data = read_measurements(part.path, [j.prismatic for j in self.robot.joints], group=part.group)
+        data = read_measurements(part.path, self.robot.prismatic, group=part.group)
         if data.gauges is not None:
             raise DataError("rows that are no points cannot be fitted in parts: what they share is not in one part.",
                             file=part.path.name, column="kind", remedy="Make it a study, or leave these rows out.")
@@ -144,8 +145,28 @@ def _streamed(source: Parts, terms: tuple[Term, ...], theta: Array, folds: int, 
     return Stream.empty(terms, folds, theta).add(source.scene(part))
 
 
+def _check(source: Parts, model: Model) -> None:
+    """Nothing in the model may hang on what comes before a piece: its place in the campaign, the last move, how groups are
+    counted; directions of approach only where every file has them. Raises StudyError."""
+    import pyarrow.parquet as pq
+    problems, files = [], dict.fromkeys(part.path for part in source.parts)
+    derived = [path.name for path in files if "approach1" not in pq.ParquetFile(path).schema_arrow.names]
+    for m in model.mechanisms:
+        names = sorted(set().union(*(s.cause.names() for t in m.terms for s in t.screws)))
+        lost = [n for n in names if n in ("progress", "group") or n.startswith("move")]
+        if lost:
+            problems.append(f"{m.name} looks at {', '.join(lost)}, which no piece of the measurements knows alone: leave it "
+                            "out of the base, or study the measurements as one file.")
+        elif derived and any(n.startswith("approach") for n in names):
+            problems.append(f"{m.name} looks at directions of approach, which pieces cannot take from the order of motion: add "
+                            f"the columns approach1 ... to {derived[0]}{' and others' if len(derived) > 1 else ''}.")
+    if problems:
+        raise StudyError(*problems)
+
+
 def fit_parts(source: Parts, model: Model, folds: int = 10) -> tuple[Fit, CrossValidation]:
     """A model fitted on measurements in pieces, re-linearised pass by pass, and its exact cross-validation. Raises DataError or
-    NotEstimable."""
+    NotEstimable, and StudyError for a model that looks at what no piece knows alone."""
+    _check(source, model)
     fitted = fit(source, model)
     return fitted, cross_validate(source.stream(model.terms, fitted.theta, folds).folded(), fitted.found.kept)

@@ -16,7 +16,7 @@ from ..matrix.smooth import spline
 from ..which.candidates import Candidate
 from ..words.rigid import Array
 from .errormap import Columns, basis, scan, subset
-from .evidence import best_factors
+from .evidence import factors
 
 LONGEST = 4     # waves and the like that one curve may be made of
 
@@ -54,15 +54,21 @@ def curves(found: Sequence[Candidate], cols: Columns, log_prior: Array) -> dict[
     return out
 
 
-def chain(curve: Curve, Q: Array, response: Array, given: Sequence[int] | None, allowed: Array) -> tuple[float, list[int]]:
+def alone(curve: Curve, Q: Array, response: Array) -> Array:
+    """(G,) log prior + log Bayes factor of every candidate of a curve."""
+    return np.asarray(curve.log_prior + factors(scan(curve.columns, Q), response).max(0))
+
+
+def chain(curve: Curve, Q: Array, response: Array, given: Sequence[int] | None, allowed: Array, first: Array | None = None
+          ) -> tuple[float, list[int]]:
     """(log evidence, candidates) of a sum of effects, one after the other, each beyond those before: the `given` ones, or the
-    most probable among the `allowed`, as long as one adds evidence. Q (N, ·) projects the rest of the model off."""
+    most probable among the `allowed`, as long as one adds evidence. Q (N, ·) projects the rest of the model off; `first`: what
+    each is worth `alone`, where that is known."""
     members = curve.which.tolist()
     total, out = 0.0, list[int]()
     wanted = None if given is None else [members.index(g) for g in given]
-    for _ in range(LONGEST if wanted is None else len(wanted)):
-        seen = scan(curve.columns, Q)
-        joint = curve.log_prior + best_factors(seen, response)
+    for step in range(LONGEST if wanted is None else len(wanted)):
+        joint = first if first is not None and not step else alone(curve, Q, response)
         left = allowed.copy() if wanted is None else np.isin(np.arange(len(members)), wanted)
         left[[members.index(g) for g in out]] = False
         best = int(np.argmax(np.where(left, joint, -np.inf)))
@@ -79,8 +85,9 @@ def chain(curve: Curve, Q: Array, response: Array, given: Sequence[int] | None, 
 def better(curve: Curve, Q: Array, response: Array, now: Sequence[int], odds: float) -> list[int] | None:
     """What explains a joint's curve better than `now` does, by `odds` in log evidence: a free function (and what it leaves), or
     a few waves; None where nothing does. `response` (N,) has all of `now` put back, Q does not hold it."""
-    held = chain(curve, Q, response, now, curve.free)[0]
-    trials = [chain(curve, Q, response, None, np.logical_not(curve.free)),
-              *(chain(curve, Q, response, [g], curve.free) for g in curve.which[curve.free].tolist())]
+    first = alone(curve, Q, response)
+    held = chain(curve, Q, response, now, curve.free, first)[0]
+    trials = [chain(curve, Q, response, None, np.logical_not(curve.free), first),
+              *(chain(curve, Q, response, [g], curve.free, first) for g in curve.which[curve.free].tolist())]
     value, best = max(trials, key=lambda t: t[0])
     return best if best and value > held + odds and set(best) != set(now) else None

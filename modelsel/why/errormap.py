@@ -5,10 +5,12 @@ X_gᵀr: the projected Gram is X_gᵀX_g − (X_gᵀQ)(X_gᵀQ)ᵀ, and no proje
 """
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from math import sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,7 @@ from ..wrong.screws import Term
 ABSORBED = 1e-5     # share of a direction's squared norm that must be left beyond the model for it to count
 SMALL = {"t": 100.0, "r": 0.1}      # mm, rad: an error screw is small; what would have to be larger is not the cause
 SOLID = 1e-3        # weight from which a smooth function's direction shows in its size
+CACHED = 60_000     # numbers that a core's cache holds beside what is made of them
 FAINT = 1e-7        # prior size of a smooth function's direction, against its largest, below which it does not count
 
 
@@ -52,12 +55,12 @@ class Bucket:
 
 
 class Strength(NamedTuple):
-    """What responses (N, B) have in common with every candidate: |Z_gᵀr|² (G, B), the signed root of single columns (G, B),
-    nought elsewhere, and of free functions, by bucket, every direction alone: (which (n,), (Z_gᵀr)² (n, k, B), weights)."""
+    """What responses (N, B) have in common with every candidate: |Z_gᵀr|² (G, B), and Z_gᵀr of those with a sign (S, B); of the
+    free functions (F, K, B) every direction alone, squared, nought beyond a function's own."""
 
     whole: Array
     root: Array
-    smooth: tuple[tuple[Index, Array, Array], ...]
+    smooth: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +96,7 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
             terms.setdefault(t.screws, t)
     place = {screws: k for k, screws in enumerate(terms)}
     slices = [np.array([place[t.screws] for t in c.mechanism.terms], dtype=np.intp) for c in found]
-    parts = [_flat(scene, rows, c) for rows, c, _ in blocks(scene, tuple(terms.values()), at)]
+    parts = [flat(scene, rows, c) for rows, c, _ in blocks(scene, tuple(terms.values()), at)]
     XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
     rms: dict[int, float] = {}                  # by the cause's identity: a hundred places share one
     most = np.array([_most(scene, t, rms) for t in terms.values()])
@@ -102,24 +105,40 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
     for size, smooth in sorted({(len(s), bool(w)) for s, w in zip(slices, soft, strict=True)}):
         which = np.array([g for g, s in enumerate(slices) if len(s) == size and soft[g] == smooth], dtype=np.intp)
         index = np.stack([slices[g] for g in which])
-        gram = np.stack([XT[i] @ XT[i].T for i in index]) if size > 4 else np.einsum("nkr,nlr->nkl", XT[index], XT[index])
+        gram = np.stack([XT[i] @ XT[i].T for i in index]) if size > 4 else grams_of(XT, index)
         roots = [_root(found[g].mechanism.terms, np.diag(G)) for g, G in zip(which, gram, strict=True)] if smooth else None
         grams.append(Block(which, index, gram, most[index], None if roots is None else np.stack(roots)))
     signs = np.array([c.mechanism.terms[0].sign if len(c.mechanism.terms) == 1 else 0 for c in found], dtype=float)
     return Columns(XT, tuple(slices), tuple(grams), signs)
 
 
-def _flat(scene: Scene, rows: slice, values: Array) -> Array:
+def grams_of(XT: Array, index: Index) -> Array:
+    """(n, k, k) products of the columns `index` (n, k) of few-column candidates, some at a time: they stay in cache."""
+    out = np.empty((*index.shape, index.shape[1]))
+    for some in pieces(len(index), CACHED // (index.shape[1] * XT.shape[1])):
+        X = XT[index[some]]
+        np.einsum("nkr,nlr->nkl", X, X, out=out[some])
+    return out
+
+
+def pieces(count: int, size: int) -> Iterator[slice]:
+    """Slices of at most `size` that cover `count`."""
+    size = max(size, 1)
+    return (slice(start, min(start + size, count)) for start in range(0, count, size))
+
+
+def flat(scene: Scene, rows: slice, values: NDArray[Any]) -> NDArray[Any]:
     """(k, N) measured coordinates of values (k, c, rows)."""
-    flat = values.reshape(len(values), -1)
-    return flat if scene.measured is None else flat[:, scene.measured[rows].T.reshape(-1)]
+    every = values.reshape(len(values), -1)
+    return every if scene.measured is None else every[:, scene.measured[rows].T.reshape(-1)]
 
 
 def _most(scene: Scene, term: Term, rms: dict[int, float]) -> float:
     """Largest coefficient with which every screw of a term is small, root mean square over the rows; `rms` remembers."""
     for s in term.screws:
         if id(s.cause) not in rms:
-            rms[id(s.cause)] = max(float(np.sqrt(np.mean(np.square(scene.cause(s.cause))))), 1e-300)
+            value = np.atleast_1d(scene.cause(s.cause))
+            rms[id(s.cause)] = max(sqrt(float(value @ value) / len(value)), 1e-300)
     return min(SMALL[s.axis[0]] / rms[id(s.cause)] for s in term.screws)
 
 
@@ -151,7 +170,7 @@ def subset(cols: Columns, which: Index) -> Columns:
 
 def stacked(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None) -> tuple[Array, Array]:
     """(columns (N, p), residual (N,)) whitened, in the row order of `columns`."""
-    parts = [(_flat(scene, rows, c), _flat(scene, rows, r[None])[0]) for rows, c, r in blocks(scene, terms, at)]
+    parts = [(flat(scene, rows, c), flat(scene, rows, r[None])[0]) for rows, c, r in blocks(scene, terms, at)]
     return np.concatenate([c for c, _ in parts], axis=1).T, np.concatenate([r for _, r in parts])
 
 
@@ -178,36 +197,54 @@ class Scan:
     sizes: Array
     freedom: int
 
+    @cached_property
+    def smooth(self) -> tuple[Index, Array]:
+        """The free functions (F,) and the weights (F, K) of their directions, nought beyond a function's own."""
+        some = [(b.block.which, b.weights) for b in self.buckets if b.weights is not None]
+        weights = np.zeros((sum(len(which) for which, _ in some), max((w.shape[1] for _, w in some), default=0)))
+        at = 0
+        for which, w in some:
+            weights[at:at + len(which), :w.shape[1]] = w
+            at += len(which)
+        return np.concatenate([np.zeros(0, np.intp), *(which for which, _ in some)]), weights
+
+    @cached_property
+    def signed(self) -> Index:
+        """Candidates whose one term physics gives a sign."""
+        return np.flatnonzero(self.columns.signs)
+
     def strength(self, response: Array) -> Strength:
         """What responses (N, B) have in common with every candidate."""
         s = self.columns.dot(response)
         return self.gather([np.matmul(bucket.W, s[bucket.block.index]) for bucket in self.buckets])
 
-    def small(self, response: Array) -> NDArray[np.bool_]:
-        """(G,) whether a response (N,) asks for small screws only: a joint that turns about its own target would have to turn
-        by radians to explain a tenth of a millimetre, and is not its cause."""
-        s, out = self.columns.dot(response), np.ones(len(self.sizes), bool)
+    def judged(self, response: Array) -> tuple[Strength, NDArray[np.bool_]]:
+        """The same of one response (N,), and whether (G,) it asks for small screws only: a joint that turns about its own target
+        would have to turn by radians to explain a tenth of a millimetre, and is not its cause."""
+        s, small, products = self.columns.dot(response[:, None]), np.ones(len(self.sizes), bool), []
         for b in self.buckets:
-            z = np.einsum("nkl,nl->nk", b.W, s[b.block.index])
-            if b.weights is not None:
-                z = np.where(b.weights > SOLID, z, 0.0)
-            out[b.block.which] = (np.abs(np.einsum("nkl,nk->nl", b.W, z)) < b.block.most).all(1)
-        return out
+            products.append(np.matmul(b.W, s[b.block.index]))
+            z = products[-1] if b.weights is None else np.where(b.weights[:, :, None] > SOLID, products[-1], 0.0)
+            small[b.block.which] = (np.abs(np.matmul(b.W.swapaxes(1, 2), z)[:, :, 0]) < b.block.most).all(1)
+        return self.gather(products), small
 
     def gather(self, products: Sequence[Array]) -> Strength:
-        """The same from every bucket's Z_gᵀr (n, k, B), in their precision."""
-        shape = (len(self.sizes), products[0].shape[2] if products else 0)
-        out, root = np.zeros(shape, products[0].dtype), np.zeros(shape, products[0].dtype)
-        smooth = []
+        """The same from every bucket's Z_gᵀr (n, k, B), in their precision; they are overwritten."""
+        kind, draws = (products[0].dtype, products[0].shape[2]) if products else (np.dtype(float), 0)
+        whole: Array = np.zeros((len(self.sizes), draws), kind)
+        root: Array = np.zeros((len(self.signed), draws), kind)
+        smooth, at = np.zeros((*self.smooth[1].shape, draws), kind), 0
         for bucket, z in zip(self.buckets, products, strict=True):
-            which = bucket.block.which
-            if z.shape[1] == 1:
-                root[which] = z[:, 0]
-            square = np.square(z)
-            out[which] = square.sum(1)
+            which, k = bucket.block.which, z.shape[1]
+            if k == 1 and bucket.weights is None:
+                mine = np.isin(self.signed, which)
+                root[mine] = z[np.searchsorted(which, self.signed[mine]), 0]
+            np.square(z, out=z)
+            whole[which] = z[:, 0] if k == 1 else z.sum(1)
             if bucket.weights is not None:
-                smooth.append((which, square, bucket.weights))
-        return Strength(out, root, tuple(smooth))
+                smooth[at:at + len(which), :k] = z
+                at += len(which)
+        return Strength(whole, root, smooth)
 
 
 def scan(cols: Columns, Q: Array) -> Scan:

@@ -1,73 +1,110 @@
 """The evidence of every candidate for a residual, and what chance alone would give: Bayes factors, the exact null, p-values."""
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 
 import numpy as np
 
+from ..data.measurements import Index
 from ..words.rigid import Array
-from .errormap import Scan, Strength
+from .errormap import CACHED, Bucket, Scan, Strength, pieces
 
 RATIOS = np.logspace(0.5, 5.0, 8)   # v / s2, scanned
+SLACK = 1e-3        # in log evidence: far beyond single precision's rounding
+PIECE = 256         # draws that are worked out together: a product of full speed, in memory that is used again
+MANY = 0.7          # share of the draws beyond which all of them are worked out: picking some costs, too
 
 
-def log_bayes_factors(seen: Scan, strength: Strength, total: Array, ratio: float) -> Array:
-    """(G, B) log Bayes factors of every candidate at v = ratio · s², s² integrated out (Jeffreys), against no effect;
-    `total` (B,) residual sums of squares. A free function's directions have variances of their own, v times their weight. A
-    single-term compliance of the wrong sign is discounted by its tail."""
-    shrink = ratio / (1 + ratio)
-    share = np.minimum(strength.whole / total, 1 - np.finfo(strength.whole.dtype).eps)
-    shrunk, price = share * share.dtype.type(shrink), 0.5 * np.log1p(ratio) * seen.sizes
-    for which, square, weights in strength.smooth:
-        each = ratio * weights / (1 + ratio * weights)
-        shrunk[which] = np.minimum(np.einsum("nkb,nk->nb", square, each.astype(square.dtype)) / total,
-                                   1 - np.finfo(square.dtype).eps)
-        price[which] = 0.5 * np.log1p(ratio * weights).sum(1)
-    out = np.log1p(-shrunk)
-    out *= share.dtype.type(-0.5 * seen.freedom)
-    out -= price[:, None].astype(share.dtype)
-    signed = np.flatnonzero(seen.columns.signs)
+def shares(strength: Strength, total: Array) -> Strength:
+    """The same of responses of unit length, from their sums of squares `total` (B,); the whole is overwritten."""
+    whole = np.divide(strength.whole, total, out=strength.whole)
+    np.minimum(whole, 1 - np.finfo(whole.dtype).eps, out=whole)
+    return Strength(whole, strength.root / np.sqrt(total), strength.smooth / total)
+
+
+def _prices(seen: Scan, ratio: float) -> tuple[Array, Array]:
+    """(what every candidate's freedom costs (G,), how much of every direction of a free function counts (F, K))."""
+    (which, weights), price = seen.smooth, 0.5 * np.log1p(ratio) * seen.sizes
+    price[which] = 0.5 * np.log1p(ratio * weights).sum(1)
+    return price, ratio * weights / (1 + ratio * weights)
+
+
+def _smooth_share(share: Strength, each: Array) -> Array:
+    """(F, B) what free functions, their directions weighed, explain."""
+    kind = share.smooth.dtype
+    return np.asarray(np.minimum(np.matmul(each.astype(kind)[:, None], share.smooth)[:, 0], 1 - np.finfo(kind).eps))
+
+
+def log_bayes_factors(seen: Scan, share: Strength, ratio: float, out: Array | None = None) -> Array:
+    """(G, B) log Bayes factors of every candidate at v = ratio · s², s² integrated out (Jeffreys), against no effect, from the
+    `shares`. A free function's directions have variances of their own, v times their weight. A single-term compliance of the
+    wrong sign is discounted by its tail."""
+    kind, shrink, signed = share.whole.dtype.type, ratio / (1 + ratio), seen.signed
+    price, each = _prices(seen, ratio)
+    out = np.multiply(share.whole, kind(-shrink), out=out)
+    if len(each):
+        out[seen.smooth[0]] = -_smooth_share(share, each)
+    np.log1p(out, out=out)
+    out *= kind(-0.5 * seen.freedom)
+    out -= np.where(seen.sizes > 0, price, np.inf)[:, None].astype(kind)
     if len(signed):
         from scipy.special import log_ndtr
-        sigma = np.sqrt(total * (1 - share[signed] * shrink) / seen.freedom)
-        out[signed] += np.log(2) + log_ndtr(seen.columns.signs[signed, None] * strength.root[signed] / sigma * np.sqrt(shrink))
-    out[seen.sizes == 0] = -np.inf
-    return np.asarray(out)
+        sigma = np.sqrt((1 - share.whole[signed] * shrink) / seen.freedom)
+        out[signed] += np.log(2) + log_ndtr(seen.columns.signs[signed, None] * share.root / sigma * np.sqrt(shrink))
+    return out
 
 
-def evidence(seen: Scan, log_prior: Array, response: Array) -> tuple[float, Array]:
-    """(log Σ prior BF at the ratio v/s² that maximises it, log prior + log BF (G,) there) of a response (N,); candidates that
-    would have to be large to explain it have no part in it."""
-    strength, log_prior = seen.strength(response[:, None]), np.where(seen.small(response), log_prior, -np.inf)
-    total = np.square(response).sum(keepdims=True)
-    best, posterior = -np.inf, np.full(len(log_prior), -np.inf)
-    for r in RATIOS:
-        joint = log_bayes_factors(seen, strength, total, float(r))[:, 0] + log_prior
-        value = float(joint.max() + np.log(np.exp(joint - joint.max()).sum()))
-        if value > best:
-            best, posterior = value, joint
-    return best, posterior
+def factors(seen: Scan, response: Array) -> Array:
+    """(RATIOS, G) log Bayes factors of every candidate alone; −inf for one that would have to be large to explain a response
+    (N,)."""
+    strength, small = seen.judged(response)
+    share = shares(strength, np.square(response).sum(keepdims=True))
+    return np.where(small, [log_bayes_factors(seen, share, float(r))[:, 0] for r in RATIOS], -np.inf)
 
 
-def best_factors(seen: Scan, response: Array) -> Array:
-    """(G,) log Bayes factor of every candidate alone, each at the ratio v/s² that suits it best; −inf for one that would have
-    to be large."""
-    strength = seen.strength(response[:, None])
-    total = np.square(response).sum(keepdims=True)
-    best = np.max([log_bayes_factors(seen, strength, total, float(r))[:, 0] for r in RATIOS], axis=0)
-    return np.asarray(np.where(seen.small(response), best, -np.inf))
+def evidence(known: Array, log_prior: Array) -> tuple[float, Array]:
+    """(log Σ prior BF at the ratio v/s² that maximises it, log prior + log BF (G,) there) from the `factors`."""
+    joint = known + log_prior
+    top = joint.max(1)
+    if not np.isfinite(top).all():
+        return -np.inf, np.full(len(log_prior), -np.inf)
+    values = top + np.log(np.exp(joint - top[:, None]).sum(1))
+    best = int(np.argmax(values))
+    return float(values[best]), joint[best]
 
 
-def _null_evidence(seen: Scan, log_prior: Array, strength: Strength, total: Array) -> Array:
-    """The same evidence (B,) of many responses, in their precision."""
-    prior, best = log_prior.astype(total.dtype)[:, None], np.full(len(total), -np.inf)
-    for r in RATIOS:
-        joint = log_bayes_factors(seen, strength, total, float(r))
+def null_evidence(seen: Scan, log_prior: Array, share: Strength, top: Mapping[float, Array]) -> Array:
+    """The same evidence (B,) of many responses, in their precision; `top`: largest share (B,) among the candidates of each size.
+
+    From one ratio to the next no candidate's Bayes factor grows by more than that of the largest share of its size (`lift`),
+    and so neither does their sum: where that cannot reach the best, the ratio is not worked out."""
+    prior, space = log_prior.astype(share.whole.dtype)[:, None], np.empty_like(share.whole)
+
+    def total(some: Strength, ratio: float) -> Array:
+        joint = log_bayes_factors(seen, some, ratio, space[:, :some.whole.shape[1]])
         joint += prior
-        top = joint.max(0)
-        joint -= top
-        np.exp(joint, out=joint)
-        best = np.maximum(best, top + np.log(joint.sum(0)))
+        most = joint.max(0)
+        joint -= most
+        return np.asarray(most + np.log(np.exp(joint, out=joint).sum(0)), float)
+
+    def grown(ratio: float) -> Array:
+        price, each = _prices(seen, ratio)
+        costs = [*(0.5 * k * np.log1p(ratio) for k in top), *price[seen.signed], *price[seen.smooth[0]]]
+        alone = np.concatenate([alike * (ratio / (1 + ratio)), _smooth_share(share, each)])
+        return np.asarray(-0.5 * seen.freedom * np.log1p(-alone) - np.array(costs)[:, None])
+
+    alike = np.concatenate([np.array(list(top.values())), share.whole[seen.signed]])
+    slack = np.full((len(alike) + len(share.smooth), 1), SLACK)
+    slack[len(top):len(alike)] += np.log(2)                         # what the tail of a sign may grow by
+    first = total(share, float(RATIOS[0]))
+    best = first.copy()
+    slack = slack - grown(float(RATIOS[0]))
+    for r in map(float, RATIOS[1:]):
+        need = np.flatnonzero((grown(r) + slack).max(0) > best - first)
+        if len(need) > MANY * len(best):
+            best = np.maximum(best, total(share, r))
+        elif len(need):
+            best[need] = np.maximum(best[need], total(Strength(*(part[..., need] for part in share)), r))
     return best
 
 
@@ -77,17 +114,40 @@ def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> 
     precision, which is ample where nothing stands out; every basis is made once, so that a draw costs one matrix product."""
     out, least = [], []
     rows = seen.columns.XT.shape[1]
-    bases = [np.matmul(b.W, seen.columns.XT[b.block.index]).astype(np.float32) for b in seen.buckets]
-    for part in _chunks(draws, max(1, int(4e6 / max(seen.columns.groups, 1)))):
-        u = rng.standard_normal((rows, part))
+    bases = [_bases(b, seen.columns.XT) for b in seen.buckets]
+    alike = by_size(seen)
+    if not alike:
+        return np.full(draws, np.nan), np.ones(draws)
+    for drawn in pieces(draws, int(4e6 / max(seen.columns.groups, 1))):
+        u = rng.standard_normal((rows, drawn.stop - drawn.start))
         u = (u - seen.Q @ (seen.Q.T @ u)).astype(np.float32)
-        strength = seen.gather([(Z.reshape(-1, rows) @ u).reshape(*Z.shape[:2], part) for Z in bases])
-        total = np.square(u).sum(0)
-        out.append(_null_evidence(seen, log_prior, strength, total))
-        share = strength.whole / total
-        best = {k: share[seen.sizes == k].max(0) for k in np.unique(seen.sizes) if k > 0}
-        least.append(np.min([_tail(value, k, seen.freedom) for k, value in best.items()], axis=0) if best else np.ones(part))
+        for some in pieces(u.shape[1], PIECE):
+            part = np.ascontiguousarray(u[:, some])
+            products = [(Z @ part).reshape(*b.block.index.shape, -1) for Z, b in zip(bases, seen.buckets, strict=True)]
+            share = shares(seen.gather(products), np.square(part).sum(0))
+            top = {k: share.whole[which].max(0) for k, which in alike.items()}
+            out.append(null_evidence(seen, log_prior, share, top))
+            least.append(np.min([_tail(value, k, seen.freedom) for k, value in top.items()], axis=0))
     return np.sort(np.concatenate(out)), np.sort(np.concatenate(least))
+
+
+def _bases(bucket: Bucket, XT: Array) -> Array:
+    """(n · k, N) orthonormal columns of a bucket's candidates, in single precision."""
+    index = bucket.block.index
+    out = np.empty((*index.shape, XT.shape[1]), np.float32)
+    for some in pieces(len(index), CACHED // (index.shape[1] * XT.shape[1])):
+        out[some] = np.matmul(bucket.W[some], XT[index[some]])
+    return out.reshape(-1, XT.shape[1])
+
+
+def by_size(seen: Scan) -> dict[float, Index | slice]:
+    """The candidates of every size, of at least one direction."""
+    return {float(k): _run(np.flatnonzero(seen.sizes == k)) for k in np.unique(seen.sizes) if k > 0}
+
+
+def _run(index: Index) -> Index | slice:
+    """The same as a slice where it is one: nothing is copied then."""
+    return slice(int(index[0]), int(index[-1]) + 1) if len(index) == index[-1] + 1 - index[0] else index
 
 
 def _tail(share: Array, size: Array | float, freedom: int) -> Array:
@@ -101,12 +161,6 @@ def familywise(seen: Scan, response: Array, least_p: Array) -> Array:
     share = seen.strength(response[:, None]).whole[:, 0] / float(response @ response)
     own = np.where(seen.sizes > 0, _tail(share, seen.sizes, seen.freedom), 1.0)
     return np.asarray((1 + np.searchsorted(least_p, own, side="right")) / (len(least_p) + 1))
-
-
-def _chunks(total: int, size: int) -> Iterator[int]:
-    while total > 0:
-        yield min(size, total)
-        total -= size
 
 
 def p_value(observed: float, sorted_null: Array) -> float:

@@ -19,9 +19,11 @@ from ..which.candidates import Candidate
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from .curves import better, curves
-from .errormap import Columns, Scan, basis, columns, scan, scan_without, single_f, stacked
+from .errormap import Columns, columns, flat, single_f
 from .evidence import familywise, null, p_value
+from .flips import LOUD, adjusted, flipped_p, uneven, units
 from .naming import Named, name, name_again, own_evidence, with_candidate
+from .view import View, models, view
 
 MOST = 24           # effects
 LEVEL = 0.05        # family-wise
@@ -47,9 +49,9 @@ class Effect:
 @dataclass(frozen=True, eq=False)
 class Extension:
     """The extended model: effects in the order they were found, its fit, the null evidences, what was tried on the way;
-    `left` names the strongest of what remains, with its p-value, whatever it is (None without
-    candidates); `single_f` (G,) every candidate alone on
-    the base, `map_p` (G,) family-wise p of that.
+    `left` names the strongest of what remains, with its p-value, whatever it is (None without candidates); `held_back`: its p
+    under equal normal noise, where that would have named it and the residual's own signs do not; `single_f` (G,) every candidate
+    alone on the base, `map_p` (G,) family-wise p of that.
     """
 
     base: Model
@@ -60,95 +62,63 @@ class Extension:
     path: tuple[str, ...]
     left: Named | None
     left_p: float
+    held_back: float | None
     bound: float
     single_f: Array = field(repr=False)
     map_p: Array = field(repr=False)
-
-
-def models(base: Model, chosen: Sequence[Candidate]) -> Model:
-    """The base and the mechanisms of some candidates."""
-    return base + tuple(dict.fromkeys(c.mechanism for c in chosen))
-
-
-@dataclass(frozen=True, eq=False)
-class _View:
-    """A fitted model seen as projections: orthonormal Q, its R (A_kept = Q R), columns A (N, p), the fit's residual `raw` and r,
-    its part off the model; the prior's rows of shrunk terms stand below the data's."""
-
-    model: Model
-    fitted: Fit
-    A: Array
-    Q: Array
-    R: Array
-    raw: Array
-    r: Array
-    seen: Scan
-
-    def own(self, *effects: Candidate) -> Array:
-        """(p,) mask of the terms that these effects alone bring."""
-        whose = [e.mechanism for e in effects]
-        mine = {t.screws for m in whose for t in m.terms}
-        shared = {t.screws for m in self.model.mechanisms if m not in whose for t in m.terms}
-        return np.array([t.screws in mine and t.screws not in shared for t in self.model.terms])
-
-    def freed(self, *effects: Candidate) -> tuple[Array, Array]:
-        """(D (N, d), the residual with the effects put back): no refit, the directions that only they bring are Q R⁻ᵀ E."""
-        own = self.own(*effects)
-        kept = self.fitted.found.kept
-        E = np.eye(len(kept))[:, [i for i, k in enumerate(kept) if own[k]]]
-        D: Array = self.Q @ basis(np.asarray(np.linalg.solve(self.R.T, E)))
-        effect = self.A[:, own] @ self.fitted.theta[own]
-        return D, self.r + D @ (D.T @ (self.raw + effect))
-
-    def without(self, candidate: Candidate) -> tuple[Scan, Array]:
-        """(the scan from the model without one effect, the residual with that effect put back)."""
-        D, response = self.freed(candidate)
-        return scan_without(self.seen, D), response
 
 
 class _Search:
     """What the loop shares: the training scene, all candidates with their columns, the null of the first scan."""
 
     def __init__(self, scene: Scene, base: Model, found: tuple[Candidate, ...], rng: np.random.Generator, base_fit: Fit):
-        self.scene, self.base, self.found = scene, base, found
+        self.scene, self.base, self.found, self.rng = scene, base, found, rng
         self.columns: Columns = columns(scene, found, base_fit.at())
         self.log_prior = np.log([c.prior for c in found])
-        draws = DRAWS[0] if self.columns.XT.size < LARGE else DRAWS[1]
         self.curves = curves(found, self.columns, self.log_prior)
-        self.first = self.view(base, base_fit)
+        self.first = view(scene, self.columns, base, base_fit)
         self.dead = np.flatnonzero(self.first.seen.sizes == 0)      # the base has them: what a refit leaks of them is no cause
-        self.null, self.least_p = null(self.first.seen, self.log_prior, draws, rng)
+        self.null, self.least_p = null(self.first.seen, self.log_prior, DRAWS[self.columns.XT.size >= LARGE], rng)
         self.bound = float(np.quantile(self.null, 1 - LEVEL))
 
-    def view(self, model: Model, fitted: Fit) -> _View:
-        A, r = stacked(self.scene, model.terms, fitted.at())
-        if fitted.prior is not None:
-            A, r = np.vstack([A, fitted.prior[:, :-1]]), np.concatenate([r, fitted.prior[:, -1]])
-        Q, R = np.linalg.qr(A[:, list(fitted.found.kept)])
-        return _View(model, fitted, A, Q, R, r, r - Q @ (Q.T @ r), scan(self.columns, Q))
-
-    def fit(self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM) -> _View:
+    def fit(self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM) -> View:
         model = models(self.base, [self.found[g] for g in chosen])
-        return self.view(model, fit_shrunk(self.scene, model, start, step_mm))
+        return view(self.scene, self.columns, model, fit_shrunk(self.scene, model, start, step_mm))
 
-    def attempt(self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM) -> _View | None:
+    def attempt(self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM) -> View | None:
         """`fit`, or None where the data do not determine such a model."""
         try:
             return self.fit(chosen, start, step_mm)
         except NotEstimable:
             return None
 
-    def next(self, view: _View, known: Sequence[int]) -> Named:
+    def next(self, view: View, known: Sequence[int]) -> Named:
         """What explains most of the rest; `known` candidates have had their turn (what the fit drops of theirs is no cause)."""
         return name(view.seen, self.found, view.r, np.union1d(self.dead, np.array(known, dtype=np.intp)))
 
-    def again(self, g: int, view: _View) -> tuple[Named, float]:
-        """Effect g given the others: (named again, the evidence for itself or its like)."""
-        seen, y = view.without(self.found[g])
-        named = name_again(seen, self.found, g, y, self.dead)
-        return with_candidate(named, seen, self.found, g, y), own_evidence(seen, named, g, y)
+    def by_signs(self, view: View, known: Sequence[int], observed: float) -> float:
+        """How often the residual's own rows, signs of whole configurations changed, have as much evidence beyond the model; 0
+        where they are as equal normal noise has them: the null of the first scan is exact then, and stronger."""
+        scene, log_prior = self.scene, self.log_prior.copy()
+        log_prior[np.union1d(self.dead, np.array(known, dtype=np.intp))] = -np.inf
+        own, grouped = units(scene.data, view.fitted.residuals(scene)[:, :3], self.rng)
+        prior = np.full(len(view.r) - scene.coordinates, -1, dtype=np.intp)
+        every = np.tile(own, (1, scene.components, 1))
+        unit = np.concatenate([*(flat(scene, rows, every[:, :, rows])[0] for rows in scene.blocks()), prior])
+        e = adjusted(view.seen.Q, view.r, unit)
+        if not grouped and uneven(e, unit) < LOUD:
+            return 0.0
+        return flipped_p(view.seen, log_prior, e, unit, observed, self.rng)
 
-    def redrawn(self, chosen: Sequence[int], view: _View) -> Iterator[tuple[list[int], str]]:
+    def again(self, g: int, view: View) -> tuple[Named, float]:
+        """Effect g given the others: (named again, the evidence for itself or its like)."""
+        if g not in view.asked:
+            seen, y = view.without(self.found[g])
+            named = name_again(seen, self.found, g, y, self.dead)
+            view.asked[g] = with_candidate(named, seen, self.found, g, y), own_evidence(seen, named, g, y)
+        return view.asked[g]
+
+    def redrawn(self, chosen: Sequence[int], view: View) -> Iterator[tuple[list[int], str]]:
         """(models in which a joint's own-angle effects are explained better together, what changed)."""
         for curve in self.curves.values():
             now = [g for g in chosen if g in curve.which]
@@ -172,7 +142,7 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
            say: Callable[[str], None] = lambda _: None) -> Extension:
     """Extend the base on a training scene by what the candidates explain beyond chance, one named effect at a time."""
     if not found:
-        return Extension(base, (), base, base_fit, np.zeros(0), (), None, 1.0, np.inf, np.zeros(0), np.zeros(0))
+        return Extension(base, (), base, base_fit, np.zeros(0), (), None, 1.0, None, np.inf, np.zeros(0), np.zeros(0))
     search = _Search(scene, base, found, rng, base_fit)
     chosen: list[int] = []
     path: list[str] = []
@@ -180,8 +150,10 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
     view, settled_all = search.first, False
     while True:
         left = search.next(view, chosen)
-        left_p = p_value(left.evidence, search.null)
+        left_p, held_back = p_value(left.evidence, search.null), None
         new = _untried(search, left, view, chosen, tried)
+        if new is not None and (by_signs := search.by_signs(view, chosen, left.evidence)) > LEVEL:
+            new, left_p, held_back = None, by_signs, left_p
         if new is None or len(chosen) >= MOST:
             if settled_all:
                 break
@@ -215,12 +187,12 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
         (one, own), at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
         effects.append(Effect(found[g], one, p_value(own, search.null), view.fitted.theta[at],
                               view.fitted.standard_errors[at]))
-    return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, search.bound,
-                     single_f(search.first.seen, search.first.r),
+    return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, held_back,
+                     search.bound, single_f(search.first.seen, search.first.r),
                      familywise(search.first.seen, search.first.r, search.least_p))
 
 
-def _untried(search: _Search, left: Named, view: _View, chosen: Sequence[int], tried: set[frozenset[int]]) -> int | None:
+def _untried(search: _Search, left: Named, view: View, chosen: Sequence[int], tried: set[frozenset[int]]) -> int | None:
     """The most probable explanation beyond chance whose addition gives a model not seen before."""
     blocked = list(chosen)
     for _ in range(ROUNDS):
@@ -233,7 +205,7 @@ def _untried(search: _Search, left: Named, view: _View, chosen: Sequence[int], t
     return None
 
 
-def _pruned(search: _Search, chosen: list[int], view: _View, path: list[str]) -> tuple[list[int], _View]:
+def _pruned(search: _Search, chosen: list[int], view: View, path: list[str]) -> tuple[list[int], View]:
     """Without the effects that chance alone would explain, given the others; the weakest first."""
     while chosen:
         own = {g: search.again(g, view)[1] for g in chosen}
@@ -246,7 +218,7 @@ def _pruned(search: _Search, chosen: list[int], view: _View, path: list[str]) ->
     return chosen, view
 
 
-def _moved(before: _View, after: _View, candidate: Candidate) -> bool:
+def _moved(before: View, after: View, candidate: Candidate) -> bool:
     """Whether a newcomer changed what an effect does to the target by more than a tenth."""
     old = dict(zip((t.screws for t in before.model.terms), before.fitted.theta, strict=True))
     own = np.flatnonzero(after.own(candidate))
@@ -256,7 +228,7 @@ def _moved(before: _View, after: _View, candidate: Candidate) -> bool:
     return float(np.linalg.norm(change)) > SHIFT * float(np.linalg.norm(now))
 
 
-def _settle(search: _Search, chosen: list[int], view: _View, before: _View | None, path: list[str]) -> tuple[list[int], _View]:
+def _settle(search: _Search, chosen: list[int], view: View, before: View | None, path: list[str]) -> tuple[list[int], View]:
     """Name again, given the others, every effect that the newcomer moved (all, where nothing stood before), until the names
     stay; drop what is no longer needed. One change at a time, the weakest first; what a change did not move keeps its name."""
     visited = {frozenset(chosen)}

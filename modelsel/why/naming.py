@@ -9,7 +9,7 @@ from ..data.measurements import Index
 from ..which.candidates import Candidate
 from ..words.rigid import Array
 from .errormap import Scan
-from .evidence import evidence
+from .evidence import evidence, factors
 
 CREDIBLE = 0.95
 LISTED = 20
@@ -46,12 +46,18 @@ class Named:
 
 def name(seen: Scan, candidates: tuple[Candidate, ...], response: Array, without: Index | None = None) -> Named:
     """Name what explains a response (N,) that the model's basis has been projected off; `without` leaves candidates out."""
-    log_prior = np.log([c.prior for c in candidates])
+    return _named(seen, candidates, response, factors(seen, response), np.log([c.prior for c in candidates]), without)
+
+
+def _named(seen: Scan, candidates: tuple[Candidate, ...], response: Array, known: Array, log_prior: Array,
+           without: Index | None) -> Named:
     if without is not None:
+        log_prior = log_prior.copy()
         log_prior[without] = -np.inf
-    value, joint = evidence(seen, log_prior, response)
-    probability = np.exp(joint - value)
-    probability /= probability.sum()
+    value, joint = evidence(known, log_prior)
+    relative = joint - value if np.isfinite(value) else joint       # no candidate may explain it: each has probability 0
+    probability = np.exp(relative)
+    probability /= max(probability.sum(), np.finfo(float).tiny)
     order = np.argsort(-probability, kind="stable")
     count = int(np.searchsorted(np.cumsum(probability[order]), CREDIBLE) + 1)
     shown = order[:min(max(count, 1), LISTED)]
@@ -60,7 +66,7 @@ def name(seen: Scan, candidates: tuple[Candidate, ...], response: Array, without
                     for g, a in zip(shown, alike, strict=True))
     together = sum(e.probability for e in entries if e.alike)
     verdict = "found" if together >= SURE else "cannot be told apart"
-    return Named(value, entries, max(count - len(shown), 0), verdict, joint - value, int(order[0]))
+    return Named(value, entries, max(count - len(shown), 0), verdict, relative, int(order[0]))
 
 
 def coefficients(seen: Scan, g: int, response: Array) -> Array:
@@ -94,14 +100,15 @@ def name_again(seen: Scan, candidates: tuple[Candidate, ...], g: int, response: 
     the response belongs to another finding; `without` leaves candidates out from the start."""
     mine = fitted_displacement(seen, g, response)
     strange: list[int] = without.tolist()
-    named = name(seen, candidates, response, without)
+    known, log_prior = factors(seen, response), np.log([c.prior for c in candidates])
+    named = _named(seen, candidates, response, known, log_prior, without)
     for _ in range(PASSES if np.any(mine) else 0):          # an effect that the others absorb whole has nothing of its own
         others = [e.place for e in named.entries
                   if e.place != g and similar(mine, fitted_displacement(seen, e.place, response)) <= RELATED]
         if not others or named.top == g:
             break
         strange += others
-        named = name(seen, candidates, response, np.array(strange, dtype=np.intp))
+        named = _named(seen, candidates, response, known, log_prior, np.array(strange, dtype=np.intp))
     return named
 
 

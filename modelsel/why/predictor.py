@@ -7,6 +7,7 @@ import numpy as np
 
 from ..data.measurements import Measurements
 from ..words.rigid import Array
+from .flips import LASTING, together
 
 LENGTHS = (0.3, 0.6, 1.2, 2.4)      # of the kernel, in units of sine and cosine of a joint's angle, all joints together
 RATIOS = (0.3, 1.0, 3.0, 10.0)      # noise variance over signal variance
@@ -17,7 +18,7 @@ LARGEST = 800                        # configurations; more are thinned evenly
 @dataclass(frozen=True)
 class Predictable:
     """Share of the residual's sum of squares that leave-one-configuration-out prediction explains, and how often sign flips
-    of whole configurations do as well."""
+    of whole configurations (of whole groups, where errors last within them) do as well."""
 
     share: float
     p: float
@@ -39,7 +40,10 @@ def predictable(data: Measurements, residual: Array, prismatic: tuple[bool, ...]
              for j, slides in enumerate(prismatic)]
     X = np.concatenate(parts, axis=1)
     square = np.square(X[:, None] - X[None]).sum(2)
-    flips = rng.choice([-1.0, 1.0], (FLIPS, len(y)))
+    unit = np.arange(len(y))
+    if together(data, residual, rng) <= LASTING:        # errors last within groups: these change their signs as a whole
+        unit = np.unique(data.group[first[thin]], return_inverse=True)[1]
+    flips = rng.choice([-1.0, 1.0], (FLIPS, int(unit.max()) + 1))[:, unit]
     many = np.concatenate([y[:, None], (flips[:, :, None] * y).transpose(1, 0, 2)], axis=1).reshape(len(y), -1)
     total = np.square(many).reshape(len(y), -1, 3).sum((0, 2))
     best = np.full(FLIPS + 1, -np.inf)

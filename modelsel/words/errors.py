@@ -1,6 +1,7 @@
 """Named errors: each carries its data, says the remedy, and knows its exit status."""
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
@@ -17,20 +18,22 @@ class StudyError(ModelselError):
     exit_code = 2
 
     def __init__(self, *problems: str):
-        self.problems = problems
-        super().__init__("\n".join(problems))
+        self.problems = tuple(one_line(problem) for problem in problems)
+        super().__init__("\n".join(self.problems))
 
 
 class DataError(ModelselError):
-    """The measurements are wrong: what, where (file, line, column; the header is line 1), what to do."""
+    """The measurements are wrong: what, where, what to do. In a file: its line (the header is line 1) and column; in a
+    DataFrame: its row, counted from 0, and column."""
 
     exit_code = 3
 
-    def __init__(self, what: str, *, file: str = "", line: int | None = None, column: str | None = None,
+    def __init__(self, what: str, *, file: str = "", line: int | None = None, row: int | None = None, column: str | None = None,
                  remedy: str = ""):
-        self.file, self.line, self.column, self.remedy = file, line, column, remedy
-        place = ", ".join(part for part in (file, f"line {line}" if line else "", f"column {column}" if column else "")
-                          if part)
+        what, column = one_line(what), None if column is None else one_line(column)
+        self.file, self.line, self.row, self.column, self.remedy = file, line, row, column, remedy
+        place = ", ".join(part for part in (file, f"line {line}" if line else "", f"row {row}" if row is not None else "",
+                                            f"column {column}" if column else "") if part)
         super().__init__(f"{place}: {what}" + (f" {remedy}" if remedy else "") if place else f"{what} {remedy}".strip())
 
 
@@ -41,7 +44,7 @@ class NotEstimable(ModelselError):
 
     def __init__(self, what: str, *, parameters: Sequence[str] = ()):
         self.parameters = tuple(parameters)
-        super().__init__(what)
+        super().__init__(one_line(what))
 
 
 class Interrupted(ModelselError):
@@ -52,6 +55,12 @@ class Interrupted(ModelselError):
     def __init__(self, resume: str):
         self.resume = resume
         super().__init__(f"Interrupted. To go on: {resume}")
+
+
+def one_line(text: str) -> str:
+    """A sentence that holds what a user wrote, fit to be printed: no line breaks or control characters, very long words cut."""
+    text = "".join(c if c.isprintable() else c.encode("unicode_escape", "replace").decode() for c in text)
+    return re.sub(r"[^ ]{200,}", lambda found: f"{found.group()[:80]}…", text)
 
 
 def suggest(word: str, known: Iterable[str]) -> str:

@@ -6,6 +6,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
+LARGEST = 1e9      # mm, degrees, kg in a file: no arm and no room is larger; beyond it the arithmetic overflows
 
 
 def turn(axis: int, angle: ArrayLike) -> Array:
@@ -68,6 +69,12 @@ def from_quaternion(wxyz: Array) -> Array:
                   [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
                   [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
     return np.moveaxis(R, -1, 0)
+
+
+def to_quaternion(R: Array) -> Array:
+    """Unit quaternions (m, 4), w x y z with w not negative, of rotations (m, 3, 3)."""
+    from scipy.spatial.transform import Rotation
+    return np.asarray(np.roll(Rotation.from_matrix(R).as_quat(canonical=True), 1, axis=1))
 
 
 def rotation_vector(R: Array) -> Array:

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..words.errors import StudyError, suggest
 from ..words.rigid import Array
+from ..words.values import hashed_once
 
 FUNCTIONS = {"sin": np.sin, "cos": np.cos, "sign": np.sign, "abs": np.abs, "exp": np.exp, "tanh": np.tanh}
 DIMENSIONLESS = {"sin", "cos", "sign", "exp", "tanh"}
@@ -83,6 +84,7 @@ class Number(Cause):
         return f"{self.number:.10g}"
 
 
+@hashed_once
 @dataclass(frozen=True)
 class Named(Cause):
     """A value of the state by its name: q4, payload_kg, approach2, torque3."""
@@ -104,6 +106,7 @@ class Named(Cause):
         return self.name
 
 
+@hashed_once
 @dataclass(frozen=True)
 class Applied(Cause):
     """A function of a cause: cos(q2+q3)."""
@@ -126,6 +129,7 @@ class Applied(Cause):
         return f"{self.function}({self.argument})"
 
 
+@hashed_once
 @dataclass(frozen=True)
 class Combined(Cause):
     """Sum, difference, product or quotient of two causes."""
@@ -167,8 +171,7 @@ class Combined(Cause):
 
 @dataclass(frozen=True)
 class Member(Cause):
-    """1 where a row belongs to one target, group or feature, 0 elsewhere: offsets of several targets, placements of several days,
-    what rows share."""
+    """1 where a row belongs to one target, group or feature, 0 elsewhere: offsets of targets, placements of days, anchors."""
 
     kind: str     # "target", "group" or "feature"
     index: int
@@ -258,12 +261,12 @@ def parse(text: str, units: Mapping[str, str], where: str = "cause") -> Cause:
 _OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
 
 
+@hashed_once
 @dataclass(frozen=True)
 class Bump(Cause):
     """One cubic B-spline of one value of the state: a free function is many of them side by side, each with its coefficient.
 
-    Centred at `centre`, knots `width` apart (in the value's unit); it is zero two knots away. de Boor 1978, cardinal
-    B-splines.
+    Centred at `centre`, knots `width` apart (in the value's unit), nought two knots away. de Boor 1978, cardinal B-splines.
     """
 
     name: str

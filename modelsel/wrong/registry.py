@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from ..machine.robot import Robot
 from ..words.errors import StudyError, suggest
 from .mechanisms import compliance, couplings, environment, geometry, gravity_effects, motion, transmission
-from .screws import Mechanism
+from .screws import Mechanism, unstorable
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,9 @@ def parts(name: str, robot: Robot, registry: Registry = BUILTIN) -> tuple[Mechan
     if isinstance(entry, (PerJoint, Scanned)) and entry.joints is not None:
         joints = entry.joints(robot)
         if given and given[0] not in map(str, joints):
-            raise StudyError(f'"{name}": {stem} applies to joints {", ".join(map(str, joints)) or "none"} of {robot.name}.')
+            where = (f"no joint of {robot.name}" if not joints else
+                     f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))} of {robot.name}")
+            raise StudyError(f'"{name}": {stem} applies to {where}.')
         places: tuple[tuple[int, ...], ...] = tuple((j,) for j in joints if not given or str(j) == given[0])
     else:
         places = ((),)
@@ -154,6 +156,8 @@ def unsound(name: str, entry: Entry, robot: Robot) -> str | None:
                 if not t.screws or any(s.frame > robot.n + 1 for s in t.screws):
                     return f"{t.symbol} drives no screw, or one on a frame that {robot.name} does not have"
                 str((t.unit, *t.screws))
+            if (why := unstorable(m)) is not None:
+                return why
     except Exception as error:  # noqa: BLE001  as above
         return f"{type(error).__name__}: {error}"
     return None

@@ -9,12 +9,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..words.rigid import AXES
-from .causes import ONE, Cause, Member
+from ..words.values import hashed_once
+from .causes import FUNCTIONS, ONE, Applied, Bump, Cause, Combined, Member, Named, Number
 
 FIXTURE_AXES = (*AXES, "length")      # of a feature of the set-up: its place, its tilt, a length
+KINDS = (Number, Named, Applied, Combined, Member, Bump)
 LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
 
 
+@hashed_once
 @dataclass(frozen=True)
 class Screw:
     """WHERE x WHY: a small twist on one axis of one frame, scaled by its cause. Frame 0 is no frame of the arm but a feature of
@@ -93,6 +96,22 @@ def terms_of(mechanisms: Iterable[Mechanism]) -> tuple[Term, ...]:
         for term in mechanism.terms:
             seen.setdefault(term.screws, term)
     return tuple(seen.values())
+
+
+def foreign(cause: Cause) -> str | None:
+    """What in a cause is not of modelsel.wrong.causes, in words: it prints in no grammar, and no file could hold it. A class
+    derived from one of those is not that one."""
+    if type(cause) not in KINDS:
+        return f"{type(cause).__name__} is a kind of cause of its own"
+    if isinstance(cause, Applied):
+        return foreign(cause.argument) if cause.function in FUNCTIONS else f"{cause.function} is a function of its own"
+    return foreign(cause.left) or foreign(cause.right) if isinstance(cause, Combined) else None
+
+
+def unstorable(mechanism: Mechanism) -> str | None:
+    """Why no calibration could store a mechanism, in a sentence; None where one can."""
+    found = next((what for t in mechanism.terms for s in t.screws if (what := foreign(s.cause))), None)
+    return None if found is None else f"{found}, which no calibration can store: build it of those in modelsel.wrong.causes."
 
 
 def letter(frame: int, axis: str) -> str:

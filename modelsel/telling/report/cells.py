@@ -19,7 +19,7 @@ from ...words.rigid import Array
 from ...wrong.causes import Applied, Cause, Combined, Named, Number
 
 if TYPE_CHECKING:
-    from ..analysis import Result
+    from ..finished import Result
 
 MOST = 800  # rows from which the slopes are taken
 FAINT = 1e-5  # share of a column that must be left beyond the base for it to have a slope of its own
@@ -90,32 +90,34 @@ def _slopes(result: Result, base_rung: Rung) -> list[Any]:
     some, every = data.scene.take(used), slice(0, len(used))
     fitted, white = base_rung.fit, some.whiten
     _, columns, residual = next(blocks(some, fitted.terms, fitted.at()))  # MOST rows are one block
-    Q, r = basis(columns[list(fitted.found.kept)].reshape(fitted.rank, -1).T), residual.reshape(-1)
+    Q, r = basis(columns[list(fitted.found.kept)].reshape(fitted.rank, residual.size).T), residual.reshape(-1)
     field = field_of(some, some.pose(every), every)
     causes = [[np.broadcast_to(np.asarray(some.cause(c), float), (len(used),)) for c in why] for why in whole.why]
-    out = []
+    out: list[Any] = []
     for i, (frame, axis) in enumerate(whole.where):
         d = field[frame - 1, PLACE[axis]]
         d = d * white if isinstance(white, float) else np.einsum("mij,jm->im", white, d)
+        line: list[Any] = [None] * len(causes)
         where = [j for j in range(len(causes)) if np.isfinite(whole.f[i, j])]
-        flat = np.array([values for j in where for values in causes[j]])
-        X = (d[None] * flat[:, None]).reshape(len(flat), -1)
-        Z = X - (X @ Q) @ Q.T
-        line, at = [None] * len(causes), 0
-        for j in where:
-            k = len(causes[j])
-            line[j] = _slope(Z[at : at + k], X[at : at + k], r)
-            at += k
+        for k in sorted({len(causes[j]) for j in where}):  # cells of as many causes together
+            cells = [j for j in where if len(causes[j]) == k]
+            flat = np.array([values for j in cells for values in causes[j]])
+            X = (d[None] * flat[:, None]).reshape(len(flat), -1)
+            Z = X - (X @ Q) @ Q.T
+            for j, slopes in zip(cells, _slope(Z.reshape(len(cells), k, -1), X.reshape(len(cells), k, -1), r), strict=True):
+                line[j] = [float(f"{v:.5g}") for v in slopes]
         out.append(line)
     return out
 
 
-def _slope(Z: Array, X: Array, r: Array) -> Any:
-    """Least-squares slopes of r on the rows of Z; nought for what the base has already."""
-    size = np.linalg.norm(X, axis=1)
-    if not size.all():
-        return [0.0] * len(Z)
-    value, vector = np.linalg.eigh(Z @ Z.T / size[:, None] / size)
+def _slope(Z: Array, X: Array, r: Array) -> list[Any]:
+    """(n, k) least-squares slopes of r on the rows of every Z (n, k, N); nought for what the base has already."""
+    size = np.linalg.norm(X, axis=2)
+    moves = size.all(1)
+    size = np.where(moves[:, None], size, 1.0)
+    value, vector = np.linalg.eigh(np.matmul(Z, Z.swapaxes(1, 2)) / size[:, :, None] / size[:, None])
     inverse = np.where(value > FAINT, 1 / np.where(value > FAINT, value, 1), 0)
-    inner = vector @ (inverse * (vector.T @ (Z @ r / size)))
-    return [float(f"{v:.5g}") for v in inner / size]
+    inner = inverse * np.matmul(vector.swapaxes(1, 2), (Z @ r / size)[:, :, None])[:, :, 0]
+    slopes = np.matmul(vector, inner[:, :, None])[:, :, 0] / size
+    found: list[Any] = np.where(moves[:, None], slopes, 0.0).tolist()
+    return found

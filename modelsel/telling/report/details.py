@@ -21,7 +21,7 @@ from .cells import cells_dict
 from .panels import finding_panels
 
 if TYPE_CHECKING:
-    from ..analysis import Result
+    from ..finished import Result
 
 ROWS = 480  # drawn; more say nothing more to the eye and make the page heavy
 OUTLIERS = 60

@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ...words.errors import StudyError
-from ..write import write_beside
-from .details import details, dumps
+from ..write import write_all
 from .document import Page, Source, book
 from .end import outliers, provenance, unidentifiable
 from .evidence import correlation, held_out, posterior, residuals, significance
@@ -18,9 +16,6 @@ from .front import data, error_map, first
 from .html import page
 from .models import models
 from .pdf import compiled, content
-
-if TYPE_CHECKING:
-    from ..analysis import Result
 
 SCHEMA = 1
 PAGES: dict[str, Page] = {
@@ -38,11 +33,6 @@ PAGES: dict[str, Page] = {
     "outliers": outliers,
     "provenance": provenance,
 }
-
-
-def save_details(result: Result, folder: Path) -> None:
-    """Write DIR/details.json, whole or not at all."""
-    write_beside(folder / "details.json", dumps(details(result)).encode())
 
 
 def read(folder: Path) -> Source:
@@ -68,11 +58,14 @@ def read(folder: Path) -> Source:
 
 def draw(folder: Path, pages: tuple[str, ...] | None = None, say: Callable[[str], None] = lambda _: None) -> list[Path]:
     """Draw the report of a folder again; `pages` chooses (all without). Files written. Raises StudyError or ReportError."""
-    source = read(folder)
+    return draw_source(read(folder), folder, pages, say)
+
+
+def draw_source(source: Source, folder: Path, pages: tuple[str, ...] | None, say: Callable[[str], None]) -> list[Path]:
+    """Draw the report of a result's contents into a folder."""
     say("drawing the pictures")
     blocks = book(source, PAGES, pages)
     say("setting the report")
     pdf, _ = compiled(content(source, blocks), source.pictures)
-    write_beside(folder / "report.pdf", pdf)
-    write_beside(folder / "report.html", page(source))
+    write_all(folder, {"report.pdf": pdf, "report.html": page(source)})
     return [folder / "report.pdf", folder / "report.html"]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ..views import name_of
 from .document import Block, Source, heading, points, table, text
-from .front import name_of
 
 ROWS = 60
 

@@ -6,9 +6,10 @@ from typing import Any
 
 from ...why.words import quantity
 from ..tables import mm
+from ..views import name_of
 from .document import Block, Source, heading, points, table, text
 from .figures import finding as draw
-from .front import name_of, names_of
+from .front import names_of
 
 ESTIMATES = 4  # numbers listed; a free function has dozens
 ADVICE = 2  # ways to tell rivals apart

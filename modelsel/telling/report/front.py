@@ -5,22 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from ..tables import mm
+from ..views import name_of
 from .document import Block, Source, heading, points, table, text
 from .figures import errormap, ladder, space
 from .style import shortened
 
 NAMED, NAME, WHAT = 9, 40, 110  # rows of the first page's table, letters of a name and of what it means
-
-
-def name_of(entry: dict[str, Any]) -> str:
-    """A registered name, or the cell: frame 6 ty · q4."""
-    if entry["mechanism"]:
-        return str(entry["mechanism"])
-    first = entry["screws"][0] if entry["screws"] else {"frame": "?", "axis": "", "cause": ""}
-    if str(first["cause"]).startswith("free("):
-        return str(first["cause"])
-    causes = " & ".join(dict.fromkeys(str(s["cause"]) for s in entry["screws"]))
-    return f"frame {first['frame']} {first['axis']} · {causes}"
 
 
 def names_of(entries: list[dict[str, Any]]) -> list[str]:

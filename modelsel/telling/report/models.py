@@ -64,8 +64,15 @@ def _subsets(candidates: dict[str, Any]) -> list[Block]:
         f"Of {candidates['compared']:,} subsets of the strongest registered mechanisms, these stand out. They check the ladder "
         "from another side: each is fitted by one linear step and measured alike."
     )
+    if search := candidates.get("search"):
+        said += (
+            f" Among all 2^{search['mechanisms']} subsets, branch and bound by BIC "
+            + ("proves the best." if search["proven"] else "did not finish: its best may be beaten by up to "
+               f"{search['may_be_beaten_by']:.3g}.")
+        )
+    held = "twelve" if len(candidates["considered"]) == 12 else len(candidates["considered"])
     aside, more = candidates["set_aside"][:ASIDE], len(candidates["set_aside"]) - ASIDE
-    rest = f"Not in the table, which holds twelve: {', '.join(aside)}{f' and {more} more' if more > 0 else ''}."
+    rest = f"Not in the table, which holds {held}: {', '.join(aside)}{f' and {more} more' if more > 0 else ''}."
     return [
         heading("The table of subsets", 2),
         text(said),

@@ -23,8 +23,8 @@ from ...wrong.screws import Term
 from .cells import wave
 
 if TYPE_CHECKING:
-    from ..analysis import Result
     from ..findings import Finding
+    from ..finished import Result
 
 PANELS = 3  # of a finding; the largest effects first
 POINTS = 240  # of a panel

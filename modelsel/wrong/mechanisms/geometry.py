@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...data.measurements import Feature
+from ...data.features import Feature
 from ...machine.robot import Robot
 from ...words.rigid import AXES
 from ..causes import ONE, Cause, Member

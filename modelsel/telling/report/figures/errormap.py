@@ -33,8 +33,8 @@ def error_map(result: dict[str, Any]) -> bytes | None:
     f = np.array([[np.nan if v is None else v for v in row] for row in whole["f"]], dtype=float)[:, columns]
     p = np.array(whole["p_family_wise"], dtype=float)[:, columns]
     shade = np.log10(np.maximum(f, 1.0))
-    with styled() as plt:
-        fig, ax = plt.subplots(figsize=(WIDTH, 0.135 * len(f) + 1.55), layout="constrained")
+    with styled() as sheets:
+        fig, ax = sheets.subplots(figsize=(WIDTH, max(0.135 * len(f) + 1.55, 2.9)), layout="constrained")
         mesh = ax.pcolormesh(
             np.arange(len(columns) + 1) - 0.5,
             np.arange(len(f) + 1) - 0.5,

@@ -44,8 +44,8 @@ def axis_name(panel: dict[str, Any]) -> str:
 def finding(panels: list[dict[str, Any]]) -> bytes:
     """Up to three panels: grey, what the model without the effect leaves; blue, with it; orange, the fitted effect."""
     n = len(panels)
-    with styled() as plt:
-        fig, axes = plt.subplots(1, n, figsize=(WIDTH, 2.8 if n > 1 else 3.2), layout="constrained", squeeze=False)
+    with styled() as sheets:
+        fig, axes = sheets.subplots(1, n, figsize=(WIDTH, 2.8 if n > 1 else 3.2), layout="constrained", squeeze=False)
         for ax, panel in zip(axes[0], panels, strict=True):
             x, before, after, weight = (np.array(panel[k], float) for k in ("x", "before", "after", "weight"))
             biggest = float(np.percentile(np.abs(np.concatenate([before, after])), 99))
@@ -93,12 +93,13 @@ def finding(panels: list[dict[str, Any]]) -> bytes:
                 fontweight="normal",
                 color=INK,
             )
-        fig.legend(handles=_legend(plt), loc="outside lower center", ncols=3, fontsize=7)
+        fig.legend(handles=_legend(), loc="outside lower center", ncols=3, fontsize=7)
         return svg(fig, "Residual against cause")
 
 
-def _legend(plt: Any) -> list[Any]:
-    line = plt.Line2D
+def _legend() -> list[Any]:
+    from matplotlib.lines import Line2D as line  # noqa: N813
+
     return [
         line([], [], ls="", marker="s", mfc="white", mec=INK, label="without this effect (large: means)"),
         line([], [], ls="", marker="o", mfc="white", mec=BLUE, label="with it"),
@@ -110,8 +111,8 @@ def credible(entries: list[tuple[str, float, bool]]) -> bytes:
     """Probability of every explanation listed, the first on top; hatched where it does not move the target alike."""
     shown = entries[:BARS]
     rows = np.arange(len(shown))
-    with styled() as plt:
-        fig, ax = plt.subplots(figsize=(WIDTH, 0.21 * len(shown) + 0.5), layout="constrained")
+    with styled() as sheets:
+        fig, ax = sheets.subplots(figsize=(WIDTH, 0.21 * len(shown) + 0.5), layout="constrained")
         ax.barh(
             rows,
             [p for _, p, _ in shown],

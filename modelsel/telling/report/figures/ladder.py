@@ -47,8 +47,8 @@ def ladder(result: dict[str, Any]) -> bytes:
     low, high = max(np.nanmin(both) / 1.7, 1e-9), np.nanmax(both) * 2.2
     few = np.log10(high / low) < 2
     shown = held if np.isfinite(held).any() else used
-    with styled() as plt:
-        fig, ax = plt.subplots(figsize=(WIDTH, min(0.22 * len(steps) + 0.75, 4.1)), layout="constrained")
+    with styled() as sheets:
+        fig, ax = sheets.subplots(figsize=(WIDTH, min(0.22 * len(steps) + 0.75, 4.1)), layout="constrained")
         ax.set_xscale("log")
         ax.set_xlim(low, high)
         ax.axvspan(low, floor, color="#EFEFEF", lw=0)
@@ -100,8 +100,10 @@ def held_out(result: dict[str, Any], details: dict[str, Any]) -> bytes | None:
     which = rungs(result)
     which = which if len(which) <= 6 else [which[round(k)] for k in np.linspace(0, len(which) - 1, 6)]
     labels = names(result, rungs(result))
-    with styled() as plt:
-        fig, ax = plt.subplots(figsize=(WIDTH, 2.4), layout="constrained")
+    import matplotlib as mpl
+
+    with styled() as sheets:
+        fig, ax = sheets.subplots(figsize=(WIDTH, 2.4), layout="constrained")
         for n, k in enumerate(which):
             size = np.sort(np.linalg.norm(np.array(details["rungs"][k]["residual_mm"])[side], axis=1))
             share = np.arange(1, len(size) + 1) / len(size)
@@ -112,7 +114,7 @@ def held_out(result: dict[str, Any], details: dict[str, Any]) -> bytes | None:
                 where="post",
                 lw=1.8 if last else 1.1,
                 ls=("-", "--", "-.", ":", (0, (5, 1)), "-")[n],
-                color=BLUE if last else plt.get_cmap("Greys")(0.45 + 0.08 * n),
+                color=BLUE if last else mpl.colormaps["Greys"](0.45 + 0.08 * n),
                 label=shortened(labels[rungs(result).index(k)], 36),
             )
         ax.set_xscale("log")

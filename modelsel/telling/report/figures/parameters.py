@@ -20,8 +20,8 @@ def forest(parameters: list[dict[str, Any]]) -> bytes:
     shown = sorted(with_error, key=lambda p: -score[id(p)])[:MOST]
     half = (len(shown) + 1) // 2
     top = max(score[id(p)] for p in shown) * 1.6
-    with styled() as plt:
-        fig, axes = plt.subplots(
+    with styled() as sheets:
+        fig, axes = sheets.subplots(
             1,
             2 if len(shown) > half else 1,
             figsize=(WIDTH, 0.135 * half + 0.6),
@@ -63,8 +63,8 @@ def correlation(block: dict[str, Any]) -> bytes:
     size = np.abs(np.nan_to_num(r[i, j]))
     keep = size > 0.1
     i, j, size, negative = i[keep], j[keep], size[keep], r[i, j][keep] < 0
-    with styled() as plt:
-        fig, ax = plt.subplots(figsize=(WIDTH * 0.8, WIDTH * 0.75), layout="constrained")
+    with styled() as sheets:
+        fig, ax = sheets.subplots(figsize=(WIDTH * 0.8, WIDTH * 0.75), layout="constrained")
         area = (230.0 / max(n, 6)) ** 2
         ax.scatter(
             j[~negative], i[~negative], s=area * size[~negative], c=BLUE, linewidths=0, alpha=0.25 + 0.75 * size[~negative]
@@ -96,8 +96,8 @@ def posterior(trace: dict[str, Any], units: dict[str, str]) -> bytes:
         factor, unit = scaled(stem, float(np.abs(draws[:, k]).max(initial=0)))
         draws[:, k] *= factor
         titles.append(shortened(name, 14) + ("" if unit + over + per == "1" else f"\n[{unit}{over}{per}]"))
-    with styled() as plt:
-        fig, axes = plt.subplots(n, n, figsize=(WIDTH, WIDTH * 0.86), squeeze=False, layout="constrained")
+    with styled() as sheets:
+        fig, axes = sheets.subplots(n, n, figsize=(WIDTH, WIDTH * 0.86), squeeze=False, layout="constrained")
         for a in range(n):
             for b in range(n):
                 ax = axes[a, b]

@@ -23,8 +23,8 @@ def joints(details: dict[str, Any]) -> bytes:
     estimation, _ = _rows(details)
     q = np.array(details["rows"]["q"])
     n = q.shape[1]
-    with styled() as plt:
-        fig, axes = plt.subplots(n, 1, figsize=(WIDTH, 0.36 * n + 0.35), layout="constrained", squeeze=False)
+    with styled() as sheets:
+        fig, axes = sheets.subplots(n, 1, figsize=(WIDTH, 0.36 * n + 0.35), layout="constrained", squeeze=False)
         for j, ax in enumerate(axes[:, 0]):
             joint = details["joints"][j]
             turn = np.degrees if joint["unit"] == "rad" else np.asarray
@@ -75,8 +75,8 @@ def workspace(details: dict[str, Any]) -> bytes:
     """Measured targets in the tracker's frame, seen from two sides, with the arm at a middling configuration."""
     estimation, outlying = _rows(details)
     x, chain = np.array(details["rows"]["measured_mm"]), np.array(details["arm_mm"])
-    with styled() as plt:
-        fig = plt.figure(figsize=(WIDTH, 3.1))
+    with styled() as sheets:
+        fig = sheets.figure(figsize=(WIDTH, 3.1))
         for k, azimuth in enumerate((VIEW[1], VIEW[1] + 90)):
             ax = fig.add_axes((0.5 * k, 0.08, 0.48, 0.92), projection="3d")
             ax.plot(*chain.T, color=INK, lw=1.6, marker="o", ms=2.5, zorder=1, label="the arm, one configuration")
@@ -124,8 +124,8 @@ def vectors(details: dict[str, Any], which: list[tuple[int, str]]) -> bytes:
     if len(panels) > 1:
         panels.append((panels[-1][0], f"{panels[-1][1]}, drawn as the first", panels[0][2]))
     lines = -(-len(panels) // 2)
-    with styled() as plt:
-        fig = plt.figure(figsize=(WIDTH, 2.3 * lines))
+    with styled() as sheets:
+        fig = sheets.figure(figsize=(WIDTH, 2.3 * lines))
         for n, (r, name, factor) in enumerate(panels):
             left, bottom, high = 0.5 * (n % 2), 1 - (n // 2 + 1) / lines, 1 / lines
             ax = fig.add_axes((left, bottom, 0.47, 0.93 * high), projection="3d")

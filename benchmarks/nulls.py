@@ -1,0 +1,182 @@
+"""What every error control promises, where nothing is wrong: false alarms and coverage under normal noise, and under what breaks it.
+
+    python -m benchmarks.nulls --studies 300 --out benchmarks/results/nulls.txt
+
+A three-joint arm, 48 configurations in 8 groups of 6, geometry alone is wrong. Every study goes through outliers, naming and
+confidence as `modelsel study` does. Conditions: normal noise; Student-t with 3 degrees of freedom, a draw a configuration; noise
+that grows with the square of the reach; an autoregression (0.9) along smooth trajectories, a group each.
+"""
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.special import stdtrit
+from scipy.stats import beta, kstest
+
+from modelsel import Model, mechanism
+from modelsel.data.measurements import measurements
+from modelsel.elsewhere.explain import explain
+from modelsel.elsewhere.prepare import generator
+from modelsel.fitting.fit import fit
+from modelsel.machine.robot import forward
+from modelsel.matrix.design import residuals
+from modelsel.matrix.scene import Scene, scene
+from modelsel.sure.parameters import parameters
+from modelsel.sure.significance import nested
+from modelsel.which.compare import Data
+from modelsel.which.folds import assign
+from modelsel.why.faults import misplaced
+from modelsel.why.predictor import predictable
+from modelsel.wrong.registry import every
+
+from .calibration import ARM, TOOL
+
+GROUPS, EACH, SIGMA, LEVEL = 8, 6, 0.05, 0.05
+BASE = Model((mechanism("geometric", ARM),))
+TESTED = mechanism("joint-compliance:2", ARM)
+Array = np.ndarray
+
+
+def normal(rng: np.random.Generator, q: Array) -> Array:
+    return rng.standard_normal((len(q), 3))
+
+
+def heavy(rng: np.random.Generator, q: Array) -> Array:
+    return rng.standard_normal((len(q), 3)) / np.sqrt(rng.chisquare(3, (len(q), 1)) / 3)
+
+
+def unequal(rng: np.random.Generator, q: Array) -> Array:
+    reach = np.linalg.norm(forward(ARM, q, TOOL), axis=1)
+    return rng.standard_normal((len(q), 3)) * np.clip((reach / np.median(reach)) ** 2, 0.25, 4.0)[:, None]
+
+
+def correlated(rng: np.random.Generator, q: Array) -> Array:
+    out = rng.standard_normal((len(q), 3))
+    for k in range(len(q)):
+        if k % EACH:
+            out[k] = 0.9 * out[k - 1] + np.sqrt(1 - 0.81) * out[k]
+    return out
+
+
+CONDITIONS: dict[str, Callable[[np.random.Generator, Array], Array]] = {
+    "normal": normal, "Student t3": heavy, "unequal variances": unequal, "correlated trajectories": correlated}
+
+
+def configurations(condition: str, rng: np.random.Generator) -> Array:
+    """(48, 3): drawn one by one, or on a straight line in joint space a group."""
+    if condition != "correlated trajectories":
+        return ARM.draw(rng, GROUPS * EACH)
+    start, stop = ARM.draw(rng, GROUPS), ARM.draw(rng, GROUPS)
+    along = np.linspace(0, 1, EACH)[:, None]
+    return np.concatenate([a + 0.6 * (b - a) * along for a, b in zip(start, stop)])
+
+
+def campaign(condition: str, rng: np.random.Generator) -> tuple[Scene, Array]:
+    """(a study in which geometry alone is wrong, its parameters)."""
+    q = configurations(condition, rng)
+    at = scene(ARM, measurements(q, forward(ARM, q, TOOL), group=np.repeat(np.arange(GROUPS), EACH)), TOOL[None])
+    truth = np.zeros(len(BASE.terms))
+    kept = list(fit(at, BASE).found.kept)
+    truth[kept] = rng.normal(0, 1, len(kept)) * [0.3 if t.unit == "mm" else 1e-3 for t in np.array(BASE.terms, object)[kept]]
+    noise = SIGMA * CONDITIONS[condition](rng, q)
+    return replace(at, data=replace(at.data, position=at.data.position - residuals(at, BASE.terms, truth) + noise)), truth
+
+
+@dataclass(frozen=True)
+class Study:
+    """What one study said of nothing: names found, the search's and the map's p, of the predictor and one single test; outliers,
+    faults; of the true parameters, how many the interval of least squares and the reported one cover."""
+
+    names: tuple[str, ...]
+    left_p: float
+    map_p: float
+    predictor_p: float
+    single_p: float
+    outliers: int
+    faults: int
+    parameters: int
+    covered: int
+    covered_reported: int
+
+
+def study(condition: str, seed: Sequence[int]) -> Study:
+    rng = np.random.default_rng(seed)
+    at, truth = campaign(condition, rng)
+    m = len(at)
+    data = Data(at, np.ones(m, bool), np.zeros(m, bool), assign(at.data, 10, generator(seed[-1], "folds")), False)
+    data, extension, _ = explain(data, BASE, every(ARM), seed[-1], True)
+    base_fit = fit(data.training(), BASE)
+    both = fit(data.training(), Model((*BASE.mechanisms, TESTED)))
+    own = [k for k, t in enumerate(both.terms) if t.screws == TESTED.terms[0].screws and k in both.found.kept]
+    left = extension.fit.residuals(at)[data.used]
+    told = predictable(at.data.take(data.used), left, (False,) * 3, generator(seed[-1], "flips"))
+    wrong = misplaced(at, data.outlying, extension.fit, generator(seed[-1], "null"))
+    table = parameters(data, base_fit, generator(seed[-1], "bootstrap"))
+    size = {t.symbol: v for t, v in zip(base_fit.terms, truth)}
+    off = np.array([abs(p.estimate - size[p.symbol]) for p in table])
+    half = np.array([(p.high - p.low) / 2 for p in table])
+    plain = stdtrit(base_fit.freedom, 0.975) * np.array([p.standard_error for p in table])
+    return Study(tuple(e.candidate.mechanism.name for e in extension.effects), extension.left_p, float(extension.map_p.min()),
+                 told.p if told else 1.0, nested(both, own)[1] or 0.0 if own else 1.0, int(data.outlying.sum()), len(wrong),
+                 len(table), int((off < plain).sum()), int((off < half).sum()))
+
+
+def interval(hits: int, of: int) -> str:
+    """A rate with its Clopper-Pearson 95 % interval."""
+    low = beta.ppf(0.025, hits, of - hits + 1) if hits else 0.0
+    high = beta.ppf(0.975, hits + 1, of - hits) if hits < of else 1.0
+    return f"{hits / of:.3f} [{low:.3f}, {high:.3f}]"
+
+
+def table(done: dict[str, list[Study]]) -> list[str]:
+    lines = [f"{'condition':<24}{'studies':>8}  " + "".join(f"{w:<23}" for w in (
+        "something found", "a cell of the map", "predictor", "single F test", "rows set aside")) + "faults"]
+    for name, all_ in done.items():
+        n = len(all_)
+        cells = [sum(bool(s.names) for s in all_), sum(s.map_p <= LEVEL for s in all_), sum(s.predictor_p <= LEVEL for s in all_),
+                 sum(s.single_p <= LEVEL for s in all_), sum(s.outliers > 0 for s in all_), sum(s.faults > 0 for s in all_)]
+        lines.append(f"{name:<24}{n:>8}  " + "".join(f"{interval(c, n):<23}" for c in cells))
+    lines += ["", ("95 % intervals of the geometric parameters: share that covers, least squares' and as reported; single "
+                   "F test's p against uniform (Kolmogorov-Smirnov); the names found most")]
+    for name, all_ in done.items():
+        counts = {k: sum(k in s.names for s in all_) for k in {x for s in all_ for x in s.names}}
+        most = ", ".join(f"{k} {v}" for k, v in sorted(counts.items(), key=lambda kv: -kv[1])[:5])
+        shares = []
+        for which in ("covered", "covered_reported"):
+            each = np.array([getattr(s, which) / s.parameters for s in all_])
+            shares.append(f"{each.mean():.3f} ± {each.std() / np.sqrt(len(each)):.3f}")
+        p = kstest([s.single_p for s in all_], "uniform").pvalue
+        lines.append(f"{name:<24}{shares[0]:>16}{shares[1]:>16}   p {p:.2g}   {most}")
+    return lines
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--studies", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--conditions", nargs="*", default=list(CONDITIONS))
+    parser.add_argument("--out", type=Path)
+    asked = parser.parse_args()
+    done: dict[str, list[Study]] = {name: [] for name in asked.conditions}
+    started = time.monotonic()
+    for k in range(asked.studies):          # in turn, so that a run cut short has some of each
+        for c, name in enumerate(CONDITIONS):
+            if name in done:
+                done[name].append(study(name, (asked.seed, c, k)))
+                print(json.dumps([name, done[name][-1].__dict__]), flush=True)
+        if k % 20 == 19:
+            print(f"{k + 1} studies each, {time.monotonic() - started:.0f} s\n" + "\n".join(table(done)), flush=True)
+    said = "\n".join(table(done))
+    print(said)
+    if asked.out:
+        asked.out.write_text(said + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,62 @@
+"""Simulated campaigns for the figures: a PUMA 760 with geometric errors, planted effects and noise, fitted and scanned."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from modelsel.data.measurements import measurements
+from modelsel.fitting.fit import Fit, fit
+from modelsel.machine.robot import forward
+from modelsel.machine.robotfile import load
+from modelsel.matrix.design import Model, residuals
+from modelsel.matrix.scene import Scene, scene
+from modelsel.which.candidates import Candidate, candidates
+from modelsel.why.errormap import Columns, Scan, columns, scan, stacked
+from modelsel.words.rigid import Array
+from modelsel.wrong.registry import every, mechanism
+from modelsel.wrong.screws import Term
+
+ROBOT, TOOL = load("puma760"), (40.0, -25.0, 100.0)
+BASE = Model((mechanism("geometric", ROBOT),))
+NOISE = 0.05        # mm per coordinate
+
+
+def effect(name: str, *sizes: float) -> list[tuple[Term, float]]:
+    """A registered mechanism's terms at these sizes."""
+    return list(zip(mechanism(name, ROBOT).terms, sizes, strict=True))
+
+
+def measured(m: int, effects: Sequence[tuple[Term, float]], seed: int, noise: float = NOISE) -> Scene:
+    """m configurations drawn within the limits, measured on the exact chain with geometric errors, the effects and noise."""
+    rng = np.random.default_rng(seed)
+    q = ROBOT.draw(rng, m)
+    at = scene(ROBOT, measurements(q, forward(ROBOT, q, np.array(TOOL))), np.array([TOOL]))
+    size = [0.3 if t.screws[0].axis[0] == "t" else 5e-4 for t in BASE.terms]
+    built = np.random.default_rng([seed, 1]).normal(0, size)       # of its own stream: the same arm however much is measured
+    theta = np.concatenate([built, [v for _, v in effects]])
+    terms = (*BASE.terms, *(t for t, _ in effects))
+    position = at.data.position - residuals(at, terms, theta)[:, :3] + rng.normal(0, noise, (m, 3))
+    return replace(at, data=replace(at.data, position=position))
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A campaign with a fitted model: every candidate, its columns, the scan beyond the model, what the model leaves."""
+
+    at: Scene
+    fitted: Fit
+    found: tuple[Candidate, ...]
+    cols: Columns
+    seen: Scan
+    rest: Array
+
+
+def look(at: Scene, model: Model = BASE, cols: Columns | None = None) -> View:
+    """Fit a model and scan beyond it; `cols` are those of the base."""
+    found, fitted = candidates(at, BASE, every(ROBOT)), fit(at, model)
+    cols = columns(at, found, fitted.at()) if cols is None else cols
+    A, r = stacked(at, model.terms, fitted.at())
+    Q = np.linalg.qr(A[:, list(fitted.found.kept)])[0]
+    return View(at, fitted, found, cols, scan(cols, Q), r - Q @ (Q.T @ r))

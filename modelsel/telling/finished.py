@@ -1,0 +1,123 @@
+"""A finished study, as values."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from ..data.measurements import Note
+from ..elsewhere.confidence import Confidence
+from ..elsewhere.explain import Nested
+from ..fitting.noise import Floor
+from ..machine.robot import Robot
+from ..matrix.identify import Unidentifiable
+from ..which.compare import Data, Rung
+from ..which.table import Comparison
+from ..which.validate import Gain
+from ..why.extend import Extension
+from ..why.faults import Fault
+from ..why.maps import ErrorMap
+from ..why.predictor import Predictable
+from ..why.words import label
+from .config import Study
+from .findings import Finding, fault_dict, finding_dict, screws_of
+from .left import Placed, features, fit_of, noise_dict
+from .result import candidates_dict, plain, rung_dict
+from .verdict import verdict
+from .views import Views
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+PARTS = ("x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Result(Views):
+    """A finished study: values for programs, `to_json` for the contract's file, `to_frame` for tables; in a notebook it shows
+    itself."""
+
+    study: Study
+    robot: Robot
+    data: Data
+    floor: Floor
+    ladder: tuple[Rung, ...]
+    comparison: Comparison | None
+    chosen: Rung
+    gain: Gain
+    findings: tuple[Finding, ...]
+    faults: tuple[Fault, ...]
+    extension: Extension = field(repr=False)
+    error_map: ErrorMap = field(repr=False)
+    nothing_else: tuple[str, float | None]
+    predictable: Predictable | None
+    nested: Nested | None
+    unidentifiable: tuple[Unidentifiable, ...]
+    warnings: tuple[Note, ...]
+    confidence: Confidence
+    provenance: Mapping[str, str] = field(repr=False)
+
+    @property
+    def features(self) -> tuple[Placed, ...]:
+        """Where the chosen model has the features that rows share."""
+        return features(self.data.scene, fit_of(self.chosen))
+
+    @property
+    def named(self) -> list[tuple[str, str]]:
+        """(name, verdict) of every finding, faults of single rows first, as result.json lists them."""
+        return [*((f"fault:{f.name}", "found") for f in self.faults),
+                *((label(f.effect.candidate), f.effect.named.verdict) for f in self.findings)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The contract's result."""
+        data = self.data.scene.data
+        estimation = self.data.estimation
+        extending = [] if self.study.model.candidates == [] else [e.candidate for e in self.extension.effects]
+        return {
+            "schema": 1, "study": self.study.name, "robot": self.robot.name, "seed": self.study.seed,
+            "provenance": dict(self.provenance),
+            "verdict": list(verdict(self.ladder[0], self.chosen, self.gain, self.floor, self.named,
+                                    self.study.model.candidates != [], self.nothing_else[0])),
+            "configurations": {"estimation": data.take(estimation).configurations,
+                               "held_out": data.take(~estimation).configurations,
+                               "estimation_rows": data.row[estimation]},
+            "noise_floor": noise_dict(self.floor, data),
+            **({} if data.gauges is None else {"features": [asdict(f) for f in self.features]}),
+            "ladder": [rung_dict(r) for r in self.ladder],
+            "candidates": candidates_dict(self.comparison),
+            "findings": [*(fault_dict(f) for f in self.faults),
+                         *(finding_dict(f, self.data.scene.take(estimation)) for f in self.findings)],
+            "nothing_else": {"sentence": self.nothing_else[0], "detection_limit_mm": self.nothing_else[1],
+                             "predictable": None if self.predictable is None else asdict(self.predictable)},
+            "nested_cv": None if self.nested is None else {
+                "folds": self.nested.folds, "geometric": asdict(self.nested.base), "chosen": asdict(self.nested.chosen),
+                "named_in_folds": self.nested.named},
+            "chosen": {"mechanisms": [*self.study.model.base, *(c.mechanism.name for c in extending if c.registered)],
+                       "cells": [s for c in extending if not c.registered
+                                 for s in screws_of(c, self.data.scene.take(estimation))]},
+            "path": list(self.extension.path),
+            "error_map": {"places": list(self.error_map.places), "causes": list(self.error_map.causes), "f": self.error_map.f,
+                          "p_family_wise": self.error_map.p},
+            "outliers": data.row[self.data.outlying],
+            "unidentifiable": [{"sentence": u.sentence, "parameters": list(u.parameters)} for u in self.unidentifiable],
+            "warnings": [{"code": w.code, "sentence": w.sentence} for w in (*self.warnings, *self.confidence.notes)],
+            **self.confidence.to_dict(),
+        }
+
+    @cached_property
+    def record(self) -> dict[str, Any]:
+        """result.json's content."""
+        out: dict[str, Any] = plain(self.to_dict())
+        return out
+
+    def residuals(self) -> pd.DataFrame:
+        """Measured minus predicted, mm (and rad, where orientations were measured) in the tracker's frame, of the nominal, the
+        base and the chosen model, indexed by the row of the file; whether a row estimates, and whether it is an outlier."""
+        import pandas as pd
+        data = self.data
+        base = next(r for r in self.ladder if r.names == tuple(self.study.model.base))
+        columns: dict[str, Any] = {"estimation": data.estimation, "outlier": data.outlying}
+        for name, rung in (("nominal", self.ladder[0]), ("base", base), ("chosen", self.chosen)):
+            columns |= {f"{name}_{part}": rung.residual[:, k] for k, part in enumerate(PARTS[:rung.residual.shape[1]])}
+        return pd.DataFrame(columns, index=pd.Index(data.scene.data.row, name="row"))

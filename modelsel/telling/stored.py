@@ -1,0 +1,127 @@
+"""A result in its folder: result.json, details.json, calibration.json and residuals.parquet, written and read back."""
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..use.calibration import NAME, Calibration, calibrate, load_calibration
+from ..words.errors import StudyError
+from .finished import Result
+from .report.details import details
+from .report.details import dumps as compact
+from .report.document import Source
+from .report.drawing import draw_source, read
+from .views import Views
+from .write import write_all
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+RESIDUALS = "residuals.parquet"
+WRITES = (RESIDUALS, "details.json", NAME, "result.json")     # the last says that all are there
+SAME_RUN = ("data_sha256", "study_sha256")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StoredResult(Views):
+    """A result read back from its folder: what was written, to look at, to draw, to compensate with. The fits and draws behind it
+    belong to the run: `run` the study again for these."""
+
+    content: Mapping[str, Any]     # of result.json
+    details: Mapping[str, Any]
+    calibration: Calibration
+    table: pd.DataFrame | None
+
+    @property
+    def record(self) -> Mapping[str, Any]:
+        """result.json's content."""
+        return self.content
+
+    def residuals(self) -> pd.DataFrame:
+        """As of the result that was saved. Raises StudyError where the folder has none."""
+        if self.table is None:
+            raise StudyError(f"there was no {RESIDUALS} in the folder: run the study again to write one.")
+        return self.table
+
+
+def calibration_of(result: Result | StoredResult) -> Calibration:
+    """The chosen model as a calibration that can be stored, exported and compensated with."""
+    if isinstance(result, StoredResult):
+        return result.calibration
+    fitted, data = result.chosen.fit, result.data
+    assert fitted is not None
+    return calibrate(result.study.name, data, fitted, result.floor, result.chosen.held_out.rms_mm,
+                     bool(result.study.robot.register_), result.provenance)
+
+
+def _details(result: Result | StoredResult) -> str:
+    """details.json's text."""
+    return compact(dict(result.details) if isinstance(result, StoredResult) else details(result))
+
+
+def save(result: Result | StoredResult, folder: Path | str) -> list[Path]:
+    """Write a result into a folder: result.json, details.json, calibration.json and residuals.parquet, all whole
+    before the first takes its place; `load_result` reads them back. Files written. Raises StudyError."""
+    made = {RESIDUALS: _parquet(result), "details.json": _details(result).encode(),
+            NAME: calibration_of(result).to_json().encode(), "result.json": result.to_json().encode()}
+    write_all(Path(folder), {name: content for name in WRITES if (content := made[name]) is not None})
+    return [Path(folder) / name for name in WRITES if made[name] is not None]
+
+
+def load_result(folder: Path | str) -> StoredResult:
+    """A result from the folder that `save` or `modelsel study` wrote it into (or the result.json there). Raises StudyError."""
+    folder = Path(folder)
+    folder = folder.parent if folder.name == "result.json" else folder
+    source = read(folder)
+    calibration = load_calibration(folder)
+    _one_run(calibration.provenance, source.result, folder, NAME)
+    table = None
+    if (folder / RESIDUALS).exists():
+        table, of = _read_parquet(folder / RESIDUALS)
+        _one_run(of, source.result, folder, RESIDUALS)
+    return StoredResult(source.result, source.details, calibration, table)
+
+
+def report(result: Result | StoredResult, folder: Path | str, pages: tuple[str, ...] | None = None,
+           say: Callable[[str], None] = lambda _: None) -> list[Path]:
+    """Draw report.pdf and report.html of a result into a folder; `pages` chooses from the PDF's. Files written. Raises StudyError
+    or ReportError."""
+    return draw_source(Source(dict(result.record), json.loads(_details(result))), Path(folder), pages, say)
+
+
+def _one_run(there: Mapping[str, Any], result: Mapping[str, Any], folder: Path, name: str) -> None:
+    if any(there.get(key) != result["provenance"].get(key) for key in SAME_RUN):
+        raise StudyError(f"{folder}: {name} belongs to another run than result.json; modelsel study STUDY.toml --out DIR makes "
+                         "it anew.")
+
+
+def _parquet(result: Result | StoredResult) -> bytes | None:
+    """residuals.parquet, with the hashes of its run; None where a stored result has none."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+    if isinstance(result, StoredResult) and result.table is None:
+        return None
+    frame = result.residuals()
+    columns = {"row": pa.array(frame.index.to_numpy())} | {n: pa.array(frame[n].to_numpy()) for n in frame.columns}
+    run = {key: result.record["provenance"][key] for key in SAME_RUN}
+    out = io.BytesIO()
+    pq.write_table(pa.table(columns).replace_schema_metadata(run), out, compression="zstd")
+    return out.getvalue()
+
+
+def _read_parquet(path: Path) -> tuple[pd.DataFrame, dict[str, str]]:
+    """The table and the hashes of its run. Raises StudyError."""
+    import pandas as pd
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+    try:
+        table = pq.read_table(path, use_threads=False, partitioning=None)
+        columns = {name: table.column(name).to_numpy() for name in table.column_names}
+        index = pd.Index(columns.pop("row"), name="row")
+    except (OSError, KeyError, pa.lib.ArrowException) as error:
+        raise StudyError(f"{path}: cannot be read ({str(error)[:120]}): run the study again.") from None
+    return pd.DataFrame(columns, index=index), {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()}

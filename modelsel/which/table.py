@@ -1,0 +1,223 @@
+"""The table of all subsets of the candidates on a base, with the one-standard-error choice, measured on reduced data.
+
+Every row is one linear step from the base's fit. A block of rows evaluates its causes once for all models, in three passes;
+what is solved is solved on triangles. Any number of configurations costs memory for a length a row and model, for nothing else.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.measurements import Index
+from ..fitting.fit import Fit, Step, one_step, typical_weight
+from ..matrix.design import Model
+from ..matrix.reduce import Reduction, reduce_scene
+from ..matrix.scene import Scene
+from ..words.errors import NotEstimable
+from ..words.rigid import Array
+from ..wrong.screws import Mechanism, Screw
+from .bound import Certified, best_subset
+from .candidates import Candidate
+from .compare import Data, Rung, described, finite
+from .criteria import aicc, bic, ebic, log_evidence, weights
+from .folds import CrossValidation, Folded, cross_validate, fold, folds, held_out_residuals
+from .search import Subsets, all_subsets, some_subsets
+from .validate import errors_of
+
+MOST = 12      # mechanisms in the table of all subsets, unless the study asks for more
+SHOWN = 12     # rows of it that are listed
+WALKED = 16    # mechanisms whose subsets are all walked: 65,536 models, half a second
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The table of subsets: how many were compared, the best by cross-validation, the one-standard-error choice."""
+
+    compared: int
+    best: tuple[Rung, ...]
+    choice: tuple[str, ...]
+    considered: tuple[str, ...]
+    set_aside: tuple[str, ...]
+    certified: Certified | None = None              # of more mechanisms than all subsets of which can be walked
+
+
+def strongest(found: Sequence[Candidate], single_f: Array, named: Sequence[Candidate] = (), most: int = MOST
+              ) -> tuple[tuple[Mechanism, ...], tuple[str, ...]]:
+    """(at most `most` registered mechanisms: the `named`, then those of largest single F, in the registry's order; names of
+    the others). Of a scanned mechanism the best constant, or the named one, stands for it."""
+    best: dict[str, tuple[float, int]] = {}
+    for g, candidate in enumerate(found):
+        f = np.inf if any(candidate is n for n in named) else float(single_f[g])
+        if candidate.registered and f > best.get(candidate.mechanism.name, (0.0, -1))[0]:
+            best[candidate.mechanism.name] = (f, g)
+    ranked = [g for _, g in sorted(best.values(), key=lambda pair: -pair[0])]
+    screws = {g: {t.screws for t in found[g].mechanism.terms} for g in ranked}
+    first = {g for f, g in best.values() if f == np.inf}
+    parts = {g for g in ranked if g not in first and any(screws[g] < screws[h] for h in first)}
+    unions = {g for g in ranked if g not in first
+              and screws[g] == set().union(*(screws[h] for h in ranked if screws[h] < screws[g]))}
+    single = [g for g in ranked if g not in unions | parts]  # gravity-twist is joint2-twist and joint3-twist, no third thing
+    aside = tuple(found[g].mechanism.name for g in ranked if g not in single[:most])
+    return tuple(found[g].mechanism for g in sorted(single[:most])), aside
+
+
+def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechanism], base_names: Sequence[str],
+            set_aside: Sequence[str] = ()) -> Comparison:
+    """All subsets of the candidates (see `strongest`) on the base, linear about the base's fit; of more than WALKED the best by
+    BIC, certified or not, and what stands round it."""
+    training, folds_of = data.training(), data.training_folds()
+    everything = base + tuple(candidates)
+    terms = everything.terms
+    used = sorted({*base_fit.found.exact, *range(len(base.terms), len(terms))})
+    folded = fold(training, terms, folds_of, base_fit.at(), used)
+    place = {t.screws: k for k, t in enumerate(terms)}
+    kept_base = list(base_fit.found.kept)
+    groups = [[place[t.screws] for t in c.terms if place[t.screws] >= len(base.terms)] for c in candidates]
+    chosen = [g for g, columns in enumerate(groups) if columns]
+    subsets, certified = _searched(folded, kept_base, _disjoint([groups[g] for g in chosen]))
+    total, n = subsets.held_out.sum(1), int(folded.rows.sum())
+    saturated = n - subsets.rank < 2
+    alone = np.array([subsets.rank[(subsets.members.sum(1) == 1) & subsets.members[:, g]][0] for g in range(len(chosen))],
+                     dtype=np.intp) - len(kept_base)
+    listed = ~saturated & (subsets.rank - len(kept_base) == subsets.members @ alone)   # dependent columns: it repeats another
+    best = int(np.argmin(np.where(listed, total, np.inf)))
+    spread = np.sqrt(subsets.held_out.shape[1] * (subsets.held_out - subsets.held_out[best]).var(1, ddof=1))
+    within = (total - total[best] <= spread) & listed
+    least = np.flatnonzero(within & (subsets.rank == subsets.rank[within].min()))
+    pick = int(least[np.argmin(total[least])])
+    evidence = log_evidence(subsets.rss, float(subsets.rss[0]), n, int(subsets.rank[0]), subsets.rank - subsets.rank[0])
+    weight = weights(np.where(listed, -2 * (evidence + _multiplicity(subsets.members)), np.inf))
+    by_bic, by_aicc = (int(np.argmin(np.where(listed, c(subsets.rss, n, subsets.rank), np.inf))) for c in (bic, aicc))
+    ranking = np.argsort(np.where(listed, total, np.inf), kind="stable")[:min(SHOWN, int(listed.sum()))]
+    searched = [] if certified is None else np.flatnonzero((subsets.members == certified.members).all(1)).tolist()
+    rows = list(dict.fromkeys([pick, by_bic, by_aicc, *searched, *ranking.tolist()]))[:SHOWN]
+    rows.sort(key=lambda s: float(total[s]))
+    some = [tuple(candidates[chosen[g]] for g in np.flatnonzero(subsets.members[s])) for s in rows]
+    steps = steps_from(data, everything, base_fit, folded)
+    rungs = measured(data, [(*base_names, *(m.name for m in each)) for each in some], [steps.to(base + each) for each in some])
+    out = []
+    for s, one in zip(rows, rungs, strict=True):
+        if one is None:
+            continue
+        notes = [text for text, true in (
+            ("one-standard-error choice", s == pick), ("lowest CV", s == best),
+            ("not distinguishable from the lowest CV", s != best and total[s] - total[best] < 2 * spread[s]),
+            ("lowest BIC: criteria disagree", s == by_bic != best), ("lowest AICc: criteria disagree", s == by_aicc != best),
+            ("saturated: AICc undefined", n - subsets.rank[s] < 3),
+            (_proof(certified), s in searched)) if true]
+        extended = float(ebic(subsets.rss[s], n, subsets.rank[s], int(subsets.members[s].sum()), len(chosen)))
+        out.append(replace(one, ebic=finite(extended), weight=float(weight[s]) if certified is None else None,
+                           note="; ".join([*notes, *([one.note] if one.note else [])])))
+    choice = tuple(candidates[chosen[g]].name for g in np.flatnonzero(subsets.members[pick]))
+    considered = tuple(candidates[g].name for g in chosen)
+    return Comparison(len(subsets.rss), tuple(out), (*base_names, *choice), considered, tuple(set_aside), certified)
+
+
+def _searched(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]]) -> tuple[Subsets, Certified | None]:
+    """All subsets of up to WALKED groups; of more, none, the best by BIC, each group alone, and the best's neighbours by a group,
+    with the best's certificate."""
+    if len(groups) <= WALKED:
+        return all_subsets(folded, base, groups), None
+    found = best_subset(folded.total(), base, groups)
+    single = np.eye(len(groups), dtype=bool)
+    every = np.concatenate([[single[0] & False, found.members], single, found.members ^ single])
+    members = np.array(list(dict.fromkeys(map(tuple, every.tolist()))), dtype=bool)
+    return some_subsets(folded, base, groups, members), found
+
+
+def _proof(certified: Certified | None) -> str:
+    """What is known of the best."""
+    if certified is None or certified.proven:
+        return "lowest BIC of all subsets, proven"
+    return f"lowest BIC found; another may have up to {certified.gap:.3g} less"
+
+
+def _disjoint(groups: list[list[int]]) -> list[list[int]]:
+    """A column that two mechanisms share enters with each: the sweep finds the second copy dependent and skips it."""
+    return [list(dict.fromkeys(columns)) for columns in groups]
+
+
+def _multiplicity(members: NDArray[np.bool_]) -> Array:
+    """ln of the Beta-binomial(1, 1) model prior: 1 / [(G+1) C(G, s)] (Scott & Berger 2010)."""
+    from scipy.special import gammaln
+    G, s = members.shape[1], members.sum(1)
+    return np.asarray(gammaln(s + 1) + gammaln(G - s + 1) - gammaln(G + 2))
+
+
+def columns_of(terms: Model, model: Model) -> list[int]:
+    """Where a model's terms stand among those of a larger one."""
+    place: dict[tuple[Screw, ...], int] = {t.screws: k for k, t in enumerate(terms.terms)}
+    return [place[t.screws] for t in model.terms]
+
+
+def measured(data: Data, models: Sequence[tuple[str, ...]], steps: Sequence[Step | None]) -> list[Rung | None]:
+    """A rung (without its residuals) of every step, in the given names; None for a step that cannot be made."""
+    training, folds_of = data.training(), data.training_folds()
+    some = [step for step in steps if step is not None]
+    folded = folds(training, [(s.model.terms, (s.model.terms, s.theta), s.found.kept) for s in some], folds_of)
+    fits = [step.fit(block.total()) for step, block in zip(some, folded, strict=True)]
+    crossed = [_crossed(block, fitted) for block, fitted in zip(folded, fits, strict=True)]
+    sizes, left = _lengths(data, fits, crossed, folds_of)
+    out = iter(zip(fits, crossed, sizes, left, strict=True))
+    return [None if step is None else _rung(data, names, *next(out)) for names, step in zip(models, steps, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Makes linear steps from a base's fit for any model of the terms of a larger one, on reduced data: triangles of the `whole`
+    model's terms at the nominal chain and `here`, at the fit."""
+
+    whole: Model
+    base_fit: Fit
+    nominal: Reduction
+    here: Reduction
+    weight: float
+    training: Scene
+
+    def to(self, model: Model) -> Step | None:
+        """None where the data do not determine the model."""
+        index = columns_of(self.whole, model)
+        known = dict(zip((t.screws for t in self.base_fit.terms), self.base_fit.theta, strict=True))
+        start = np.array([known.get(t.screws, 0.0) for t in model.terms])
+        try:
+            return one_step(model, start, self.nominal.select(index), self.here.select(index), self.weight, self.training)
+        except NotEstimable:
+            return None
+
+
+def steps_from(data: Data, whole: Model, base_fit: Fit, folded: Folded) -> Steps:
+    """From a base's fit; `folded`: the whole model's terms there."""
+    training = data.training()
+    return Steps(whole, base_fit, reduce_scene(training, whole.terms), folded.total(), typical_weight(training), training)
+
+
+def _crossed(folded: Folded, fitted: Fit) -> CrossValidation | None:
+    try:
+        return cross_validate(folded, fitted.found.kept)
+    except NotEstimable:
+        return None
+
+
+def _lengths(data: Data, fits: Sequence[Fit], crossed: Sequence[CrossValidation | None], folds_of: Index
+             ) -> tuple[Array, Array]:
+    """Lengths [mm] of every model's residuals (models, m), and of those that fits without the row's fold leave (models, rows that
+    fit)."""
+    sizes, left = np.empty((len(fits), len(data.scene))), np.full((len(fits), int(data.used.sum())), np.nan)
+    place = np.cumsum(data.used) - 1
+    for rows, part in data.scene.parts():
+        used = data.used[rows]
+        seen, at = part.take(used), place[rows][used]
+        for fitted, cv, size, mine in zip(fits, crossed, sizes, left, strict=True):
+            size[rows] = np.linalg.norm(fitted.residuals(part)[:, :3], axis=1)
+            if cv is not None and len(at):
+                mine[at] = np.linalg.norm(held_out_residuals(seen, fitted.terms, folds_of[at], cv.without, fitted.at()), axis=1)
+    return sizes, left
+
+
+def _rung(data: Data, names: tuple[str, ...], fitted: Fit, cv: CrossValidation | None, size: Array, left: Array) -> Rung:
+    ours, held = data.estimation, ~data.estimation
+    both = errors_of(size[ours], data.outlying[ours]), errors_of(size[held], data.outlying[held])
+    return described(data, names, fitted, both, cv, left, np.zeros((0, data.scene.components)))

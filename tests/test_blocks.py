@@ -1,0 +1,168 @@
+"""Any number of rows is a few passes over blocks of them: the answers are those of all rows at once, and no cause is worked out
+again for every model, fold or block."""
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from builders import drawn, planted, study_of
+
+from modelsel.elsewhere.confidence import confidence
+from modelsel.fitting.fit import fit
+from modelsel.machine.robotfile import load
+from modelsel.matrix import reduce, scene
+from modelsel.matrix.design import Model, residuals
+from modelsel.matrix.scene import Scene
+from modelsel.sure import posterior as closed
+from modelsel.sure import significance
+from modelsel.sure.posterior import posterior, weighted
+from modelsel.which import folds
+from modelsel.which.compare import Data, rung
+from modelsel.which.folds import by_unit, fold
+from modelsel.which.table import compare
+from modelsel.wrong.registry import mechanism
+
+ARM = load("puma760")
+BASE = Model((mechanism("geometric", ARM),))
+OFFERED = tuple(mechanism(name, ARM) for name in ("gravity-twist", "joint-compliance:5", "wrist-coupling:5", "link-bending:2"))
+M, BLOCK = 300, 64
+
+
+@pytest.fixture
+def data(rng: np.random.Generator) -> Data:
+    """300 configurations, 100 held out, two effects planted, every reading of ten measured twice, two outliers."""
+    whole = BASE + OFFERED[:2]
+    theta = np.concatenate([rng.normal(size=len(BASE.terms)) * np.array([t.size[1] / 3 for t in BASE.terms]),
+                            [-2e-4, -1.4e-3, -1.7e-3, 4e-4]])
+    at = drawn(ARM, rng, M)
+    again = np.r_[np.arange(M - 10), np.arange(10)]
+    at = planted(replace(at, data=at.data.take(again), _values={}, _causes={}), whole.terms, theta, rng, 0.05)
+    data = study_of(replace(at, _values={}, _causes={}), held_out=100)
+    data.outlying[[3, 250]] = True
+    return data
+
+
+@pytest.fixture
+def blocks(monkeypatch: pytest.MonkeyPatch):
+    """Says after which calls blocks are small and nothing is remembered, as with millions of rows."""
+    def smaller() -> None:
+        for module in (folds, scene):
+            monkeypatch.setattr(module, "BLOCK", BLOCK)
+        monkeypatch.setattr(Scene.parts, "__defaults__", (BLOCK,))
+        monkeypatch.setattr(Scene.blocks, "__defaults__", (BLOCK,))
+        monkeypatch.setattr(reduce, "STREAM", 50)
+        monkeypatch.setattr(folds, "STREAM", 50)
+        monkeypatch.setattr(scene, "REMEMBER", BLOCK)
+    return smaller
+
+
+def near(one, other) -> None:
+    """Equal to 1e-8, whatever they are made of."""
+    if isinstance(one, float):
+        assert one == pytest.approx(other, rel=1e-8, abs=1e-12)
+    elif isinstance(one, (list, tuple)):
+        assert len(one) == len(other)
+        for a, b in zip(one, other, strict=True):
+            near(a, b)
+    elif isinstance(one, np.ndarray):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-8)
+    elif isinstance(one, dict):
+        near(list(one.items()), list(other.items()))
+    else:
+        assert one == other
+
+
+def test_folds_of_any_size(data: Data, blocks) -> None:
+    at, terms, point = data.scene, BASE.terms, fit(data.training(), BASE).at()
+    ways = [np.arange(M) % 3, np.arange(M) % 150, np.random.default_rng(0).permutation(M)]
+    before = [fold(at, terms, own, point) for own in ways]
+    (whole,) = by_unit(at, terms, at.data.block, point)
+    blocks()
+    for own, want in zip(ways, before, strict=True):
+        found = fold(at, terms, own, point)
+        assert np.array_equal(found.rows, want.rows)
+        for a, b in zip(found.blocks, want.blocks, strict=True):
+            np.testing.assert_allclose(a.T @ a, b.T @ b, rtol=1e-9, atol=1e-9 * np.abs(b.T @ b).max())
+    parts = list(by_unit(at, terms, at.data.block, point))
+    assert len(parts) > 3
+    assert max(len(p.blocks) for p in parts) <= BLOCK
+    some = [b[np.abs(b).any(1)] for p in parts for b in p.blocks]
+    for a, b in zip(some, whole.blocks, strict=True):
+        np.testing.assert_allclose(a, b[:len(a)], rtol=0, atol=1e-9)
+    assert np.concatenate([p.rows for p in parts]).tolist() == whole.rows.tolist()
+    assert len(whole.rows) == M - 10
+    assert whole.rows.max() == 6                                    # measured twice: one configuration
+
+
+def test_table_of_subsets_in_blocks(data: Data, blocks) -> None:
+    fitted = fit(data.training(), BASE)
+    before = compare(data, BASE, fitted, OFFERED, ("geometric",))
+    blocks()
+    after = compare(data, BASE, fitted, OFFERED, ("geometric",))
+    assert [r.names for r in after.best] == [r.names for r in before.best]
+    for a, b in zip(after.best, before.best, strict=True):
+        near(*([{f.name: getattr(r, f.name) if f.name not in ("estimation", "held_out") else vars(getattr(r, f.name))
+                 for f in fields(r) if f.name not in ("fit", "residual")} for r in (a, b)]))
+
+
+def test_rows_of_the_table_are_one_linear_step(data: Data) -> None:
+    """Against the model's own fit with one iteration from the base's, and its rung, made from the rows."""
+    training = data.training()
+    base = fit(training, BASE)
+    for row in compare(data, BASE, base, OFFERED, ("geometric",)).best[:6]:
+        model = BASE + tuple(m for m in OFFERED if m.name in row.names)
+        start = np.concatenate([base.theta, np.zeros(len(model.terms) - len(base.theta))])
+        one = rung(data, model, row.names, fit(training, model, start=start, iterations=1))
+        assert row.fit is not None
+        assert one.fit is not None
+        assert row.fit.found.kept == one.fit.found.kept
+        for name in ("rank", "cv_rms_mm", "cv_mean_mm", "aicc", "bic", "gcv", "log_density"):
+            assert getattr(row, name) == pytest.approx(getattr(one, name), rel=1e-9)
+        near([vars(row.estimation), vars(row.held_out)], [vars(one.estimation), vars(one.held_out)])
+
+
+def test_confidence_in_blocks(data: Data, blocks, monkeypatch) -> None:
+    model = BASE + OFFERED[:3]
+    fitted = fit(data.training(), model)
+    before = confidence(data, fitted, model.names, 3).to_dict()
+    blocks()
+    near(confidence(data, fitted, model.names, 3).to_dict(), before)
+    monkeypatch.setattr(significance, "BUNDLES", 60)               # halves of bundles tell what halves of configurations do
+    bundled = confidence(data, fitted, model.names, 3).to_dict()["significance"]
+    for a, b in zip(bundled, before["significance"], strict=True):
+        assert abs(a["stability"] - b["stability"]) <= 0.3
+        near({k: v for k, v in a.items() if k != "stability"}, {k: v for k, v in b.items() if k != "stability"})
+
+
+def test_thinned_weights_are_the_weights(data: Data, rng: np.random.Generator, monkeypatch) -> None:
+    fitted = fit(data.training(), BASE)
+    draws = posterior(fitted).draw(rng, 200)
+    draws = replace(draws, theta=fitted.theta + 6 * (draws.theta - fitted.theta))       # so that the chain's curvature is felt
+    want = weighted(data.training(), fitted, draws)
+    assert want.effective < 150
+    monkeypatch.setattr(closed, "CURVED", 66)
+    found = weighted(data.training(), fitted, draws)
+    away = [np.log(w.weight) - np.log(w.weight).mean() for w in (found, want)]
+    assert np.corrcoef(*away)[0, 1] > 0.8
+    assert np.std(away[0]) == pytest.approx(np.std(away[1]), rel=0.4)
+
+
+def test_causes_are_evaluated_once_a_block(data: Data, blocks, monkeypatch) -> None:
+    """The table's passes cost the same evaluations of the chain's moments whether it lists few models or many; residuals of a
+    whole scene evaluate each block's, not all rows' for every block."""
+    fitted = fit(data.training(), BASE)
+    blocks()
+    evaluated: list[int] = []
+    by_pose = Scene._by_pose
+    monkeypatch.setattr(Scene, "_by_pose", lambda self, name: evaluated.append(len(self)) or by_pose(self, name))
+    rows = []
+    for offered in (OFFERED[1:2], OFFERED):
+        evaluated.clear()
+        assert len(compare(data, BASE, fitted, offered, ("geometric",)).best) >= (2, 12)[len(offered) == 4]
+        rows.append(sum(evaluated))
+    assert rows[1] <= 1.5 * rows[0]
+    evaluated.clear()
+    residuals(replace(data.scene, _values={}, _causes={}), (*BASE.terms, *OFFERED[1].terms), np.full(len(BASE.terms) + 1, 1e-4))
+    assert sum(evaluated) == M
+    assert max(evaluated) == BLOCK

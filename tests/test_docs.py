@@ -1,0 +1,335 @@
+"""The documentation site: it builds strictly and without a network, its links lead somewhere, its catalogue is the registry's,
+its tables have every key, its commands print what it shows. `python tests/test_docs.py` writes the shown output anew."""
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import textwrap
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+from click.testing import CliRunner
+from test_readme import fenced, printed
+
+from modelsel.cli import COMMANDS, main
+from modelsel.words.errors import DataError, Interrupted, ModelselError, NotEstimable, StudyError
+from modelsel.wrong.registry import BUILTIN
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+TUTORIAL, CONTRACT, PYTHON = DOCS / "tutorial.md", DOCS / "contract.md", DOCS / "python.md"
+AGAIN = "python tests/test_docs.py writes it anew"
+SHOWN = re.compile(r"```python\n(.*?)```\n\n```text\n(.*?)```", re.DOTALL)
+LOADS = {"script": "src", "img": "src", "iframe": "src", "source": "src", "video": "src", "object": "data", "link": "href"}
+sys.path.insert(0, str(DOCS / "making"))
+
+
+# -- the site ------------------------------------------------------------------------------------------------------------
+
+
+class _Page(HTMLParser):
+    """What a page loads, where it links to, and its anchors."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.loads, self.links, self.anchors = list[str](), list[str](), set[str]()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = {k: v or "" for k, v in attrs}
+        if tag in LOADS and LOADS[tag] in found and found.get("rel") != "canonical":
+            self.loads.append(found[LOADS[tag]])
+        if tag == "a" and "href" in found:
+            self.links.append(found["href"])
+        self.anchors |= {found[k] for k in ("id", "name") if k in found}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> Path:
+    """The site, built strictly: any warning of mkdocs (a link, an anchor, a missing page) stops it."""
+    out = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(out)]
+    nowhere = dict.fromkeys(("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY"), "http://127.0.0.1:9")
+    built = subprocess.run(command, cwd=ROOT, env=os.environ | nowhere | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True,
+                           text=True, check=False, timeout=300)
+    assert built.returncode == 0, built.stdout + built.stderr
+    return out
+
+
+@pytest.fixture(scope="module")
+def pages(site) -> dict[Path, _Page]:
+    return {path: _Page(path.read_text(encoding="utf-8")) for path in site.rglob("*.html") if path.parent.name != "made"}
+
+
+def test_nothing_is_loaded_from_elsewhere(site, pages) -> None:
+    assert len(pages) > 10
+    for path, page in pages.items():
+        away = [load for load in page.loads if urlsplit(load).netloc or load.startswith("//")]
+        assert not away, f"{path.name} loads {away}"
+    for path in [*site.rglob("*.css"), *site.rglob("*.svg")]:
+        text = path.read_text(encoding="utf-8")
+        away = re.findall(r"(?:url\(|@import|href=|src=)\s*[\"']?((?:https?:)?//[^\"')\s]+)", text)
+        assert not away, f"{path.name} loads {away}"
+
+
+def test_links_lead_somewhere(site, pages) -> None:
+    for path, page in pages.items():
+        for link in (*page.links, *page.loads):
+            parts = urlsplit(link)
+            if parts.scheme or parts.netloc or path.name == "404.html":
+                continue
+            target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            target = target / "index.html" if target.is_dir() else target
+            assert target.is_file(), f"{path.name}: {link}"
+            if parts.fragment and target in pages:
+                anchors = pages[target].anchors
+                assert unquote(parts.fragment) in anchors, f"{path.name}: {link}"
+
+
+def test_formulas_are_drawn_without_a_script(site) -> None:
+    text = (site / "statistics.html").read_text(encoding="utf-8")
+    assert text.count("<math") > 20
+    assert "arithmatex" not in text
+    assert "\\(" not in text
+
+
+def test_catalogue_is_the_registry(site, pages) -> None:
+    page = pages[site / "mechanisms.html"]
+    assert set(BUILTIN) <= page.anchors
+    assert {f"mechanisms/{name}.svg" for name in BUILTIN} <= set(page.loads)
+    pictures = {path.stem: path.stat().st_size for path in (site / "mechanisms").iterdir()}
+    assert set(pictures) == set(BUILTIN)
+    assert max(pictures.values()) < 40_000
+
+
+def test_every_command_and_name_has_its_place(site, pages) -> None:
+    import modelsel
+    assert set(COMMANDS) <= pages[site / "commands.html"].anchors
+    said = (site / "python.html").read_text(encoding="utf-8")
+    assert all(f"<code>{name}</code>" in said for name in modelsel.__all__)
+
+
+# -- the catalogue ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_mechanism_without_its_text_stops_the_build() -> None:
+    import catalogue
+    entry = next(iter(BUILTIN.values()))
+    with pytest.raises(KeyError, match="hose-twist"):
+        catalogue.texts({**BUILTIN, "hose-twist": entry})
+    with pytest.raises(KeyError, match="refraction"):
+        catalogue.texts({name: value for name, value in BUILTIN.items() if name != "refraction"})
+
+
+def test_a_picture_is_the_same_bytes_twice() -> None:
+    import arm
+    import catalogue
+
+    from modelsel.machine.robotfile import load
+    robot = load(catalogue.ROBOT)
+    one, two = (arm.picture(catalogue.shown("backlash", robot), robot) for _ in range(2))
+    assert one == two
+
+
+def test_what_is_drawn_is_what_the_chain_does() -> None:
+    """The displacement in the pictures is the columns' own, to first order, for every mechanism."""
+    import arm
+    import catalogue
+    import numpy as np
+
+    from modelsel.machine.robotfile import load
+    from modelsel.matrix.design import design
+    robot = load(catalogue.ROBOT)
+    for stem in BUILTIN:
+        mechanism = catalogue.shown(stem, robot)
+        at, _ = arm.sweep(robot, arm.driver(mechanism))
+        small = 1e-3 * arm.values(mechanism.terms)
+        moved = arm.displacement(at, mechanism.terms, small)
+        linear = design(at, mechanism.terms)[0] @ small
+        assert np.abs(moved - linear).max() < 1e-2 * np.abs(linear).max(), stem
+        assert np.abs(linear).max() > 0, stem
+
+
+# -- notebooks -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_notebook_becomes_a_page(tmp_path) -> None:
+    import notebooks
+    outputs = [("1 + 1", {"output_type": "execute_result", "data": {"text/plain": ["2"]}}),
+               ("print(3)", {"output_type": "stream", "text": ["3\n"]}),
+               ("plot()", {"data": {"image/png": "iVBO\nRw0=\n", "text/plain": "<Figure>"}})]
+    cells = [{"cell_type": "markdown", "source": ["# First steps\n", "Some words."]},
+             *({"cell_type": "code", "source": source, "outputs": [output]} for source, output in outputs)]
+    (tmp_path / "first_steps.ipynb").write_text(json.dumps({"cells": cells, "nbformat": 4}))
+    title, text = notebooks.pages(tmp_path)["first_steps"]
+    assert title == "First steps"
+    assert "```python\n1 + 1\n```\n\n```text\n2\n```" in text
+    assert "```text\n3\n```" in text
+    assert 'src="data:image/png;base64,iVBORw0="' in text
+    assert "(first_steps.ipynb)" in text
+
+
+# -- the reference ---------------------------------------------------------------------------------------------------------
+
+
+def table(heading: str) -> dict[str, list[str]]:
+    """{first cell: the others} of the table below a heading of the contract page."""
+    part = CONTRACT.read_text(encoding="utf-8").split(f"\n## {heading}\n", 1)[1].split("\n## ", 1)[0]
+    rows = [line.strip("| ").split(" | ") for line in part.splitlines() if line.startswith("| `")]
+    return {row[0].strip("`"): row[1:] for row in rows}
+
+
+@pytest.mark.parametrize(("heading", "keys"), [("Study file", "study_keys"), ("Fleet file", "fleet_keys")])
+def test_every_key_stands_there_with_its_default(heading, keys) -> None:
+    import reference
+    shown = {key: cells[0].strip("`") for key, cells in table(heading).items()}
+    assert shown == getattr(reference, keys)()
+
+
+def test_every_key_of_a_result_is_explained() -> None:
+    result = json.loads((ROOT / "reports" / "puma760" / "result.json").read_text(encoding="utf-8"))
+    said = " ".join(" ".join([key, *cells]) for key, cells in table("`result.json`").items())
+    parts = [result, result["ladder"][0], result["candidates"], result["findings"][0], result["findings"][0]["credible_set"][0],
+             result["nothing_else"], result["parameters"][0], result["significance"][0], result["sampling"],
+             result["correlation"], result["error_map"], result["configurations"], result["chosen"]]
+    assert {key for part in parts for key in part if not re.search(rf"(?<!\w){key}(?!\w)", said)} == set()
+
+
+def test_every_key_of_a_calibration_is_explained() -> None:
+    stored = json.loads((ROOT / "reports" / "puma760" / "calibration.json").read_text(encoding="utf-8"))
+    said = " ".join(table("`calibration.json`"))
+    assert {key for key in stored if key not in said} == set()
+
+
+def test_constants_are_the_program_s() -> None:
+    from modelsel.which.candidates import REGISTERED
+    from modelsel.why.extend import LEVEL, MOST
+    from modelsel.why.naming import ALIKE, CREDIBLE, LISTED, SURE
+    said = {page: (DOCS / f"{page}.md").read_text(encoding="utf-8") for page in ("statistics", "choose", "limits", "contract")}
+    assert f"share {REGISTERED} of the prior" in said["statistics"]
+    assert f"hold {SURE} of the probability" in said["statistics"]
+    assert f"holds {CREDIBLE:.0%}".replace("%", " %") in said["statistics"]
+    assert all(f"correlation above {ALIKE} beyond the base" in said[page] for page in ("statistics", "choose"))
+    assert f"found at {LEVEL} or less" in said["contract"]
+    assert f"to {CREDIBLE} or {LISTED} entries" in said["contract"]
+    assert MOST == 24
+    assert "stops at twenty-four" in said["limits"]
+
+
+def test_exit_status_table() -> None:
+    text = (DOCS / "commands.md").read_text(encoding="utf-8")
+    kinds = (ModelselError, StudyError, DataError, NotEstimable, Interrupted)
+    assert {str(kind.exit_code) for kind in kinds} <= set(re.findall(r"^\| (\d+) \|", text, re.MULTILINE))
+
+
+# -- the tutorial ----------------------------------------------------------------------------------------------------------
+
+
+CAMPAIGN = """name = "campaign"
+seed = {seed}
+[robot]
+name = "puma760"
+tool_mm = [0, 0, 100]
+[measurements]
+file = "measurements.csv"
+[split]
+estimation = {estimation}
+[model]
+candidates = {candidates}
+[simulate]
+configurations = {count}
+noise_mm = 0.05
+"""
+EFFECT = '[[simulate.effect]]\nframe = {}\naxis = "{}"\ncause = "{}"\nsize = {}\n'
+WORN = ((4, "ty", "1", 0.3), (1, "rz", "approach1", 1.5e-4))
+RIVALS = '["gear-eccentricity", "axis-wobble", "joint-compliance", "base-tilt", "joint2-twist"]'
+
+
+def invoked(*words: str) -> str:
+    """What a command prints on the output; it must be done (0) or have said what a check found (5)."""
+    ran = CliRunner().invoke(main, [*words])
+    assert ran.exit_code in (0, 5), ran.output
+    return ran.stdout
+
+
+def workshop(folder: Path, text: str) -> None:
+    """The files that the tutorial's commands run on: its own cell, two campaigns before and after, a study with rivals."""
+    (folder / "cell").mkdir()
+    shutil.copy(ROOT / "studies" / "puma760" / "measurements.csv", folder / "cell")
+    (study,) = fenced("toml", text)
+    (folder / "cell" / "study.toml").write_text(study)
+    (folder / "targets.csv").write_text(fenced("csv", text)[1])
+    shape = {"candidates": '"all"', "estimation": 80, "count": 120}
+    for name, effects, keys in (
+            ("before", [(3, "rz", "cos(q2+q3)", 1e-3)], shape | {"seed": 1}),
+            ("after", [(3, "rz", "cos(q2+q3)", 1.4e-3), *WORN], shape | {"seed": 2}),
+            ("rivals", [(2, "rz", "cos(q2)", 1.1e-4)], {"seed": 3, "candidates": RIVALS, "estimation": 50, "count": 60})):
+        here = folder / "studies" / name
+        here.mkdir(parents=True)
+        (here / "study.toml").write_text(CAMPAIGN.format(**keys) + "".join(EFFECT.format(*e) for e in effects))
+        invoked("simulate", str(here), "--out", str(here / "measurements.csv"))
+        if name != "rivals":
+            invoked("study", str(here), "--out", str(folder / "reports" / name), "--json", "--no-report", "--no-sampling")
+
+
+def commands(block: str) -> str:
+    """A console block as it would be now: each command, then what it prints, folded; of a study what follows the tables."""
+    out = ""
+    for line in re.findall(r"^\$ modelsel (.*)$", block, re.MULTILINE):
+        shown = invoked(*line.split())
+        if line.startswith("study "):
+            shown = "…\n" + re.sub(r"(?<=\w|,|:) *\n(?=\S)", " ", shown[shown.index("Nominal model"):])
+        out += f"$ modelsel {line}\n" + "".join(textwrap.fill(row, 112, subsequent_indent="    ", break_on_hyphens=False) + "\n"
+                                               for row in shown.splitlines())
+    return out
+
+
+def used(text: str, folder: Path) -> list[tuple[str, str]]:
+    """(as shown, as it is now) of every console block of the tutorial."""
+    workshop(folder, text)
+    with contextlib.chdir(folder):
+        return [(block, commands(block)) for block in fenced("console", text)]
+
+
+def test_commands_print_what_is_shown(tmp_path) -> None:
+    found = used(TUTORIAL.read_text(encoding="utf-8"), tmp_path)
+    assert len(found) >= 7
+    for shown, now in found:
+        assert shown == now, AGAIN
+
+
+def test_csv_shown_is_the_file_s() -> None:
+    header = fenced("csv", TUTORIAL.read_text(encoding="utf-8"))[0]
+    assert (ROOT / "studies" / "puma760" / "measurements.csv").read_text(encoding="utf-8").startswith(header)
+
+
+def test_python_prints_what_is_shown() -> None:
+    blocks = SHOWN.findall(PYTHON.read_text(encoding="utf-8"))
+    assert blocks
+    assert printed([code for code, _ in blocks], {}) == [output for _, output in blocks], AGAIN
+
+
+def rewrite() -> None:
+    """The pages' shown output as it is now."""
+    text = TUTORIAL.read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as folder:
+        for old, new in used(text, Path(folder)):
+            text = text.replace(f"```console\n{old}", f"```console\n{new}")
+    TUTORIAL.write_text(text, encoding="utf-8")
+    text = PYTHON.read_text(encoding="utf-8")
+    blocks = SHOWN.findall(text)
+    for (code, old), new in zip(blocks, printed([code for code, _ in blocks], {}), strict=True):
+        text = text.replace(f"{code}```\n\n```text\n{old}", f"{code}```\n\n```text\n{new}")
+    PYTHON.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    rewrite()

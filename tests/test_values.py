@@ -1,0 +1,40 @@
+"""Values that remember their hash: the same as worked out anew, and never another process's."""
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+from modelsel.words.values import KEPT
+from modelsel.wrong.causes import Bump, Cause, Named, cos, q, sin
+from modelsel.wrong.screws import Screw
+
+THERE = """
+import pickle, sys
+from modelsel.wrong.causes import Named, sin
+from modelsel.wrong.screws import Screw
+read, made = pickle.load(sys.stdin.buffer), Screw(4, "rz", sin(2.0 * Named("q4", "rad")))
+assert read == made and hash(read) == hash(made), (hash(read), hash(made))
+assert {made: 1}[read] == 1
+"""
+
+
+@pytest.mark.parametrize("cause", [sin(2.0 * q(4)), cos(q(2) + q(3)) * Named("payload_kg", "kg"), Bump("q1", 0.1, 0.2)], ids=str)
+def test_a_hash_is_worked_out_once_and_is_the_same(cause: Cause) -> None:
+    fresh = replace(cause)
+    assert KEPT not in vars(fresh)
+    assert hash(fresh) == hash(cause) == hash(replace(cause))
+    assert vars(fresh)[KEPT] == hash(cause)
+    assert fresh == cause == replace(cause)
+    assert repr(fresh) == repr(cause)
+    assert len({Screw(1, "rz", cause), Screw(1, "rz", fresh), Screw(2, "rz", fresh)}) == 2
+
+
+def test_another_process_hashes_anew() -> None:
+    screw = Screw(4, "rz", sin(2.0 * q(4)))
+    assert hash(screw) == vars(screw)[KEPT]
+    subprocess.run([sys.executable, "-c", THERE], input=pickle.dumps(screw), check=True, env=os.environ | {"PYTHONHASHSEED": "7"})
