@@ -209,7 +209,7 @@ def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:
 
     from modelsel.which.candidates import candidates
     from modelsel.why.errormap import columns
-    from modelsel.why.evidence import null_evidence
+    from modelsel.why.evidence import by_size, null_evidence, shares
     at, _ = campaign(even, rng)
     base_fit = fit(at, BASE)
     found = candidates(at, BASE, every(ARM))
@@ -222,6 +222,8 @@ def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:
         e = adjusted(first.Q, noise - first.Q @ (first.Q.T @ noise), np.tile(np.arange(M), 3))
         u = np.tile(2.0 * rng.integers(0, 2, (M, 30)) - 1, (3, 1)) * e[:, None]
         u -= first.Q @ (first.Q.T @ u)
-        flips.append(null_evidence(first.seen, log_prior, first.seen.strength(u), np.square(u).sum(0)))
+        share = shares(first.seen.strength(u), np.square(u).sum(0))
+        top = {k: share.whole[which].max(0) for k, which in by_size(first.seen).items()}
+        flips.append(null_evidence(first.seen, log_prior, share, top))
     assert ks_2samp(exact, np.concatenate(flips)).pvalue > CHANCE
     assert extend(at, BASE, base_fit, found, np.random.default_rng(1)).held_back is None

@@ -154,6 +154,7 @@ def test_simulated_data_keep_what_is_known(tmp_path) -> None:
     for name in ("q", "approach", "move", "order", "group", "configuration"):
         np.testing.assert_allclose(getattr(new, name), getattr(old, name), atol=1e-8, err_msg=name)
     assert old.groups == new.groups
+    assert np.abs(new.position - old.position).max() < 5.0          # the same arm, measured anew
 
 
 def test_a_fold_that_cannot_be_left_out_is_said(tmp_path, monkeypatch) -> None:

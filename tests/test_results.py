@@ -94,7 +94,7 @@ def test_a_study_keeps_the_data_it_was_given(frame) -> None:
 
 @pytest.mark.parametrize(("tables", "says"), [
     ({"robot": "puma760"}, 'robot: expected a table: name = "puma760"'), ({"robot": load("ur5")}, "nominal = the Robot"),
-    ({"split": 80}, "split: expected a table of settings"),
+    ({"split": 80}, "split: expected a table, found"),
     ({"robot": {"nominal": "puma760", "tool_mm": OFF_AXIS}}, "robot.nominal"),
     ({"measurements": 3}, "measurements: expected a file or a pandas DataFrame, found int"),
     ({"measurements": {"file": "m.csv", "frame": pd.DataFrame()}}, "give file or frame"), ({"seeds": 1}, 'Did you mean "seed"'),

@@ -18,6 +18,7 @@ from modelsel.which import criteria
 from modelsel.which.candidates import Candidate
 from modelsel.which.folds import Folded, assign, fold, pad
 from modelsel.which.search import all_subsets
+from modelsel.which.tree import refined
 from modelsel.why.errormap import basis, columns, scan, single_f, stacked
 from modelsel.wrong.causes import ONE
 from modelsel.wrong.registry import mechanism
@@ -222,3 +223,40 @@ def test_nearly_dependent_columns_are_told_apart(rng) -> None:
             beta = np.linalg.lstsq(X[fold_of != k][:, columns], y[fold_of != k], rcond=1e-12)[0]
             left = y[fold_of == k] - X[fold_of == k][:, columns] @ beta
             assert held_out[k] == pytest.approx(float(left @ left), rel=1e-7)
+
+
+def test_a_base_column_that_one_fold_has_alone(rng) -> None:
+    """Without its fold nothing but rounding is left of it: it stays as it is fitted, and no figure overflows."""
+    blocks = rng.normal(size=(3, 5, 4))
+    blocks[1:, :, 0] *= 1e-180
+    found = all_subsets(Folded(blocks, np.full(3, 5)), [0], [[1], [2]])
+    blocks[1:, :, 0] = 0
+    alone = all_subsets(Folded(blocks, np.full(3, 5)), [0], [[1], [2]])
+    np.testing.assert_allclose(found.held_out, alone.held_out, rtol=1e-9)
+    assert np.isfinite(found.held_out).all()
+
+
+@seeds(1, 2, 3)
+def test_given_subsets_by_triangles(rng) -> None:
+    """Every subset by the tree of triangles alone: nearly dependent, dependent and shared columns, wide groups last."""
+    base, near = rng.normal(size=(N, 2)), rng.normal(size=(N, 6))
+    near[:, 1] = near[:, 0] + 1e-7 * rng.normal(size=N)
+    X = np.column_stack([base, near, near[:, 0] - near[:, 2], base[:, 0] + near[:, 3]]) * 10.0 ** rng.integers(-4, 5, 10)
+    groups = [[2], [3], [4, 3], [8], [5, 9, 6], [7, 2]]
+    y, fold_of = near @ rng.normal(size=6) + 1e-2 * rng.normal(size=N), rng.permutation(N) % K
+    members = rng.permutation((np.arange(2 ** len(groups))[:, None] >> np.arange(len(groups))) % 2 == 1)
+    rank, rss, held_out = refined(folded(X, y, fold_of), [0, 1], groups, members)
+    for some, *found in zip(members, rank, rss, held_out, strict=True):
+        columns = list(dict.fromkeys([0, 1, *(c for g in np.flatnonzero(some) for c in groups[g])]))
+        want = referee(X, y, fold_of, columns)
+        assert found[0] == want[1], columns
+        np.testing.assert_allclose([found[1], *found[2]], [want[0], *want[2]], rtol=1e-6, err_msg=str(columns))
+
+
+@seeds(5, 6)
+def test_a_column_that_one_fold_has_alone_is_said(rng) -> None:
+    X, fold_of = rng.normal(size=(N, 3)), np.arange(N) % K
+    X[fold_of != 1, 2] = 0.0
+    held_out = refined(folded(X, rng.normal(size=N), fold_of), [0], [[1], [2]], np.array([[True, False], [True, True]]))[2]
+    assert np.isfinite(held_out[0]).all()
+    assert np.isnan(held_out[1]).tolist() == [False, True, False, False]

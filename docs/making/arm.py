@@ -133,7 +133,7 @@ def picture(mechanism: Mechanism, robot: Robot) -> tuple[bytes, str]:
     shift = displacement(along, mechanism.terms, theta)
     scale, unit = scaled("mm", float(np.abs(shift).max()))
     with styled() as plt:
-        fig, (left, right) = plt.subplots(1, 2, figsize=(6.5, 2.5), width_ratios=(1, 1.15))
+        fig, (left, right) = plt.subplots(1, 2, figsize=(6.5, 2.5), layout="none", width_ratios=(1, 1.15))
         fig.subplots_adjust(0.01, 0.17, 0.99, 0.9, wspace=0.24)     # constrained layout takes twice the time, 27 times over
         for a, b in zip(_seen(nominal), _seen(moved), strict=True):
             left.plot(*a.T, "-", color="#9A9A9A", lw=2.2, solid_joinstyle="round")

@@ -26,7 +26,7 @@ def simulate(robot: Robot, tool: Array, effects: Sequence[tuple[Screw, float]], 
     positions with every effect (screw, size in mm or rad per unit of its cause) in it, and normal noise of `noise_mm` per
     coordinate. Frame 0 is the tracker's. Raises StudyError for an effect that is not finite."""
     import pandas as pd
-    bound = scene(robot, at, np.atleast_2d(tool))
+    bound = scene(robot, replace(at, position=np.zeros_like(at.position)), np.atleast_2d(tool))     # measured nought: minus it
     terms = tuple(Term(f"p{k}", (screw,)) for k, (screw, _) in enumerate(effects))
     with np.errstate(all="ignore"):
         position = -residuals(bound, terms, np.array([size for _, size in effects]))[:, :3]

@@ -12,15 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..matrix.identify import identify, solve
-from ..matrix.reduce import Reduction
-from ..words.errors import NotEstimable
+from ..matrix.identify import identify
 from ..words.rigid import Array
-from .folds import Folded, cross_validate
+from .folds import Folded
+from .tree import projected, refined
 
 ABSORBED = 1e-20   # share of a column's squared norm that the base must leave, else its rounding would be a pivot
 DOUBT = 2e-11      # relative error beyond which a subset is worked out again
-REDONE = 64
 PIECE = 48_000     # numbers of S, and as many of W, that are walked at once: they stay in a core's cache
 PIVOT = 1e-9       # of the column's own size before any sweep: below it the column depends on the kept ones
 
@@ -35,25 +33,6 @@ class Subsets:
     rank: NDArray[np.intp]
     held_out: Array
     pivot: Array
-
-
-def _projected(folded: Folded, base: Sequence[int], rest: Sequence[int]) -> tuple[Array, Array]:
-    """(S, W), each (K+1, d, d) with the response last: entry K is all rows, trained and held out alike."""
-    blocks = folded.blocks[:, :, [*base, *rest, -1]]
-    K, _, width = blocks.shape
-    b, d = len(base), width - len(base)
-    S, W = np.empty((K + 1, d, d)), np.empty((K + 1, d, d))
-    everything = blocks.reshape(-1, width)
-    for k in range(K + 1):
-        train = everything if k == K else np.delete(blocks, k, axis=0).reshape(-1, width)
-        R = Reduction.empty(width - 1).add(train).R
-        inner = R[b:, b:]
-        S[k] = inner.T @ inner
-        test = everything if k == K else blocks[k]
-        unit = np.maximum(np.linalg.norm(R[:b, :b], axis=0), 1e-300)
-        left = test[:, b:] - (test[:, :b] / unit) @ np.linalg.lstsq(R[:b, :b] / unit, R[:b, b:], rcond=1e-13)[0]
-        W[k] = left.T @ left
-    return S, W
 
 
 def _sweep(S: Array, W: Array, first: Array, columns: int) -> tuple[Array, Array, Array, Array]:
@@ -116,7 +95,9 @@ def all_subsets(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[i
     """
     order = sorted(range(len(groups)), key=lambda g: -len(groups[g]))           # large groups nearest the root
     rest = [c for g in order for c in groups[g]]
-    S, W = _projected(folded, base, rest)
+    T, E = projected(folded, base, rest)
+    S = T.transpose(0, 2, 1) @ T
+    W = np.stack([*(e.T @ e for e in E), S[-1]])
     before = np.append(np.square(folded.blocks[:, :, rest]).sum((0, 1)), 1.0)
     size = np.sqrt(np.maximum(np.einsum("kdd->kd", S)[-1], ABSORBED * before))
     size[size == 0] = 1.0
@@ -135,49 +116,25 @@ def all_subsets(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[i
 
 def _redone(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]], found: Subsets) -> Subsets:
     """The doubtful subsets once more by orthogonal factors: small pivots, or sums of squares that are a small difference of
-    large ones, the most doubtful first and no more than REDONE; and, where the orthogonal factors of all columns together see
-    more directions than the sweeps did, every subset that left a column out as dependent."""
-    total = folded.total()
-    sizes = np.array([len(g) for g in groups])
+    large ones; and, where the orthogonal factors of all columns together see more directions than the sweeps did, every subset
+    that left a column out as dependent."""
     whole = list(dict.fromkeys([*base, *(c for g in groups for c in g)]))
-    near = identify(total.select(whole)).rank > found.rank.max()
+    near = identify(folded.total().select(whole)).rank > found.rank.max()
     lost = np.finfo(float).eps / np.minimum(found.pivot, (found.held_out / found.held_out[0]).clip(1e-300).min(1))
-    skipped = (found.rank < len(base) + found.members @ sizes) & near
-    lost[skipped] = np.inf
-    worst = np.argsort(-lost, kind="stable")[:REDONE + int(skipped.sum())]
-    held_out, rss, rank = found.held_out.copy(), found.rss.copy(), found.rank.copy()
-    for s in worst[lost[worst] > DOUBT]:
-        again = _refitted(folded, total, _columns(base, groups, found.members[s]))
-        if again is not None and (again[0] == rank[s] or skipped[s]):
-            rank[s], rss[s], held_out[s] = again[0], max(again[1], float(np.finfo(float).eps * found.rss[0])), again[2]
-    return Subsets(found.members, rss, rank, held_out, found.pivot)
-
-
-def _columns(base: Sequence[int], groups: Sequence[Sequence[int]], members: NDArray[np.bool_]) -> list[int]:
-    """Columns of a subset, each once."""
-    return list(dict.fromkeys([*base, *(c for g in np.flatnonzero(members).tolist() for c in groups[g])]))
-
-
-def _refitted(folded: Folded, total: Reduction, columns: Sequence[int]) -> tuple[int, float, Array] | None:
-    """(rank, rss, held-out sums of squares) of one subset by orthogonal factors; None where a fold alone decides."""
-    kept = [columns[k] for k in identify(total.select(columns)).kept]
-    try:
-        found = cross_validate(folded, kept)
-    except NotEstimable:
-        return None
-    return len(kept), found.rss, found.held_out
+    skipped: NDArray[np.bool_] = (found.rank < len(base) + found.members @ np.array([len(g) for g in groups])) & np.bool_(near)
+    again = np.flatnonzero(np.logical_or(lost > DOUBT, skipped))
+    if not len(again):
+        return found
+    rank, rss, held_out = refined(folded, base, groups, found.members[again])
+    sure = np.isfinite(held_out).all(1) & np.logical_or(rank == found.rank[again], skipped[again])
+    again, out = again[sure], (found.rank.copy(), found.rss.copy(), found.held_out.copy())
+    out[0][again], out[2][again] = rank[sure], held_out[sure]
+    out[1][again] = np.maximum(rss[sure], np.finfo(float).eps * found.rss[0])
+    return Subsets(found.members, out[1], out[0], out[2], found.pivot)
 
 
 def some_subsets(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]], members: NDArray[np.bool_]) -> Subsets:
     """The given subsets (S, G) alone, each by orthogonal factors; those that rest on one fold are held out at infinity."""
-    total, K = folded.total(), len(folded.blocks)
-    rank, rss, held_out = np.zeros(len(members), np.intp), np.empty(len(members)), np.full((len(members), K), np.inf)
-    for s, one in enumerate(members):
-        columns = _columns(base, groups, one)
-        found = _refitted(folded, total, columns)
-        if found is None:
-            kept = [columns[k] for k in identify(total.select(columns)).kept]
-            rank[s], rss[s] = len(kept), solve(total, kept)[2]
-        else:
-            rank[s], rss[s], held_out[s] = found
+    rank, rss, held_out = refined(folded, base, groups, members)
+    held_out = np.where(np.isfinite(held_out).all(1, keepdims=True), held_out, np.inf)
     return Subsets(members, rss, rank, held_out, np.ones(len(members)))
