@@ -38,7 +38,7 @@ from modelsel.use.calibration import loads, predict
 from modelsel.use.drift import judge
 from modelsel.use.plan import pool
 from modelsel.which.compare import Data
-from modelsel.which.folds import assign
+from modelsel.which.folds import assign, by_unit
 from modelsel.which.folds import fold as fold_scene
 from modelsel.which.stream import Parts, parts_of
 from modelsel.why.robust import gross, scale_of
@@ -225,6 +225,8 @@ def test_folds_count_what_was_measured(tmp_path) -> None:
     measured = made(c, tmp_path)
     data = prepared(measured, 90)
     folded = fold_scene(data.training(), model(measured).terms, data.training_folds())
+    each = [f.rows for f in by_unit(data.training(), model(measured).terms, np.arange(90))]
+    assert np.concatenate(each).tolist() == [3] * 30 + [1] * 60
     assert folded.rows.tolist() == [int(3 * (data.folds[:30] == k).sum() + (data.folds[30:] == k).sum()) for k in range(10)]
 
 
