@@ -250,3 +250,18 @@ def test_reduction_is_the_gram_matrix(rng) -> None:
     assert out.rows == 40
     assert np.array_equal(out.R, np.triu(out.R))
     same(out.select([3, 0]), reduce(X[:, [3, 0]], y))
+
+
+@pytest.mark.parametrize("noise", [{"floor_mm": 0.05}, {"range_mm": 0.02, "angle_urad": 5.0}])
+def test_distances_are_from_where_the_tracker_stands(noise) -> None:
+    """With or without the instrument's figures."""
+    from modelsel import Study, load, read_measurements
+    from modelsel.elsewhere.prepare import prepare
+    from modelsel.telling.study import plan_of
+    file = Path(__file__).parents[1] / "studies" / "puma760" / "measurements.csv"
+    study = Study(name="far", robot={"name": "puma760", "tool_mm": [0, 0, 100]}, measurements=file, split={"estimation": 80},
+                  noise={**noise, "tracker_mm": [4000, 0, 500]})
+    measured = read_measurements(file, (False,) * 6)
+    data = prepare(load("puma760"), measured, plan_of(study), None)[0]
+    distance = np.linalg.norm(measured.position - [4000, 0, 500], axis=1)
+    np.testing.assert_allclose(data.scene.value("range_mm"), distance, atol=15)         # nominal target against measured

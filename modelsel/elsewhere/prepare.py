@@ -37,6 +37,7 @@ class Plan:
     by: str = "configuration"
     stated_mm: float | None = None
     instrument: Instrument | None = None
+    tracker: tuple[float, float, float] = (0.0, 0.0, 0.0)       # where the instrument stands, in the data's frame
 
 
 PURPOSES = ("split", "folds", "gain", "naming", "simulate", "sampling", "null", "nested", "flips", "bootstrap", "halves", "scan")
@@ -99,7 +100,7 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
                                            "not known to the model, and drift is taken at the campaign's middle there."))
     data, estimation, more = _seen(data, estimation, plan)
     notes += more
-    bound = scene(robot, data, tools_of(data, plan.tools))
+    bound = replace(scene(robot, data, tools_of(data, plan.tools)), tracker=plan.tracker)
     if plan.register:
         bound = register(bound, estimation, plan.per_group)
     bound = place(bound, estimation)

@@ -49,7 +49,8 @@ def plan_of(study: Study) -> Plan:
     x, y, z = noise.tracker_mm
     instrument = Instrument(noise.range_mm, noise.range_ppm, noise.angle_urad, (x, y, z)) if noise.instrument else None
     return Plan(study.seed, tools, bool(table.register_), table.register_ == "per group", study.split.estimation,
-                study.split.column, study.split.held_out, study.comparison.folds, study.comparison.by, noise.floor_mm, instrument)
+                study.split.column, study.split.held_out, study.comparison.folds, study.comparison.by, noise.floor_mm, instrument,
+                (x, y, z))
 
 
 def known_features(study: Study) -> dict[str, Known]:
