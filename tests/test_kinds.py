@@ -540,6 +540,9 @@ def test_what_a_study_knows_of_features_is_checked(tmp_path) -> None:
         "a known plane needs position_mm and normal.", "length_mm stands in its rows already; give it once."]
     with pytest.raises(StudyError, match="say how a tracker measures points"):
         prepare(PUMA, replace(made(c, tmp_path), sigma=None), replace(plan(40), instrument=Instrument(0.01, 5, 5)))
+    both = plan(40, instrument=Instrument(0.01, 5, 5), stated_mm=0.1)
+    _, floor, _ = prepare(PUMA, replace(made(c, tmp_path), sigma=None), both)
+    assert (floor.coordinate_mm, floor.source) == (0.1, "stated")
 
 
 def test_a_study_without_features_is_hashed_as_before() -> None:

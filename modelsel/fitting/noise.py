@@ -86,7 +86,7 @@ def weigh(scene: Scene, instrument: Instrument | None, stated_mm: float | None, 
     """
     data = scene.data
     blocks: Array | None = None
-    if instrument is not None and data.gauges is not None and data.sigma is None:
+    if instrument is not None and data.gauges is not None and data.sigma is None and stated_mm is None:
         raise StudyError("noise: range_mm, range_ppm and angle_urad say how a tracker measures points, but the file has rows of "
                          "other kinds; give s_mm in the file, or floor_mm")
     if data.sigma is not None:
