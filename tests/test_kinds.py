@@ -504,7 +504,7 @@ def test_repeated_readings_of_one_coarse_number_are_no_copies(tmp_path) -> None:
     for _ in range(3):
         c.wires(30)
     for k, first in enumerate(c.rows[:30] * 3):
-        c.rows[k] = first | {"order": k, "length_mm": round(first["length_mm"] + c.rng.normal(0, 0.05), 1)}
+        c.rows[k] = first | {"order": k, "length_mm": round(5 * (first["length_mm"] + c.rng.normal(0, 0.05))) / 5}
     assert len(read_measurements(c.file(tmp_path), ARM)) == 90
 
 
