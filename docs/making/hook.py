@@ -6,8 +6,10 @@ picture). Nothing that is made here is stored: it says what the program does now
 from __future__ import annotations
 
 import html
+import json
 import os
 import re
+from collections import Counter
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,8 +76,25 @@ def _notebooks() -> str:
     return "\n".join([said, "", *found]) if found else "None is here yet."
 
 
+def _fuzz() -> str:
+    """How many broken files came to which end, of `python tests/fuzz_engine.py`."""
+    runs = json.loads((ROOT / "benchmarks" / "results" / "fuzz.json").read_text(encoding="utf-8"))["runs"]
+    total: dict[str, Counter[str]] = {}
+    for run in runs:
+        for kind, ends in run["by_kind"].items():
+            total.setdefault(kind, Counter()).update(ends)
+    ends = sorted({end for counted in total.values() for end in counted})
+    rows = [f"| {kind} | " + " | ".join(f"{counted[end]:,}" for end in ends) + f" | {counted.total():,} |"
+            for kind, counted in sorted(total.items())]
+    notes = [run["note"] for run in runs if "note" in run]
+    whole = sum((counted for counted in total.values()), Counter())
+    return "\n".join([f"| file | {' | '.join(ends)} | all |", "|---" + "|--:" * (len(ends) + 1) + "|", *rows,
+                      "| **all** | " + " | ".join(f"{whole[end]:,}" for end in ends) + f" | {whole.total():,} |",
+                      "", *(f"{note[0].upper()}{note[1:]}." for note in notes)])
+
+
 PARTS: dict[str, Any] = {"catalogue": lambda: mechanisms()[0], "commands": reference.commands, "names": reference.names,
-                         "naming": _naming, "notebooks": _notebooks}
+                         "fuzz": _fuzz, "naming": _naming, "notebooks": _notebooks}
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
