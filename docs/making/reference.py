@@ -81,9 +81,10 @@ def _keys(table: type[BaseModel], head: str = "") -> dict[str, str]:
         inner = field.annotation
         if set(get_args(inner)) & {Robot, Held}:       # an object, given from Python alone
             continue
-        rows = get_args(inner)[0] if get_origin(inner) is list else inner
+        named = get_origin(inner) is dict and isinstance(get_args(inner)[1], type) and issubclass(get_args(inner)[1], BaseModel)
+        rows = get_args(inner)[0] if get_origin(inner) is list else get_args(inner)[1] if named else inner
         if isinstance(rows, type) and issubclass(rows, BaseModel):
-            out |= _keys(rows, f"{head}{name}.")
+            out |= _keys(rows, f"{head}{name}.{'NAME.' if named else ''}")
         else:
             default = "required" if field.is_required() else field.get_default(call_default_factory=True)
             out[f"{head}{field.alias or name}"] = str(default)

@@ -38,10 +38,12 @@ def duplicates(table: Mapping[str, NDArray[Any]], m: int) -> Mask:
     return out
 
 
-def copies(q: Array, position: Array, others: Sequence[NDArray[Any]]) -> tuple[Mask, tuple[int, int] | None]:
+def copies(q: Array, position: Array, others: Sequence[NDArray[Any]], times: Array | None = None
+           ) -> tuple[Mask, tuple[int, int] | None]:
     """((m,) rows that hold the readings q (m, n), the position (m, 3) and the `others` (m,) of an earlier row to the last digit,
     (one of them, that earlier row)). No two measurements of a point agree so, unless positions are written so coarsely that
-    repeats agree in a coordinate here and there: those are repeats, and none is a copy."""
+    repeats agree in a coordinate here and there: those are repeats, and none is a copy. `times` (m,): how many times as many
+    pairs have to agree as agree only here and there (1 without it); rows with one value are judged together."""
     out, pair = np.zeros(len(q), bool), None
     known = [*q.T, *others]
     if not _suspects([*known, *position.T], len(q)).any():
@@ -51,7 +53,13 @@ def copies(q: Array, position: Array, others: Sequence[NDArray[Any]]) -> tuple[M
     same = np.array([key[order][1:] == key[order][:-1] for key in keys])
     reading, coordinates = same[:-3].all(0), same[-3:]
     alike = reading & coordinates.all(0)
-    if alike.any() and alike.sum() > (reading & coordinates.any(0) & ~alike).sum():
+    near = reading & coordinates.any(0) & ~alike
+    asked = np.ones(len(q)) if times is None else times
+    for least in np.unique(asked):
+        own = asked[order][1:] == least
+        if (alike & own).sum() <= least * (near & own).sum():
+            alike &= ~own
+    if alike.any():
         later, earlier = order[1:][alike], order[:-1][alike]
         out[later] = True
         k = int(later.argmin())

@@ -10,14 +10,17 @@ from numpy.typing import NDArray
 
 from ..words.errors import StudyError, suggest
 from ..words.rigid import Array, from_quaternion
+from .cells import as_numbers, labels, measured, numbers, together
 from .copies import copies, duplicates
+from .kinds import COLUMNS, Kinds, read_kinds, read_positions, read_quaternions, read_uncertainties
 from .measurements import Measurements, Note, measurements, numbered
-from .table import Source, Table, Where, as_numbers, labels, measured, numbers, read_table, renamed, together
+from .table import Source, Table, Where, read_table, renamed
 
 JOINT = re.compile(r"q([0-9]{1,9})_(?:rad|deg|mm|m)")
 TEXT = ("target", "configuration", "group")
 USED = (*TEXT, "order", "sx_mm", "sy_mm", "sz_mm", "qw", "qx", "qy", "qz", "srx_rad", "sry_rad", "srz_rad")
 KNOWN = ("payload_kg", "temperature_C", "time_s")
+SINGLE = 10.0          # copies of a single number to one repeat that differs, from which they are taken for copies
 FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "free"}
 RESERVED = re.compile(r"(q|approach|move|torque)\d+|[xyz]_mm|range_mm|(moment\d*|down)_[xyz]|torque\d+_\d+|progress")
 
@@ -74,12 +77,14 @@ def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mappin
     where, n, m = table.where, len(prismatic), len(table)
     q = _joints(table, prismatic)
     there = positions or any(name in table for axis in "xyz" for name in (axis, f"{axis}_mm", f"{axis}_m"))
-    position = np.stack([measured(table, axis, ("mm", "m")) for axis in "xyz"], 1) if there else np.full((m, 3), np.nan)
+    kinds = read_kinds(table)
+    if kinds is not None:
+        position = read_positions(table, kinds)
+    else:
+        position = np.stack([measured(table, axis, ("mm", "m")) for axis in "xyz"], 1) if there else np.full((m, 3), np.nan)
     if not m:
         raise where.refuse("a header, but no rows.", row=0, remedy="Each measured point is a row.")
-    sigma = together(table, ("sx_mm", "sy_mm", "sz_mm"), "not positive")
-    quaternion = together(table, ("qw", "qx", "qy", "qz"), "zero")
-    sigma_rotation = together(table, ("srx_rad", "sry_rad", "srz_rad"), "not positive")
+    sigma, quaternion, sigma_rotation = _spreads(table, kinds)
     approach = together(table, [f"approach{j}" for j in range(1, n + 1)])
     if approach is not None and not np.isin(approach, (-1.0, 0.0, 1.0)).all():
         at, j = np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))[0]
@@ -87,13 +92,13 @@ def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mappin
                            remedy="Correct the cell, or leave the approach columns out.")
     text = {name: labels(table, name) for name in TEXT if name in table}
     order = numbers(table, "order") if "order" in table else None
-    covariates, notes = _covariates(table, _names(prismatic) - set(KNOWN))
+    covariates, notes = _covariates(table, _names(prismatic) - {*KNOWN, *(() if kinds is not None else COLUMNS)})
     if "configuration" in text:
         _one_reading_each(text["configuration"], q, where)
     others = [] if quaternion is None else list(quaternion.T)
     others += [numbered(text["target"])[0]] if "target" in text else []
     others += [covariates[name] for name in ("payload_kg", "temperature_C") if name in covariates]
-    keep, said = _once(table, q, position, others)
+    keep, said = _once(table, q, *_compared(position, others, kinds))
     notes += said
     def kept(values: Any) -> Any:
         return None if values is None else np.asarray(values)[keep]
@@ -102,16 +107,38 @@ def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mappin
         target=kept(text.get("target")), group=kept(text.get("group")), order=kept(order), approach=kept(approach),
         covariates={name: values[keep] for name, values in covariates.items()}, sigma=kept(sigma),
         rotation=None if quaternion is None else from_quaternion(quaternion[keep]), sigma_rotation=kept(sigma_rotation),
-        notes=tuple(notes), prismatic=prismatic)
+        notes=tuple(notes), prismatic=prismatic, **({} if kinds is None else {
+            "kind": kept(kinds.kind).tolist(), "feature": kept(kinds.feature).tolist(), "length": kinds.length[keep]}))
 
 
-def _once(table: Table, q: Array, position: Array, others: list[Array]) -> tuple[NDArray[np.bool_], list[Note]]:
+def _spreads(table: Table, kinds: Kinds | None) -> tuple[Array | None, Array | None, Array | None]:
+    """(standard uncertainties [mm], quaternions, their standard uncertainties [rad])."""
+    if kinds is not None:
+        return read_uncertainties(table, kinds), *read_quaternions(table, kinds)
+    return (together(table, ("sx_mm", "sy_mm", "sz_mm"), "not positive"), together(table, ("qw", "qx", "qy", "qz"), "zero"),
+            together(table, ("srx_rad", "sry_rad", "srz_rad"), "not positive"))
+
+
+def _compared(position: Array, others: list[Array], kinds: Kinds | None) -> tuple[Array, list[Array], Array]:
+    """What copies are told by: position and others, and how surely (see `copies`); of kinds what each row measures, nought where
+    it measures nothing, and what the row is of. Repeats of a single number agree easily. A row that measures nothing (a touch)
+    is its readings: the same again to the last digit says nothing more."""
+    if kinds is None:
+        return position, others, np.ones(len(position))
+    value = np.nan_to_num(position)
+    value[:, 0] += np.nan_to_num(kinds.length)
+    begins = kinds.of("distance") & np.isnan(kinds.length)
+    times = np.select([kinds.of("point"), kinds.of("ball-bar", "same-point", "plane")], [1.0, 0.0], SINGLE)
+    return value, [*others, *(np.asarray(c, float) for c in (numbered(kinds.kind)[0], numbered(kinds.feature)[0], begins))], times
+
+
+def _once(table: Table, q: Array, position: Array, others: list[Array], times: Array) -> tuple[NDArray[np.bool_], list[Note]]:
     """((m,) rows that count, what is said of the others): a measurement that stands in the file twice is one."""
     again, notes = duplicates(table.columns, len(q)), []
     if again.any():
         notes.append(Note("duplicate-rows", f"{int(again.sum())} rows repeat an earlier row cell for cell and are counted once."))
     rows = np.flatnonzero(~again)
-    found, pair = copies(q[rows], position[rows], [values[rows] for values in others])
+    found, pair = copies(q[rows], position[rows], [values[rows] for values in others], times[rows])
     if pair is not None:
         first, second = (table.where.named(int(rows[k])) for k in reversed(pair))
         notes.append(Note("copied-rows", f"{int(found.sum())} rows hold the readings and the position of an earlier row to the "
@@ -125,7 +152,8 @@ def _once(table: Table, q: Array, position: Array, others: list[Array]) -> tuple
 def _names(prismatic: Sequence[bool]) -> set[str]:
     """The column names of the contract, for a robot whose joints are `prismatic` or not."""
     n = len(prismatic)
-    return {*USED, *KNOWN, *(f"{axis}_{u}" for axis in "xyz" for u in ("mm", "m")), *(f"approach{j}" for j in range(1, n + 1)),
+    return {*USED, *KNOWN, *COLUMNS, *(f"{axis}_{u}" for axis in "xyz" for u in ("mm", "m")),
+            *(f"approach{j}" for j in range(1, n + 1)),
             *(f"q{j}_{u}" for j, slides in enumerate(prismatic, 1) for u in (("mm",) if slides else ("rad", "deg")))}
 
 

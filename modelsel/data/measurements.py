@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ..words.errors import DataError
 from ..words.rigid import Array, to_quaternion
+from .features import COORDINATES, KINDS, Feature, features_of, framed
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,6 +25,33 @@ class Note:
 
     code: str
     sentence: str
+
+
+@dataclass(frozen=True, eq=False)
+class Gauges:
+    """What m rows measure where not every row is a point: `kind` (m,) index into KINDS, `feature` (m,) index into `features`
+    (-1: none), `length` (m,) mm (nan: none); `origin`: for rows of kind distance, where the length begins (the others: the row
+    itself), None where there are none."""
+
+    kind: Index
+    feature: Index
+    length: Array
+    features: tuple[Feature, ...] = ()
+    origin: Measurements | None = None
+
+    @property
+    def coordinates(self) -> NDArray[np.bool_]:
+        """(m, 3) which coordinates of a row's residual are measured; a single number stands in the first (y, z in their own)."""
+        return COORDINATES[self.kind]
+
+    def of(self, *kinds: str) -> NDArray[np.bool_]:
+        """(m,) rows of some kinds."""
+        return np.isin(self.kind, [KINDS.index(k) for k in kinds])
+
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Gauges:
+        """Of some rows."""
+        origin = None if self.origin is None else self.origin.take(index)
+        return replace(self, kind=self.kind[index], feature=self.feature[index], length=self.length[index], origin=origin)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,6 +77,7 @@ class Measurements:
     sigma_rotation: Array | None = None        # (m, 3) rad
     notes: tuple[Note, ...] = ()
     prismatic: tuple[bool, ...] = ()           # joints that slide; empty: none does
+    gauges: Gauges | None = None               # None: every row is a point; else what is not measured is nan
 
     def __len__(self) -> int:
         return len(self.position)
@@ -61,7 +91,8 @@ class Measurements:
         """The rows `index` (integers, a mask or a slice); approach and move stay as first read."""
         rows = {f.name: getattr(self, f.name)[index] for f in fields(self)
                 if isinstance(getattr(self, f.name), np.ndarray)}
-        return replace(self, **rows, covariates={k: v[index] for k, v in self.covariates.items()})
+        gauges = None if self.gauges is None else self.gauges.take(index)
+        return replace(self, **rows, covariates={k: v[index] for k, v in self.covariates.items()}, gauges=gauges)
 
     def to_frame(self) -> pd.DataFrame:
         """The measurements in contract form, in rad and mm, indexed by the row of the file they came from; `read_measurements`
@@ -81,7 +112,20 @@ class Measurements:
                 columns[name] = np.array(known, dtype=object)[index]
         columns |= {"configuration": self.configuration, "order": self.order}
         columns |= {f"approach{j}": self.approach[:, j - 1] for j in range(1, len(slides) + 1)}
-        return pd.DataFrame(columns | dict(self.covariates), index=pd.Index(self.row, name="row"))
+        frame = pd.DataFrame(columns | dict(self.covariates), index=pd.Index(self.row, name="row"))
+        return frame if self.gauges is None else self._framed(frame, self.gauges)
+
+    def _framed(self, frame: pd.DataFrame, gauges: Gauges) -> pd.DataFrame:
+        """The same where not every row is a point, the rows where distances begin back in their places."""
+        import pandas as pd
+        names, distance = [*(f.name for f in gauges.features), ""], np.flatnonzero(gauges.of("distance"))
+        out = framed(frame, [KINDS[k] for k in gauges.kind], [names[k] for k in gauges.feature], gauges.length)
+        if gauges.origin is None or not len(distance):
+            return out
+        feature, first = np.unique(gauges.feature[distance], return_index=True)
+        start = gauges.origin.take(distance[first]).to_frame()
+        begins = framed(start, ["distance"] * len(first), [names[k] for k in feature], np.full(len(first), np.nan))
+        return pd.concat([out, begins.dropna(axis="columns", how="all")]).sort_index(kind="stable")
 
     def __repr__(self) -> str:
         targets = f"{len(self.targets)} target{'s' * (len(self.targets) > 1)}"
@@ -197,8 +241,11 @@ def measurements(q: Array, position: Array, *, row: Index | None = None, configu
                  order: Array | None = None, approach: Array | None = None,
                  covariates: Mapping[str, Array] | None = None, sigma: Array | None = None,
                  rotation: Array | None = None, sigma_rotation: Array | None = None,
-                 notes: tuple[Note, ...] = (), prismatic: Sequence[bool] = ()) -> Measurements:
-    """Measurements from plain arrays; everything optional is derived as contract.md says. Units: rad (or mm) and mm."""
+                 notes: tuple[Note, ...] = (), prismatic: Sequence[bool] = (), kind: Sequence[str] | None = None,
+                 feature: Sequence[str] | None = None, length: Array | None = None) -> Measurements:
+    """Measurements from plain arrays; everything optional is derived as contract.md says. Units: rad (or mm) and mm. `kind`,
+    `feature` ("" for none) and `length` [mm, nan for none] where not every row is a point; `position` is then nan where it is
+    not measured. Raises DataError for a distance of one row."""
     q, position = np.asarray(q, float), np.asarray(position, float)
     m = len(q)
     target_index, targets = numbered(target) if target is not None else (np.zeros(m, np.intp), ("target",))
@@ -210,7 +257,36 @@ def measurements(q: Array, position: Array, *, row: Index | None = None, configu
         approach = derived
         notes = (*notes, Note("approach-from-order", "Directions of approach are taken from the order of motion, once, "
                                                      "on reading: the data have no approach columns."))
-    return Measurements(q, position, np.arange(m) if row is None else row, visit, blocks(q, visit), target_index,
+    made = Measurements(q, position, np.arange(m) if row is None else row, visit, blocks(q, visit), target_index,
                         group_index, order, np.asarray(approach, float), move,
                         campaign(group_index, order, (covariates or {}).get("time_s")), targets, groups, dict(covariates or {}),
                         sigma, rotation, sigma_rotation, notes, tuple(prismatic))
+    if kind is None or set(kind) <= {"point"}:
+        return made
+    length = np.full(m, np.nan) if length is None else np.asarray(length, float)
+    index, features = features_of(kind, [""] * m if feature is None else feature, length)
+    return _from_origins(made, Gauges(np.array([KINDS.index(word) for word in kind], dtype=np.intp), index, length, features))
+
+
+def _from_origins(data: Measurements, gauges: Gauges) -> Measurements:
+    """The measurements with what their rows measure. A distance runs from the first row of its feature: that row is no
+    measurement of its own, but the `origin` of the others, which are never apart, since they share it. Raises DataError for a
+    feature with one row."""
+    distance = gauges.of("distance")
+    if not distance.any():
+        return replace(data, gauges=gauges)
+    origin = np.arange(len(data))
+    for f in np.unique(gauges.feature[distance]):
+        rows = np.flatnonzero(gauges.feature == f)
+        origin[rows] = rows[0]
+        if len(rows) < 2:
+            raise DataError(f'distance "{gauges.features[f].name}" has one row.',
+                            remedy="The first row of a feature is where its distances begin; add the row where one ends.")
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    count = int(data.block.max()) + 1
+    graph = coo_array((np.ones(len(data)), (data.block, data.block[origin])), shape=(count, count))
+    joined = replace(data, block=np.asarray(connected_components(graph, directed=False)[1][data.block], dtype=np.intp))
+    kept = np.flatnonzero(~distance | (origin != np.arange(len(data))))
+    start = replace(joined, notes=()).take(origin[kept])
+    return replace(joined.take(kept), gauges=replace(gauges.take(kept), origin=start))

@@ -120,7 +120,7 @@ def target_of(data: Data, fitted: Fit, request: Request) -> Target:
     noise = components(training, request.instrument, request.stated)
     if noise.count > 1 and (not exact or fitted.rank - len(chosen) > WIDE):
         noise = single(noise)
-    tail = bool(exact and request.over == "default" and named)
+    tail = bool(exact and request.over == "default" and named and training.data.gauges is None)     # rows have three numbers each
     inner = constants(training, fitted.model, request.registry) if tail else ()
     names = labels(fitted.model)
     return Target(fitted, noise, chosen, (*(names[k] for k in chosen), *noise.names, *((TAIL,) if tail else ()),

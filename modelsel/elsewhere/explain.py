@@ -40,7 +40,8 @@ def explain(data: Data, base: Model, everything: tuple[Mechanism, ...], seed: in
     if data.estimation.sum() > SCANNED:
         some, extension, found = explain(replace(data, estimation=_chosen(data, seed)), base, everything, seed, cells, say)
         size, used = whitened(data.scene, extension.fit.residuals(data.scene)), some.used
-        outlying = data.estimation & far_off(size, size[used], LEFT if extension.effects else GROSS)
+        seen = None if data.scene.measured is None else data.scene.measured[used]
+        outlying = data.estimation & far_off(size, size[used], LEFT if extension.effects else GROSS, seen)
         return replace(data, outlying=outlying if outlying[data.estimation].mean() <= MOST else some.outlying), extension, found
     training = data.scene.take(data.estimation)
     rows = np.flatnonzero(data.estimation)
@@ -75,7 +76,8 @@ def _chosen(data: Data, seed: int) -> NDArray[np.bool_]:
 def _left_over(scene: Scene, extension: Extension, outlying: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Rows far off the extended model, in robust standard deviations of the rows that made it."""
     size = whitened(scene, extension.fit.residuals(scene))
-    return far_off(size, size[~outlying], LEFT if extension.effects else GROSS)
+    seen = None if scene.measured is None else scene.measured[~outlying]
+    return far_off(size, size[~outlying], LEFT if extension.effects else GROSS, seen)
 
 
 def _mask(m: int, rows: Index) -> NDArray[np.bool_]:

@@ -7,7 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..data.features import KINDS
 from ..data.measurements import Measurements, Note
+from ..fitting.fixtures import place, unseen
 from ..fitting.noise import Floor, Instrument, weigh
 from ..fitting.register import register
 from ..machine.robot import Robot
@@ -96,14 +98,17 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
     if unseen:
         notes.append(Note("other-session", f"Nothing of {', '.join(unseen)} estimates: when it was measured in the campaign is "
                                            "not known to the model, and drift is taken at the campaign's middle there."))
+    data, estimation, more = _seen(data, estimation, plan)
+    notes += more
     bound = replace(scene(robot, data, tools_of(data, plan.tools)), tracker=plan.tracker)
     if plan.register:
         bound = register(bound, estimation, plan.per_group)
+    bound = place(bound, estimation)
     size = np.linalg.norm(residuals(bound)[:, :3], axis=1)
     reach = robot.reach + float(np.linalg.norm(bound.tools, axis=1).max(initial=0))
     if np.median(size) > reach / 4:
         hint = ("the coordinates look like metres: name them x_m y_m z_m"
-                if np.median(np.linalg.norm(data.position, axis=1)) < reach / 100 else
+                if np.nanmedian(np.linalg.norm(np.nan_to_num(data.position), axis=1)) < reach / 100 and data.gauges is None else
                 "this looks like the wrong robot or tool, a tracker frame that needs register = true, or metres called "
                 "millimetres")
         raise DataError(f"measured and nominal positions are {np.median(size):.4g} mm apart (median), more than a quarter of "
@@ -128,25 +133,62 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
     return Data(bound, estimation, np.zeros(len(data), bool), fold, known), floor, tuple(notes)
 
 
+def _seen(data: Measurements, estimation: NDArray[np.bool_], plan: Plan
+          ) -> tuple[Measurements, NDArray[np.bool_], list[Note]]:
+    """Without the held-out rows of features of which nothing estimates; what is to be said of kinds. Raises StudyError."""
+    gauges, notes = data.gauges, list[Note]()
+    if gauges is None:
+        return data, estimation, notes
+    for k, feature in enumerate(gauges.features):
+        rows = gauges.feature == k
+        groups = data.group[rows] if gauges.origin is None else np.concatenate([data.group[rows], gauges.origin.group[rows]])
+        if plan.per_group and len(np.unique(groups)) > 1:
+            raise StudyError(f'robot.register = "per group": feature "{feature.name}" stands in several groups, whose trackers '
+                             "stand apart; give it a name in each.")
+    lost = unseen(data, estimation)
+    gone = np.isin(gauges.feature, lost)
+    if gone.any():
+        names = ", ".join(gauges.features[k].name for k in lost)
+        notes.append(Note("feature-unseen", f"{int(gone.sum())} held-out rows are left out: no estimation row measures {names}, "
+                                            "and where that is has to be found from estimation rows."))
+    kinds = [KINDS[k] for k in np.unique(gauges.kind)]
+    if data.sigma is None and not {"x", "y", "z"} >= set(kinds) and len(kinds) > 1:
+        notes.append(Note("kinds-alike", f"Rows of different kinds ({', '.join(kinds)}) are weighed alike: a column s_mm would "
+                                         "say how sure each of them is."))
+    return data.take(~gone), estimation[~gone], notes
+
+
 def _timeless(data: Measurements, estimation: NDArray[np.bool_]) -> tuple[Measurements, tuple[str, ...]]:
     """Groups that are held out whole stand at the middle of the estimated campaign: a drift must not be drawn out to them."""
     strange = ~np.isin(data.group, data.group[estimation])
     if not strange.any():
         return data, ()
     own = data.progress[estimation]
+    gauges = data.gauges
+    if gauges is not None and gauges.origin is not None:
+        gauges = replace(gauges, origin=_rescaled(gauges.origin, own, ~np.isin(gauges.origin.group, data.group[estimation])))
+    return replace(_rescaled(data, own, strange), gauges=gauges), tuple(data.groups[g] for g in np.unique(data.group[strange]))
+
+
+def _rescaled(data: Measurements, own: Array, strange: NDArray[np.bool_]) -> Measurements:
+    """With the place in the campaign from 0 to 1 over the estimated rows' `own`, the middle for strange ones."""
     progress = (data.progress - own.min()) / max(float(np.ptp(own)), 1e-12)
     progress[strange] = 0.5
-    return replace(data, progress=progress), tuple(data.groups[g] for g in np.unique(data.group[strange]))
+    return replace(data, progress=progress)
 
 
 def reweigh_rotation(data: Data, plan: Plan, residual: Array) -> Data:
     """With orientations: whichever of position and rotation has no stated uncertainty is weighed by its own residuals."""
-    measured = data.scene.data
+    measured, seen = data.scene.data, data.scene.measured
     known = plan.stated_mm is not None or plan.instrument is not None or measured.sigma is not None
     if measured.rotation is None or known and measured.sigma_rotation is not None:
         return data
     used = residual[data.used]
-    position = plan.stated_mm if known else float(np.sqrt(np.square(used[:, :3]).mean()))
-    turning = float(np.sqrt(np.square(used[:, 3:]).mean()))
+    def spread(part: slice) -> float:
+        square = np.square(used[:, part])
+        return float(np.sqrt(square.mean() if seen is None else square.sum() / max(seen[data.used][:, part].sum(), 1)))
+
+    position = plan.stated_mm if known else spread(slice(0, 3))
+    turning = spread(slice(3, 6))
     bound, _ = weigh(data.scene, plan.instrument, position, turning)
     return replace(data, scene=bound)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..data.measurements import Measurements, measurements
+from ..fitting.fixtures import place
 from ..machine.robot import Robot
 from ..matrix.design import residuals
 from ..matrix.scene import scene
@@ -49,3 +50,30 @@ def _known(at: Measurements) -> dict[str, Any]:
     if measurements(at.q, at.position, group=at.group.tolist()).configurations != len(at):
         out["configuration"] = np.arange(len(at))           # visits one after the other with the same readings
     return out
+
+
+def simulate_rows(robot: Robot, tools: Array, effects: Sequence[tuple[Screw, float]], *, data: Measurements, noise_mm: float,
+                  rng: np.random.Generator) -> pd.DataFrame:
+    """The same for a file with rows that are no points: every row reads anew what its kind reads, features where the study or the
+    file's own rows have them. Raises StudyError for kinds that hold the arm to a place: their readings cannot be made up."""
+    gauges = data.gauges
+    assert gauges is not None
+    fixed = [k for k in ("same-point", "plane") if gauges.of(k).any()]
+    fixed += ["ball-bar"] if any(f.kind == "ball-bar" and np.isnan(gauges.length[gauges.feature == k]).any()
+                                 for k, f in enumerate(gauges.features)) else []
+    if fixed:
+        raise StudyError(f"simulate: rows of kind {' and '.join(fixed)} hold the arm to a place: the readings of the joints, "
+                         "not a measured value, would have to be made; leave them out.")
+    bound = place(scene(robot, data, tools), np.ones(len(data), bool))
+    terms = tuple(Term(f"p{k}", (screw,)) for k, (screw, _) in enumerate(effects))
+    with np.errstate(all="ignore"):
+        read = bound.readings.T - residuals(bound, terms, np.array([size for _, size in effects]))[:, :3]
+    if not np.isfinite(read).all():
+        raise StudyError("simulate: a planted effect is not finite at some configurations; check its cause and size.")
+    read = np.where(gauges.coordinates, read + rng.normal(0.0, noise_mm, read.shape), np.nan)
+    length = gauges.of("wire", "ball-bar", "distance")
+    origin = None if gauges.origin is None else replace(gauges.origin, sigma=None, rotation=None, sigma_rotation=None)
+    made = replace(data, position=np.where(length[:, None], np.nan, read), sigma=None, rotation=None, sigma_rotation=None,
+                   gauges=replace(gauges, length=np.where(length, read[:, 0], np.nan), origin=origin))
+    found = [f"approach{j + 1}" for j in range(robot.n)] if any(n.code == "approach-from-order" for n in data.notes) else []
+    return made.to_frame().drop(columns=found).reset_index(drop=True)

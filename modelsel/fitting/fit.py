@@ -12,6 +12,7 @@ from ..matrix.design import Model, residuals
 from ..matrix.identify import FAINT_MM, Identified, identify, solve, told, usual_sizes
 from ..matrix.reduce import PROBE, Reduction, Source, reduce, reduce_scene
 from ..matrix.scene import Scene
+from ..matrix.size import as_drawn
 from ..matrix.smooth import penalty
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
@@ -143,7 +144,7 @@ def fit(scene: Scene | Source, model: Model, *, precision: Array | None = None, 
     nominal = reduce_scene(scene, terms)
     # rank is a property of the nominal chain: off it, exact dependences turn into directions that need radians to be seen
     root = None if precision is None else penalty(terms, precision)
-    found = _estimable(_with_prior(nominal, root, theta), nominal, model, weight * np.sqrt(len(scene)), precision is None)
+    found = _estimable(_with_prior(nominal, root, theta), nominal, model, weight, scene, precision is None)
     kept = list(found.kept)
     lost = np.delete(np.arange(len(terms)), kept)
     if theta[lost].any():               # another choice of representatives: the start's parts do not fit together
@@ -169,10 +170,12 @@ def fit(scene: Scene | Source, model: Model, *, precision: Array | None = None, 
     return Fit(model, theta, found, _factor(full, kept), _cost(reduction), reduction.rows, done, step, reduction, precision)
 
 
-def _estimable(full: Reduction, nominal: Reduction, model: Model, faint: float, plain: bool) -> Identified:
-    """What the data tell of a model at the nominal chain, `full` with its prior; `faint`: whitened norm of 1 mm in all rows."""
+def _estimable(full: Reduction, nominal: Reduction, model: Model, weight: float, scene: Scene | Source,
+               plain: bool) -> Identified:
+    """What the data tell of a model at the nominal chain, `full` with its prior; `weight` [1/mm] of one coordinate."""
     found = identify(full)
-    found = told(found, usual_sizes(model.terms), max(FAINT_MM * faint, _linear_sigma(nominal, found)))
+    found = told(found, usual_sizes(model.terms), max(FAINT_MM * weight * np.sqrt(len(scene)), _linear_sigma(nominal, found)))
+    found = as_drawn(found, scene, model.terms)
     if nominal.rows <= found.rank and plain:
         raise NotEstimable(f"{nominal.rows} measured coordinates cannot determine the {found.rank} estimable parameters of "
                            f"{' + '.join(model.names) or 'the model'}: measure more configurations.",
@@ -203,10 +206,10 @@ class Step:
         return Fit(self.model, self.theta, self.found, factor, cost, reduction.rows, 1, self.size_mm, reduction)
 
 
-def one_step(model: Model, start: Array, nominal: Reduction, here: Reduction, weight: float, rows: int) -> Step:
+def one_step(model: Model, start: Array, nominal: Reduction, here: Reduction, weight: float, scene: Scene) -> Step:
     """What `fit` with one iteration does from `start` (p,): `nominal` and `here` are the model's reductions at the nominal chain
-    and at the start, `weight` [1/mm] of one coordinate, `rows` measured points. Raises NotEstimable."""
-    found = _estimable(nominal, nominal, model, weight * np.sqrt(rows), True)
+    and at the start, `weight` [1/mm] of one coordinate of the `scene`. Raises NotEstimable."""
+    found = _estimable(nominal, nominal, model, weight, scene, True)
     kept, theta = list(found.kept), start.copy()
     if theta[np.delete(np.arange(len(theta)), kept)].any():
         theta, here = np.zeros(len(theta)), nominal

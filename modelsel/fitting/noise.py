@@ -26,11 +26,13 @@ class Instrument:
 
 @dataclass(frozen=True)
 class Floor:
-    """Standard uncertainty of one coordinate [mm] and its source; `freedom` its degrees of freedom (inf where stated)."""
+    """Standard uncertainty of one coordinate [mm] and its source; `freedom` its degrees of freedom (inf where stated); how many
+    `coordinates` a row has, on average."""
 
     coordinate_mm: float
     source: str
     freedom: float = np.inf
+    coordinates: float = 3.0
 
 
 def covariance(data: Measurements, instrument: Instrument) -> Array:
@@ -84,6 +86,9 @@ def weigh(scene: Scene, instrument: Instrument | None, stated_mm: float | None, 
     """
     data = scene.data
     blocks: Array | None = None
+    if instrument is not None and data.gauges is not None and data.sigma is None and stated_mm is None:
+        raise StudyError("noise: range_mm, range_ppm and angle_urad say how a tracker measures points, but the file has rows of "
+                         "other kinds; give s_mm in the file, or floor_mm")
     if data.sigma is not None:
         blocks = np.einsum("mi,ij->mij", 1 / data.sigma, np.eye(3))
         floor: Floor | None = Floor(float(np.sqrt(np.square(data.sigma).mean())), "stated")
@@ -93,6 +98,8 @@ def weigh(scene: Scene, instrument: Instrument | None, stated_mm: float | None, 
         spread = covariance(data, instrument)
         blocks = np.linalg.inv(np.linalg.cholesky(spread))
         floor = Floor(float(np.sqrt(np.trace(spread, axis1=1, axis2=2).mean() / 3)), "instrument")
+    elif data.gauges is not None:
+        floor = None                        # rows of several kinds: what repeats of one would say is not true of the others
     else:
         floor = from_repeats(data) or from_target_pairs(data)
     at = instrument.at if instrument is not None else scene.tracker

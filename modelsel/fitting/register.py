@@ -27,6 +27,8 @@ FAR = 2.8  # rad between two orientations, beyond which the axis of their turn i
 
 def register(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
     """The scene with placement(s) and tools found from the rows `use` (mask). Raises DataError with too few rows."""
+    if scene.data.gauges is not None:
+        return _by_points(scene, use & scene.data.gauges.of("point"), per_group)
     some = scene.take(use)
     group = some.data.group if per_group else np.zeros(len(some), np.intp)
     count = len(scene.data.groups) if per_group else 1
@@ -43,6 +45,18 @@ def register(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
     if scene.tool_rotations is not None:
         scene = replace(scene, tool_rotations=_target_rotations(scene.take(use)))
     return _settle(scene, use, count)
+
+
+def _by_points(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
+    """The same where not every row is a point: from the points alone."""
+    some = scene.take(use)
+    seen = some.data.configurations
+    if seen < LEAST:
+        raise DataError(f"{seen} estimation configurations have a measured point; registration needs {LEAST}.",
+                        remedy="Measure more points, or leave register out: the rest is told in the robot's own frame.")
+    found = register(replace(some, data=replace(some.data, gauges=None)), np.ones(len(some), bool), per_group)
+    return replace(scene, placement=found.placement, tools=found.tools, tool_rotations=found.tool_rotations, _values={},
+                   _causes={})
 
 
 def _affine(some: Scene, group: Index, count: int) -> tuple[tuple[Array, Array], Array]:

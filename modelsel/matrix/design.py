@@ -14,8 +14,9 @@ import numpy as np
 from ..machine.chain import Frame, Space, screws_into
 from ..machine.robot import Pose, walk
 from ..words.rigid import AXES, Array, rotation_vector
-from ..wrong.causes import ONE
-from ..wrong.screws import Mechanism, Term, terms_of
+from ..wrong.causes import ONE, Member
+from ..wrong.screws import FIXTURE_AXES, Mechanism, Screw, Term, terms_of
+from .gauges import gradients, predicted
 from .scene import Scene
 
 PLACE = {axis: a for a, axis in enumerate(AXES)}
@@ -45,7 +46,7 @@ def twist_of(scene: Scene, terms: Sequence[Term], theta: Array, rows: slice) -> 
     """Entries (n+1, 6, rows) of every frame's H at parameters theta (p,)."""
     out = np.zeros((scene.robot.n + 1, 6, rows.stop - rows.start))
     for value, term in zip(theta, terms, strict=True):
-        if value:
+        if value and not term.fixture:
             for s in term.screws:
                 out[s.frame - 1, PLACE[s.axis]] += value * _rows(scene.cause(s.cause), rows)
     return out
@@ -92,6 +93,8 @@ def assemble(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Arra
     """[columns | residual] (p+1, c, rows) of some rows, not whitened, linearised at the fitted point `at` (terms, theta) or at
     the nominal model. With `space` the array is overwritten by the next call."""
     rows, space = rows or slice(0, len(scene)), space or Space()
+    if scene.data.gauges is not None:
+        return _gauged(scene, terms, at, rows, space)
     m, n, c, p = rows.stop - rows.start, scene.robot.n, scene.components, len(terms)
     twist = None if at is None else twist_of(scene, *at, rows)
     first, stop = space.once("run", terms, _run)           # the screw field stands where these columns do: nothing is copied
@@ -111,15 +114,82 @@ def assemble(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Arra
     return out[:p + 1]
 
 
+def _arm(terms: Sequence[Term], theta: Array) -> tuple[tuple[Term, ...], Array]:
+    """The terms that move the arm, and their values."""
+    some = [k for k, t in enumerate(terms) if not t.fixture]
+    return tuple(terms[k] for k in some), theta[some]
+
+
+def fixture_values(count: int, terms: Sequence[Term], theta: Array) -> Array:
+    """(..., F, 7) changes of the features' numbers at parameters theta (..., p)."""
+    out = np.zeros((*theta.shape[:-1], count, len(FIXTURE_AXES)))
+    for k, term in enumerate(terms):
+        if term.fixture:
+            for s in term.screws:
+                out[..., _feature(s), FIXTURE_AXES.index(s.axis)] += theta[..., k]
+    return out
+
+
+def _feature(screw: Screw) -> int:
+    assert isinstance(screw.cause, Member)
+    return screw.cause.index
+
+
+def _gauged(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None, rows: slice, space: Space) -> Array:
+    """`assemble` where not every row is a point: the target's own three rows of the design, turned into the row's by its
+    gradient, less those of the configuration where a distance begins; the features' numbers beside them."""
+    gauges, own = scene.data.gauges, [k for k, t in enumerate(terms) if not t.fixture]
+    measured = scene.measured
+    assert gauges is not None
+    assert measured is not None
+    gauges, arm = gauges.take(rows), tuple(terms[k] for k in own)
+    values = fixture_values(len(gauges.features), *(((), np.zeros(0)) if at is None else at))
+    point = None if at is None else _arm(*at)
+    block = assemble(scene.bare, arm, point, rows, space)
+    x, start = -block[-1, :3], None
+    out = np.zeros((len(terms) + 1, *block.shape[1:]))
+    out[-1] = block[-1]
+    other = None if scene.origin is None else assemble(scene.origin, arm, point, rows, Space())
+    if other is not None:
+        start = -other[-1, :3]
+    G, E = gradients(gauges, scene.fixtures, values, x, start)
+    out[own, :3] = np.einsum("ijm,pjm->pim", G, block[:-1, :3])
+    out[own, 3:] = block[:-1, 3:]
+    if other is not None:
+        out[own, :3] -= np.einsum("ijm,pjm->pim", G * gauges.of("distance"), other[:-1, :3])
+    out[-1, :3] = scene.readings[:, rows] - predicted(gauges, scene.fixtures, values, x, start)
+    for k, term in enumerate(terms):
+        if term.fixture:
+            for s in term.screws:
+                out[k, :3] += E[FIXTURE_AXES.index(s.axis)] * _rows(scene.cause(s.cause), rows)
+    out *= measured[rows].T
+    return out
+
+
 def field_of(scene: Scene, at: Pose, rows: slice) -> Array:
     """Screw field (n+1, 6, c, rows) of a pose in the tracker's frame: mm (and rad of the target frame) per unit screw."""
     R = scene.placement[0][scene.data.group[rows]]
     moved: Array = np.einsum("mij,fajm->faim", R, at.displacement())
+    if scene.data.gauges is not None:
+        G = directions(scene, at, rows) * ~scene.data.gauges.of("distance")[rows]       # which has no place of its own
+        moved = np.einsum("ijm,fajm->faim", G, moved)
     if scene.components == 3:
         return moved
     turned = np.zeros_like(moved)
     turned[:, 3:] = np.einsum("mij,fajm->faim", R, at.axes[:, 3:])
     return np.concatenate([moved, turned], axis=2)
+
+
+def directions(scene: Scene, at: Pose, rows: slice) -> Array:
+    """(3, 3, rows) what the rows see of the target's displacement at a pose, in the tracker's frame."""
+    R, t = scene.placement[0][scene.data.group[rows]], scene.placement[1][scene.data.group[rows]]
+    gauges = scene.data.gauges
+    if gauges is None:
+        return np.tile(np.eye(3)[:, :, None], (1, 1, len(R)))
+    gauges = gauges.take(rows)
+    x = np.einsum("mij,jm->im", R, at.target) + t.T
+    G, _ = gradients(gauges, scene.fixtures, np.zeros((len(gauges.features), len(FIXTURE_AXES))), x, None)
+    return G
 
 
 def columns_of(scene: Scene, field: Array, terms: Sequence[Term], rows: slice) -> Array:
@@ -145,6 +215,9 @@ def _products(scene: Scene, field: Array, terms: Sequence[Term], rows: slice, ou
     """Columns of terms, screw field times cause, into out (len(terms), c, rows)."""
     scaled = space.array("scaled", *out.shape[1:])
     for column, term in zip(out, terms, strict=True):
+        if term.fixture:                        # rows that are points see no feature
+            column[:] = 0.0
+            continue
         first, *others = term.screws
         np.multiply(field[first.frame - 1, PLACE[first.axis]], _rows(scene.cause(first.cause), rows), out=column)
         for s in others:
@@ -155,6 +228,8 @@ def _products(scene: Scene, field: Array, terms: Sequence[Term], rows: slice, ou
 def residuals(scene: Scene, terms: Sequence[Term] = (), theta: Array | None = None) -> Array:
     """Exact residuals (m, c) [mm, rad], not whitened, at parameters theta; the nominal model without."""
     out, space = np.empty((len(scene), scene.components)), Space()
+    if scene.data.gauges is not None:
+        return _gauged_residuals(scene, terms, np.zeros(len(terms)) if theta is None else theta)
     for rows, part in scene.parts():
         every, frames, m = slice(0, len(part)), scene.robot.n + 1, len(part)
         twist = None if theta is None else twist_of(part, terms, theta, every)
@@ -162,6 +237,19 @@ def residuals(scene: Scene, terms: Sequence[Term] = (), theta: Array | None = No
         seen = walk(scene.robot, part.data.q, _tool(part, every), (axes, origins), twist, _start(part, every), space)
         _residual(part, seen, every, out[rows].T)
     return out
+
+
+def _gauged_residuals(scene: Scene, terms: Sequence[Term], theta: Array) -> Array:
+    """`residuals` where not every row is a point."""
+    gauges, measured = scene.data.gauges, scene.measured
+    assert gauges is not None
+    assert measured is not None
+    arm, own = _arm(terms, theta)
+    out = residuals(scene.bare, arm, own)
+    start = None if scene.origin is None else -residuals(scene.origin, arm, own)[:, :3].T
+    values = fixture_values(len(gauges.features), terms, theta)
+    out[:, :3] = (scene.readings - predicted(gauges, scene.fixtures, values, -out[:, :3].T, start)).T
+    return np.asarray(np.where(measured, out, 0.0))
 
 
 def whitened(scene: Scene, residual: Array) -> Array:

@@ -18,12 +18,15 @@ SHARE = 1e-4        # a smaller part of a combination is not worth a word
 @dataclass(frozen=True, eq=False)
 class Identified:
     """`kept`: indices of the representatives, in the columns' order; `scale` (p,) norms of the columns; `triangle` (p, p);
-    `exact`: the representatives before any was lost in practice (see `told`)."""
+    `exact`: the representatives before any was lost in practice (see `told`); `held`: the length that stays as drawn where the
+    data measure none, `still`: the base's turns where they do not say which way it looks (see `size`)."""
 
     kept: tuple[int, ...]
     scale: Array
     triangle: Array
     exact: tuple[int, ...] = ()
+    held: int | None = None
+    still: tuple[int, ...] = ()
 
     @property
     def rank(self) -> int:
@@ -121,7 +124,15 @@ def unidentifiable(found: Identified, terms: Sequence[Term]) -> tuple[Unidentifi
         what = "only their sum effect is" if free == 1 else f"only {free} combinations of them are"
         out.append(Unidentifiable(f"{_list(names)} cannot be told apart: {what} determined; "
                                   f"{_list(dropped)} {'is' if len(dropped) == 1 else 'are'} kept at zero.", tuple(names)))
-    faint = [symbols[j] for j in found.exact if j not in found.kept]
+    if found.still:
+        turns = [symbols[j] for j in found.still]
+        out.append(Unidentifiable(f"{_list(turns)} {'is' if len(turns) == 1 else 'are'} kept at zero: no row is measured in a "
+                                  "frame of its own, and the whole may turn about points that nobody knows.", tuple(turns)))
+    if found.held is not None:
+        held = symbols[found.held]
+        out.append(Unidentifiable(f"{held} is kept at zero: no row measures a length, and an arm of another size would meet "
+                                  f"all of them as well; every length is in proportion to the drawing's at {held}.", (held,)))
+    faint = [symbols[j] for j in found.exact if j not in (*found.kept, *found.still, found.held)]
     if faint:
         out.append(Unidentifiable(f"{_list(faint)} {'is' if len(faint) == 1 else 'are'} kept at zero: beside the others, what "
                                   "they add at their usual size drowns in the noise of these configurations.", tuple(faint)))

@@ -139,7 +139,7 @@ def reduce_scene(scene: Scene | Source, terms: Sequence[Term], at: tuple[Sequenc
             triangle = _without_dependent(plain, terms, at)
         except _Disagrees:
             triangle = _stream(plain, terms, at, range(p + 1))
-    return Reduction(triangle * weight, len(scene) * scene.components)
+    return Reduction(triangle * weight, scene.coordinates)
 
 
 class _Disagrees(ArithmeticError):

@@ -11,13 +11,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Measurements
+from ..data.measurements import Index, Measurements
 from ..machine.gravity import moment, moments, unit_moments
 from ..machine.robot import Pose, Robot, pose
 from ..words.rigid import Array
 from ..wrong.causes import Cause
+from .gauges import Fixtures, readings
 
 REMEMBER = 20_000  # rows up to which causes are kept once evaluated
+NOWHERE = Fixtures.unknown(0)
 BLOCK = 4096  # rows: the arrays of one block stay in cache
 
 
@@ -32,6 +34,7 @@ class Scene:
     tool_rotations: Array | None = None            # (T, 3, 3), with orientation measured
     whiten: Array | float = 1.0                    # 1/mm, or (m, c, c): times residual = unit variance
     tracker: tuple[float, float, float] = (0.0, 0.0, 0.0)  # the instrument's own position, for range_mm
+    fixtures: Fixtures = NOWHERE                   # where features stand, of rows that are no points
     _values: dict[str, Array] = field(default_factory=dict, repr=False)
     _causes: dict[Cause, Array | float] = field(default_factory=dict, repr=False)
 
@@ -42,6 +45,47 @@ class Scene:
     def components(self) -> int:
         """3 for positions, 6 with orientations."""
         return 3 if self.data.rotation is None else 6
+
+    @cached_property
+    def measured(self) -> NDArray[np.bool_] | None:
+        """(m, c) which components of a row are measured; None where all are."""
+        gauges = self.data.gauges
+        if gauges is None:
+            return None
+        turned = np.repeat(gauges.of("point")[:, None], self.components - 3, axis=1)
+        return np.concatenate([gauges.coordinates, turned], axis=1)
+
+    @property
+    def coordinates(self) -> int:
+        """Measured numbers, of all rows."""
+        return len(self) * self.components if self.measured is None else int(self.measured.sum())
+
+    def counted(self, of: Index, count: int) -> Index:
+        """(count,) measured numbers of the rows that `of` (m,) numbers alike."""
+        if self.measured is None:
+            return np.asarray(np.bincount(of, minlength=count) * self.components, dtype=np.intp)
+        return np.bincount(of, self.measured.sum(1), minlength=count).astype(np.intp)
+
+    @cached_property
+    def bare(self) -> Scene:
+        """The same rows as points, measured at nought: what is left is minus the target's position."""
+        data = replace(self.data, position=np.zeros((len(self), 3)), gauges=None)
+        return replace(self, data=data, whiten=1.0)
+
+    @cached_property
+    def origin(self) -> Scene | None:
+        """The same of the configurations where the rows' distances begin."""
+        gauges = self.data.gauges
+        if gauges is None or gauges.origin is None:
+            return None
+        data = replace(gauges.origin, position=np.zeros((len(self), 3)))
+        return replace(self, data=data, whiten=1.0, _values={}, _causes={})
+
+    @cached_property
+    def readings(self) -> Array:
+        """(3, m) what rows that are no points read."""
+        assert self.data.gauges is not None
+        return readings(self.data.gauges, self.data.position)
 
     @cached_property
     def tool(self) -> Array:
@@ -105,6 +149,8 @@ class Scene:
         data = self.data
         if name in data.covariates:
             return {name: data.covariates[name]}
+        if name == "feature":
+            return {name: np.full(len(data), -1.0) if data.gauges is None else data.gauges.feature.astype(float)}
         if name in ("target", "group", "progress"):
             return {name: np.asarray(getattr(data, name), float)}
         for stem, values in (("q", data.q), ("approach", data.approach), ("move", data.move)):

@@ -37,6 +37,12 @@ def components(scene: Scene, instrument: Instrument | None = None, stated: bool 
     """Of a weighed scene. Per-coordinate uncertainties in the data: a scale per axis of the tracker's frame; an instrument
     (where no floor is `stated`): one along the beam, one across; orientations: one of their own; else one scale in mm."""
     six = scene.components == 6
+    if scene.data.gauges is not None:       # the coordinates of different kinds are not alike: one scale for all that is in mm
+        six_of = np.array([0, 0, 0, 1, 1, 1] if six else [0, 0, 0], dtype=np.intp)
+        own = ("noise of position", "noise of orientation") if six else (SINGLE,)
+        plain = isinstance(scene.whiten, float) and not six
+        return Components(scene, six_of, own, ("mm",) if plain else ("of the stated",) * len(own),
+                          np.array([1 / float(scene.whiten)]) if isinstance(scene.whiten, float) and plain else np.ones(len(own)))
     rest, rest_names = ([3, 3, 3], ["noise of orientation"]) if six else ([], [])
     if scene.data.sigma is not None:
         of, names = [0, 1, 2, *rest], ["noise in x", "noise in y", "noise in z", *rest_names]

@@ -13,7 +13,8 @@ import numpy as np
 
 from ..data.measurements import Index
 from ..machine.robot import pose
-from ..matrix.design import PLACE
+from ..matrix.design import PLACE, fixture_values
+from ..matrix.gauges import predicted
 from ..matrix.scene import Scene
 from ..words.rigid import Array, rotation_vector
 from ..wrong.screws import Term
@@ -34,7 +35,7 @@ class Ensemble:
     def __post_init__(self) -> None:
         found: dict[Place, tuple[list[int], list[Array]]] = {}
         for k, term in enumerate(self.terms):
-            for s in term.screws:
+            for s in () if term.fixture else term.screws:
                 index, causes = found.setdefault((s.frame - 1, PLACE[s.axis]), ([], []))
                 index.append(k)
                 causes.append(np.asarray(self.scene.cause(s.cause), float))
@@ -64,10 +65,37 @@ class Ensemble:
             twist = self.twist(theta[draws])
             for place, values in (more or {}).items():
                 twist[place] = twist.get(place, np.zeros((1, 1))) + values[draws]
-            left = self._positions(twist, draws.stop - start) if scene.components == 3 else self._poses(twist, draws.stop - start)
+            left = self._left(twist, draws.stop - start)
+            if self._bare is not None:
+                left = self._read(left, theta[draws])
             out[draws] = (left * scene.whiten if isinstance(scene.whiten, float)
                           else np.einsum("mij,djm->dim", scene.whiten, left))
         return out
+
+    def _left(self, twist: Twist, D: int) -> Array:
+        """Measured minus predicted (D, c, m) of the rows as points."""
+        if self._bare is not None:
+            return self._bare._left(twist, D)
+        return self._positions(twist, D) if self.scene.components == 3 else self._poses(twist, D)
+
+    @cached_property
+    def _bare(self) -> Ensemble | None:
+        """The same rows as points measured at nought, where not every row is a point."""
+        return None if self.scene.data.gauges is None else Ensemble(self.scene.bare, ())
+
+    @cached_property
+    def _origin(self) -> Ensemble | None:
+        return None if self.scene.origin is None else Ensemble(self.scene.origin, self.terms)
+
+    def _read(self, left: Array, theta: Array) -> Array:
+        """Measured minus predicted (D, c, m) of what the rows read, from the target's position with its sign turned."""
+        scene, gauges, start = self.scene, self.scene.data.gauges, None
+        assert gauges is not None
+        if self._origin is not None:
+            start = -self._origin._left(self._origin.twist(theta), len(theta))[:, :3]
+        values = fixture_values(len(gauges.features), self.terms, theta)
+        left[:, :3] = scene.readings - predicted(gauges, scene.fixtures, values, -left[:, :3], start)
+        return left if scene.measured is None else left * scene.measured.T
 
     def _positions(self, twist: Twist, D: int) -> Array:
         """Measured minus predicted (D, 3, m) [mm]."""

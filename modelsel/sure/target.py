@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..fitting.fit import Fit
 from ..words.rigid import Array
@@ -72,7 +73,7 @@ class Target:
         to ψ); the N data rows in the order (coordinate, configuration), then a row per shrunk coefficient."""
         from ..matrix.design import design
         fitted, beta, psi = self.fitted, self._integrated, list(self.sampled)
-        X = design(self.noise.scene, fitted.terms, fitted.at())[0].transpose(1, 0, 2).reshape(-1, len(fitted.theta))
+        X = design(self.noise.scene, fitted.terms, fitted.at())[0].transpose(1, 0, 2).reshape(-1, len(fitted.theta))[self._rows]
         N = len(X)
         X = np.vstack([X, fitted.root])
         Q, R = np.linalg.qr(X[:, beta])
@@ -84,10 +85,24 @@ class Target:
         return Q, h.clip(0, 1), B
 
     @cached_property
+    def _rows(self) -> NDArray[np.bool_] | slice:
+        """Which of the rows (coordinate, configuration) are measured."""
+        seen = self.noise.scene.measured
+        return slice(None) if seen is None else seen.T.reshape(-1)
+
+    @cached_property
+    def _of(self) -> NDArray[np.intp]:
+        """(N,) component of every measured row."""
+        return np.repeat(self.noise.of, len(self.noise.scene))[self._rows]
+
+    @cached_property
     def _grams(self) -> Array:
         """(T + 1, r_β, r_β) QᵀQ of each component's rows, and of the prior's."""
         Q, m = self._basis[0], len(self.noise.scene)
-        N = m * len(self.noise.of)
+        N = len(self._of)
+        if self.noise.scene.measured is not None:
+            own = [Q[:N][self._of == t] for t in range(self.noise.count)]
+            return np.stack([*(part.T @ part for part in own), Q[N:].T @ Q[N:]])
         part = Q[:N].reshape(len(self.noise.of), m, -1)
         return np.stack([*(np.einsum("cmi,cmj->ij", part[self.noise.of == t], part[self.noise.of == t])
                            for t in range(self.noise.count)), Q[N:].T @ Q[N:]])
@@ -162,7 +177,7 @@ class Target:
         more: dict[tuple[int, int], Array] = {}
         for i, constant in enumerate(self.constants):
             constant.twist(theta, points[:, self._split[1] + self.tail + i], more)
-        e = self._ensemble.residuals(theta, more).reshape(W, -1)
+        e = self._ensemble.residuals(theta, more).reshape(W, -1)[:, self._rows]
         e = np.hstack([e, -theta @ self.fitted.root.T])
         log_s = points[:, self._split[0]:self._split[1]]
         nu = 1 / points[:, self._split[1]] if self.tail else None
@@ -171,9 +186,9 @@ class Target:
     def _marginal(self, e: Array, log_s: Array, nu: Array | None) -> Array:
         """β integrated out of residuals e (W, N + k) at log scales (W, T) and degrees of freedom (W,)."""
         noise, m, W = self.noise, len(self.noise.scene), len(e)
-        c, N = len(noise.of), m * len(noise.of)
+        c, N = len(noise.of), len(self._of)
         Q, h, _ = self._basis
-        of = np.concatenate([np.repeat(noise.of, m), np.zeros(e.shape[1] - N, dtype=np.intp)])
+        of = np.concatenate([self._of, np.zeros(e.shape[1] - N, dtype=np.intp)])
         inverse = np.exp(-log_s)[:, of] if noise.count > 1 else np.exp(-log_s)
         A = None
         if noise.count > 1:

@@ -12,30 +12,37 @@ from ..data.measurements import Measurements, Note
 from ..elsewhere.confidence import Request, confidence, sampled
 from ..elsewhere.explain import Say, explain, nested
 from ..elsewhere.prepare import Plan, generator, prepare, reweigh_rotation
-from ..fitting.fit import Fit
-from ..fitting.noise import Floor
 from ..machine.robot import Robot
-from ..matrix.design import Model, whitened
+from ..matrix.design import Model
 from ..matrix.identify import unidentifiable
 from ..sure.sampling import Keeper
 from ..which.candidates import Candidate
 from ..which.compare import Data, Rung, rung
 from ..which.table import MOST, compare, strongest
-from ..which.validate import Gain, Resampled, errors, paired
-from ..why.extend import LEVEL, Extension
+from ..which.validate import Gain, Resampled, paired
+from ..why.extend import Extension
 from ..why.faults import misplaced
 from ..why.maps import error_map
-from ..why.predictor import Predictable, predictable
-from ..why.robust import GROSS, far_off
 from ..why.view import models
-from ..why.words import display, label
+from ..why.words import label
 from ..words.version import VERSION
 from ..wrong.mechanisms.geometry import setup
 from ..wrong.registry import Registry, mechanism
 from ..wrong.screws import Mechanism, Screw
 from .config import Study
-from .findings import Finding, beside, detection_limit, surprised, uneven
+from .findings import Finding, beside, surprised, uneven
 from .finished import Result
+from .left import (
+    estimated_floor,
+    fit_of,
+    held_out_outliers,
+    nothing_else,
+    per_row,
+    predictable_left,
+    remeasured,
+    rows_seen,
+    thinned,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +58,8 @@ class Question:
     def model(self, names: Sequence[str], measured: Measurements, best: Mapping[str, Mechanism] | None = None) -> Model:
         """The mechanisms of a rung, with what the set-up leaves open; `best` says which constant a scanned name stands for."""
         groups = len(measured.groups) if self.plan.per_group else 1
-        placement = setup(self.robot, len(measured.targets), groups, self.plan.register, measured.rotation is not None)
+        features = () if measured.gauges is None else measured.gauges.features
+        placement = setup(self.robot, len(measured.targets), groups, self.plan.register, measured.rotation is not None, features)
         return Model((*((placement,) if placement.terms else ()),
                       *((best or {}).get(n) or mechanism(n, self.robot, self.registry) for n in names)))
 
@@ -67,20 +75,21 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     study, plan = question.study, question.plan
     say("registering and splitting" if plan.register else "splitting")
     data, floor, notes = prepare(question.robot, measured, plan, labels)
+    measured = data.scene.data                          # without the rows that nothing can be said of
     base, base_names = question.model(study.model.base, measured), tuple(study.model.base)
     data = _weighed(question, data, base)
     say("looking for outliers")
     data, extension, found = explain(data, base, question.everything, study.seed, question.cells, say)
     nominal, base_rung = rung(data, question.model((), measured), ("nominal",)), rung(data, base, base_names)
     if thinned(extension, data):
-        notes = (*notes, Note("scan-of-some", f"What is wrong was looked for in {extension.fit.rows // data.scene.components} of "
+        notes = (*notes, Note("scan-of-some", f"What is wrong was looked for in {rows_seen(extension, data)} of "
                               f"the {int(data.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
                               "all rows."))
     notes = (*notes, *uneven(extension), *(beside(data.scene) if question.cells else ()))
     say("comparing all subsets of the candidates")
     offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects],
                                study.comparison.mechanisms or MOST)
-    comparison = compare(data, base, _fit(base_rung), offered, base_names, aside) if offered else None
+    comparison = compare(data, base, fit_of(base_rung), offered, base_names, aside) if offered else None
     say("measuring the gain")
     steps = _steps(data, base_rung, extension)
     rungs = [nominal, *_ladder(question, data, measured, base_rung, best_constants(found, extension.single_f))]
@@ -89,7 +98,7 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     rungs = [*(r for r in rungs if r is not chosen and (_same(r) != _same(chosen) or r is nominal)), chosen]
 
     data = replace(data, outlying=data.outlying | held_out_outliers(data, [r for r in rungs if r is not nominal]))
-    faults = misplaced(data.scene, data.outlying, _fit(chosen), generator(study.seed, "null"))
+    faults = misplaced(data.scene, data.outlying, fit_of(chosen), generator(study.seed, "null"))
     held = ~data.estimation & ~data.outlying
     drawn = Resampled.of(measured.block[held], generator(study.seed, "gain"))
 
@@ -113,11 +122,12 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
         notes = (*notes, Note("cv-not-estimable", f"No cross-validation of {', '.join(lost)}: without one of the folds the data "
                               "do not determine it, and its cv_rms_mm is null. More folds or configurations are needed."))
     say("weighing every mechanism of the chosen model")
-    sure = confidence(data, _fit(chosen), chosen.names, study.seed)
-    return Result(study, question.robot, data, floor or estimated_floor(chosen, data), ladder, comparison,
+    sure = confidence(data, fit_of(chosen), chosen.names, study.seed)
+    return Result(study, question.robot, data, per_row(floor or estimated_floor(chosen, data), data), ladder, comparison,
                   remeasured(chosen, data), gained(nominal, chosen), findings, faults, extension, error_map(extension, found),
-                  nothing_else(extension, found, data, steps[-1]), _predictable(question, data, steps[-1]), within,
-                  unidentifiable(_fit(base_rung).found, base.terms), notes, sure, provenance(study, data_sha256))
+                  nothing_else(extension, found, data, steps[-1]), predictable_left(data, steps[-1],
+                  generator(study.seed, "flips")), within, unidentifiable(fit_of(base_rung).found, base.terms), notes, sure,
+                  provenance(study, data_sha256))
 
 
 def with_sampling(question: Question, result: Result, say: Say = lambda _: None, keeper: Keeper | None = None) -> Result:
@@ -125,14 +135,8 @@ def with_sampling(question: Question, result: Result, say: Say = lambda _: None,
     plan, study, measured = question.plan, question.study, result.data.scene.data
     request = Request(question.model(study.model.base, measured), study.sampling.over, plan.instrument,
                       plan.stated_mm is not None, question.registry)
-    found = sampled(result.confidence, result.data, _fit(result.chosen), request, study.seed, say, keeper)
+    found = sampled(result.confidence, result.data, fit_of(result.chosen), request, study.seed, say, keeper)
     return replace(result, confidence=found)
-
-
-def _predictable(question: Question, data: Data, last: Rung) -> Predictable | None:
-    rows = data.used
-    return predictable(data.scene.data.take(rows), last.residual[rows][:, :3], question.robot.prismatic,
-                       generator(question.study.seed, "flips"))
 
 
 def _weighed(question: Question, data: Data, base: Model) -> Data:
@@ -145,7 +149,7 @@ def _weighed(question: Question, data: Data, base: Model) -> Data:
 
 def _same(r: Rung) -> tuple[tuple[str, ...], frozenset[tuple[Screw, ...]]]:
     """What makes two rungs one: their names and what these stand for."""
-    return r.names, frozenset(t.screws for t in _fit(r).terms)
+    return r.names, frozenset(t.screws for t in fit_of(r).terms)
 
 
 def best_constants(found: Sequence[Candidate], single_f: NDArray[np.float64]) -> dict[str, Mechanism]:
@@ -167,11 +171,6 @@ def _ladder(question: Question, data: Data, measured: Measurements, base_rung: R
             for names in question.study.model.ladder or [list(base_rung.names)]]
 
 
-def thinned(extension: Extension, data: Data) -> bool:
-    """Whether naming has seen only some of the estimation rows."""
-    return extension.fit.rows < int(data.used.sum()) * data.scene.components
-
-
 def _steps(data: Data, base_rung: Rung, extension: Extension) -> list[Rung]:
     """From the base, a rung to every effect, in the order they were found."""
     steps = [base_rung]
@@ -181,52 +180,6 @@ def _steps(data: Data, base_rung: Rung, extension: Extension) -> list[Rung]:
         last = extension.fit if k == len(extension.effects) and not thinned(extension, data) else None
         steps.append(rung(data, models(extension.base, so_far), names, last, start=steps[-1].fit))
     return steps
-
-
-def held_out_outliers(data: Data, rungs: Sequence[Rung]) -> NDArray[np.bool_]:
-    """Held-out rows beyond 8 robust standard deviations of the estimation residuals in every rung from the base on."""
-    out = ~data.estimation
-    for r in rungs:
-        size = whitened(data.scene, r.residual)
-        out = out & far_off(size, size[data.used], GROSS)
-    return np.asarray(out)
-
-
-def remeasured(r: Rung, data: Data) -> Rung:
-    """A rung with its errors taken again, the outlying rows left out."""
-    return replace(r, estimation=errors(r.residual[data.estimation], data.outlying[data.estimation]),
-                   held_out=errors(r.residual[~data.estimation], data.outlying[~data.estimation]))
-
-
-def nothing_else(extension: Extension, found: tuple[Candidate, ...], data: Data, chosen: Rung) -> tuple[str, float | None]:
-    """(sentence, limit in mm): what a further effect would have had to be to be found."""
-    if not found or extension.left is None:
-        return "No mechanism may extend the base in this study: nothing was searched.", None
-    sigma = estimated_floor(chosen, data).coordinate_mm
-    limit = detection_limit(extension, [c.prior for c in found], extension.fit.rows // data.scene.components, sigma)
-    if extension.left_p <= LEVEL:
-        first = extension.left.entries[0]
-        stopped = (f"The search stopped after {len(extension.effects)} effects, but something systematic is left: chance alone "
-                   f"would explain it with probability {extension.left_p:.2g}. It looks most like {label(first.candidate)} "
-                   f"(probability {first.probability:.2f}).")
-        return stopped, limit
-    more = "else " if extension.effects else ""
-    left = f" The strongest of what is left would come by chance with probability {extension.left_p:.2g}."
-    if limit is None:
-        return f"Nothing {more}was found; the data are too few for any further effect to be found, however large.{left}", None
-    return f"Nothing {more}was found; an effect above {display(limit)} rms would have been found with 90 %.{left}", limit
-
-
-def estimated_floor(rung_: Rung, data: Data) -> Floor:
-    """One coordinate's standard deviation [mm] from the residuals of a fitted model."""
-    fitted = _fit(rung_)
-    return Floor(float(np.sqrt(np.square(rung_.residual[data.used][:, :3]).mean() * fitted.rows / fitted.freedom)), "estimated",
-                 fitted.freedom)
-
-
-def _fit(rung_: Rung) -> Fit:
-    assert rung_.fit is not None
-    return rung_.fit
 
 
 def provenance(study: Study, data_sha256: str) -> dict[str, str]:

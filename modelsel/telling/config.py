@@ -79,13 +79,29 @@ class Held:
     frame: Any = field(compare=False, repr=False)
 
 
+class FeatureTable(_Table):
+    """[measurements.features.NAME]: what is known of an anchor, a sphere, a point or a plane; `estimate`: a first guess only."""
+
+    position_mm: Vector | None = None
+    normal: Vector | None = None
+    length_mm: Positive | None = None
+    estimate: bool = False
+    zero: Literal["known", "unknown"] = "known"
+
+
 class MeasurementsTable(_Table):
-    """[measurements]: the file, and names that differ from the contract's. From Python `frame` may be a DataFrame in the file's
-    place; a path or a DataFrame alone stands for the table."""
+    """[measurements]: the file, names that differ from the contract's, what is known of features that rows share. From Python
+    `frame` may be a DataFrame in the file's place; a path or a DataFrame alone stands for the table."""
 
     file: FileName
     frame: Held | None = Field(None, exclude=True)     # its hash is that of the data
     columns: dict[str, str] = {}
+    features: dict[str, FeatureTable] = {}
+
+    @model_serializer(mode="wrap")
+    def _since(self, plain: Plain) -> dict[str, Any]:
+        """A study without features is written, and hashed, as it was before there were any."""
+        return {k: v for k, v in plain(self).items() if k != "features" or v}
 
     @model_validator(mode="before")
     @classmethod
@@ -222,6 +238,8 @@ def _known(location: tuple[Any, ...]) -> list[str]:
         inner = None if field is None else field.annotation
         if inner == list[EffectTable]:
             inner = EffectTable
+        if inner == dict[str, FeatureTable]:
+            return list(FeatureTable.model_fields)
         if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
             return []
         table = inner

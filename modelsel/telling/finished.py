@@ -22,6 +22,7 @@ from ..why.predictor import Predictable
 from ..why.words import label
 from .config import Study
 from .findings import Finding, fault_dict, finding_dict, screws_of
+from .left import Placed, features, fit_of, noise_dict
 from .result import candidates_dict, plain, rung_dict
 from .verdict import verdict
 from .views import Views
@@ -58,6 +59,11 @@ class Result(Views):
     provenance: Mapping[str, str] = field(repr=False)
 
     @property
+    def features(self) -> tuple[Placed, ...]:
+        """Where the chosen model has the features that rows share."""
+        return features(self.data.scene, fit_of(self.chosen))
+
+    @property
     def named(self) -> list[tuple[str, str]]:
         """(name, verdict) of every finding, faults of single rows first, as result.json lists them."""
         return [*((f"fault:{f.name}", "found") for f in self.faults),
@@ -76,7 +82,8 @@ class Result(Views):
             "configurations": {"estimation": data.take(estimation).configurations,
                                "held_out": data.take(~estimation).configurations,
                                "estimation_rows": data.row[estimation]},
-            "noise_floor": {"coordinate_mm": self.floor.coordinate_mm, "source": self.floor.source},
+            "noise_floor": noise_dict(self.floor, data),
+            **({} if data.gauges is None else {"features": [asdict(f) for f in self.features]}),
             "ladder": [rung_dict(r) for r in self.ladder],
             "candidates": candidates_dict(self.comparison),
             "findings": [*(fault_dict(f) for f in self.faults),

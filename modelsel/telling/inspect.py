@@ -5,13 +5,16 @@ from typing import Any
 
 import numpy as np
 
+from ..data.features import KINDS
 from ..data.measurements import Measurements
+from ..fitting.fixtures import place
 from ..fitting.noise import from_repeats, from_target_pairs
 from ..machine.robot import Robot
 from ..matrix.design import Model
 from ..matrix.identify import FAINT_MM, identify, told, unidentifiable, usual_sizes
 from ..matrix.reduce import reduce_scene
 from ..matrix.scene import scene
+from ..matrix.size import as_drawn
 from ..wrong.mechanisms.geometry import geometric, setup
 from ..wrong.screws import Mechanism
 
@@ -45,9 +48,14 @@ def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
     """What a file holds, what its configurations determine of the geometry, and what they do not."""
     orientation = data.rotation is not None
     bound = scene(robot, data, np.tile([0.0, 0.0, 100.0], (len(data.targets), 1)))
-    model = Model((setup(robot, len(data.targets), 1, False, orientation), geometric(robot)))
+    features, gauges = data.gauges.features if data.gauges is not None else (), data.gauges
+    bound = place(bound, np.ones(len(data), bool))
+    model = Model((setup(robot, len(data.targets), 1, False, orientation, features), geometric(robot)))
     found = told(identify(reduce_scene(bound, model.terms)), usual_sizes(model.terms), FAINT_MM * np.sqrt(len(data)))
-    floor = from_repeats(data) or from_target_pairs(data)
+    found = as_drawn(found, bound, model.terms)
+    floor = None if gauges is not None else from_repeats(data) or from_target_pairs(data)
+    kinds = {} if gauges is None else {"kinds": {k: int(gauges.of(k).sum()) for k in KINDS if gauges.of(k).any()}, "features": [
+        {"name": f.name, "kind": f.kind, "rows": int((gauges.feature == k).sum())} for k, f in enumerate(features)]}
     joints = []
     for j, joint in enumerate(robot.joints):
         low, high = float(data.q[:, j].min()), float(data.q[:, j].max())
@@ -55,7 +63,7 @@ def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
         joints.append({"joint": j + 1, "low": low, "high": high, "unit": robot.unit(j + 1), "share_of_range": whole,
                        "moves": high - low > 1e-6})
     return {"rows": len(data), "configurations": data.configurations, "targets": list(data.targets), "groups": list(data.groups),
-            "orientation": orientation, "covariates": sorted(data.covariates), "joints": joints,
+            **kinds, "orientation": orientation, "covariates": sorted(data.covariates), "joints": joints,
             "repeats": data.configurations - len(np.unique(data.block)),
             "noise_floor": None if floor is None else {"coordinate_mm": floor.coordinate_mm, "source": floor.source},
             "geometry": {"parameters": len(model.terms), "rank": found.rank, "condition": found.condition},
@@ -64,11 +72,21 @@ def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
             "warnings": [{"code": n.code, "sentence": n.sentence} for n in data.notes]}
 
 
+def _some(names: list[str]) -> str:
+    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+
+
 def sentences(found: dict[str, Any]) -> list[str]:
     """`describe` in words."""
     out = [f"{found['rows']} rows, {found['configurations']} configurations, {found['repeats']} of them repeats; targets: "
            f"{', '.join(found['targets'])}; groups: {', '.join(found['groups'][:8])}"
            + (" …" if len(found["groups"]) > 8 else "")]
+    if "kinds" in found:
+        shared: dict[str, list[str]] = {}
+        for f in found["features"]:
+            shared.setdefault(f["kind"], []).append(f["name"])
+        out.append("Rows by kind: " + ", ".join(f"{count} {kind}" + (f" ({_some(shared[kind])})" if kind in shared else "")
+                                                for kind, count in found["kinds"].items()))
     out.append("Covariates: " + (", ".join(found["covariates"]) or "none")
                + ("; orientations measured" if found["orientation"] else "; positions only"))
     for j in found["joints"]:
@@ -79,7 +97,8 @@ def sentences(found: dict[str, Any]) -> list[str]:
         out.append(f"Joint {j['joint']}: {moved}")
     floor = found["noise_floor"]
     out.append("Noise floor: " + (f"{floor['coordinate_mm']:.3g} mm per coordinate, from {floor['source']}" if floor else
-                                  "cannot be told from these data alone (no repeats, no target pairs)"))
+                                  "cannot be told from these data alone"
+                                  + ("" if "kinds" in found else " (no repeats, no target pairs)")))
     geometry = found["geometry"]
     out.append(f"Geometry: {geometry['rank']} of {geometry['parameters']} parameters can be determined (target assumed at "
                f"0, 0, 100 mm), condition {geometry['condition']:.0f}")

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.io import read_labels, read_measurements
+from ..data.kinds import Known, with_known
 from ..data.measurements import Measurements, measurements
 from ..data.table import Source, digest
 from ..elsewhere.explain import Say
-from ..elsewhere.prepare import Plan, generator, prepare
-from ..elsewhere.simulate import simulate
+from ..elsewhere.prepare import Plan, generator, prepare, tools_of
+from ..elsewhere.simulate import simulate, simulate_rows
 from ..fitting.noise import Instrument
 from ..machine.robot import Robot
 from ..machine.robotfile import load, read_robot
@@ -50,6 +51,15 @@ def plan_of(study: Study) -> Plan:
     return Plan(study.seed, tools, bool(table.register_), table.register_ == "per group", study.split.estimation,
                 study.split.column, study.split.held_out, study.comparison.folds, study.comparison.by, noise.floor_mm, instrument,
                 (x, y, z))
+
+
+def known_features(study: Study) -> dict[str, Known]:
+    """What a study says of its features, as plain values."""
+    def vector(value: list[float] | None) -> tuple[float, float, float] | None:
+        return None if value is None else (value[0], value[1], value[2])
+
+    return {name: Known(vector(f.position_mm), vector(f.normal), f.length_mm, f.estimate, f.zero == "unknown")
+            for name, f in study.measurements.features.items()}
 
 
 def check_names(study: Study, robot: Robot, registry: Registry) -> None:
@@ -94,6 +104,7 @@ def asked(study: Study, folder: Path, registry: Registry) -> tuple[Question, Mea
     check_names(study, robot, registry)
     source = data_of(study, folder)
     measured = read_measurements(source, robot.prismatic, study.measurements.columns)
+    measured = with_known(measured, known_features(study))
     labels = None
     if study.split.column is not None:
         labels = read_labels(source, study.split.column)[measured.row]
@@ -147,10 +158,12 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
     study, folder = opened(study, folder)
     robot, rng = robot_of(study, folder), generator(study.seed, "simulate")
     source = data_of(study, folder)
+    rows: Measurements | None = None
     if not isinstance(source, Path) or source.is_file():
         measured = read_measurements(source, robot.prismatic, study.measurements.columns, positions=False)
+        rows = None if measured.gauges is None else with_known(measured, known_features(study))
         at = measured.take(np.unique(measured.configuration, return_index=True)[1])
-        at = replace(at, target=np.zeros(len(at), np.intp), targets=("target",))
+        at = replace(at, target=np.zeros(len(at), np.intp), targets=("target",), gauges=None)
     else:
         q = robot.draw(rng, study.simulate.configurations)
         at = measurements(q, np.zeros((len(q), 3)))
@@ -161,6 +174,8 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
             raise StudyError(f"simulate.effect {k}: frame {effect.frame}, but {robot.name} has frames 1 to {robot.n + 1}")
         effects.append((Screw(effect.frame, effect.axis, parse(effect.cause, units, f"simulate.effect {k}")), effect.size))
     noise = study.noise.floor_mm if study.noise.floor_mm is not None else study.simulate.noise_mm
+    if rows is not None:
+        return simulate_rows(robot, tools_of(rows, plan_of(study).tools), effects, data=rows, noise_mm=noise, rng=rng)
     if study.robot.tools_mm:
         import pandas as pd
         frames = [simulate(robot, np.array(tool), effects, at=at, noise_mm=noise, rng=rng).assign(

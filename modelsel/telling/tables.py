@@ -126,6 +126,24 @@ def sure_sentences(result: Result) -> list[str]:
     return out
 
 
+PLACED = {"wire": "its anchor stands", "ball-bar": "its sphere stands", "same-point": "it stands", "plane": "a point of it is"}
+LISTED = 12     # features
+
+
+def feature_sentences(result: Result) -> list[str]:
+    """Where the chosen model has what rows share and nobody knew."""
+    some = [f for f in result.features if f.fitted]
+    out = []
+    for f in some[:LISTED]:
+        parts = [f"{PLACED[f.kind]} at {', '.join(f'{v:.2f}' for v in f.position_mm)} mm"]
+        if f.normal is not None:
+            parts.append(f"square to {', '.join(f'{v:.5f}' for v in f.normal)}")
+        if f.length_mm is not None:
+            parts.append(f"{f.length_mm:.3f} mm long" if f.kind == "ball-bar" else f"its readings leave out {f.length_mm:.3f} mm")
+        out.append(f"Feature {f.name} ({f.kind}): {', '.join(parts)}.")
+    return out + ([f"{len(some) - LISTED} more features are in result.json."] if len(some) > LISTED else [])
+
+
 def sentences(result: Result) -> list[str]:
     """The study in words."""
     first, last = result.ladder[0], result.chosen
@@ -150,6 +168,7 @@ def sentences(result: Result) -> list[str]:
                                                         "(95 %)")
         out.append(f"On held-out configurations: {mm(gain.held_out_rms_before_mm)} -> {mm(gain.held_out_rms_after_mm)} mm rms"
                    f"{interval}.")
+    out += feature_sentences(result)
     out += [f"Not identifiable: {u.sentence}" for u in result.unidentifiable]
     out += sure_sentences(result)
     return out + [f"Note: {w.sentence}" for w in (*result.warnings, *result.confidence.notes)]

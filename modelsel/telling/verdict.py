@@ -23,7 +23,7 @@ def verdict(
 
 def _gained(nominal: Rung, chosen: Rung, gain: Gain, floor: Floor) -> str:
     noise = (
-        f"noise of {floor.coordinate_mm:.3g} mm per coordinate ({floor.source}) would leave {floor.coordinate_mm * 3**0.5:.3g} mm"
+        f"noise of {floor.coordinate_mm:.3g} mm per coordinate ({floor.source}) would leave {_left_by(floor):.3g} mm"
     )
     before, after = gain.held_out_rms_before_mm, gain.held_out_rms_after_mm
     if before is None or after is None:
@@ -35,6 +35,11 @@ def _gained(nominal: Rung, chosen: Rung, gain: Gain, floor: Floor) -> str:
     verb = "falls" if after < before else "does not fall: it goes"
     sure = "" if gain.interval_mm is None else f", a gain of {gain.interval_mm[0]:.3g} to {gain.interval_mm[1]:.3g} mm (95 %)"
     return f"On held-out configurations the position error {verb} from {before:.3g} to {after:.3g} mm rms{sure}; {noise}."
+
+
+def _left_by(floor: Floor) -> float:
+    """Root mean square length of a row's noise [mm]."""
+    return floor.coordinate_mm * float(floor.coordinates**0.5)
 
 
 def _named(named: Sequence[tuple[str, str]], extended: bool) -> str:

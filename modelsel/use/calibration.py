@@ -76,6 +76,9 @@ class Calibration:
     def scene(self, data: Measurements, *, another_day: bool = True) -> Scene:
         """These data bound to the calibrated set-up. On `another_day` drift stands at the middle of the campaign that was
         fitted. Raises DataError where a target, a group or a covariate is not known."""
+        if data.gauges is not None:
+            raise DataError("the file has rows that are no points, and a calibration is held against points alone.",
+                            remedy="Leave out the rows of other kinds, or make a study of the file.")
         target = _matched(data.target, data.targets, self.targets, "target", len(self.targets) > 1)
         many = any(isinstance(s.cause, Member) and s.cause.kind == "group" for t in self.terms for s in t.screws)
         group = _matched(data.group, data.groups, self.groups, "group",
@@ -132,13 +135,33 @@ def calibrate(study: str, data: Data, fitted: Fit, floor: Floor, held_out_rms_mm
     """The calibration of a model fitted to the rows of a study that fit."""
     scene, some = data.scene, data.training()
     names = {f"q{j}" for j in range(1, scene.robot.n + 1)} | set(scene.data.covariates)
-    names |= {n for m in fitted.model.mechanisms for n in m.names()} - {"target", "group"}
+    names |= {n for m in fitted.model.mechanisms for n in m.names()} - {"target", "group", "feature"}
     ranges = {name: (float(some.value(name).min()), float(some.value(name).max())) for name in sorted(names)}
     whole = fitted.factor * (fitted.sigma if np.isfinite(fitted.sigma) else 1.0)
     factor = np.array([float(f"{v:.{DIGITS}g}") for v in whole.ravel()]).reshape(whole.shape)
+    of_arm = [k for k, t in enumerate(fitted.terms) if not t.fixture]          # anchors and planes are no part of it
+    kept = tuple(i for i, k in enumerate(of_arm) if k in fitted.found.kept)
+    if len(of_arm) < len(fitted.terms):
+        factor = _triangle(factor[of_arm], kept)
     return Calibration(study, scene.robot, scene.data.targets, scene.data.groups, scene.tools, scene.tool_rotations,
-                       scene.placement, registered, scene.tracker, fitted.model, fitted.theta, factor,
-                       fitted.found.kept, floor, held_out_rms_mm, ranges, dict(provenance))
+                       scene.placement, registered, scene.tracker, _arm(fitted.model), fitted.theta[of_arm], factor,
+                       kept, floor, held_out_rms_mm, ranges, dict(provenance))
+
+
+def _arm(model: Model) -> Model:
+    """Without the terms that move features of the set-up."""
+    if not any(t.fixture for t in model.terms):
+        return model
+    own = (replace(m, terms=tuple(t for t in m.terms if not t.fixture)) for m in model.mechanisms)
+    return Model(tuple(m for m in own if m.terms))
+
+
+def _triangle(factor: Array, kept: tuple[int, ...]) -> Array:
+    """(p, len(kept)) factor of the same covariance, a row of the kept ones nought before its own column, as the file has it."""
+    out = np.zeros((len(factor), len(kept)))
+    some = factor[list(kept)]
+    out[list(kept)] = np.linalg.qr(some[::-1].T)[1].T[::-1, ::-1]
+    return out
 
 
 def pose_of(scene: Scene, terms: tuple[Term, ...], theta: Array) -> Pose:

@@ -48,24 +48,34 @@ class Pool:
     configurations: int      # known ones
 
     def of(self, some: Sequence[Term]) -> list[int]:
-        """Columns of some terms."""
+        """Columns of some terms; features of the set-up have none."""
         place = {t.screws: k for k, t in enumerate(self.terms)}
-        return list(dict.fromkeys(place[t.screws] for t in some))
+        return list(dict.fromkeys(place[t.screws] for t in some if not t.fixture))
 
 
 def pool(known: Scene, possible: Scene, terms: Sequence[Term], at: At, sigma: float) -> Pool:
-    """Columns of the known rows and of every configuration of the possible ones, linearised at the fitted model. Raises
-    DataError where configurations have different numbers of rows."""
-    distinct = tuple({t.screws: t for t in terms}.values())
-    def columns(some: Scene) -> Array:
+    """Columns of the known rows and of every configuration of the possible ones, linearised at the fitted model; what the known
+    rows say of features they share is projected out. Raises DataError where configurations have different numbers of rows."""
+    distinct = tuple({t.screws: t for t in terms if not t.fixture}.values())
+    features = tuple({t.screws: t for t in terms if t.fixture}.values())
+    def columns(some: Scene, of: Sequence[Term] = distinct) -> Array:
         plain = replace(some, whiten=1.0, data=replace(some.data, rotation=None), tool_rotations=None, _values={}, _causes={})
-        return design(plain, distinct, at)[0]
+        return design(plain, of, at)[0]
     each = np.unique(possible.data.configuration, return_counts=True)[1]
     if np.ptp(each):
         raise DataError("the pool's configurations have different numbers of rows.", remedy="List every target in each, or none.")
     order = np.argsort(possible.data.configuration, kind="stable")
-    return Pool(distinct, columns(known), columns(possible)[order].reshape(len(each), -1, len(distinct)), sigma,
+    measured = _beyond(columns(known), columns(known, features)) if features else columns(known)
+    return Pool(distinct, measured, columns(possible)[order].reshape(len(each), -1, len(distinct)), sigma,
                 known.data.configurations)
+
+
+def _beyond(columns: Array, features: Array) -> Array:
+    """Columns (K, 3, p) with the span of other columns (K, 3, f) taken out."""
+    flat, other = columns.reshape(-1, columns.shape[2]), features.reshape(-1, features.shape[2])
+    U, singular, _ = np.linalg.svd(other / np.maximum(np.linalg.norm(other, axis=0), 1e-300), full_matrices=False)
+    Q = U[:, singular > 1e-9]
+    return np.asarray((flat - Q @ (Q.T @ flat)).reshape(columns.shape))
 
 
 # -- rivals --------------------------------------------------------------------------------------------------------------------

@@ -30,8 +30,11 @@ def assign(data: Measurements, folds: int, rng: np.random.Generator, by: str = "
     """(m,) fold of every row: equal readings never apart; by="group" keeps groups whole. folds = 0 leaves one out."""
     unit, first = in_turn(data.group if by == "group" else data.block, data.progress)
     count = len(first) if folds <= 0 else min(folds, len(first))
+    order = rng.permutation(len(first))
+    if data.gauges is not None:             # rows of one feature go to different folds: each can be told without any one of them
+        order = order[np.argsort(data.gauges.feature[first][order], kind="stable")]
     fold = np.empty(len(first), dtype=np.intp)
-    fold[rng.permutation(len(first))] = np.arange(len(first)) % count
+    fold[order] = np.arange(len(first)) % count
     return fold[unit]
 
 
@@ -79,7 +82,7 @@ def fold(scene: Scene, terms: Sequence[Term], fold_of: Index, at: tuple[Sequence
 def folds(scene: Scene, points: Sequence[Point], fold_of: Index) -> list[Folded]:
     """`fold` of several models, each at its own point, in one pass: a block's causes are evaluated once for all of them."""
     count = int(fold_of.max()) + 1
-    rows_of = np.bincount(fold_of, minlength=count) * scene.components
+    rows_of = scene.counted(fold_of, count)
     if len(scene) <= BLOCK:
         out = []
         for terms, at, _ in points:
@@ -127,7 +130,8 @@ def by_unit(scene: Scene, terms: Sequence[Term], unit: Index, at: tuple[Sequence
         out[which, np.arange(len(rows)) - (edges[k:end] - edges[k])[which]] = block.transpose(2, 1, 0)
         out = out.reshape(end - k, -1, p1)
         tall = [b[:h * c] for b, h in zip(out, height, strict=True)] if out.shape[1] > p1 else None
-        yield Folded(out, height * c) if tall is None else pad(tall, height * c)
+        seen = height * c if scene.measured is None else scene.take(rows).counted(which, end - k)
+        yield Folded(out, seen) if tall is None else pad(tall, seen)
         k = end
 
 

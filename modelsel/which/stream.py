@@ -22,7 +22,7 @@ from ..machine.robot import Robot
 from ..matrix.design import Model
 from ..matrix.reduce import Reduction, Source, merged, reduce_scene
 from ..matrix.scene import Scene, scene
-from ..words.errors import StudyError
+from ..words.errors import DataError, StudyError
 from ..words.rigid import Array
 from ..wrong.screws import Term
 from .folds import CrossValidation, Folded, cross_validate, pad
@@ -113,6 +113,9 @@ class Parts(Source):
     def scene(self, part: Part) -> Scene:
         """A piece, read."""
         data = read_measurements(part.path, self.robot.prismatic, group=part.group)
+        if data.gauges is not None:
+            raise DataError("rows that are no points cannot be fitted in parts: what they share is not in one part.",
+                            file=part.path.name, column="kind", remedy="Make it a study, or leave these rows out.")
         return scene(self.robot, data, np.tile(np.array(self.tool), (len(data.targets), 1)))
 
     def alone(self) -> Parts:

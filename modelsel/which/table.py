@@ -15,6 +15,7 @@ from ..data.measurements import Index
 from ..fitting.fit import Fit, Step, one_step, typical_weight
 from ..matrix.design import Model
 from ..matrix.reduce import Reduction, reduce_scene
+from ..matrix.scene import Scene
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from ..wrong.screws import Mechanism, Screw
@@ -174,7 +175,7 @@ class Steps:
     nominal: Reduction
     here: Reduction
     weight: float
-    rows: int
+    training: Scene
 
     def to(self, model: Model) -> Step | None:
         """None where the data do not determine the model."""
@@ -182,7 +183,7 @@ class Steps:
         known = dict(zip((t.screws for t in self.base_fit.terms), self.base_fit.theta, strict=True))
         start = np.array([known.get(t.screws, 0.0) for t in model.terms])
         try:
-            return one_step(model, start, self.nominal.select(index), self.here.select(index), self.weight, self.rows)
+            return one_step(model, start, self.nominal.select(index), self.here.select(index), self.weight, self.training)
         except NotEstimable:
             return None
 
@@ -190,7 +191,7 @@ class Steps:
 def steps_from(data: Data, whole: Model, base_fit: Fit, folded: Folded) -> Steps:
     """From a base's fit; `folded`: the whole model's terms there."""
     training = data.training()
-    return Steps(whole, base_fit, reduce_scene(training, whole.terms), folded.total(), typical_weight(training), len(training))
+    return Steps(whole, base_fit, reduce_scene(training, whole.terms), folded.total(), typical_weight(training), training)
 
 
 def _crossed(folded: Folded, fitted: Fit) -> CrossValidation | None:

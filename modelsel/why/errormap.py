@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +96,7 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
             terms.setdefault(t.screws, t)
     place = {screws: k for k, screws in enumerate(terms)}
     slices = [np.array([place[t.screws] for t in c.mechanism.terms], dtype=np.intp) for c in found]
-    parts = [c.reshape(len(c), r.size) for _, c, r in blocks(scene, tuple(terms.values()), at)]
+    parts = [flat(scene, rows, c) for rows, c, _ in blocks(scene, tuple(terms.values()), at)]
     XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
     rms: dict[int, float] = {}                  # by the cause's identity: a hundred places share one
     most = np.array([_most(scene, t, rms) for t in terms.values()])
@@ -125,6 +125,12 @@ def pieces(count: int, size: int) -> Iterator[slice]:
     """Slices of at most `size` that cover `count`."""
     size = max(size, 1)
     return (slice(start, min(start + size, count)) for start in range(0, count, size))
+
+
+def flat(scene: Scene, rows: slice, values: NDArray[Any]) -> NDArray[Any]:
+    """(k, N) measured coordinates of values (k, c, rows)."""
+    every = values.reshape(len(values), -1)
+    return every if scene.measured is None else every[:, scene.measured[rows].T.reshape(-1)]
 
 
 def _most(scene: Scene, term: Term, rms: dict[int, float]) -> float:
@@ -164,7 +170,7 @@ def subset(cols: Columns, which: Index) -> Columns:
 
 def stacked(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None) -> tuple[Array, Array]:
     """(columns (N, p), residual (N,)) whitened, in the row order of `columns`."""
-    parts = [(c.reshape(len(c), r.size), r.reshape(-1)) for _, c, r in blocks(scene, terms, at)]
+    parts = [(flat(scene, rows, c), flat(scene, rows, r[None])[0]) for rows, c, r in blocks(scene, terms, at)]
     return np.concatenate([c for c, _ in parts], axis=1).T, np.concatenate([r for _, r in parts])
 
 

@@ -19,7 +19,7 @@ from ..which.candidates import Candidate
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from .curves import better, curves
-from .errormap import Columns, columns, single_f
+from .errormap import Columns, columns, flat, single_f
 from .evidence import familywise, null, p_value
 from .flips import LOUD, adjusted, flipped_p, uneven, units
 from .naming import Named, name, name_again, own_evidence, with_candidate
@@ -102,8 +102,9 @@ class _Search:
         scene, log_prior = self.scene, self.log_prior.copy()
         log_prior[np.union1d(self.dead, np.array(known, dtype=np.intp))] = -np.inf
         own, grouped = units(scene.data, view.fitted.residuals(scene)[:, :3], self.rng)
-        prior = np.full(len(view.r) - len(scene) * scene.components, -1, dtype=np.intp)
-        unit = np.concatenate([*(np.tile(own[rows], scene.components) for rows in scene.blocks()), prior])
+        prior = np.full(len(view.r) - scene.coordinates, -1, dtype=np.intp)
+        every = np.tile(own, (1, scene.components, 1))
+        unit = np.concatenate([*(flat(scene, rows, every[:, :, rows])[0] for rows in scene.blocks()), prior])
         e = adjusted(view.seen.Q, view.r, unit)
         if not grouped and uneven(e, unit) < LOUD:
             return 0.0

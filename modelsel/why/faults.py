@@ -30,11 +30,13 @@ class Fault:
 def misplaced(scene: Scene, outlying: Mask, fitted: Fit, rng: np.random.Generator) -> tuple[Fault, ...]:
     """Outlying rows whose positions fit each other's joint readings or targets: swapped reflectors where they share a
     configuration, a wrong order of rows elsewhere. Chance: the same distances in random directions."""
-    at = np.flatnonzero(outlying)
+    gauges = scene.data.gauges
+    points = np.ones(len(outlying), bool) if gauges is None else gauges.of("point")
+    at = np.flatnonzero(outlying & points)
     if not 2 <= len(at) <= MOST_ROWS:
         return ()
     residual = fitted.residuals(scene)[:, :3]
-    near = MATCH * scale_of(np.linalg.norm(residual[~outlying], axis=1))
+    near = MATCH * scale_of(np.linalg.norm(residual[~outlying & points], axis=1))
     measured = scene.data.position[at]
     predicted = measured - residual[at]
     fits = _fits(measured, predicted, near)

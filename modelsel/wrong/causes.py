@@ -171,9 +171,9 @@ class Combined(Cause):
 
 @dataclass(frozen=True)
 class Member(Cause):
-    """1 where a row belongs to one target or group, 0 elsewhere: offsets of several targets, placements of several days."""
+    """1 where a row belongs to one target, group or feature, 0 elsewhere: offsets of targets, placements of days, anchors."""
 
-    kind: str     # "target" or "group"
+    kind: str     # "target", "group" or "feature"
     index: int
 
     def of(self, state: State) -> Array:

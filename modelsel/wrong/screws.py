@@ -12,6 +12,7 @@ from ..words.rigid import AXES
 from ..words.values import hashed_once
 from .causes import FUNCTIONS, ONE, Applied, Bump, Cause, Combined, Member, Named, Number
 
+FIXTURE_AXES = (*AXES, "length")      # of a feature of the set-up: its place, its tilt, a length
 KINDS = (Number, Named, Applied, Combined, Member, Bump)
 LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
 
@@ -19,14 +20,16 @@ LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
 @hashed_once
 @dataclass(frozen=True)
 class Screw:
-    """WHERE x WHY: a small twist on one axis of one frame, scaled by its cause."""
+    """WHERE x WHY: a small twist on one axis of one frame, scaled by its cause. Frame 0 is no frame of the arm but a feature of
+    the set-up (a wire's anchor, a plane), which moves; it may also have a length."""
 
     frame: int
     axis: str
     cause: Cause = ONE
 
     def __post_init__(self) -> None:
-        if self.axis not in AXES or self.frame < 1:
+        feature = self.frame == 0 and isinstance(self.cause, Member) and self.cause.kind == "feature"
+        if self.axis not in (FIXTURE_AXES if feature else AXES) or self.frame < (0 if feature else 1):
             raise ValueError(f"no such place: frame {self.frame}, axis {self.axis}; frames count from 1, axes are {AXES}")
 
     def __str__(self) -> str:
@@ -43,9 +46,14 @@ class Term:
     sign: int = 0
 
     @property
+    def fixture(self) -> bool:
+        """Whether it moves a feature of the set-up, not the arm."""
+        return self.screws[0].frame == 0
+
+    @property
     def unit(self) -> str:
         """mm or rad per unit of the cause, from its screws; all must agree (rad counts as 1). Raises ValueError."""
-        units = {ratio("mm" if s.axis[0] == "t" else "rad", s.cause.unit): None for s in self.screws}
+        units = {ratio("rad" if s.axis[0] == "r" else "mm", s.cause.unit): None for s in self.screws}
         if len({u.replace("rad", "1") for u in units}) != 1:
             raise ValueError(f"the screws of {self.symbol} have different units: {', '.join(units)}")
         return max(units, key=lambda u: "rad" in u)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...data.measurements import Index
-from ...matrix.design import field_of
+from ...matrix.design import directions, field_of, residuals
 from ...matrix.scene import Scene
 from ...words.rigid import Array
 from ..inspect import mechanism_card
@@ -60,7 +60,18 @@ def details(result: Result) -> dict[str, Any]:
     rows = thinned(data.estimation, data.outlying)
     scene = data.scene.take(rows)
     every = slice(0, len(scene))
-    measured, field = scene.data, field_of(scene, scene.pose(every), every)
+    measured, at = scene.data, scene.pose(every)
+    field = field_of(scene, at, every)
+    placed, seen = measured.position, field
+    if measured.gauges is not None:  # drawn where the nominal arm has the target, a single number along its direction
+        G = directions(scene, at, every)
+        placed = np.where(np.isfinite(placed), placed, -residuals(scene.bare)[:, :3])
+        seen = field.copy()
+        seen[:, :, :3] = np.einsum("jim,fajm->faim", G, field[:, :, :3])
+
+    def drawn(residual: Array) -> Array:
+        return residual if measured.gauges is None else np.asarray(np.einsum("jim,mj->mi", G, residual))
+
     turned = scene.components == 6
     base_rung = next(r for r in result.ladder if r.names == base)
     return {
@@ -73,7 +84,7 @@ def details(result: Result) -> dict[str, Any]:
             "estimation": data.estimation[rows].astype(int).tolist(),
             "outlying": data.outlying[rows].astype(int).tolist(),
             "q": rounded(measured.q, 5),
-            "measured_mm": rounded(measured.position, 2),
+            "measured_mm": rounded(placed, 2),
         },
         "joints": [
             {"unit": "mm" if j.prismatic else "rad", "limits": None if j.limits is None else rounded(np.array(j.limits), 5)}
@@ -83,12 +94,12 @@ def details(result: Result) -> dict[str, Any]:
         "base": result.ladder.index(base_rung),
         "rungs": [
             {
-                "residual_mm": rounded(r.residual[rows][:, :3], 4),
+                "residual_mm": rounded(drawn(r.residual[rows][:, :3]), 4),
                 "rotation_rad": rounded(r.residual[rows][:, 3:], 6) if turned else None,
             }
             for r in result.ladder
         ],
-        "map": cells_dict(result, base_rung, scene, field),
+        "map": cells_dict(result, base_rung, scene, seen),
         "cards": {m.name: mechanism_card(m) for m in _mentioned(result)},
         "findings": finding_panels(result, scene, field, rows),
     }

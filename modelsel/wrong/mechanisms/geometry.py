@@ -1,6 +1,9 @@
 """Geometry: the six screws of every frame with cause 1, and what the set-up adds to them."""
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from ...data.features import Feature
 from ...machine.robot import Robot
 from ...words.rigid import AXES
 from ..causes import ONE, Cause, Member
@@ -26,8 +29,10 @@ def _term(frame: int, axis: str, cause: Cause = ONE, label: str = "") -> Term:
     return Term(letter(frame, axis) + label, (Screw(frame, axis, cause),), SIZE[axis[0]])
 
 
-def setup(robot: Robot, targets: int, groups: int, register: bool, orientation: bool) -> Mechanism:
-    """What the measuring set-up leaves open: target offsets, target orientation, the tracker's placement(s).
+def setup(robot: Robot, targets: int, groups: int, register: bool, orientation: bool, features: Sequence[Feature] = ()
+          ) -> Mechanism:
+    """What the measuring set-up leaves open: target offsets, target orientation, the tracker's placement(s), what is not known of
+    the features that rows share.
 
     Several targets have an offset each; `groups` > 1 gives every group a placement of its own.
     """
@@ -44,5 +49,13 @@ def setup(robot: Robot, targets: int, groups: int, register: bool, orientation: 
         for g in range(groups):
             cause, label = (Member("group", g), f"[{g + 1}]") if groups > 1 else (ONE, "")
             terms += [_term(1, axis, cause, label) for axis in AXES]
+    terms += [Term(f"{_number(f, axis)} of {f.name}", (Screw(0, axis, Member("feature", k)),))
+              for k, f in enumerate(features) for axis in f.free]
     return Mechanism("set-up", tuple(terms), "Where the tracker stands and where the targets sit on the flange.",
                      "H_1 and H_{n+1}, constant per group and target", "contract: register, targets")
+
+
+def _number(feature: Feature, axis: str) -> str:
+    """What a feature's number is called: a place's coordinate, a plane's offset and tilts, a length."""
+    plane = {"tz": "offset", "rx": "tilt 1", "ry": "tilt 2"}
+    return plane[axis] if feature.kind == "plane" else axis.removeprefix("t")

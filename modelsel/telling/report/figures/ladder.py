@@ -41,7 +41,8 @@ def ladder(result: dict[str, Any]) -> bytes:
         np.array([np.nan if r[side]["mean_mm"] is None else r[side]["mean_mm"] for r in steps])
         for side in ("estimation", "held_out")
     )
-    floor = result["noise_floor"]["coordinate_mm"] * np.sqrt(8 / np.pi)  # mean length of three normal coordinates
+    noise = result["noise_floor"]  # mean length of three normal coordinates, unless the file says what its rows have
+    floor = noise["mean_mm"] if "mean_mm" in noise else noise["coordinate_mm"] * np.sqrt(8 / np.pi)
     both = np.concatenate([used, held, [floor]])
     low, high = max(np.nanmin(both) / 1.7, 1e-9), np.nanmax(both) * 2.2
     few = np.log10(high / low) < 2

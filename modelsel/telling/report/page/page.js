@@ -14,7 +14,7 @@
   const openFinding = (k) => show(findingPanel(data, k));
   const openCell = (td) => { const [i, j] = td.dataset.cell.split(",").map(Number); show(cellPanel(data, i, j, openFinding), td); };
 
-  const side = result.ladder[0].held_out.mean_mm === null ? "estimation" : "held_out", floor = result.noise_floor.coordinate_mm * Math.sqrt(8 / Math.PI);
+  const side = result.ladder[0].held_out.mean_mm === null ? "estimation" : "held_out", floor = result.noise_floor.mean_mm || result.noise_floor.coordinate_mm * Math.sqrt(8 / Math.PI);
   const top = Math.log(Math.max(...result.ladder.map((r) => r[side].mean_mm || 0)) / floor);
   const ladder = el("table", { class: "plain" }, el("thead", {}, el("tr", {}, ...["model", "mean mm", ""].map((h) => el("th", { scope: "col", class: h === "mean mm" ? "number" : "", text: h })))));
   const body = el("tbody");

@@ -1,0 +1,109 @@
+"""Columns of a table as numbers or labels: strict, and every refusal says place, column and remedy. `rows` (m,), where it is
+given, says which rows have a number in the column; the others are to be empty, and become nan."""
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..words.errors import suggest
+from ..words.rigid import LARGEST, Array
+from .table import Table
+
+COMMA = re.compile(r"[-+]?\d+,\d+")
+SMALLEST = 1e-9        # mm or rad: the least standard uncertainty
+UNITS = {"rad": 1.0, "deg": np.pi / 180, "mm": 1.0, "m": 1e3}
+Mask = NDArray[np.bool_]
+
+
+def blank(column: NDArray[Any]) -> Mask:
+    """(m,) cells that are empty."""
+    if column.dtype.kind in "iub":
+        return np.zeros(len(column), bool)
+    if column.dtype.kind == "f":
+        return np.asarray(np.isnan(column))
+    return np.array([cell is None or not str(cell).strip() or isinstance(cell, (float, np.floating)) and bool(np.isnan(cell))
+                     for cell in column], dtype=bool)
+
+
+def numbers(table: Table, name: str, low: float = -np.inf, high: float = np.inf, rows: Mask | None = None) -> Array:
+    """A column as finite floats between two bounds; refuses the first cell that is not one, with its line."""
+    column, everywhere = table.columns[name], np.ones(len(table), bool) if rows is None else rows
+    out = as_numbers(column) if column.dtype.kind != "b" else np.full(len(column), np.nan)
+    with np.errstate(invalid="ignore"):
+        bad = np.flatnonzero(~(np.isfinite(out) & (out >= low) & (out <= high)) & everywhere)
+    if len(bad):
+        cell = column[bad[0]]
+        shown = "an empty cell" if blank(column[bad[:1]])[0] else f'"{str(cell)[:30]}"'
+        more = f" ({len(bad)} such cells)" if len(bad) > 1 else ""
+        bounds = f" between {low:g} and {high:g}" if np.isfinite(out[bad[0]]) else ""
+        comma = " Numbers need a decimal point, not a comma." if COMMA.fullmatch(str(cell).strip()) else ""
+        raise table.where.refuse(f"expected a finite number{bounds}, found {shown}{more}.", row=int(bad[0]), column=name,
+                                 remedy=f"Correct the cell or remove the row.{comma}")
+    if rows is None:
+        return out
+    filled = np.flatnonzero(~blank(column) & ~rows)
+    if len(filled):
+        raise table.where.refuse(f'found "{str(column[filled[0]])[:30]}", but a row of this kind measures nothing there.',
+                                 row=int(filled[0]), column=name, remedy="Leave the cell empty, or correct the row's kind.")
+    return np.where(rows, out, np.nan)
+
+
+def as_numbers(column: NDArray[Any]) -> Array:
+    """(m,) floats, nan where a cell is none."""
+    return np.asarray(column, float) if column.dtype.kind in "fiub" else np.array([_number(cell) for cell in column], float)
+
+
+def _number(cell: Any) -> float:
+    if isinstance(cell, (bool, np.bool_)) or isinstance(cell, str) and "_" in cell:
+        return float("nan")         # Python would read 1_000 as a number; no measuring program writes that
+    try:
+        return float(cell)
+    except (TypeError, ValueError, OverflowError):
+        return float("nan")
+
+
+def measured(table: Table, stem: str, units: Sequence[str], rows: Mask | None = None) -> Array:
+    """The column `stem_unit` in mm or rad; refuses a missing one, two units, or none in the name."""
+    present = [unit for unit in units if f"{stem}_{unit}" in table]
+    wanted, where = " or ".join(f"{stem}_{unit}" for unit in units), table.where
+    if len(present) == 1:
+        return numbers(table, f"{stem}_{present[0]}", -LARGEST, LARGEST, rows) * UNITS[present[0]]
+    if present:
+        raise where.refuse(f"{' and '.join(f'{stem}_{u}' for u in present)} are both there.", remedy="Keep one of them.")
+    if stem in table:
+        raise where.refuse(f'column "{stem}" has no unit in its name.', column=stem,
+                           remedy=f"Rename it to {wanted}, or map it {where.mapping(f'{stem}_{units[0]}', stem)}.")
+    raise where.refuse(f"column {wanted} is missing. {suggest(f'{stem}_{units[0]}', list(table.columns))}",
+                       remedy=f"If it has another name, map it {where.mapping(f'{stem}_{units[0]}', 'NAME')}.")
+
+
+def together(table: Table, names: Sequence[str], refuse: str = "", rows: Mask | None = None) -> Array | None:
+    """Columns that come together or not at all, (m, len(names)); refuses rows that are "not positive" or "zero"."""
+    there, where = [name for name in names if name in table], table.where
+    if not there:
+        return None
+    if len(there) < len(names):
+        raise where.refuse(f"{', '.join(there)} without {', '.join(n for n in names if n not in there)}.",
+                           remedy=f"{' '.join(names)} come together.")
+    out = np.stack([numbers(table, name, -LARGEST, LARGEST, rows) for name in names], 1)
+    if refuse == "not positive" and (out < SMALLEST).any():
+        row, column = np.argwhere(out < SMALLEST)[0]
+        raise where.refuse(f"a standard uncertainty must be above zero, {SMALLEST:g} at least.", row=int(row),
+                           column=names[column], remedy="Correct the cell, or leave the uncertainties out.")
+    if refuse == "zero" and not out.any(1).all():
+        raise where.refuse("a quaternion of length zero.", row=int(np.argmin(out.any(1))), column=names[0],
+                           remedy="Correct the row or remove it.")
+    return out
+
+
+def labels(table: Table, name: str) -> list[str]:
+    """A text column without blanks about it; refuses an empty cell."""
+    out = ["" if cell is None else str(cell).strip() for cell in table.columns[name]]
+    if "" in out:
+        raise table.where.refuse("an empty cell.", row=out.index(""), column=name,
+                                 remedy=f"Give every row its {name}, or leave the column out.")
+    return out

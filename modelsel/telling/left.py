@@ -1,0 +1,149 @@
+"""What is left of a study's residuals: held-out outliers, the noise they show, what a further effect would have had to be."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.measurements import Measurements
+from ..fitting.fit import Fit
+from ..fitting.noise import Floor
+from ..matrix.design import fixture_values, whitened
+from ..matrix.gauges import LENGTH
+from ..matrix.scene import Scene
+from ..which.candidates import Candidate
+from ..which.compare import Data, Rung
+from ..which.validate import errors
+from ..why.extend import LEVEL, Extension
+from ..why.predictor import Predictable, predictable
+from ..why.robust import GROSS, far_off
+from ..why.words import display, label
+from ..words.rigid import Array, turn
+from ..wrong.causes import Member
+from .findings import detection_limit
+
+
+def thinned(extension: Extension, data: Data) -> bool:
+    """Whether naming has seen only some of the estimation rows."""
+    return extension.fit.rows < data.training().coordinates
+
+
+def rows_seen(extension: Extension, data: Data) -> int:
+    """How many rows naming has seen."""
+    training = data.training()
+    return extension.fit.rows * len(training) // training.coordinates
+
+
+def held_out_outliers(data: Data, rungs: Sequence[Rung]) -> NDArray[np.bool_]:
+    """Held-out rows beyond 8 robust standard deviations of the estimation residuals in every rung from the base on."""
+    out = ~data.estimation
+    for r in rungs:
+        size = whitened(data.scene, r.residual)
+        out = out & far_off(size, size[data.used], GROSS, None if data.scene.measured is None else data.scene.measured[data.used])
+    return np.asarray(out)
+
+
+def remeasured(r: Rung, data: Data) -> Rung:
+    """A rung with its errors taken again, the outlying rows left out."""
+    return replace(r, estimation=errors(r.residual[data.estimation], data.outlying[data.estimation]),
+                   held_out=errors(r.residual[~data.estimation], data.outlying[~data.estimation]))
+
+
+def nothing_else(extension: Extension, found: tuple[Candidate, ...], data: Data, chosen: Rung) -> tuple[str, float | None]:
+    """(sentence, limit in mm): what a further effect would have had to be to be found."""
+    if not found or extension.left is None:
+        return "No mechanism may extend the base in this study: nothing was searched.", None
+    sigma = estimated_floor(chosen, data).coordinate_mm
+    limit = detection_limit(extension, [c.prior for c in found], rows_seen(extension, data), sigma)
+    if extension.left_p <= LEVEL:
+        first = extension.left.entries[0]
+        stopped = (f"The search stopped after {len(extension.effects)} effects, but something systematic is left: chance alone "
+                   f"would explain it with probability {extension.left_p:.2g}. It looks most like {label(first.candidate)} "
+                   f"(probability {first.probability:.2f}).")
+        return stopped, limit
+    more = "else " if extension.effects else ""
+    left = f" The strongest of what is left would come by chance with probability {extension.left_p:.2g}."
+    if limit is None:
+        return f"Nothing {more}was found; the data are too few for any further effect to be found, however large.{left}", None
+    return f"Nothing {more}was found; an effect above {display(limit)} rms would have been found with 90 %.{left}", limit
+
+
+def estimated_floor(rung_: Rung, data: Data) -> Floor:
+    """One coordinate's standard deviation [mm] from the residuals of a fitted model."""
+    fitted = fit_of(rung_)
+    square = np.square(rung_.residual[data.used][:, :3])
+    mean = square.mean() if data.scene.measured is None else square.sum() / data.scene.measured[data.used][:, :3].sum()
+    return Floor(float(np.sqrt(mean * fitted.rows / fitted.freedom)), "estimated", fitted.freedom)
+
+
+def fit_of(rung_: Rung) -> Fit:
+    """The fit that a rung was measured with."""
+    assert rung_.fit is not None
+    return rung_.fit
+
+
+def per_row(floor: Floor, data: Data) -> Floor:
+    """With the number of coordinates that a row has."""
+    seen = data.scene.measured
+    return floor if seen is None else replace(floor, coordinates=float(seen[:, :3].sum(1).mean()))
+
+
+def noise_dict(floor: Floor, measured: Measurements) -> dict[str, Any]:
+    """The result's noise floor; with rows that are no points also the mean length [mm] of a row's noise."""
+    out: dict[str, Any] = {"coordinate_mm": floor.coordinate_mm, "source": floor.source}
+    if measured.gauges is not None:
+        single = float((measured.gauges.coordinates.sum(1) == 1).mean())
+        out["mean_mm"] = floor.coordinate_mm * float(single * np.sqrt(2 / np.pi) + (1 - single) * np.sqrt(8 / np.pi))
+    return out
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A feature as the chosen model has it, in the tracker's frame: its place (of a plane: a point of it), a plane's normal, a
+    length that readings leave out or a ball-bar's own; `fitted`: what was not known."""
+
+    name: str
+    kind: str
+    position_mm: tuple[float, float, float]
+    normal: tuple[float, float, float] | None
+    length_mm: float | None
+    fitted: tuple[str, ...]
+
+
+def features(scene: Scene, fitted: Fit) -> tuple[Placed, ...]:
+    """Every feature that has a place, of a scene with rows that are no points."""
+    gauges = scene.data.gauges
+    if gauges is None:
+        return ()
+    values = fixture_values(len(gauges.features), fitted.terms, fitted.theta)
+    out = []
+    for k, f in enumerate(gauges.features):
+        if f.kind == "distance":
+            continue
+        place, normal = scene.fixtures.centre[k] + values[k, :3], None
+        if f.kind == "plane":
+            local = turn(0, values[k, 3]) @ turn(1, values[k, 4]) @ np.array([0.0, 0.0, 1.0])
+            normal = local @ scene.fixtures.axes[k]
+            place = scene.fixtures.centre[k] + values[k, 2] * normal
+        length = float(scene.fixtures.length[k] + values[k, LENGTH])
+        symbols = tuple(t.symbol for t in fitted.terms if t.fixture and t.screws[0].cause == Member("feature", k))
+        out.append(Placed(f.name, f.kind, _three(place), None if normal is None else _three(normal), length or None, symbols))
+    return tuple(out)
+
+
+def _three(vector: Array) -> tuple[float, float, float]:
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
+def predictable_left(data: Data, last: Rung, rng: np.random.Generator) -> Predictable | None:
+    """Whether any smooth function of the configuration still predicts what the last rung leaves; where not every row is a point,
+    of the rows of the kind and feature that has most."""
+    rows, gauges = data.used, data.scene.data.gauges
+    if gauges is not None:
+        code = gauges.kind * (len(gauges.features) + 1) + gauges.feature + 1
+        rows = rows & (code == np.bincount(code[rows]).argmax())
+    return predictable(data.scene.data.take(rows), last.residual[rows][:, :3], data.scene.robot.prismatic, rng)
