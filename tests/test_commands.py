@@ -80,3 +80,18 @@ def test_completion_knows_the_commands() -> None:
     ran = subprocess.run([sys.executable, "-c", "from modelsel.cli import main; main(prog_name='modelsel')"], env=env,
                          capture_output=True, text=True, check=False)
     assert {line.partition(",")[2] for line in ran.stdout.split()} == {"compensate", "compare", "completion"}
+
+
+def test_columns_of_other_names(tmp_path) -> None:
+    """Commands without a study take the names that a laboratory gives its columns."""
+    text = (Path(__file__).parents[1] / "studies" / "puma760" / "measurements.csv").read_text(encoding="utf-8")
+    first, _, rest = text.partition("\n")
+    name = first.split(",")[0]
+    (tmp_path / "lab.csv").write_text(first.replace(name, "J1", 1) + "\n" + rest, encoding="utf-8")
+    words = ["check", str(tmp_path / "lab.csv"), "--robot", "puma760"]
+    refused = CliRunner().invoke(main, words)
+    assert refused.exit_code == 3
+    assert f"--column {name}=NAME" in refused.stderr
+    assert CliRunner().invoke(main, [*words, "--column", f"{name}=J1"]).exit_code == 0
+    wrong = CliRunner().invoke(main, [*words, "--column", "J1"])
+    assert (wrong.exit_code, "no NAME=COLUMN" in wrong.stderr) == (2, True)

@@ -66,7 +66,8 @@ def test_killed_at_any_moment(kills, more, tmp_path) -> None:
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
 def test_interrupted(by, study, tmp_path) -> None:
     """130, with the command that goes on, and nothing left."""
-    code = ("import sys, time, modelsel.telling.study as s\n"
+    code = ("import signal, sys, time, modelsel.telling.study as s\n"
+            "signal.signal(signal.SIGINT, signal.default_int_handler)\n"       # a shell's background job begins deaf to it
             "s.analyse = lambda *a, **k: (print('there', flush=True), time.sleep(60))\n"
             "from modelsel.cli import main; main(prog_name='modelsel')")
     ran = subprocess.Popen([sys.executable, "-c", code, *words(study, tmp_path / "out")], stdout=subprocess.PIPE,

@@ -71,7 +71,8 @@ def test_a_frame_is_refused_in_a_file_s_words(case, tmp_path) -> None:
     assert str(other).startswith(f"{head}: ")
     words = str(one).partition(": ")[2].replace("the file has", "it has").replace("on line 3", "on row 1")
     for given in ("z", "NAME"):
-        words = words.replace(f'in the study file: [measurements] columns = {{ z_mm = "{given}" }}', (
+        words = words.replace(f'in the study file: [measurements] columns = {{ z_mm = "{given}" }} (of a command without one: '
+                              f'--column z_mm={given})', (
             f'by columns={{"z_mm": "{given}"}} (of a Study: measurements={{"frame": …, "columns": …}})'))
     assert str(other).partition(": ")[2] == words
 

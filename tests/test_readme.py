@@ -12,6 +12,7 @@ import textwrap
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from builders import drawn
 from click.testing import CliRunner
@@ -19,8 +20,10 @@ from test_floors import DOOR, FLOORS, PACKAGE
 
 import modelsel
 from modelsel.cli import COMMANDS, main
+from modelsel.data.io import read_measurements
 from modelsel.machine.robotfile import load
 from modelsel.matrix.design import design, residuals
+from modelsel.telling.config import parse_study
 from modelsel.telling.tables import show
 from modelsel.words.errors import StudyError
 from modelsel.wrong.registry import BUILTIN, Registry, parts, with_plugins
@@ -116,6 +119,14 @@ def test_at_most_twelve_lines_beside_imports(page) -> None:
 
 def test_excerpt_is_what_the_study_prints(page, ran) -> None:
     assert fenced("text", section("What it says", page)) == [excerpt(ran[1]["result"])], AGAIN
+
+
+def test_a_study_of_your_own_is_one(page) -> None:
+    """The study file and the table shown are read as they stand."""
+    (toml,), (table,) = (fenced(kind, section("Your own data", page)) for kind in ("toml", "csv"))
+    study = parse_study(toml, "README.md")
+    found = read_measurements(pd.read_csv(io.StringIO(table)), load(study.robot.name).prismatic)
+    assert (study.robot.register_, study.split.estimation, found.q.shape) == (True, 50, (1, 6))
 
 
 def test_every_mechanism_is_named(page) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from . import print_json
+from . import mapped, print_json
 
 
 @click.command()
@@ -13,14 +13,15 @@ from . import print_json
 @click.option("--robot", required=True, help="A built-in robot's name, or a robot file.")
 @click.option("--base", help="Of a URDF: the link the chain starts at; default its root.")
 @click.option("--tip", help="Of a URDF: the link the chain ends at; default the longest chain's.")
+@mapped
 @click.option("--json", "as_json", is_flag=True)
-def check(data: Path, robot: str, base: str | None, tip: str | None, as_json: bool) -> None:
+def check(data: Path, robot: str, base: str | None, tip: str | None, columns: dict[str, str], as_json: bool) -> None:
     """What is in a measurements file, what it can tell and what it cannot."""
     from ..data.io import read_measurements
     from ..machine.robotfile import load, read_robot
     from ..telling.inspect import describe, sentences
     arm = read_robot(Path(robot), base, tip) if robot.endswith((".toml", ".urdf", ".xml")) else load(robot)
-    found = describe(arm, read_measurements(data, arm.prismatic))
+    found = describe(arm, read_measurements(data, arm.prismatic, columns))
     if as_json:
         print_json(found)
     else:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from . import print_json
+from . import mapped, print_json
 
 if TYPE_CHECKING:
     from ..use.compensate import Commands
@@ -20,19 +20,22 @@ if TYPE_CHECKING:
 @click.option("--bound", nargs=2, type=float, default=(10.0, 20.0), show_default=True, metavar="MRAD MM",
               help="Most that a joint, and the target, may be changed by.")
 @click.option("--forward", is_flag=True, help="Change no command: say where the real target is at each.")
+@mapped
 @click.option("--json", "as_json", is_flag=True)
-def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float], forward: bool, as_json: bool) -> None:
+def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float], forward: bool, columns: dict[str, str],
+               as_json: bool) -> None:
     """Joint commands whose real position is the wanted one.
 
     TARGETS has a row a target: nominal commands q1_rad … (or _deg), wanted positions x_mm y_mm z_mm (left out: where the nominal
-    robot has the target), wanted orientations, and what the model needs beside them.
+    robot has the target) in the tracker's frame, wanted orientations, and what the model needs beside them. Commands are
+    written in rad (mm where a joint slides).
     """
     from ..data.io import read_measurements
     from ..use.calibration import load_calibration, predict
     from ..use.compensate import commands_frame, outside, refuse
     from ..use.compensate import compensate as corrected
     c = load_calibration(result)
-    data = read_measurements(targets, c.robot.prismatic, positions=False)
+    data = read_measurements(targets, c.robot.prismatic, columns, positions=False)
     made, said = corrected(c, data), outside(c, data)
     if forward:
         frame = commands_frame(c, data, data.q, predict(c, c.scene(data)), {})

@@ -5,22 +5,23 @@ from pathlib import Path
 
 import click
 
-from . import print_json
+from . import mapped, print_json
 
 
 @click.command()
 @click.argument("result", type=click.Path(path_type=Path))
 @click.argument("data", type=click.Path(path_type=Path))
 @click.option("--register", is_flag=True, help="The tracker or the target may have moved: find them anew, keep the arm.")
+@mapped
 @click.option("--json", "as_json", is_flag=True)
-def validate(result: Path, data: Path, register: bool, as_json: bool) -> None:
+def validate(result: Path, data: Path, register: bool, columns: dict[str, str], as_json: bool) -> None:
     """Whether a stored calibration still holds on new measurements; nothing of it is refitted."""
     from ..data.io import read_measurements
     from ..use.calibration import load_calibration
     from ..use.compensate import outside
     from ..use.drift import judge, sentences
     c = load_calibration(result)
-    measured = read_measurements(data, c.robot.prismatic)
+    measured = read_measurements(data, c.robot.prismatic, columns)
     found = judge(c, measured, register)
     said, beyond = sentences(measured, found), outside(c, measured)
     if as_json:

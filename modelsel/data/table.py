@@ -48,7 +48,8 @@ class Where:
 
     def mapping(self, wanted: str, given: str) -> str:
         """How to say that a column has another name."""
-        return (f'in the study file: [measurements] columns = {{ {wanted} = "{given}" }}' if self.is_file else
+        return (f'in the study file: [measurements] columns = {{ {wanted} = "{given}" }} (of a command without one: '
+                f'--column {wanted}={given})' if self.is_file else
                 f'by columns={{"{wanted}": "{given}"}} (of a Study: measurements={{"frame": …, "columns": …}})')
 
 

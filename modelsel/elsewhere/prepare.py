@@ -109,14 +109,16 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
     if np.median(size) > reach / 4:
         hint = ("the coordinates look like metres: name them x_m y_m z_m"
                 if np.nanmedian(np.linalg.norm(np.nan_to_num(data.position), axis=1)) < reach / 100 and data.gauges is None else
-                "this looks like the wrong robot or tool, a tracker frame that needs register = true, or metres called "
-                "millimetres")
+                "this looks like the wrong robot or tool, metres called millimetres, or joints whose zero or sense is another "
+                "than the robot file's" if plan.register else "this looks like a tracker frame that is not the robot's base "
+                "([robot] register = true finds it), the wrong robot or tool, metres called millimetres, or joints whose zero or "
+                "sense is another than the robot file's")
         raise DataError(f"measured and nominal positions are {np.median(size):.4g} mm apart (median), more than a quarter of "
                         f"the arm's reach ({reach:.4g} mm):", remedy=f"{hint}.")
     bound, floor = weigh(bound, plan.instrument, plan.stated_mm)
     if robot.gravity is None:
         notes.append(Note("gravity-unknown", f"The robot file of {robot.name} gives no direction of gravity: mechanisms that "
-                                             "need it are left out."))
+                                             "need it are left out. Of an upright robot: gravity = [0, 0, -1]."))
     if plan.by == "group" and len(np.unique(data.group[estimation])) < 2:
         raise StudyError('comparison.by = "group": the estimation rows belong to one group; two and more are needed to leave one '
                          'out. Use by = "configuration".')

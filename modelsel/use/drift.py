@@ -135,7 +135,8 @@ def sentences(data: Measurements, found: Verdict) -> list[str]:
     about = (f"{found.rms_mm:.3f} mm rms where {found.expected_rms_mm:.3f} mm are expected, a factor of {found.factor:.2f} "
              f"(p = {found.p:.2g})")
     shown = f"{len(found.worst)} of {len(data)} rows show it" if found.worst else "no single row shows it"
-    out = [f"The calibration has drifted: {about}; {shown}{_where(data, found)}." if found.drifted else
+    anew = " If the tracker or the target was moved, --register finds them anew and keeps the arm." if found.moved is None else ""
+    out = [f"The calibration has drifted: {about}; {shown}{_where(data, found)}.{anew}" if found.drifted else
            f"The calibration is still valid within noise: {about}."]
     if found.worst:
         lines = ", ".join(f"line {int(data.row[k]) + 2} ({found.size[k]:.1f} sd)" for k in found.worst[:LISTED])
