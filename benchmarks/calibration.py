@@ -71,7 +71,7 @@ def closed(studies: int, rng: np.random.Generator) -> list[str]:
         sigma = float(np.exp(rng.normal(-2, 0.5)))
         planted, fitted, truth = simulated(at, rng, sigma, None)
         kept, known = list(fitted.found.kept), posterior(fitted)
-        draws = weighted(planted, fitted, known, known.draw(rng, 199))
+        draws = weighted(planted, fitted, known.draw(rng, 199))
         ranks.append(draws.weight @ (draws.theta[:, kept] < truth[kept]))
         low, high = known.quantile(np.array([0.025, 0.975])).T
         covered.append([*((low[kept] < truth[kept]) & (truth[kept] < high[kept])),
@@ -127,7 +127,7 @@ def speed(result: Result, again: Result) -> list[str]:
         known.draw(rng, 4000)
     plain = 80_000 / (time.process_time() - start)
     start = time.process_time()
-    draws = weighted(training, fitted, known, known.draw(rng, 4000))
+    draws = weighted(training, fitted, known.draw(rng, 4000))
     exact = draws.effective / (time.process_time() - start)
     out = []
     for each, over in ((result, "default"), (again, "all")):

@@ -30,7 +30,7 @@ def run() -> dict[str, float]:
     for _ in range(3):
         start = time.process_time()
         exact = posterior(fitted)
-        draws = weighted(scene, fitted, exact, exact.draw(rng, 4000))
+        draws = weighted(scene, fitted, exact.draw(rng, 4000))
         best = max(best, draws.effective / (time.process_time() - start))
 
     ensemble, d = Ensemble(scene, fitted.terms), len(kept) + 1

@@ -23,10 +23,11 @@ def names_of(entries: list[dict[str, Any]]) -> list[str]:
 
 
 def sure(finding: dict[str, Any]) -> str:
-    """How probable those are, together, that move the target as the first of the set does."""
-    alike = [e for e in finding["credible_set"] if e["alike"]]
-    together = min(sum(e["probability"] for e in alike), 1.0)
-    return f"{together:.2f}" if together < 0.995 else "1.00"
+    """How probable the first of the set is, and together with those that move the target as it does."""
+    alike = [e["probability"] for e in finding["credible_set"] if e["alike"]]
+    together = f"{min(sum(alike), 1.0):.2f}"
+    own = f"{finding['credible_set'][0]['probability']:.2f}" if alike else together
+    return own if own == together else f"{own}; {together} with {len(alike) - 1} alike"
 
 
 def first(source: Source) -> list[Block]:
@@ -67,7 +68,8 @@ def first(source: Source) -> list[Block]:
             table(
                 [("named", "left"), ("what goes wrong", "left"), ("probability", "left")],
                 rows,
-                "Probability: of this name and those that would move the target alike; rivals: others cannot be told from it."
+                "Probability: of this name, and together with those that would move the target alike; rivals: others cannot be "
+                "told from it."
                 + (f" And {more} more: see Findings." if more > 0 else ""),
                 [0.36, 1.0, 0.0],
             )

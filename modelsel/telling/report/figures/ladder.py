@@ -55,7 +55,7 @@ def ladder(result: dict[str, Any]) -> bytes:
         ax.axvline(floor, color="#9A9A9A", lw=0.8)
         ax.text(
             np.sqrt(low * floor),
-            len(rows) / 2 - 0.5,
+            len(rows) / 2 - 0.5 if len(rows) > 4 else -0.55,        # few rows: above them, where no name and no mark is
             f"noise alone: {floor:.2g} mm",
             rotation=90 if len(rows) > 4 else 0,
             ha="center",
@@ -79,7 +79,7 @@ def ladder(result: dict[str, Any]) -> bytes:
                 fontweight="bold" if y == len(rows) - 1 else "normal",
             )
         ax.set_yticks(rows, [shortened(n, 44) for n in names(result, which)], color=INK)
-        ax.set_ylim(len(steps) - 0.5, -0.6)
+        ax.set_ylim(len(steps) - 0.5, -0.6 if len(rows) > 4 else -0.8)
         ax.set_xticks([t for t in np.outer(10.0 ** np.arange(-6, 5), (1, 2, 5) if few else (1,)).ravel() if low <= t <= high])
         ax.xaxis.set_major_formatter(lambda v, _: f"{v:g}")
         ax.xaxis.set_minor_formatter(lambda v, _: "")
