@@ -6,6 +6,8 @@ from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from numpy.typing import NDArray
+
 from ..data.measurements import Note
 from ..elsewhere.confidence import Confidence
 from ..elsewhere.explain import Nested
@@ -115,9 +117,14 @@ class Result(Views):
         """Measured minus predicted, mm (and rad, where orientations were measured) in the tracker's frame, of the nominal, the
         base and the chosen model, indexed by the row of the file; whether a row estimates, and whether it is an outlier."""
         import pandas as pd
+        columns = self.residual_columns()
+        return pd.DataFrame(columns, index=pd.Index(columns.pop("row"), name="row"))
+
+    def residual_columns(self) -> dict[str, NDArray[Any]]:
+        """The same as arrays (m,) by name, the row of the file among them: pandas is not needed to write them."""
         data = self.data
         base = next(r for r in self.ladder if r.names == tuple(self.study.model.base))
-        columns: dict[str, Any] = {"estimation": data.estimation, "outlier": data.outlying}
+        columns: dict[str, NDArray[Any]] = {"row": data.scene.data.row, "estimation": data.estimation, "outlier": data.outlying}
         for name, rung in (("nominal", self.ladder[0]), ("base", base), ("chosen", self.chosen)):
             columns |= {f"{name}_{part}": rung.residual[:, k] for k, part in enumerate(PARTS[:rung.residual.shape[1]])}
-        return pd.DataFrame(columns, index=pd.Index(data.scene.data.row, name="row"))
+        return columns

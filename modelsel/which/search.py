@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..matrix.identify import identify
 from ..words.rigid import Array
 from .folds import Folded
-from .tree import projected, refined
+from .tree import large_first, projected, refined
 
 ABSORBED = 1e-20   # share of a column's squared norm that the base must leave, else its rounding would be a pivot
 DOUBT = 2e-11      # relative error beyond which a subset is worked out again
@@ -93,7 +93,7 @@ def all_subsets(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[i
 
     Columns are scaled to unit length here; base columns must be independent.
     """
-    order = sorted(range(len(groups)), key=lambda g: -len(groups[g]))           # large groups nearest the root
+    order = large_first(groups)
     rest = [c for g in order for c in groups[g]]
     T, E = projected(folded, base, rest)
     S = T.transpose(0, 2, 1) @ T
@@ -111,10 +111,11 @@ def all_subsets(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[i
     rss = np.maximum(S[:, -1], np.finfo(float).eps * S[0, -1])     # saturated: nothing is left but rounding
     held_out = W[:, :-1]
     found = Subsets(members, rss, len(base) + gained[:, -1].astype(np.intp), held_out, pivot.min(1))
-    return _redone(folded, base, groups, found)
+    return _redone(folded, base, groups, found, (T, E))
 
 
-def _redone(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]], found: Subsets) -> Subsets:
+def _redone(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]], found: Subsets,
+            known: tuple[Array, list[Array]]) -> Subsets:
     """The doubtful subsets once more by orthogonal factors: small pivots, or sums of squares that are a small difference of
     large ones; and, where the orthogonal factors of all columns together see more directions than the sweeps did, every subset
     that left a column out as dependent."""
@@ -125,7 +126,7 @@ def _redone(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]]
     again = np.flatnonzero(np.logical_or(lost > DOUBT, skipped))
     if not len(again):
         return found
-    rank, rss, held_out = refined(folded, base, groups, found.members[again])
+    rank, rss, held_out = refined(folded, base, groups, found.members[again], known)
     sure = np.isfinite(held_out).all(1) & np.logical_or(rank == found.rank[again], skipped[again])
     again, out = again[sure], (found.rank.copy(), found.rss.copy(), found.held_out.copy())
     out[0][again], out[2][again] = rank[sure], held_out[sure]

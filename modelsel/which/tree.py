@@ -42,15 +42,20 @@ def projected(folded: Folded, base: Sequence[int], rest: Sequence[int]) -> tuple
     return T, E
 
 
-def refined(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]], members: Mask
-            ) -> tuple[NDArray[np.intp], Array, Array]:
+def large_first(groups: Sequence[Sequence[int]]) -> list[int]:
+    """The groups in the order of the walk: large ones nearest the root, where there are few nodes."""
+    return sorted(range(len(groups)), key=lambda g: -len(groups[g]))
+
+
+def refined(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]], members: Mask,
+            known: tuple[Array, list[Array]] | None = None) -> tuple[NDArray[np.intp], Array, Array]:
     """(rank (S,), residual sum of squares (S,), held-out sums of squares (S, K)) of the subsets `members` (S, G) of `groups` on
     top of independent base columns. A column that depends on the kept ones is left out, as `identify` does; nan where one rests
-    on a fold alone."""
-    large_first = sorted(range(len(groups)), key=lambda g: -len(groups[g]))
-    groups, members = [groups[g] for g in large_first], members[:, large_first]
+    on a fold alone. `known`: what `projected` gives for the groups' columns in the order of the walk."""
+    walked = large_first(groups)
+    groups, members = [groups[g] for g in walked], members[:, walked]
     rest = [c for columns in groups for c in columns]
-    T, E = projected(folded, base, rest)
+    T, E = projected(folded, base, rest) if known is None else known
     scale = np.linalg.norm(folded.blocks[:, :, rest].reshape(-1, len(rest)), axis=0)
     largest = np.linalg.norm(folded.blocks[:, :, [*base, *rest]].reshape(-1, len(base) + len(rest)), axis=0).max(initial=0)
     scale = np.append(np.where(scale > 1e-13 * largest, scale, np.inf), 1.0)
