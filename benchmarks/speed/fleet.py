@@ -14,6 +14,7 @@ from modelsel.machine.robotfile import load
 from modelsel.telling.config import read_study
 from modelsel.telling.fleet import cluster, run_fleet
 from modelsel.telling.fleetfile import read_fleet
+from modelsel.telling.stored import save
 from modelsel.telling.study import run as alone
 
 from .timing import TOOL
@@ -58,8 +59,8 @@ def run(count: int = 500) -> dict[str, float]:
                     raise RuntimeError(f"a study failed: {rows}")
         study, some = read_study(folder), min(count, 20)
         start = time.perf_counter()
-        for _ in range(some):
-            alone(study, folder, sampling=False)
+        for k in range(some):
+            save(alone(study, folder, sampling=False), folder / f"alone{k}")
         each = (time.perf_counter() - start) / some
     return {"fleet_two_workers": seconds[1] / seconds[2], "fleet_overhead_ms": 1e3 * (seconds[1] / count - each),
             "fleet_study_ms": 1e3 * each, "fleet_studies": float(count)}
