@@ -1,6 +1,6 @@
 """A small study, broken in every way: what comes out is its result, or one clear refusal and nothing else.
 
-`python tests/fuzz_engine.py COUNT [SEED] [--minutes M] [--json FILE]` tries COUNT mutants and says what came out.
+`python tests/fuzz_engine.py COUNT [SEED] [--minutes M] [--share S] [--json FILE]` tries COUNT mutants and says what came out.
 """
 
 from __future__ import annotations
@@ -226,12 +226,13 @@ def run() -> None:
     asked.add_argument("--minutes", type=float, default=math.inf)
     asked.add_argument("--json", type=Path)
     asked.add_argument("--kinds", nargs="*", default=list(KINDS))
+    asked.add_argument("--share", type=float, default=1.0, help="of the mutants that can be read and need not be, those computed")
     given = asked.parse_args()
     fleet_here(_patch)
     start, share = time.monotonic(), np.array([SHARE[KINDS.index(k)] for k in given.kinds])
     with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as name:
         os.chdir(name)
-        fuzz = Fuzzer(np.random.default_rng(given.seed), Path(name) / "work" / "files")
+        fuzz = Fuzzer(np.random.default_rng(given.seed), Path(name) / "work" / "files", given.share)
         while fuzz.counts.total() < given.count and time.monotonic() - start < 60 * given.minutes:
             fuzz.one(str(fuzz.rng.choice(given.kinds, p=share / share.sum())))
             if given.json and fuzz.counts.total() % 500 == 0:

@@ -126,7 +126,7 @@ def test_a_study_of_your_own_is_one(page) -> None:
     (toml,), (table,) = (fenced(kind, section("Your own data", page)) for kind in ("toml", "csv"))
     study = parse_study(toml, "README.md")
     found = read_measurements(pd.read_csv(io.StringIO(table)), load(study.robot.name).prismatic)
-    assert (study.robot.register_, study.split.estimation, found.q.shape) == (True, 50, (1, 6))
+    assert (study.robot.register_, study.measurements.file, found.q.shape) == (True, "measurements.csv", (1, 6))
 
 
 def test_every_mechanism_is_named(page) -> None:
