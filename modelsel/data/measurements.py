@@ -221,10 +221,10 @@ def _after_one_another(group: Index, time: Array | None) -> Index:
     first, last = np.full(group.max() + 1, np.inf), np.full(group.max() + 1, -np.inf)
     np.minimum.at(first, group, time)
     np.maximum.at(last, group, time)
-    in_turn = np.argsort(first, kind="stable")
-    if (first[in_turn[1:]] < last[in_turn[:-1]]).any():
+    by_clock = np.argsort(first, kind="stable")
+    if (first[by_clock[1:]] < last[by_clock[:-1]]).any():
         return group
-    return np.asarray(np.argsort(in_turn)[group], dtype=np.intp)
+    return np.asarray(np.argsort(by_clock)[group], dtype=np.intp)
 
 
 def in_turn(unit: Index, progress: Array) -> tuple[Index, Index]:

@@ -16,7 +16,7 @@ from ..use.records import robot_record
 from ..words.errors import StudyError, suggest
 from ..words.rigid import LARGEST
 from ..words.text import read_text, toml
-from .values import plain_values, wording
+from .wording import plain_values, wording
 
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ..words.errors import StudyError, suggest
 from ..words.text import read_text, toml
 from .config import FileName, Study, Vector, find_data, read_study
-from .values import plain_values, wording
+from .wording import plain_values, wording
 
 FOLDER = re.compile(r"(?!\.+$)[^\x00-\x1f/\\:]{1,200}")        # one part of a path, and not . or ..
 

@@ -74,13 +74,13 @@ def _walk(T: Array, E: Array, sizes: Sequence[int], members: Mask) -> tuple[NDAr
     T, E, rank, sure = T[None], E[None], np.zeros(1, np.intp), np.ones((1, len(E)), bool)
     for g, width in enumerate(sizes):
         step, node = np.unique(2 * node + members[:, g], return_inverse=True)
-        kept = np.flatnonzero(step % 2)
-        parts = [_left_out(T, E, rank, sure, step[step % 2 == 0] // 2, width)]
-        part = (T[step[kept] // 2], E[step[kept] // 2], rank[step[kept] // 2], sure[step[kept] // 2])
+        out, kept = np.flatnonzero(step % 2 == 0), np.flatnonzero(step % 2)
+        left = _left_out(T, E, rank, sure, step[out] // 2, width)
+        part: Nodes = (T[step[kept] // 2], E[step[kept] // 2], rank[step[kept] // 2], sure[step[kept] // 2])
         for _ in range(width):
             part = _kept(*part)
-        place = np.argsort(np.concatenate([np.flatnonzero(step % 2 == 0), kept]))
-        T, E, rank, sure = (np.concatenate(both)[place] for both in zip(parts[0], part, strict=True))
+        place = np.argsort(np.concatenate([out, kept]))
+        T, E, rank, sure = (np.concatenate(both)[place] for both in zip(left, part, strict=True))
     return rank[node], np.square(T[node, -1, 0, 0]), np.where(sure, np.square(E[:, :, :, 0]).sum(2), np.nan)[node]
 
 

@@ -15,8 +15,8 @@ from typing import Protocol
 import numpy as np
 
 from ..words.errors import StudyError, suggest
+from ..words.hashing import hashed_once
 from ..words.rigid import Array
-from ..words.values import hashed_once
 
 FUNCTIONS = {"sin": np.sin, "cos": np.cos, "sign": np.sign, "abs": np.abs, "exp": np.exp, "tanh": np.tanh}
 DIMENSIONLESS = {"sin", "cos", "sign", "exp", "tanh"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..tables import mm
-from ..views import name_of
+from ..views import alike, name_of
 from .document import Block, Source, heading, points, table, text
 from .figures import errormap, ladder, space
 from .style import shortened
@@ -24,10 +24,9 @@ def names_of(entries: list[dict[str, Any]]) -> list[str]:
 
 def sure(finding: dict[str, Any]) -> str:
     """How probable the first of the set is, and together with those that move the target as it does."""
-    alike = [e["probability"] for e in finding["credible_set"] if e["alike"]]
-    together = f"{min(sum(alike), 1.0):.2f}"
-    own = f"{finding['credible_set'][0]['probability']:.2f}" if alike else together
-    return own if own == together else f"{own}; {together} with {len(alike) - 1} alike"
+    together, own = f"{alike(finding):.2f}", f"{finding['credible_set'][0]['probability']:.2f}"
+    others = sum(bool(e["alike"]) for e in finding["credible_set"]) - 1
+    return own if own == together or others < 1 else f"{own}; {together} with {others} alike"
 
 
 def first(source: Source) -> list[Block]:
