@@ -19,9 +19,9 @@ from ..which.candidates import Candidate
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from .curves import better, curves
-from .errormap import Columns, columns, flat, single_f
+from .errormap import Columns, columns, flat, single_f, unflat
 from .evidence import familywise, null, p_value
-from .flips import LOUD, adjusted, flipped_p, uneven, units
+from .flips import LOUD, SLANTED, adjusted, flipped_p, slanted, uneven, units
 from .naming import Named, name, name_again, own_evidence, with_candidate
 from .view import View, models, view
 
@@ -106,7 +106,8 @@ class _Search:
         every = np.tile(own, (1, scene.components, 1))
         unit = np.concatenate([*(flat(scene, rows, every[:, :, rows])[0] for rows in scene.blocks()), prior])
         e = adjusted(view.seen.Q, view.r, unit)
-        if not grouped and uneven(e, unit) < LOUD:
+        if not grouped and uneven(e, unit) < LOUD and (scene.measured is not None or slanted(
+                unflat(scene, e), view.seen.freedom / scene.components) > SLANTED):
             return 0.0
         return flipped_p(view.seen, log_prior, e, unit, observed, self.rng)
 
