@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -48,7 +49,7 @@ def said(rng: np.random.Generator, error: Callable[[Array, Array], Array], acros
     return explain(study_of(at), BASE, every(ARM), 1, cells=True)[1].effects
 
 
-@pytest.mark.parametrize("error, across, names, words", [
+@pytest.mark.parametrize(("error", "across", "names", "words"), [
     (pitch, False, {"q3"}, "Joint 3 slides unevenly, a wave every 17"),
     (growth, False, {"q3", "temperature_C"}, "temperature_C*q3 and q3"),
     (lambda q, warm: 2e-5 * (q[:, 2] - 120.0) ** 2, True, {"q3"}, "q3 and q3*q3")])
@@ -61,7 +62,7 @@ def test_one_cause_is_one_finding(error, across, names, words, rng) -> None:
 
 def test_waves_of_a_slide_are_finer_than_its_travel_tells_apart() -> None:
     """Between two neighbours no wave loses more than 1 % of its length to the nearer; a slide that stood still has none."""
-    step = max(b - a for a, b in zip(PITCHES, PITCHES[1:], strict=False))
+    step = max(b - a for a, b in pairwise(PITCHES))
     assert np.sinc(step / 2) > 0.99
     q = np.zeros((20, 3))
     q[:, :2] = np.random.default_rng(1).uniform(-2, 2, (20, 2))
