@@ -5,12 +5,14 @@ from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from builders import drawn, seeds
 
 from modelsel.data.io import read_labels, read_measurements
 from modelsel.data.measurements import Measurements, in_turn, measurements
 from modelsel.elsewhere.prepare import Plan, prepare
+from modelsel.fitting.noise import from_repeats
 from modelsel.machine.robotfile import load
 from modelsel.words.errors import DataError
 
@@ -304,3 +306,18 @@ def test_far_from_nominal(scale, robot, words, rng) -> None:
     with pytest.raises(DataError, match=words) as caught:
         prepare(load(robot), moved, Plan(1, (40.0, -25.0, 100.0)))
     assert "quarter of the arm's reach" in str(caught.value)
+
+
+def test_an_arm_that_stands_is_read_anew(rng) -> None:
+    """One configuration all the same, each row predicted from its own readings; what its target moved is no noise. Another
+    configuration's readings under its number are refused."""
+    q = np.repeat(rng.uniform(-1, 1, (12, 3)), 3, 0)
+    table = pd.DataFrame(q + rng.normal(0, 1e-4, q.shape), columns=["q1_rad", "q2_rad", "q3_rad"]).assign(
+        x_mm=rng.normal(0, 0.1, 36), y_mm=rng.normal(0, 0.1, 36), z_mm=1.0, configuration=np.repeat(np.arange(12), 3))
+    data = read_measurements(table, (False,) * 3)
+    assert data.configurations == len(np.unique(data.block)) == 12
+    assert from_repeats(data) is None
+    assert from_repeats(read_measurements(table.assign(q1_rad=q[:, 0], q2_rad=q[:, 1], q3_rad=q[:, 2]), (False,) * 3)) is not None
+    table.loc[7, "q2_rad"] += 0.01
+    with pytest.raises(DataError, match='configuration "2" has other joint readings'):
+        read_measurements(table, (False,) * 3)

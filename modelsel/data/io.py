@@ -21,6 +21,7 @@ TEXT = ("target", "configuration", "group")
 USED = (*TEXT, "order", "sx_mm", "sy_mm", "sz_mm", "qw", "qx", "qy", "qz", "srx_rad", "sry_rad", "srz_rad")
 KNOWN = ("payload_kg", "temperature_C", "time_s")
 SINGLE = 10.0          # copies of a single number to one repeat that differs, from which they are taken for copies
+STANDING_RAD, STANDING_MM = 1e-3, 0.1      # by how much an arm that stands still may be read anew: encoders' noise, servos' hold
 FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "free"}
 RESERVED = re.compile(r"(q|approach|move|torque)\d+|[xyz]_mm|range_mm|(moment\d*|down)_[xyz]|torque\d+_\d+|progress")
 
@@ -94,7 +95,7 @@ def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mappin
     order = numbers(table, "order") if "order" in table else None
     covariates, notes = _covariates(table, _names(prismatic) - {*KNOWN, *(() if kinds is not None else COLUMNS)})
     if "configuration" in text:
-        _one_reading_each(text["configuration"], q, where)
+        _one_reading_each(text["configuration"], q, prismatic, where)
     others = [] if quaternion is None else list(quaternion.T)
     others += [numbered(text["target"])[0]] if "target" in text else []
     others += [covariates[name] for name in ("payload_kg", "temperature_C") if name in covariates]
@@ -168,11 +169,11 @@ def _known(columns: Mapping[str, str], prismatic: Sequence[bool]) -> None:
         raise StudyError(*problems)
 
 
-def _one_reading_each(names: list[str], q: Array, where: Where) -> None:
-    """Refuses a configuration whose rows have different joint readings."""
+def _one_reading_each(names: list[str], q: Array, prismatic: Sequence[bool], where: Where) -> None:
+    """Refuses a configuration whose rows have other joint readings than an arm that stands still has, read again."""
     first: dict[str, int] = {}
     at = np.array([first.setdefault(label, k) for k, label in enumerate(names)])
-    bad = np.flatnonzero(np.abs(q - q[at]).max(1) > 1e-6)
+    bad = np.flatnonzero((np.abs(q - q[at]) > np.where(prismatic, STANDING_MM, STANDING_RAD)).any(1))
     if len(bad):
         raise where.refuse(f'configuration "{names[bad[0]]}" has other joint readings on {where.named(int(at[bad[0]]))}.',
                            row=int(bad[0]), column="configuration",

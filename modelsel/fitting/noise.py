@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..data.measurements import Measurements
+from ..data.measurements import SAME_READING, Measurements
 from ..matrix.scene import Scene
 from ..words.errors import StudyError
 from ..words.rigid import Array
@@ -55,6 +55,10 @@ def from_repeats(data: Measurements) -> Floor | None:
     """Pooled standard deviation of positions at equal joint readings, per target; None with too few."""
     key = data.block * len(data.targets) + data.target
     _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
+    low, high = (np.full((len(count), data.q.shape[1]), sign * np.inf) for sign in (1, -1))
+    np.minimum.at(low, inverse, data.q)
+    np.maximum.at(high, inverse, data.q)
+    count[(high - low).max(1) > SAME_READING] = 1       # an arm read anew has moved its target, too: no repeat
     freedom = 3 * int((count - 1).sum())
     if freedom < ENOUGH:
         return None
