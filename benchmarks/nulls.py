@@ -27,7 +27,7 @@ from modelsel.fitting.fit import fit
 from modelsel.machine.robot import forward
 from modelsel.matrix.design import residuals
 from modelsel.matrix.scene import Scene, scene
-from modelsel.sure.parameters import parameters
+from modelsel.sure.parameters import parameters, resampled
 from modelsel.sure.significance import nested
 from modelsel.which.compare import Data
 from modelsel.which.folds import assign
@@ -117,7 +117,7 @@ def study(condition: str, seed: Sequence[int]) -> Study:
     left = extension.fit.residuals(at)[data.used]
     told = predictable(at.data.take(data.used), left, (False,) * 3, generator(seed[-1], "flips"))
     wrong = misplaced(at, data.outlying, extension.fit, generator(seed[-1], "null"))
-    table = parameters(data, base_fit, generator(seed[-1], "bootstrap"))
+    table = parameters(data, base_fit, resampled(data, base_fit, generator(seed[-1], "bootstrap")))
     size = {t.symbol: v for t, v in zip(base_fit.terms, truth)}
     off = np.array([abs(p.estimate - size[p.symbol]) for p in table])
     half = np.array([(p.high - p.low) / 2 for p in table])

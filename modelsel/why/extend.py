@@ -102,11 +102,12 @@ class _Search:
         scene, log_prior = self.scene, self.log_prior.copy()
         log_prior[np.union1d(self.dead, np.array(known, dtype=np.intp))] = -np.inf
         own, grouped = units(scene.data, view.fitted.residuals(scene)[:, :3], self.rng)
-        prior = np.full(len(view.r) - scene.coordinates, -1, dtype=np.intp)
         every = np.tile(own, (1, scene.components, 1))
-        unit = np.concatenate([*(flat(scene, rows, every[:, :, rows])[0] for rows in scene.blocks()), prior])
+        measured = np.concatenate([flat(scene, rows, every[:, :, rows])[0] for rows in scene.blocks()])
+        unit = np.append(measured, np.full(len(view.r) - len(measured), -1))        # what follows is the prior's
         e = adjusted(view.seen.Q, view.r, unit)
-        if not grouped and uneven(e, unit) < LOUD:
+        total = np.bincount(measured, np.square(e[:len(measured)])).astype(float)
+        if not grouped and uneven(total, np.bincount(measured)) < LOUD:
             return 0.0
         return flipped_p(view.seen, log_prior, e, unit, observed, self.rng)
 

@@ -31,11 +31,10 @@ def units(data: Measurements, residual: Array, rng: np.random.Generator) -> tupl
     return np.unique(data.group if grouped else data.configuration, return_inverse=True)[1], grouped
 
 
-def uneven(e: Array, unit: Index) -> float:
+def uneven(total: Array, count: Index) -> float:
     """Mean fourth power of the units' residual lengths over the square of their mean square, over what equal normal noise has: 1
-    there, whatever its level. `unit` (N,), -1 is left out."""
-    count = np.bincount(unit[unit >= 0])
-    mean = np.bincount(unit[unit >= 0], np.square(e[unit >= 0])) / count
+    there, whatever its level. `total` (K,): sums of squares of units of `count` (K,) coordinates."""
+    mean = total / count
     return float(np.square(mean).mean() / mean.mean() ** 2 / (1 + 2 / count).mean())
 
 
