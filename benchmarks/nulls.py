@@ -117,13 +117,14 @@ def study(condition: str, seed: Sequence[int]) -> Study:
     left = extension.fit.residuals(at)[data.used]
     told = predictable(at.data.take(data.used), left, (False,) * 3, generator(seed[-1], "flips"))
     wrong = misplaced(at, data.outlying, extension.fit, generator(seed[-1], "null"))
+    single = nested(both, own, resampled(data, both, generator(seed[-1], "single")))[1] if own else None
     table = parameters(data, base_fit, resampled(data, base_fit, generator(seed[-1], "bootstrap")))
     size = {t.symbol: v for t, v in zip(base_fit.terms, truth)}
     off = np.array([abs(p.estimate - size[p.symbol]) for p in table])
     half = np.array([(p.high - p.low) / 2 for p in table])
     plain = stdtrit(base_fit.freedom, 0.975) * np.array([p.standard_error for p in table])
     return Study(tuple(e.candidate.mechanism.name for e in extension.effects), extension.left_p, float(extension.map_p.min()),
-                 told.p if told else 1.0, nested(both, own)[1] or 0.0 if own else 1.0, int(data.outlying.sum()), len(wrong),
+                 told.p if told else 1.0, 1.0 if single is None else single, int(data.outlying.sum()), len(wrong),
                  len(table), int((off < plain).sum()), int((off < half).sum()))
 
 

@@ -72,7 +72,7 @@ def confidence(data: Data, fitted: Fit, names: Sequence[str], seed: int) -> Conf
         return Confidence((), Correlation((), np.zeros((0, 0)), (), ()), ())
     boot = resampled(data, fitted, generator(seed, "bootstrap"))
     return Confidence(parameters(data, fitted, boot), correlation(fitted),
-                      significance(data, fitted, names, generator(seed, "halves")), lasting=boot.grouped)
+                      significance(data, fitted, names, boot, generator(seed, "halves")), lasting=boot.grouped)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ bootstrap; Cameron, Gelbach & Miller 2008). Each configuration's residuals are f
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from ..fitting.fit import Fit
 from ..matrix.identify import solve
 from ..matrix.reduce import Reduction
 from ..which.folds import Folded
-from ..why.flips import uneven
+from ..why.flips import LOUD, uneven
 from ..words.rigid import Array
 
 REPLICATES = 999
@@ -26,13 +26,25 @@ LEAST = 1e-6     # of a direction that a configuration alone decides: its residu
 
 @dataclass(frozen=True, eq=False)
 class Bootstrap:
-    """Standard errors (p,), nought where a parameter is not estimable, how many units (p,) each rests on, how unlike the units'
-    noise is (`flips.uneven`), and whether the units are groups; else they are configurations."""
+    """Standard errors (p,), nought where a parameter is not estimable, the draws (REPLICATES, p) that they are of, how many units
+    (p,) each rests on, how unlike the units' noise is (`flips.uneven`), and whether the units are groups, else configurations."""
 
     errors: Array
+    draws: Array = field(repr=False)
     units: Array
     uneven: float
     grouped: bool = False
+
+    @property
+    def alike(self) -> bool:
+        """Whether least squares' errors are to be believed: the units' noise is as equal noise has it, and they are no groups."""
+        return not self.grouped and self.uneven < LOUD
+
+    def p_value(self, fitted: Fit, some: Sequence[int]) -> float:
+        """How often signs alone move some coefficients as far as they are estimated, by least squares' own measure of far."""
+        factor, theta = fitted.factor[list(some)], np.vstack([fitted.theta, self.draws])[:, list(some)]
+        far = np.einsum("ri,ri->r", theta, np.linalg.solve(factor @ factor.T, theta.T).T)
+        return float((far >= far[0]).mean())
 
 
 def bootstrap(parts: Iterable[Folded], fitted: Fit, rng: np.random.Generator) -> Bootstrap:
@@ -60,10 +72,10 @@ def bootstrap(parts: Iterable[Folded], fitted: Fit, rng: np.random.Generator) ->
                             for start in range(0, REPLICATES, step)])
     if prior is not None and len(prior):
         moved = moved + fitted.sigma * rng.standard_normal((REPLICATES, len(prior))) @ (prior[:, kept] @ factor)
-    errors, rests = np.zeros(len(fitted.theta)), np.ones(len(fitted.theta))
-    errors[kept] = np.sqrt(np.square(moved @ factor.T).mean(0))
+    draws, rests = np.zeros((REPLICATES, len(fitted.theta))), np.ones(len(fitted.theta))
+    draws[:, kept] = moved @ factor.T
     rests[kept] = np.square(share) / squared
-    return Bootstrap(errors, rests, uneven(np.concatenate(size), np.concatenate(rows)))
+    return Bootstrap(np.sqrt(np.square(draws).mean(0)), draws, rests, uneven(np.concatenate(size), np.concatenate(rows)))
 
 
 def _made_good(folded: Folded, kept: Sequence[int], beta: Array, factor: Array) -> tuple[Array, Array]:

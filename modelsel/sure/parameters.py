@@ -11,7 +11,7 @@ from ..fitting.fit import Fit
 from ..matrix.design import blocks
 from ..which.compare import Data
 from ..which.folds import by_unit
-from ..why.flips import LASTING, LOUD, together
+from ..why.flips import LASTING, together
 from ..words.rigid import Array
 from .bootstrap import Bootstrap, bootstrap
 from .correlation import labels, owners
@@ -51,7 +51,7 @@ def parameters(data: Data, fitted: Fit, boot: Bootstrap) -> tuple[Parameter, ...
     """
     from scipy.special import stdtrit
     low, high = posterior(fitted).quantile(np.array([0.025, 0.975])).T
-    if boot.grouped or boot.uneven >= LOUD:
+    if not boot.alike:
         half = stdtrit(np.maximum(boot.units - 1, 1), 0.975) * np.maximum(boot.errors, fitted.standard_errors)
         low, high = fitted.theta - half, fitted.theta + half
     mean, worst = displacement(data, fitted)
