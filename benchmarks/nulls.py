@@ -46,6 +46,7 @@ from .calibration import ARM, TOOL
 GROUPS, EACH, SIGMA, LEVEL = 8, 6, 0.05, 0.05
 BASE = Model((mechanism("geometric", ARM),))
 TESTED = mechanism("joint-compliance:2", ARM)
+SLANT = np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
 Array = np.ndarray
 
 
@@ -62,6 +63,10 @@ def unequal(rng: np.random.Generator, q: Array) -> Array:
     return rng.standard_normal((len(q), 3)) * np.clip((reach / np.median(reach)) ** 2, 0.25, 4.0)[:, None]
 
 
+def slanted(rng: np.random.Generator, q: Array) -> Array:
+    return rng.standard_normal((len(q), 3)) @ (np.diag([2.5, 1.0, 1.0]) @ SLANT)
+
+
 def correlated(rng: np.random.Generator, q: Array) -> Array:
     out = rng.standard_normal((len(q), 3))
     for k in range(len(q)):
@@ -71,7 +76,8 @@ def correlated(rng: np.random.Generator, q: Array) -> Array:
 
 
 CONDITIONS: dict[str, Callable[[np.random.Generator, Array], Array]] = {
-    "normal": normal, "Student t3": heavy, "unequal variances": unequal, "correlated trajectories": correlated}
+    "normal": normal, "Student t3": heavy, "unequal variances": unequal, "larger one way": slanted,
+    "correlated trajectories": correlated}
 
 
 def configurations(condition: str, rng: np.random.Generator) -> Array:

@@ -27,18 +27,14 @@ LEAST = 1e-6     # of a direction that a configuration alone decides: its residu
 @dataclass(frozen=True, eq=False)
 class Bootstrap:
     """Standard errors (p,), nought where a parameter is not estimable, the draws (REPLICATES, p) that they are of, how many units
-    (p,) each rests on, how unlike the units' noise is (`flips.uneven`), and whether the units are groups, else configurations."""
+    (p,) each rests on, whether their noise is alike (least squares' errors are to be believed then), and whether they are groups,
+    else configurations."""
 
     errors: Array
     draws: Array = field(repr=False)
     units: Array
-    uneven: float
+    alike: bool
     grouped: bool = False
-
-    @property
-    def alike(self) -> bool:
-        """Whether least squares' errors are to be believed: the units' noise is as equal noise has it, and they are no groups."""
-        return not self.grouped and self.uneven < LOUD
 
     def p_value(self, fitted: Fit, some: Sequence[int]) -> float:
         """How often signs alone move some coefficients as far as they are estimated, by least squares' own measure of far."""
@@ -75,7 +71,7 @@ def bootstrap(parts: Iterable[Folded], fitted: Fit, rng: np.random.Generator) ->
     draws, rests = np.zeros((REPLICATES, len(fitted.theta))), np.ones(len(fitted.theta))
     draws[:, kept] = moved @ factor.T
     rests[kept] = np.square(share) / squared
-    return Bootstrap(np.sqrt(np.square(draws).mean(0)), draws, rests, uneven(np.concatenate(size), np.concatenate(rows)))
+    return Bootstrap(np.sqrt(np.square(draws).mean(0)), draws, rests, uneven(np.concatenate(size), np.concatenate(rows)) < LOUD)
 
 
 def _made_good(folded: Folded, kept: Sequence[int], beta: Array, factor: Array) -> tuple[Array, Array]:

@@ -8,10 +8,10 @@ import numpy as np
 
 from ..data.measurements import Note
 from ..fitting.fit import Fit
-from ..matrix.design import blocks
+from ..matrix.design import blocks, whitened
 from ..which.compare import Data
 from ..which.folds import by_unit
-from ..why.flips import LASTING, together
+from ..why.flips import LASTING, SLANTED, slanted, together
 from ..words.rigid import Array
 from .bootstrap import Bootstrap, bootstrap
 from .correlation import labels, owners
@@ -68,9 +68,12 @@ def parameters(data: Data, fitted: Fit, boot: Bootstrap) -> tuple[Parameter, ...
 def resampled(data: Data, fitted: Fit, rng: np.random.Generator) -> Bootstrap:
     """The bootstrap of the training rows; whole groups are its units where what is left goes together within them."""
     training = data.training()
-    grouped = together(training.data, fitted.residuals(training)[:, :3], rng) <= LASTING
+    residual = fitted.residuals(training)
+    grouped = together(training.data, residual[:, :3], rng) <= LASTING
+    slant = training.measured is None and slanted(whitened(training, residual).T, fitted.freedom / training.components) <= SLANTED
     unit = training.data.group if grouped else training.data.block
-    return replace(bootstrap(by_unit(training, fitted.terms, unit, fitted.at()), fitted, rng), grouped=grouped)
+    boot = bootstrap(by_unit(training, fitted.terms, unit, fitted.at()), fitted, rng)
+    return replace(boot, alike=boot.alike and not (grouped or slant), grouped=grouped)
 
 
 def _differ(errors: Sequence[float], configurations: float) -> bool:

@@ -20,9 +20,9 @@ from ..which.candidates import Candidate
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from .curves import better, curves
-from .errormap import Columns, columns, flat, single_f
+from .errormap import Columns, columns, flat, single_f, unflat
 from .evidence import familywise, null, p_value
-from .flips import LOUD, adjusted, flipped, flipped_p, uneven, units
+from .flips import LOUD, SLANTED, adjusted, flipped, flipped_p, slanted, uneven, units
 from .naming import Named, name, name_again, own_evidence, with_candidate
 from .view import View, models, view
 
@@ -115,7 +115,9 @@ class _Search:
         unit = np.append(measured, np.full(len(view.r) - len(measured), -1))
         e = adjusted(view.seen.Q, view.r, unit)
         total = np.bincount(measured, np.square(e[:len(measured)])).astype(float)
-        return unit, e, not grouped and uneven(total, np.bincount(measured)) < LOUD
+        alike = uneven(total, np.bincount(measured)) < LOUD and (
+            scene.measured is not None or slanted(unflat(scene, e), view.seen.freedom / scene.components) > SLANTED)
+        return unit, e, alike and not grouped
 
     def map_p(self, view: View) -> Array:
         """(G,) family-wise p of every candidate alone on the base; where what the model of `view` leaves is not as equal normal

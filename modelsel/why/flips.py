@@ -1,7 +1,8 @@
 """What chance gives where noise is not alike everywhere: the residual's own, with the signs of whole configurations changed.
 
-The null of `evidence.null` is exact for equal normal noise. Heavy tails, noise that grows with the reach and errors that last
-from one configuration to the next are none: a few loud rows, or a run of alike ones, look like an effect. Under signs drawn for
+The null of `evidence.null` is exact for equal normal noise. Heavy tails, noise that grows with the reach or is larger one way
+than another (a camera's depth) and errors that last from one configuration to the next are none: a few loud rows, or a run of
+alike ones, look like an effect. Under signs drawn for
 whole configurations (for whole groups where their rows go together) the loud rows stay where they are and only what is
 systematic about them is lost (Freedman & Lane 1983; Winkler et al. 2014; Cameron, Gelbach & Miller 2008).
 """
@@ -21,6 +22,7 @@ CHUNK = 33          # draws after which a clear answer stops
 CLEAR = 10.0        # log evidence beyond every draw so far: clear
 LEAST_GROUPS = 8    # of which signs can be drawn
 LOUD = 1.35         # `uneven` from which the noise is not alike everywhere; 48 configurations of equal noise have 1.26 in 99 %
+SLANTED = 1e-3      # p below which the noise is said to be larger one way than another
 LASTING = 0.01      # p below which rows of one group are said to go together
 SHUFFLES = 999
 LEAST = 1e-6        # of a direction that a unit alone decides: its residual is nought and stays so
@@ -38,6 +40,18 @@ def uneven(total: Array, count: Index) -> float:
     there, whatever its level. `total` (K,): sums of squares of units of `count` (K,) coordinates."""
     mean = total / count
     return float(np.square(mean).mean() / mean.mean() ** 2 / (1 + 2 / count).mean())
+
+
+def slanted(e: Array, freedom: float) -> float:
+    """p of the coordinates e (c, m) of rows, as noise alike in every direction has them: the likelihood ratio of an ellipsoid
+    to a sphere, with Bartlett's factor (Mauchly 1940), on so many degrees of `freedom` a coordinate; 1 with too few."""
+    from scipy.special import chdtrc
+    c = len(e)
+    value = np.linalg.eigvalsh(e @ e.T)
+    if freedom <= c or value[0] <= 0:
+        return 1.0
+    ratio = c * np.log(value.mean()) - np.log(value).sum()
+    return float(chdtrc(c * (c + 1) / 2 - 1, (freedom - (2 * c * c + c + 2) / (6 * c)) * ratio))
 
 
 def together(data: Measurements, residual: Array, rng: np.random.Generator) -> float:
