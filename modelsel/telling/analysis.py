@@ -16,7 +16,7 @@ from ..machine.robot import Robot
 from ..matrix.design import Model
 from ..matrix.identify import unidentifiable
 from ..sure.sampling import Keeper
-from ..which.candidates import Candidate
+from ..which.candidates import Candidate, label
 from ..which.compare import Data, Rung, rung
 from ..which.table import MOST, compare, strongest
 from ..which.validate import Gain, Resampled, paired
@@ -24,7 +24,6 @@ from ..why.extend import Extension
 from ..why.faults import misplaced
 from ..why.maps import error_map
 from ..why.view import models
-from ..why.words import label
 from ..words.version import VERSION
 from ..wrong.mechanisms.geometry import setup
 from ..wrong.registry import Registry, mechanism

@@ -14,6 +14,7 @@ from ..elsewhere.explain import Nested
 from ..fitting.noise import Floor
 from ..machine.robot import Robot
 from ..matrix.identify import Unidentifiable
+from ..which.candidates import label
 from ..which.compare import Data, Rung
 from ..which.table import Comparison
 from ..which.validate import Gain
@@ -21,7 +22,6 @@ from ..why.extend import Extension
 from ..why.faults import Fault
 from ..why.maps import ErrorMap
 from ..why.predictor import Predictable
-from ..why.words import label
 from .config import Study
 from .findings import Finding, fault_dict, finding_dict, screws_of
 from .left import Placed, features, fit_of, noise_dict

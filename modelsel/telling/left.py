@@ -14,13 +14,13 @@ from ..fitting.noise import Floor
 from ..matrix.design import fixture_values, whitened
 from ..matrix.gauges import LENGTH
 from ..matrix.scene import Scene
-from ..which.candidates import Candidate
+from ..which.candidates import Candidate, label
 from ..which.compare import Data, Rung
 from ..which.validate import errors
 from ..why.extend import LEVEL, Extension
 from ..why.predictor import Predictable, predictable
 from ..why.robust import GROSS, far_off
-from ..why.words import display, label
+from ..why.words import display
 from ..words.rigid import Array, turn
 from ..wrong.causes import Member
 from .findings import detection_limit

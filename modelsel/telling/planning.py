@@ -13,8 +13,8 @@ from ..data.table import Source
 from ..elsewhere.prepare import generator
 from ..use.calibration import Calibration
 from ..use.plan import RIVALS, Rivals, determine, distinct, indices, more_needed, pool, tell_apart, told_with
+from ..which.candidates import label
 from ..why.extend import Effect
-from ..why.words import label
 from ..words.errors import StudyError
 from ..words.rigid import Array
 from ..wrong.screws import Term
