@@ -24,7 +24,7 @@ from ..why.maps import ErrorMap
 from ..why.predictor import Predictable
 from .config import Study
 from .findings import Finding, fault_dict, finding_dict, screws_of
-from .left import Placed, features, fit_of, noise_dict
+from .left import Placed, features, noise_dict
 from .result import candidates_dict, plain, rung_dict
 from .verdict import verdict
 from .views import Views
@@ -63,7 +63,7 @@ class Result(Views):
     @property
     def features(self) -> tuple[Placed, ...]:
         """Where the chosen model has the features that rows share."""
-        return features(self.data.scene, fit_of(self.chosen))
+        return features(self.data.scene, self.chosen.fit)
 
     @property
     def named(self) -> list[tuple[str, str]]:

@@ -73,16 +73,10 @@ def nothing_else(extension: Extension, found: tuple[Candidate, ...], data: Data,
 
 def estimated_floor(rung_: Rung, data: Data) -> Floor:
     """One coordinate's standard deviation [mm] from the residuals of a fitted model."""
-    fitted = fit_of(rung_)
+    fitted = rung_.fit
     square = np.square(rung_.residual[data.used][:, :3])
     mean = square.mean() if data.scene.measured is None else square.sum() / data.scene.measured[data.used][:, :3].sum()
     return Floor(float(np.sqrt(mean * fitted.rows / fitted.freedom)), "estimated", fitted.freedom)
-
-
-def fit_of(rung_: Rung) -> Fit:
-    """The fit that a rung was measured with."""
-    assert rung_.fit is not None
-    return rung_.fit
 
 
 def per_row(floor: Floor, data: Data) -> Floor:

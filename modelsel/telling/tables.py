@@ -7,7 +7,7 @@ import numpy as np
 
 from ..which.validate import Errors
 from ..why.maps import strongest_causes
-from .result import sentence_list
+from ..words.errors import sentence_list
 from .views import adds
 
 if TYPE_CHECKING:

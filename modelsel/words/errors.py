@@ -47,20 +47,15 @@ class NotEstimable(ModelselError):
         super().__init__(one_line(what))
 
 
-class Interrupted(ModelselError):
-    """Stopped by the user; `resume` is the command that goes on."""
-
-    exit_code = 130
-
-    def __init__(self, resume: str):
-        self.resume = resume
-        super().__init__(f"Interrupted. To go on: {resume}")
-
-
 def one_line(text: str) -> str:
     """A sentence that holds what a user wrote, fit to be printed: no line breaks or control characters, very long words cut."""
     text = "".join(c if c.isprintable() else c.encode("unicode_escape", "replace").decode() for c in text)
     return re.sub(r"[^ ]{200,}", lambda found: f"{found.group()[:80]}…", text)
+
+
+def sentence_list(words: Sequence[str]) -> str:
+    """a, b and c."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def suggest(word: str, known: Iterable[str]) -> str:
