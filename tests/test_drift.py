@@ -15,6 +15,7 @@ from modelsel.fitting.fit import fit
 from modelsel.fitting.noise import Floor
 from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model
+from modelsel.matrix.scene import Scene
 from modelsel.use.calibration import Calibration, calibrate
 from modelsel.use.campaigns import compare, holm, sentences
 from modelsel.use.drift import judge
@@ -33,7 +34,8 @@ NAMES = ("geometric", "joint-compliance:2", "approach-backlash:1")
 def truth(names: tuple[str, ...] = NAMES) -> tuple[Model, np.ndarray]:
     """A model and what the arm really has: drawn once."""
     model, rng = Model(tuple(mechanism(n, ROBOT) for n in names)), np.random.default_rng(5)
-    sizes = {"geometric": 0.1, "joint-compliance:2": 0.02, "approach-backlash:1": 0.02, "approach-backlash:3": 0.1}
+    sizes = {"geometric": 0.1, "refraction": 0.1, "joint-compliance:2": 0.02, "approach-backlash:1": 0.02,
+             "approach-backlash:3": 0.1}
     return model, np.concatenate([rng.uniform(-1, 1, len(m.terms)) * [t.size[1] * sizes[m.name] for t in m.terms]
                                   if m.name == "geometric" else np.array([t.size[1] * sizes[m.name] for t in m.terms])
                                   for m in model.mechanisms])
@@ -103,6 +105,25 @@ def test_registering_anew_is_no_drift(rng) -> None:
     assert judge(c, replace(new, position=new.position @ R.T + t), True).drifted
     with pytest.raises(DataError, match="--register needs 4"):
         judge(c, new.take(np.arange(3)), True)
+
+
+def test_the_beam_is_as_long_as_where_the_tracker_now_stands(rng) -> None:
+    """Refraction grows with the square of the range: with the tracker five metres further off it is another, and no drift."""
+    model, theta = truth(("geometric", "refraction"))           # 0.09 mm at 3 m, 0.7 mm at 8 m
+
+    def seen_from(place: tuple[float, float, float], m: int) -> Scene:
+        at = drawn(ROBOT, rng, m).anew(placement=(np.eye(3)[None], np.array([place])), whiten=1 / NOISE)
+        return planted(at, model.terms, theta, rng, NOISE)
+
+    at, rows = seen_from((3000.0, 0.0, 0.0), 120), np.ones(120, bool)
+    data = Data(at, rows, ~rows, np.zeros(120, np.intp), True)
+    c = calibrate("beam", data, fit(at, model), Floor(NOISE, "stated"), None, True, {})
+    found = judge(c, seen_from((8000.0, 2000.0, 0.0), 40).data, True)
+    assert not found.drifted
+    assert found.rms_mm == pytest.approx(NOISE * np.sqrt(3), rel=0.2)
+    assert found.moved is not None
+    assert found.moved[0] == pytest.approx(np.hypot(5000, 2000), abs=0.3)
+    assert found.moved[1] < 4e-5
 
 
 def test_which_configurations(rng) -> None:

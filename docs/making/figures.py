@@ -157,7 +157,7 @@ def credible() -> tuple[bytes, str]:
         for y, named in enumerate(rows):
             start = 0.0
             for k, e in enumerate(named.entries[:9]):
-                label = e.candidate.label or "a cell"
+                label = e.candidate.registered_name or "a cell"
                 colour = BLUE if label == truth else ("#56B4E9" if e.alike else ("#C9C9C9" if k % 2 else "#B3B3B3"))
                 ax.barh(y, e.probability, left=start, color=colour, height=0.66, edgecolor="white", lw=0.7)
                 if e.probability > 0.16:

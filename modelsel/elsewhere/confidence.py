@@ -20,6 +20,7 @@ from ..sure.sampling import PER_NAME, WALKERS, Keeper, Sampling, sample
 from ..sure.significance import Significance, significance
 from ..sure.target import TAIL, Target
 from ..which.compare import Data
+from ..words.errors import sentence_list
 from ..wrong.registry import Registry
 from .explain import Say
 from .prepare import generator
@@ -134,7 +135,7 @@ def described(target: Target) -> str:
     k, rest = len(target.sampled), target.fitted.rank - len(target.sampled)
     parts = [f"{k} coefficient{'s' * (k != 1)}", *target.noise.names, *((TAIL,) if target.tail else ()),
              *(c.name for c in target.constants)]
-    what = f"{', '.join(parts[:-1])} and {parts[-1]}"
+    what = sentence_list(parts)
     gone = f"; {rest} further coefficient{'s are' if rest != 1 else ' is'} integrated out" if rest else ""
     if target.exact:
         return f"emcee samples {what} on the exact chain{gone}."

@@ -15,13 +15,12 @@ from ..data.measurements import Index
 from ..fitting.fit import fit
 from ..matrix.design import Model, whitened
 from ..matrix.scene import Scene
-from ..which.candidates import Candidate, candidates
+from ..which.candidates import Candidate, candidates, label
 from ..which.compare import Data
 from ..which.folds import assign
 from ..which.validate import Errors, errors
 from ..why.extend import Extension, extend
 from ..why.robust import GROSS, LEFT, MOST, far_off, gross
-from ..why.words import label
 from ..wrong.screws import Mechanism
 from .prepare import generator
 

@@ -96,8 +96,8 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
     estimation = split(data, labels, plan, robot.prismatic)
     data, unseen = _timeless(data, estimation)
     if unseen:
-        notes.append(Note("other-session", f"Nothing of {', '.join(unseen)} estimates: when it was measured in the campaign is "
-                                           "not known to the model, and drift is taken at the campaign's middle there."))
+        notes.append(Note("other-session", f"No estimation configuration is of {', '.join(unseen)}: the model does not know when "
+                                           "in the campaign that was measured, and takes drift at the campaign's middle there."))
     data, estimation, more = _seen(data, estimation, plan)
     notes += more
     bound = replace(scene(robot, data, tools_of(data, plan.tools)), tracker=plan.tracker)

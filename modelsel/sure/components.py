@@ -4,7 +4,7 @@ Stated uncertainties set the ratios inside a component; the scale of each compon
 """
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -74,7 +74,7 @@ def along_beam(scene: Scene, instrument: Instrument) -> Scene:
     sigma = np.sqrt(np.einsum("mai,mij,maj->ma", basis, spread, basis))
     whiten = scene.whiten.copy()
     whiten[:, :3, :3] = basis / sigma[:, :, None]
-    return replace(scene, whiten=whiten, _values={}, _causes={})
+    return scene.anew(whiten=whiten)
 
 
 def single(of: Components) -> Components:

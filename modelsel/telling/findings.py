@@ -9,14 +9,14 @@ import numpy as np
 
 from ..data.measurements import Note
 from ..matrix.scene import Scene
-from ..which.candidates import Candidate, crowded
+from ..which.candidates import Candidate, crowded, label
 from ..which.compare import Data, Rung
 from ..which.validate import Gain, surprise
 from ..why.evidence import RATIOS
 from ..why.extend import Effect, Extension
 from ..why.faults import Fault
 from ..why.naming import Entry
-from ..why.words import display, label, sentence
+from ..why.words import display, sentence
 from ..words.rigid import Array
 from ..wrong.causes import Bump
 from ..wrong.screws import Term
@@ -89,7 +89,7 @@ def finding_dict(finding: Finding, scene: Scene) -> dict[str, Any]:
                 else scene.data.row}
     return {
         "sentence": finding.sentence, "verdict": effect.named.verdict, "p_value": effect.p, **rows,
-        "credible_set": [{"mechanism": e.candidate.label, "probability": e.probability,
+        "credible_set": [{"mechanism": e.candidate.registered_name, "probability": e.probability,
                           "screws": screws_of(e.candidate, scene, curve(e)), "alike": e.alike} for e in effect.named.entries],
         "more_entries": effect.named.more,
         "estimate": [{"symbol": t.symbol, "value": v, "standard_error": e, "unit": t.unit}

@@ -14,6 +14,7 @@ from ..elsewhere.explain import Nested
 from ..fitting.noise import Floor
 from ..machine.robot import Robot
 from ..matrix.identify import Unidentifiable
+from ..which.candidates import label
 from ..which.compare import Data, Rung
 from ..which.table import Comparison
 from ..which.validate import Gain
@@ -21,10 +22,9 @@ from ..why.extend import Extension
 from ..why.faults import Fault
 from ..why.maps import ErrorMap
 from ..why.predictor import Predictable
-from ..why.words import label
 from .config import Study
 from .findings import Finding, fault_dict, finding_dict, screws_of
-from .left import Placed, features, fit_of, noise_dict
+from .left import Placed, features, noise_dict
 from .result import candidates_dict, plain, rung_dict
 from .verdict import verdict
 from .views import Views
@@ -63,7 +63,7 @@ class Result(Views):
     @property
     def features(self) -> tuple[Placed, ...]:
         """Where the chosen model has the features that rows share."""
-        return features(self.data.scene, fit_of(self.chosen))
+        return features(self.data.scene, self.chosen.fit)
 
     @property
     def named(self) -> list[tuple[str, str]]:

@@ -78,7 +78,7 @@ def _some(names: list[str]) -> str:
 
 def sentences(found: dict[str, Any]) -> list[str]:
     """`describe` in words."""
-    out = [f"{found['rows']} rows, {found['configurations']} configurations, {found['repeats']} of them repeats; targets: "
+    out = [f"{found['rows']:,} rows, {found['configurations']:,} configurations, {found['repeats']:,} of them repeats; targets: "
            f"{', '.join(found['targets'])}; groups: {', '.join(found['groups'][:8])}"
            + (" …" if len(found["groups"]) > 8 else "")]
     if "kinds" in found:

@@ -14,13 +14,13 @@ from ..fitting.noise import Floor
 from ..matrix.design import fixture_values, whitened
 from ..matrix.gauges import LENGTH
 from ..matrix.scene import Scene
-from ..which.candidates import Candidate
+from ..which.candidates import Candidate, label
 from ..which.compare import Data, Rung
 from ..which.validate import errors
 from ..why.extend import LEVEL, Extension
 from ..why.predictor import Predictable, predictable
 from ..why.robust import GROSS, far_off
-from ..why.words import display, label
+from ..why.words import display
 from ..words.rigid import Array, turn
 from ..wrong.causes import Member
 from .findings import detection_limit
@@ -73,16 +73,10 @@ def nothing_else(extension: Extension, found: tuple[Candidate, ...], data: Data,
 
 def estimated_floor(rung_: Rung, data: Data) -> Floor:
     """One coordinate's standard deviation [mm] from the residuals of a fitted model."""
-    fitted = fit_of(rung_)
+    fitted = rung_.fit
     square = np.square(rung_.residual[data.used][:, :3])
     mean = square.mean() if data.scene.measured is None else square.sum() / data.scene.measured[data.used][:, :3].sum()
     return Floor(float(np.sqrt(mean * fitted.rows / fitted.freedom)), "estimated", fitted.freedom)
-
-
-def fit_of(rung_: Rung) -> Fit:
-    """The fit that a rung was measured with."""
-    assert rung_.fit is not None
-    return rung_.fit
 
 
 def per_row(floor: Floor, data: Data) -> Floor:

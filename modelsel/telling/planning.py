@@ -13,8 +13,8 @@ from ..data.table import Source
 from ..elsewhere.prepare import generator
 from ..use.calibration import Calibration
 from ..use.plan import RIVALS, Rivals, determine, distinct, indices, more_needed, pool, tell_apart, told_with
+from ..which.candidates import label
 from ..why.extend import Effect
-from ..why.words import label
 from ..words.errors import StudyError
 from ..words.rigid import Array
 from ..wrong.screws import Term
@@ -68,7 +68,7 @@ def rivals_of(result: Result) -> list[Rivals]:
 def _rivals(result: Result, effect: Effect) -> Rivals | None:
     first, *others = effect.named.entries[:RIVALS]
     entries = [first, *(e for e in others if e.probability > 0)]
-    if len(entries) < 2 or result.chosen.fit is None:
+    if len(entries) < 2:
         return None
     mine = {t.screws for t in effect.candidate.mechanism.terms}
     kept = result.chosen.fit.terms
@@ -112,7 +112,6 @@ def plan(result: Result, c: Calibration, possible: Measurements, count: int, pur
     the criteria of `plan.CRITERIA` for the chosen model's terms ("d" is the default elsewhere). Raises DataError or
     StudyError."""
     fitted = result.chosen.fit
-    assert fitted is not None
     sets = rivals_of(result)
     known = result.data.training()
     terms: list[Term] = [*fitted.terms, *(t for r in sets for some in r.terms for t in some)]

@@ -56,7 +56,6 @@ def calibration_of(result: Result | StoredResult) -> Calibration:
     if isinstance(result, StoredResult):
         return result.calibration
     fitted, data = result.chosen.fit, result.data
-    assert fitted is not None
     return calibrate(result.study.name, data, fitted, result.floor, result.chosen.held_out.rms_mm,
                      bool(result.study.robot.register_), result.provenance)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..which.validate import Errors
 from ..why.maps import strongest_causes
-from .result import sentence_list
+from ..words.errors import sentence_list
 from .views import adds
 
 if TYPE_CHECKING:
@@ -31,8 +31,8 @@ def show(result: Result, console: Console) -> None:
     """The whole study on a terminal: what is wrong, the ladder, what is gained, what the data cannot tell."""
     from rich.table import Table
     data, estimation = result.data.scene.data, result.data.estimation
-    console.print(f"\n[bold]{result.study.name}[/bold]: {result.robot.name}, {data.take(estimation).configurations} "
-                  f"configurations estimate, {data.take(~estimation).configurations} are held out")
+    console.print(f"\n[bold]{result.study.name}[/bold]: {result.robot.name}, {data.take(estimation).configurations:,} "
+                  f"configurations estimate, {data.take(~estimation).configurations:,} are held out")
     table = Table(title="Ladder: errors in mm, lengths of the residual vectors", title_justify="left", title_style="bold")
     table.add_column("model", overflow="fold")
     for column in ("parameters", "rank", "mean", "worst", "held-out mean", "worst", "CV rms", "AICc"):
@@ -42,7 +42,7 @@ def show(result: Result, console: Console) -> None:
                       "–" if r.aicc is None else f"{r.aicc:.0f}")
     console.print(table)
     if result.comparison is not None:
-        shown = Table(title=f"Best of {result.comparison.compared} candidate models, by cross-validation",
+        shown = Table(title=f"Best of {result.comparison.compared:,} candidate models, by cross-validation",
                       title_justify="left", title_style="bold")
         shown.add_column("base and", overflow="fold")
         for column in ("rank", "CV rms", "held-out mean", "weight"):
@@ -92,7 +92,7 @@ def show_significance(result: Result, console: Console) -> None:
     rows = result.confidence.significance
     if not rows:
         return
-    table = Table(title="What each mechanism matters: displacement it causes, and errors without it, in mm",
+    table = Table(title="How much each mechanism matters: displacement it causes, and errors without it, in mm",
                   title_justify="left", title_style="bold")
     table.add_column("mechanism", overflow="fold")
     for column in ("mean", "worst", "F", "p", "log10 evidence", "CV rms without", "held-out rms without", "stays in halves"):

@@ -61,7 +61,7 @@ class Commands:
 
 def commanded(at: Scene, q: Array) -> Scene:
     """The scene at other joint readings, all else as it was: the direction and size of the moves are those of the plan."""
-    return replace(at, data=replace(at.data, q=q), _values={}, _causes={})
+    return at.anew(data=replace(at.data, q=q))
 
 
 def nominal(at: Scene) -> Array:

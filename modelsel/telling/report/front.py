@@ -38,8 +38,8 @@ def first(source: Source) -> list[Block]:
             "kind": "title",
             "title": result["study"],
             "robot": result["robot"],
-            "estimation": counts["estimation"],
-            "held_out": counts["held_out"],
+            "estimation": f"{counts['estimation']:,}",
+            "held_out": f"{counts['held_out']:,}",
         }
     ]
     blocks += [text(sentence, "lead") for sentence in result["verdict"]]
@@ -54,6 +54,7 @@ def first(source: Source) -> list[Block]:
     )
     found = list(zip(result["findings"], details["findings"], strict=True))
     if found:
+        unsure = any(f["verdict"] != "found" for f, _ in found)
         rows = [
             [
                 shortened(said["label"], NAME),
@@ -67,8 +68,8 @@ def first(source: Source) -> list[Block]:
             table(
                 [("named", "left"), ("what goes wrong", "left"), ("probability", "left")],
                 rows,
-                "Probability: of this name, and together with those that would move the target alike; rivals: others cannot be "
-                "told from it."
+                "Probability: of this name; alike: of this and of others that would move the target as it does"
+                + ("; rivals: others that the data cannot tell from it." if unsure else ".")
                 + (f" And {more} more: see Findings." if more > 0 else ""),
                 [0.36, 1.0, 0.0],
             )
@@ -98,7 +99,7 @@ def data(source: Source) -> list[Block]:
     return [
         heading("Data and split"),
         text(
-            f"{counts['estimation']} configurations estimate and choose the model, {counts['held_out']} are held out: "
+            f"{counts['estimation']:,} configurations estimate and choose the model, {counts['held_out']:,} are held out: "
             "no step, not even "
             f"the naming, has seen them. Noise floor: {result['noise_floor']['coordinate_mm']:.3g} mm per coordinate "
             f"({result['noise_floor']['source']})."

@@ -55,7 +55,7 @@ def page(source: Source) -> bytes:
             title=escape(f"Calibration report: {result['study']}"),
             study=escape(result["study"]),
             about=escape(
-                f"Robot {result['robot']} · {counts['estimation']} configurations estimate, {counts['held_out']} are held out"
+                f"Robot {result['robot']} · {counts['estimation']:,} configurations estimate, {counts['held_out']:,} are held out"
             ),
             verdict="\n".join(f'<p class="verdict">{escape(sentence)}</p>' for sentence in result["verdict"]),
             side="held-out" if counts["held_out"] else "estimation",

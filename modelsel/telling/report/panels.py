@@ -16,7 +16,8 @@ import numpy as np
 from ...data.measurements import Index
 from ...matrix.design import PLACE, columns_of
 from ...matrix.scene import Scene
-from ...why.words import label, what
+from ...which.candidates import label
+from ...why.words import what
 from ...words.rigid import Array
 from ...wrong.causes import FUNCTIONS, Applied, Bump, Cause, Named
 from ...wrong.screws import Term

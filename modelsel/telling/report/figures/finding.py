@@ -83,16 +83,7 @@ def finding(panels: list[dict[str, Any]]) -> bytes:
                     else ""
                 )
             )
-            ax.set_title(
-                f"{axis_name(panel)} [{unit}]"
-                if n < 3
-                else f"frame {panel['frames'][0]} {panel['axis']} [{unit}]"
-                if panel["frames"]
-                else f"[{unit}]",
-                fontsize=7.5,
-                fontweight="normal",
-                color=INK,
-            )
+            ax.set_title(f"{axis_name(panel)} [{unit}]", fontsize=7.5 if n < 3 else 6.5, fontweight="normal", color=INK)
         fig.legend(handles=_legend(), loc="outside lower center", ncols=3, fontsize=7)
         return svg(fig, "Residual against cause")
 

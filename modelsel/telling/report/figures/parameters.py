@@ -39,7 +39,7 @@ def forest(parameters: list[dict[str, Any]]) -> bytes:
             sure = np.abs(z) > 1.96
             ax.plot(z[sure], rows[sure], "o", ms=3.5, color=BLUE)
             ax.plot(z[~sure], rows[~sure], "o", ms=3.5, mfc="white", mec=BLUE)
-            ax.set_yticks(rows, [shortened(parameters[k]["symbol"], 12) for k in part], fontsize=6.5, color=INK)
+            ax.set_yticks(rows, [shortened(parameters[k]["symbol"], 24) for k in part], fontsize=6.5, color=INK)
             ax.set_ylim(half - 0.4, -0.6)
             ax.set_xlim(-top, top)
             ticks = [t for t in (1000, 100, 10) if t < top]
@@ -112,9 +112,7 @@ def posterior(trace: dict[str, Any], units: dict[str, str]) -> bytes:
                     ax.plot(draws[:, b], draws[:, a], ".", ms=1.6, color=AFTER, alpha=0.6, mew=0)
                 ax.tick_params(labelsize=5, length=1.5, pad=1)
                 ax.locator_params(nbins=3)
-                ax.ticklabel_format(axis="both", style="sci", scilimits=(-2, 3), useMathText=False)
-                ax.xaxis.get_offset_text().set_fontsize(5)
-                ax.yaxis.get_offset_text().set_fontsize(5)
+                ax.ticklabel_format(axis="both", style="plain", useOffset=False)
                 if a < n - 1:
                     ax.set_xticklabels([])
                 if b or a == b:
