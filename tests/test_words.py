@@ -13,6 +13,7 @@ from modelsel.commands.compensate import _sentence
 from modelsel.machine.robotfile import load
 from modelsel.telling.report.document import Source
 from modelsel.telling.report.evidence import _quantiles, significance
+from modelsel.telling.report.figures.finding import height
 from modelsel.telling.report.findings import separation
 from modelsel.telling.views import adds
 from modelsel.use.compensate import Commands
@@ -108,3 +109,11 @@ def test_turns_and_slides_are_bounded_each_in_its_unit() -> None:
     made.change[:] = [[1e-3, -2e-3, 0.05], [0.0, 0.0, -0.07]]
     for slides, said in ((False, "70 mrad."), (True, "2 mrad or 70 µm.")):
         assert _sentence(made, np.array([False, False, slides])).endswith(f"No joint changes by more than {said}")
+
+
+def test_a_fitted_effect_is_drawn_whole() -> None:
+    points = np.linspace(-1.0, 1.0, 101)
+    assert height(points, 0.5 * points) == pytest.approx(1.15 * 0.98)
+    assert height(points, 2.0 * points) == pytest.approx(2.1)
+    assert height(points, 1e6 * points) == pytest.approx(3 * 1.15 * 0.98)
+    assert height(0 * points, 0 * points) > 0
