@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from builders import drawn, planted
+from builders import drawn, planted, small_arm
 from click.testing import CliRunner
 from test_calibration import wide
 from test_robots import screw_x, screw_z
@@ -111,6 +111,21 @@ def test_dh_of_every_robot(name, modified, rng) -> None:
         q = drawing.draw(rng, 30)
         np.testing.assert_allclose(forward(back, q, np.array([1.0, 2, 3])), forward(robot, q, np.array([1.0, 2, 3])), atol=1e-7)
         np.testing.assert_allclose(*(torques(r, pose(r, q, np.zeros(3)), q) for r in (back, robot)), atol=1e-6)
+
+
+def test_a_slide_without_limits_has_those_of_its_readings(rng) -> None:
+    """URDF readers refuse a slide without limits."""
+    at = drawn(small_arm(prismatic=True), rng, 40)
+    bare = replace(at.robot, joints=(*at.robot.joints[:2], replace(at.robot.joints[2], limits=None)))
+    at = replace(at, robot=bare)
+    whole = np.ones(len(at), bool)
+    found = fit(at, Model((mechanism("geometric", bare),)))
+    data = Data(at, whole, ~whole, np.zeros(len(at), np.intp), True)
+    out = export(calibrate("bare", data, found, Floor(0.02, "stated"), None, False, {}), "urdf")
+    (limit,) = ET.fromstring(out.text).iter("limit")
+    reading = at.data.q[:, 2]
+    assert [float(limit.get(k)) * 1e3 for k in ("lower", "upper")] == pytest.approx([reading.min(), reading.max()])
+    assert "joint 3 slides" in " ".join(out.notes)
 
 
 def test_nearly_parallel_axes_are_said() -> None:

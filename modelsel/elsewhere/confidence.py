@@ -14,7 +14,7 @@ from ..matrix.design import Model
 from ..sure.components import components, single
 from ..sure.constants import constants
 from ..sure.correlation import Correlation, correlation, free, labels
-from ..sure.parameters import Parameter, difference_notes, displacement, lasting, parameters, with_posterior
+from ..sure.parameters import Parameter, difference_notes, displacement, parameters, resampled, with_posterior
 from ..sure.posterior import draws_for, importance, posterior, weighted
 from ..sure.sampling import PER_NAME, WALKERS, Keeper, Sampling, sample
 from ..sure.significance import Significance, significance
@@ -71,9 +71,9 @@ def confidence(data: Data, fitted: Fit, names: Sequence[str], seed: int) -> Conf
     estimable parameter."""
     if not fitted.rank:
         return Confidence((), Correlation((), np.zeros((0, 0)), (), ()), ())
-    return Confidence(parameters(data, fitted, generator(seed, "bootstrap")), correlation(fitted),
-                      significance(data, fitted, names, generator(seed, "halves")),
-                      lasting=lasting(data, fitted, generator(seed, "bootstrap")))
+    boot = resampled(data, fitted, generator(seed, "bootstrap"))
+    return Confidence(parameters(data, fitted, boot), correlation(fitted),
+                      significance(data, fitted, names, boot, generator(seed, "halves")), lasting=boot.grouped)
 
 
 @dataclass(frozen=True, eq=False)

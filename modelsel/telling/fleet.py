@@ -28,7 +28,7 @@ from .report.fleet import summary
 from .result import dumps
 from .stored import WRITES, save
 from .study import run
-from .write import write_beside
+from .write import claimed, write_beside
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -94,10 +94,11 @@ def run_fleet(fleet: Fleet, out: Path, client: Any, *, sampling: bool = True, re
 def _one(task: Task, out: str, sampling: bool, reports: bool) -> Row:
     """On a worker: one study, from its file to all it writes."""
     try:
-        result = run(task.study, task.folder, registry=with_plugins()[0], sampling=sampling)
-        save(result, Path(out))
-        if reports:
-            draw(Path(out))
+        with claimed(Path(out)):
+            result = run(task.study, task.folder, registry=with_plugins()[0], sampling=sampling)
+            save(result, Path(out))
+            if reports:
+                draw(Path(out))
     except ModelselError as error:
         return _failed(task.name, str(error), error.exit_code)
     return _row(task.name, json.loads((Path(out) / "result.json").read_text(encoding="utf-8")))

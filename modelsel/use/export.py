@@ -15,7 +15,7 @@ import numpy as np
 
 from ..data.io import RESERVED
 from ..machine.dh import robot_file, rows_of
-from ..machine.robot import forward
+from ..machine.robot import Robot, forward
 from ..machine.robotfile import robot_from_table
 from ..machine.urdf import read_urdf_text, write_urdf
 from ..matrix.design import PLACE
@@ -81,11 +81,21 @@ def to_urdf(c: Calibration) -> Exported:
     made, notes = carried(c), _notes(c)
     tips = {_link(name): place for name, place in made.targets.items()}
     tracker = inverse(transform(c.placement[0][0], c.placement[1][0]))
-    text = write_urdf(made.robot, tips, {"tracker": tracker} if c.registered else {}, [made.robot.source, *notes])
+    robot, bounded = _bounded(made.robot, c.ranges)
+    notes += bounded
+    text = write_urdf(robot, tips, {"tracker": tracker} if c.registered else {}, [made.robot.source, *notes])
     def read(text: str, target: int) -> Callable[[Array], Array]:
         back = read_urdf_text(text, "the export", tip=_link(c.targets[target]))
         return lambda q: forward(back, q, np.zeros(3))
     return _geometry(c, text, read, notes)
+
+
+def _bounded(robot: Robot, ranges: Mapping[str, tuple[float, float]]) -> tuple[Robot, tuple[str, ...]]:
+    """(the robot, what is to be said): a URDF's slide must have limits; where the robot file has none, those of the readings."""
+    bare = [j for j, joint in enumerate(robot.joints, 1) if joint.prismatic and joint.limits is None]
+    joints = (replace(joint, limits=ranges[f"q{j}"]) if j in bare else joint for j, joint in enumerate(robot.joints, 1))
+    return replace(robot, joints=tuple(joints)), tuple(
+        f"joint {j} slides, and a URDF wants its limits: they are those of the readings the calibration has seen" for j in bare)
 
 
 def _link(name: str) -> str:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..data.measurements import Index
 from ..fitting.fit import STEP_MM, Fit
 from ..fitting.shrink import fit_shrunk
 from ..matrix.design import Model
@@ -19,9 +20,9 @@ from ..which.candidates import Candidate, label
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from .curves import better, curves
-from .errormap import Columns, columns, flat, single_f
+from .errormap import Columns, columns, flat, single_f, unflat
 from .evidence import familywise, null, p_value
-from .flips import LOUD, adjusted, flipped_p, uneven, units
+from .flips import LOUD, SLANTED, adjusted, flipped, flipped_p, slanted, uneven, units
 from .naming import Named, name, name_again, own_evidence, with_candidate
 from .view import View, models, view
 
@@ -99,16 +100,36 @@ class _Search:
     def by_signs(self, view: View, known: Sequence[int], observed: float) -> float:
         """How often the residual's own rows, signs of whole configurations changed, have as much evidence beyond the model; 0
         where they are as equal normal noise has them: the null of the first scan is exact then, and stronger."""
-        scene, log_prior = self.scene, self.log_prior.copy()
+        log_prior = self.log_prior.copy()
         log_prior[np.union1d(self.dead, np.array(known, dtype=np.intp))] = -np.inf
+        unit, e, alike = self.in_units(view)
+        return 0.0 if alike else flipped_p(flipped(view.seen, log_prior, e, unit, self.rng), observed)
+
+    def in_units(self, view: View) -> tuple[Index, Array, bool]:
+        """(which rows change sign together, -1 where a row is the prior's; the adjusted residual; whether equal normal noise has
+        such rows)."""
+        scene = self.scene
         own, grouped = units(scene.data, view.fitted.residuals(scene)[:, :3], self.rng)
-        prior = np.full(len(view.r) - scene.coordinates, -1, dtype=np.intp)
         every = np.tile(own, (1, scene.components, 1))
-        unit = np.concatenate([*(flat(scene, rows, every[:, :, rows])[0] for rows in scene.blocks()), prior])
+        measured = np.concatenate([flat(scene, rows, every[:, :, rows])[0] for rows in scene.blocks()])
+        unit = np.append(measured, np.full(len(view.r) - len(measured), -1))
         e = adjusted(view.seen.Q, view.r, unit)
-        if not grouped and uneven(e, unit) < LOUD:
-            return 0.0
-        return flipped_p(view.seen, log_prior, e, unit, observed, self.rng)
+        total = np.bincount(measured, np.square(e[:len(measured)])).astype(float)
+        alike = uneven(total, np.bincount(measured)) < LOUD and (
+            scene.measured is not None or slanted(unflat(scene, e), view.seen.freedom / scene.components) > SLANTED)
+        return unit, e, alike and not grouped
+
+    def map_p(self, view: View) -> Array:
+        """(G,) family-wise p of every candidate alone on the base; where what the model of `view` leaves is not as equal normal
+        noise has it, no smaller than under the signs of the base's residual."""
+        seen, r = self.first.seen, self.first.r
+        p = familywise(seen, r, self.least_p)
+        unit, _, alike = self.in_units(view)
+        if alike:
+            return p
+        unit = unit[:len(r)]
+        least = [few for _, few in flipped(seen, self.log_prior, adjusted(seen.Q, r, unit), unit, self.rng)]
+        return np.maximum(p, familywise(seen, r, np.sort(np.concatenate(least))))
 
     def again(self, g: int, view: View) -> tuple[Named, float]:
         """Effect g given the others: (named again, the evidence for itself or its like)."""
@@ -189,7 +210,7 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
                               view.fitted.standard_errors[at]))
     return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, held_back,
                      search.bound, single_f(search.first.seen, search.first.r),
-                     familywise(search.first.seen, search.first.r, search.least_p))
+                     search.map_p(view))
 
 
 def _untried(search: _Search, left: Named, view: View, chosen: Sequence[int], tried: set[frozenset[int]]) -> int | None:

@@ -1,24 +1,28 @@
 """What chance gives where noise is not alike everywhere: the residual's own, with the signs of whole configurations changed.
 
-The null of `evidence.null` is exact for equal normal noise. Heavy tails, noise that grows with the reach and errors that last
-from one configuration to the next are none: a few loud rows, or a run of alike ones, look like an effect. Under signs drawn for
+The null of `evidence.null` is exact for equal normal noise. Heavy tails, noise that grows with the reach or is larger one way
+than another (a camera's depth) and errors that last from one configuration to the next are none: a few loud rows, or a run of
+alike ones, look like an effect. Under signs drawn for
 whole configurations (for whole groups where their rows go together) the loud rows stay where they are and only what is
 systematic about them is lost (Freedman & Lane 1983; Winkler et al. 2014; Cameron, Gelbach & Miller 2008).
 """
 from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from ..data.measurements import Index, Measurements
 from ..words.rigid import Array
 from .errormap import Scan
-from .evidence import by_size, null_evidence, shares
+from .evidence import by_size, least_p, null_evidence, shares
 
 DRAWS = 99
 CHUNK = 33          # draws after which a clear answer stops
 CLEAR = 10.0        # log evidence beyond every draw so far: clear
 LEAST_GROUPS = 8    # of which signs can be drawn
 LOUD = 1.35         # `uneven` from which the noise is not alike everywhere; 48 configurations of equal noise have 1.26 in 99 %
+SLANTED = 1e-3      # p below which the noise is said to be larger one way than another
 LASTING = 0.01      # p below which rows of one group are said to go together
 SHUFFLES = 999
 LEAST = 1e-6        # of a direction that a unit alone decides: its residual is nought and stays so
@@ -31,12 +35,23 @@ def units(data: Measurements, residual: Array, rng: np.random.Generator) -> tupl
     return np.unique(data.group if grouped else data.configuration, return_inverse=True)[1], grouped
 
 
-def uneven(e: Array, unit: Index) -> float:
+def uneven(total: Array, count: Index) -> float:
     """Mean fourth power of the units' residual lengths over the square of their mean square, over what equal normal noise has: 1
-    there, whatever its level. `unit` (N,), -1 is left out."""
-    count = np.bincount(unit[unit >= 0])
-    mean = np.bincount(unit[unit >= 0], np.square(e[unit >= 0])) / count
+    there, whatever its level. `total` (K,): sums of squares of units of `count` (K,) coordinates."""
+    mean = total / count
     return float(np.square(mean).mean() / mean.mean() ** 2 / (1 + 2 / count).mean())
+
+
+def slanted(e: Array, freedom: float) -> float:
+    """p of the coordinates e (c, m) of rows, as noise alike in every direction has them: the likelihood ratio of an ellipsoid
+    to a sphere, with Bartlett's factor (Mauchly 1940), on so many degrees of `freedom` a coordinate; 1 with too few."""
+    from scipy.special import chdtrc
+    c = len(e)
+    value = np.linalg.eigvalsh(e @ e.T)
+    if freedom <= c or value[0] <= 0:
+        return 1.0
+    ratio = c * np.log(value.mean()) - np.log(value).sum()
+    return float(chdtrc(c * (c + 1) / 2 - 1, (freedom - (2 * c * c + c + 2) / (6 * c)) * ratio))
 
 
 def together(data: Measurements, residual: Array, rng: np.random.Generator) -> float:
@@ -73,19 +88,26 @@ def adjusted(Q: Array, residual: Array, unit: Index) -> Array:
     return out
 
 
-def flipped_p(seen: Scan, log_prior: Array, e: Array, unit: Index, observed: float, rng: np.random.Generator) -> float:
-    """(1 + #{flips whose evidence is at least `observed`}) / (draws + 1) of an adjusted residual e (N,); `unit` (N,) which rows
-    go together, -1 where a row keeps its sign (a prior's)."""
+def flipped(seen: Scan, log_prior: Array, e: Array, unit: Index, rng: np.random.Generator) -> Iterator[tuple[Array, Array]]:
+    """CHUNK after CHUNK of DRAWS flips of an adjusted residual e (N,): their evidences (CHUNK,), and the smallest p (CHUNK,) of
+    their single candidates; `unit` (N,) which rows go together, -1 where a row keeps its sign (a prior's)."""
     count = int(unit.max()) + 1
     at = np.where(unit < 0, count, unit)
-    alike, above, done = by_size(seen), 0, 0
-    while done < DRAWS:
+    alike = by_size(seen)
+    for _ in range(DRAWS // CHUNK):
         sign = np.ones((count + 1, CHUNK))
         sign[:count] = 2.0 * rng.integers(0, 2, (count, CHUNK)) - 1.0
         u = sign[at] * e[:, None]
         u -= seen.Q @ (seen.Q.T @ u)
         share = shares(seen.strength(u), np.square(u).sum(0))
-        some = null_evidence(seen, log_prior, share, {k: share.whole[which].max(0) for k, which in alike.items()})
+        top = {k: share.whole[which].max(0) for k, which in alike.items()}
+        yield null_evidence(seen, log_prior, share, top), least_p(top, seen.freedom)
+
+
+def flipped_p(draws: Iterable[tuple[Array, Array]], observed: float) -> float:
+    """(1 + #{flips whose evidence is at least `observed`}) / (draws + 1); a clear answer stops early."""
+    above = done = 0
+    for some, _ in draws:
         above, done = above + int((some >= observed).sum()), done + CHUNK
         if above > 0.05 * (DRAWS + 1) - 1 or observed > some.max() + CLEAR:
             break

@@ -82,7 +82,7 @@ def significance(source: Source) -> list[Block]:
     known = [p for p in result.get("parameters") or [] if p["standard_error"]]
     if known:
         picture = parameters.forest(known)
-        weak = [p["symbol"] for p in known if abs(p["estimate"]) < 1.96 * p["standard_error"]]
+        weak = [p["symbol"] for p in known if p["low"] < 0 < p["high"]]
         blocks.append(
             source.figure(
                 "forest",
