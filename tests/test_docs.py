@@ -14,8 +14,7 @@ from urllib.parse import unquote, urlsplit
 import pytest
 
 from modelsel.cli import COMMANDS, INTERRUPTED
-from modelsel.commands.study import UNCONVERGED
-from modelsel.words.errors import DataError, ModelselError, NotEstimable, StudyError
+from modelsel.words.errors import CHECK_FAILED, DataError, ModelselError, NotEstimable, StudyError
 from modelsel.wrong.registry import BUILTIN
 
 ROOT = Path(__file__).parents[1]
@@ -219,5 +218,5 @@ def test_constants_are_the_program_s() -> None:
 
 def test_exit_status_table() -> None:
     text = (DOCS / "commands.md").read_text(encoding="utf-8")
-    statuses = {kind.exit_code for kind in (ModelselError, StudyError, DataError, NotEstimable)} | {INTERRUPTED, UNCONVERGED}
+    statuses = {kind.exit_code for kind in (ModelselError, StudyError, DataError, NotEstimable)} | {INTERRUPTED, CHECK_FAILED}
     assert set(map(str, statuses)) <= set(re.findall(r"^\| (\d+) \|", text, re.MULTILINE))

@@ -9,11 +9,14 @@ import pytest
 from click.testing import CliRunner
 
 from modelsel.cli import main
+from modelsel.commands.compensate import _sentence
 from modelsel.machine.robotfile import load
 from modelsel.telling.report.document import Source
 from modelsel.telling.report.evidence import _quantiles, significance
+from modelsel.telling.report.figures.finding import height
 from modelsel.telling.report.findings import separation
 from modelsel.telling.views import adds
+from modelsel.use.compensate import Commands
 from modelsel.why.words import amount, quantity
 from modelsel.wrong.causes import Bump
 from modelsel.wrong.screws import Screw, Term
@@ -99,3 +102,18 @@ def test_a_robot_without_masses_says_so() -> None:
 def test_the_package_runs_as_a_module() -> None:
     said = subprocess.run([sys.executable, "-m", "modelsel", "--version"], capture_output=True, text=True, check=True).stdout
     assert said.startswith("modelsel")
+
+
+def test_turns_and_slides_are_bounded_each_in_its_unit() -> None:
+    made = Commands(*(np.zeros((2, 3)) for _ in range(3)), *(np.ones(2) for _ in range(4)))
+    made.change[:] = [[1e-3, -2e-3, 0.05], [0.0, 0.0, -0.07]]
+    for slides, said in ((False, "70 mrad."), (True, "2 mrad or 70 µm.")):
+        assert _sentence(made, np.array([False, False, slides])).endswith(f"No joint changes by more than {said}")
+
+
+def test_a_fitted_effect_is_drawn_whole() -> None:
+    points = np.linspace(-1.0, 1.0, 101)
+    assert height(points, 0.5 * points) == pytest.approx(1.15 * 0.98)
+    assert height(points, 2.0 * points) == pytest.approx(2.1)
+    assert height(points, 1e6 * points) == pytest.approx(3 * 1.15 * 0.98)
+    assert height(0 * points, 0 * points) > 0

@@ -19,7 +19,7 @@ SINGLE = "noise scale"
 @dataclass(frozen=True, eq=False)
 class Components:
     """A scene whose whitened coordinates each belong to one component: `of` (c,) its number per coordinate, names and units
-    of the scales, `unit_mm` what a scale of 1 means in that unit."""
+    of the T scales, `factor` (T,) what a scale of 1 is in that unit."""
 
     scene: Scene
     of: Index

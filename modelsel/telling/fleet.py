@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from ..machine.robotfile import builtin_names, load, read_robot
 from ..matrix.design import Model
 from ..which.stream import Parts, fit_parts, parts_of
-from ..words.errors import DataError, ModelselError, StudyError
+from ..words.errors import CHECK_FAILED, DataError, ModelselError, StudyError
 from ..wrong.registry import mechanism, with_plugins
 from .analysis import provenance
 from .config import find_data
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 RETRIES = 3        # of a study whose worker died
-UNCONVERGED = 5    # a study's exit status where its chain has not converged
 ERRORS = ("nominal", "base", "chosen")
 
 
@@ -122,7 +121,7 @@ def _row(name: str, result: Row) -> Row:
     """A study's line in the summary."""
     ladder = result["ladder"]
     last, sampled = ladder[-1], result["sampling"]
-    return {"name": name, "state": "done", "exit": 0 if sampled is None or sampled["converged"] else UNCONVERGED,
+    return {"name": name, "state": "done", "exit": 0 if sampled is None or sampled["converged"] else CHECK_FAILED,
             "robot": result["robot"], "estimation": result["configurations"]["estimation"],
             "held_out": result["configurations"]["held_out"], "noise_mm": result["noise_floor"]["coordinate_mm"],
             "nominal_mm": ladder[0]["held_out"]["mean_mm"], "base_mm": ladder[1 if len(ladder) > 1 else 0]["held_out"]["mean_mm"],
@@ -199,7 +198,7 @@ def show(rows: Sequence[Row], console: Console) -> None:
         table.add_column(name, justify=side)  # type: ignore[arg-type]
     for row in rows:
         if row["state"] == "done":
-            table.add_row(row["name"], str(row["estimation"] + row["held_out"]), *(mm(row[f"{what}_mm"]) for what in ERRORS),
+            table.add_row(row["name"], f"{row['estimation'] + row['held_out']:,}", *(mm(row[f"{what}_mm"]) for what in ERRORS),
                           row["found"] or "–")
     console.print(table)
     for row in rows:

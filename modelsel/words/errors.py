@@ -5,6 +5,8 @@ import re
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
+CHECK_FAILED = 5        # exit status of a command that is done, but where a check failed: no convergence, a drift, a miss
+
 
 class ModelselError(Exception):
     """Anything modelsel says to a user; `exit_code` is the command's exit status."""

@@ -9,6 +9,7 @@ from string import Template
 from typing import Any
 
 from .document import Source
+from .end import CALLED
 from .figures import errormap, ladder
 
 SCRIPTS = ("plot.js", "space.js", "map.js", "page.js")
@@ -48,7 +49,7 @@ def page(source: Source) -> bytes:
         "ladder": list(zip(way, ladder.names(result, way), strict=True)),
         "cells": errormap.named_cells(result),
     }
-    hashes = ", ".join(f"{k} {v}" for k, v in result["provenance"].items())
+    made = ", ".join(f"{CALLED.get(k, k)} {v}" for k, v in result["provenance"].items())
     return (
         Template((folder / "page.html").read_text(encoding="utf-8"))
         .substitute(
@@ -59,7 +60,7 @@ def page(source: Source) -> bytes:
             ),
             verdict="\n".join(f'<p class="verdict">{escape(sentence)}</p>' for sentence in result["verdict"]),
             side="held-out" if counts["held_out"] else "estimation",
-            made=escape(hashes),
+            made=escape(made),
             style=(folder / "page.css").read_text(encoding="utf-8"),
             script="\n".join((folder / name).read_text(encoding="utf-8") for name in SCRIPTS),
             data=embedded(data),
