@@ -42,7 +42,8 @@ def show(result: Result, console: Console) -> None:
                       "–" if r.aicc is None else f"{r.aicc:.0f}")
     console.print(table)
     if result.comparison is not None:
-        shown = Table(title=f"Best of {result.comparison.compared:,} candidate models, by cross-validation",
+        shown = Table(title=f"Best of {result.comparison.compared:,} candidate models, by cross-validation: errors in mm; "
+                            "weight: probability among them",
                       title_justify="left", title_style="bold")
         shown.add_column("base and", overflow="fold")
         for column in ("rank", "CV rms", "held-out mean", "weight"):
