@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import shlex
 import signal
@@ -53,6 +54,13 @@ def _terminable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
+def _readable() -> None:
+    """A terminal or a log that has no ± or α in its encoding shows ? for it, and all the rest."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
 class _Lazy(click.Group):
     """Finds a command by its name and imports it only then; says errors in one place: one clear message, the right exit
     status, no traceback without --debug."""
@@ -73,6 +81,7 @@ class _Lazy(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         from .words.errors import ModelselError
+        _readable()
         try:
             with _terminable():
                 return super().invoke(ctx)

@@ -42,6 +42,19 @@ def test_help_loads_no_command() -> None:
     assert ran.stdout.endswith("[]\n")
 
 
+def test_an_output_without_greek_letters_loses_no_more_than_them(tmp_path) -> None:
+    """A log or a terminal of another encoding: no internal error; JSON is UTF-8 all the same."""
+    def ran(encoding: str, *more: object) -> bytes:
+        code = "from modelsel.cli import main; main(prog_name='modelsel')"
+        return subprocess.run([sys.executable, "-c", code, *map(str, more)], capture_output=True, check=True,
+                              env={**os.environ, "PYTHONIOENCODING": encoding}).stdout
+    whole = ran("utf-8", "mechanisms", "gear-ripple").decode()
+    assert not whole.isascii()
+    assert ran("latin-1", "mechanisms", "gear-ripple") == whole.encode("latin-1", "replace")
+    assert len({ran(encoding, "mechanisms", "gear-ripple", "--json") for encoding in ("utf-8", "latin-1", "ascii")}) == 1
+    assert b"+ encoder-eccentricity:4" in ran("ascii", "study", PUMA, "--out", tmp_path, "--no-report", "--no-sampling")
+
+
 def test_dry_run_computes_and_writes_nothing(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("modelsel.telling.study.analyse", lambda *a, **k: pytest.fail("it computed"))
     said = invoked("study", PUMA, "--dry-run", "--out", tmp_path / "out")

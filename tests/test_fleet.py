@@ -162,6 +162,10 @@ file = "arm0"
         read_fleet(folder / "fleet.toml")
     assert 'unknown key "study.1.fiel". Did you mean "file"?' in str(wrong.value)
     assert "parts.1.tool_mm is missing" in str(wrong.value)
+    (folder / "fleet.toml").write_text('name = "x"\n[[parts]]\nname = "p"\nfiles = ["day*.parquet"]\nrobot = "puma760"\n'
+                                       "tool_mm = [40, -25, 100]\nfolds = 1000000000000\n")        # each is held
+    with pytest.raises(StudyError, match=r"parts\.1\.folds.*1000"):
+        read_fleet(folder / "fleet.toml")
     with pytest.raises(StudyError, match="no such fleet file"):
         read_fleet(folder / "absent.toml")
 

@@ -1,6 +1,8 @@
 """Gravity on the chain: published torques, the slope of the potential, levers of the arm pair, tilt of the base."""
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from builders import bind, drawn
@@ -91,3 +93,19 @@ def test_base_tilt_turns_frame_0_about_its_origin(name, rng) -> None:
     M = moment(at.robot, at.pose(slice(None)), at.data.q)
     for k in range(2):
         np.testing.assert_allclose(columns[:, :, k], M[k][:, None] * np.cross(np.eye(3)[k], at.data.position), atol=1e-6)
+
+
+@pytest.mark.parametrize("down", [(0.0, 0.0, -1.0), (0.6, 0.0, -0.8), (-1.0, 0.0, 0.0)])
+def test_payload_tilt_turns_frame_0_with_the_moment_of_the_load(down, rng) -> None:
+    """Standing, leaning and on a wall: the columns are kilograms times (lever x down) about the axis, times (axis x target)."""
+    at = drawn("ur10", rng, 10)
+    at = replace(at, robot=replace(at.robot, gravity=down), _values={}, _causes={})
+    tilt = mechanism("payload-tilt", at.robot)
+    columns = design(at, tilt.terms)[0]
+    moved = at.data.covariates["payload_kg"][:, None] * np.cross(at.data.position, down)
+    for k, term in enumerate(tilt.terms):
+        axis = "xyz".index(term.symbol[1])
+        wanted = moved[:, axis, None] * np.cross(np.eye(3)[axis], at.data.position)
+        np.testing.assert_allclose(columns[:, :, k], wanted, atol=1e-6)
+        assert term.unit == "rad/(kg mm)"
+    assert len(tilt.terms) == 3 - (1.0 in np.abs(down))

@@ -37,7 +37,7 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
     from ..use.compensate import commands_frame, outside, refuse
     from ..use.compensate import compensate as corrected
     c = load_calibration(result)
-    data = read_measurements(targets, c.robot.prismatic, columns, positions=False)
+    data = read_measurements(targets, c.robot.prismatic, columns, positions=False, once=False)
     made, said = corrected(c, data), outside(c, data)
     if forward:
         frame = commands_frame(c, data, data.q, predict(c, c.scene(data)), {})

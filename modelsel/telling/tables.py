@@ -5,15 +5,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..elsewhere.prepare import SETUP
 from ..which.validate import Errors
 from ..why.maps import strongest_causes
 from ..words.errors import sentence_list
+from .standing import standing_sentences
 from .views import adds
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from .finished import Result
+
+
+TABLE_FOR = ("The table asks which names predict best together, and may add one that chance brought; naming asks of each whether "
+             "chance would do as well, over all that was scanned: only that finds, and the two may differ.")
 
 
 def mm(value: float | None) -> str:
@@ -53,6 +59,7 @@ def show(result: Result, console: Console) -> None:
         for r in result.comparison.best:
             shown.add_row(" + ".join(r.names[base:]) or "nothing", str(r.rank), mm(r.cv_rms_mm), mm(r.held_out.mean_mm),
                           "–" if r.weight is None else f"{r.weight:.3f}", r.note)
+        shown.caption = TABLE_FOR
         console.print(shown)
     show_map(result, console)
     show_significance(result, console)
@@ -149,7 +156,8 @@ def sentences(result: Result) -> list[str]:
     """The study in words."""
     first, last = result.ladder[0], result.chosen
     called = sentence_list(last.names) if last.names else "nominal"
-    out = [(f"Nominal model: {mm(first.estimation.mean_mm)} mm mean, {mm(first.estimation.max_mm)} mm worst. Chosen model "
+    out = [f"Check the set-up: {w.sentence}" for w in result.warnings if w.code == SETUP]
+    out += [(f"Nominal model: {mm(first.estimation.mean_mm)} mm mean, {mm(first.estimation.max_mm)} mm worst. Chosen model "
             f"({called}): {mm(last.estimation.mean_mm)} mm mean; noise floor "
             f"{result.floor.coordinate_mm:.3g} mm per coordinate ({result.floor.source}).")]
     out += [f.sentence for f in result.faults]
@@ -169,7 +177,8 @@ def sentences(result: Result) -> list[str]:
                                                         "(95 %)")
         out.append(f"On held-out configurations: {mm(gain.held_out_rms_before_mm)} -> {mm(gain.held_out_rms_after_mm)} mm rms"
                    f"{interval}.")
+    out += [] if result.standing is None else [f"Registered: {s[0].lower()}{s[1:]}" for s in standing_sentences(result.standing)]
     out += feature_sentences(result)
     out += [f"Not identifiable: {u.sentence}" for u in result.unidentifiable]
     out += sure_sentences(result)
-    return out + [f"Note: {w.sentence}" for w in (*result.warnings, *result.confidence.notes)]
+    return out + [f"Note: {w.sentence}" for w in (*result.warnings, *result.confidence.notes) if w.code != SETUP]

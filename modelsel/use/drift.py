@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..data.cells import SMALLEST
 from ..data.measurements import Index, Measurements
 from ..matrix.scene import Scene
 from ..words.errors import DataError
@@ -103,7 +104,7 @@ def reference(c: Calibration) -> tuple[float, float]:
     the study's own held-out configurations showed where that is more."""
     floor = c.floor.coordinate_mm
     held = 0.0 if c.held_out_rms_mm is None else c.held_out_rms_mm / np.sqrt(3)
-    return max(floor, held), c.floor.freedom
+    return max(floor, held, SMALLEST), c.floor.freedom
 
 
 def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:

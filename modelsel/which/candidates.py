@@ -27,6 +27,7 @@ REGISTERED = 0.6
 KNOTS = tuple(np.radians(degrees) for degrees in (40.0, 20.0, 10.0, 4.0, 2.0))
 DENSITY = 3.0           # configurations per knot interval that a free function needs
 BETWEEN = tuple(k + part for k in range(3, 60) for part in (0.25, 0.5, 0.75))     # a gear ahead of the joint need not close
+PITCHES = tuple(k / 8 for k in range(4, 481))       # waves over a slide's travel
 ODD = 0.1               # prior of what is more strange than most (waves between whole numbers, free functions), against a cell
 CELLS = 40_000          # cells of the error map; with more (some fifteen joints) a cell's cause is of joints beside its place
 WARMING = (0.05, 0.1, 0.25, 0.5)      # time constants of a warm-up, in shares of the campaign
@@ -79,6 +80,10 @@ def cell_causes(scene: Scene) -> tuple[tuple[Cause, ...], ...]:
         out.append((q(j, robot.unit(j)),))
     for j in turning:
         out += [(sin(q(j)), cos(q(j))), (sin(2.0 * q(j)), cos(2.0 * q(j)))]
+    for j in (j for j in range(1, robot.n + 1) if j not in turning):        # a bowed rail; a scale that grows with temperature
+        along = q(j, "mm")
+        out.append((along, along * along))
+        out += [(Named(name, "°C") * along, along) for name in scene.data.covariates if name == "temperature_C"]
     for j, k in combinations(turning, 2):
         both, apart = (sin(q(j) + q(k)), cos(q(j) + q(k))), (sin(q(j) - q(k)), cos(q(j) - q(k)))
         out += [both, apart, both + apart]          # together: any product of a wave of the one and a wave of the other
@@ -131,6 +136,20 @@ def waves(robot: Robot) -> list[tuple[Mechanism, float]]:
              weight) for j in turning for counts, weight in ((WAVES, 1.0), (BETWEEN, ODD)) for count in counts]
 
 
+def pitches(scene: Scene) -> list[tuple[Mechanism, float]]:
+    """(waves of a slide's own reading, half to 60 over the travel seen, weight in the prior): a screw's pitch, a rack's teeth, a
+    scale's joints. The travel is no multiple of them, so eighths stand for all."""
+    out = []
+    for j in (j for j, joint in enumerate(scene.robot.joints, 1) if joint.prismatic):
+        travel = float(np.ptp(scene.data.q[:, j - 1]))
+        for count in PITCHES if travel > 0 else ():
+            angle = float(f"{2 * np.pi * count / travel:.6g}") * q(j, "mm")
+            out.append((Mechanism(f"{j} tz {count:g} waves", (Term("ms", (Screw(j, "tz", sin(angle)),)),
+                                                              Term("mc", (Screw(j, "tz", cos(angle)),))),
+                                  f"Joint {j} slides unevenly, a wave every {travel / count:.3g} mm"), 1 / 8))
+    return out
+
+
 def free_functions(scene: Scene) -> list[Mechanism]:
     """Cubic splines of every turning joint's own angle at its own rotation, knots 10, 4 and 2 degrees apart, where the data
     are dense enough to carry them."""
@@ -170,7 +189,7 @@ def candidates(scene: Scene, base: Model, mechanisms: Sequence[Mechanism], cells
         beside = [_beside(causes) if some else lambda frame: True for causes, _ in every_cause]
         pool = [(_cell(place, causes, words), 1.0) for place in places(scene)
                 for (causes, words), near in zip(every_cause, beside, strict=True) if near(place[0])]
-        for m, weight in [*pool, *waves(scene.robot), *((f, ODD) for f in free_functions(scene))]:
+        for m, weight in [*pool, *waves(scene.robot), *pitches(scene), *((f, ODD) for f in free_functions(scene))]:
             key = frozenset(t.screws for t in m.terms)
             if key not in seen and not key <= inside:
                 seen.add(key)

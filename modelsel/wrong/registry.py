@@ -54,6 +54,7 @@ BUILTIN: Registry = {
     "lateral-compliance": PerJoint(compliance.lateral_compliance, compliance.gravity_joints),
     "link-bending": Scanned(compliance.link_bending, compliance.mass_choices_beyond, compliance.links),
     "payload-deflection": PerJoint(compliance.payload_deflection, compliance.gravity_joints),
+    "payload-tilt": gravity_effects.payload_tilt,
     "counterbalance": compliance.counterbalance,
     "tool-droop": compliance.tool_droop,
     "approach-backlash": PerJoint(motion.approach_backlash, transmission.all_joints),

@@ -79,7 +79,7 @@ def held_out(source: Source) -> list[Block]:
 def significance(source: Source) -> list[Block]:
     """Forest plot and table by mechanism."""
     result, blocks = source.result, list[Block]()
-    known = [p for p in result.get("parameters") or [] if p["standard_error"]]
+    known = [p for p in result.get("parameters") or [] if p["low"] < p["high"]]
     if known:
         picture = parameters.forest(known)
         weak = [p["symbol"] for p in known if p["low"] < 0 < p["high"]]

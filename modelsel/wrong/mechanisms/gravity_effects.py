@@ -84,6 +84,21 @@ def base_tilt(robot: Robot) -> Mechanism | None:
                      "rotation of frame 0 = k · moment of the weight about it", "Whitney, Lozinski & Rourke 1986")
 
 
+def payload_tilt(robot: Robot) -> Mechanism | None:
+    """The foundation yields to the payload's moment about the horizontal axes of frame 0: kilograms times lever of the target."""
+    if robot.gravity is None:
+        return None
+    down, place, terms = robot.gravity, [Named(f"{name}_mm", "mm") for name in "xyz"], []
+    for axis, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):        # lever x down
+        both = ((place[j], down[k]), (place[k], -down[j]))
+        levers = [where if weight == 1 else weight * where for where, weight in both if abs(weight) > 1e-9]
+        if abs(down[axis]) < 0.999:
+            cause = Named("payload_kg", "kg") * (levers[0] if len(levers) == 1 else levers[0] + levers[1])
+            terms.append(Term(f"p{'xyz'[axis]}", base_screws(robot, axis, cause), (1e-10, 1e-6), 1))
+    return Mechanism("payload-tilt", tuple(terms), "The base tilts under the payload.",
+                     "rotation of frame 0 = p · payload_kg · horizontal lever of the target", "Whitney, Lozinski & Rourke 1986")
+
+
 def gravity_joints(robot: Robot) -> tuple[int, ...]:
     """Joints whose gravity torque changes with the configuration."""
     return under_gravity(robot)
