@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...elsewhere.prepare import SETUP
 from ..tables import mm
 from ..views import alike, name_of
 from .document import Block, Source, heading, points, table, text
@@ -29,6 +30,11 @@ def sure(finding: dict[str, Any]) -> str:
     return own if own == together or others < 1 else f"{own}; {together} with {others} alike"
 
 
+def opening(result: dict[str, Any]) -> list[str]:
+    """The verdict's sentences; before them, that the set-up looks wrong."""
+    return [f"Check the set-up: {w['sentence']}" for w in result["warnings"] if w["code"] == SETUP] + list(result["verdict"])
+
+
 def first(source: Source) -> list[Block]:
     """The page that stands alone."""
     result, details = source.result, source.details
@@ -42,7 +48,7 @@ def first(source: Source) -> list[Block]:
             "held_out": f"{counts['held_out']:,}",
         }
     ]
-    blocks += [text(sentence, "lead") for sentence in result["verdict"]]
+    blocks += [text(sentence, "lead") for sentence in opening(result)]
     blocks.append(
         source.figure(
             "ladder",

@@ -10,6 +10,7 @@ from typing import Any
 
 from .document import Source
 from .figures import errormap, ladder
+from .front import opening
 
 SCRIPTS = ("plot.js", "space.js", "map.js", "page.js")
 
@@ -57,7 +58,7 @@ def page(source: Source) -> bytes:
             about=escape(
                 f"Robot {result['robot']} · {counts['estimation']:,} configurations estimate, {counts['held_out']:,} are held out"
             ),
-            verdict="\n".join(f'<p class="verdict">{escape(sentence)}</p>' for sentence in result["verdict"]),
+            verdict="\n".join(f'<p class="verdict">{escape(sentence)}</p>' for sentence in opening(result)),
             side="held-out" if counts["held_out"] else "estimation",
             made=escape(hashes),
             style=(folder / "page.css").read_text(encoding="utf-8"),
