@@ -198,6 +198,56 @@ def test_one_motion_under_two_names(rng) -> None:
     assert only.after_mm == pytest.approx(2 * only.before_mm, rel=0.1)
 
 
+def test_what_is_named_once_or_twice_is_told_as_far_as_the_evidence_goes(rng) -> None:
+    """The same effect under two names did not change, however its two sizes differ; a faint one, named in a long campaign alone,
+    may have been there before; and how large a change would have been seen is said, and is."""
+    from modelsel.wrong.causes import cos, q
+    from modelsel.wrong.screws import Mechanism
+    twist = Mechanism("joint3-twist", (Term("h", (Screw(3, "rz", cos(q(2) + q(3))),)),))
+    cell = Mechanism("cell", (Term("h0", (Screw(3, "rz", cos(q(3) + q(2))),)),))
+    geometry, theta = truth(("geometric",))
+    a, b = Model((*geometry.mechanisms, twist)), Model((*geometry.mechanisms, cell))
+    found = [compare(calibrated(rng, a, np.r_[theta, 1e-3]), calibrated(rng, b, np.r_[theta, 1e-3])) for _ in range(10)]
+    changed = [c.mechanisms[0].what != "did not change" for c in found]
+    assert sum(changed) <= 2
+    (only,) = found[changed.index(False)].mechanisms
+    said = " ".join(sentences(found[changed.index(False)]))
+    assert only.before_mm != only.after_mm
+    assert only.p > 0.05
+    assert "alike) did not change beyond chance: " in said
+    assert "grew" not in said
+    assert "shrank" not in said
+    assert f"a change of {only.seen_mm:.2g} mm would have been seen" in said
+    larger = 1e-3 * (1 + 1.3 * only.seen_mm / only.before_mm)          # beyond what is seen with 90 %
+    seen = [compare(calibrated(rng, a, np.r_[theta, 1e-3]), calibrated(rng, b, np.r_[theta, larger])) for _ in range(10)]
+    assert sum(c.mechanisms[0].what == "grew" for c in seen) >= 8
+
+    short, long = calibrated(rng, geometry, theta, 30), calibrated(rng, b, np.r_[theta, 1e-4], 200)
+    (faint,) = compare(short, long).mechanisms
+    assert faint.what == "may have come"
+    assert faint.seen_mm > faint.after_mm
+    assert "whether it came is not told" in " ".join(sentences(compare(short, long)))
+    assert compare(long, short).mechanisms[0].what == "may have gone"
+    assert compare(calibrated(rng, geometry, theta, 30), calibrated(rng, b, np.r_[theta, 2e-3])).mechanisms[0].what == "came"
+
+
+def test_a_change_that_would_have_been_seen_is(rng) -> None:
+    model, theta = truth()
+    first = calibrated(rng, model, theta)
+    same = compare(first, calibrated(rng, model, theta))
+    low, high = same.seen_mm
+    (own,) = [c for c in same.changes if c.mechanism == "joint-compliance:2"]
+    beyond = 2.0 + float(np.sqrt(2 * np.log(len(same.changes) / 0.05)))              # more than Holm's bound and 90 % ask
+    changed = theta.copy()
+    changed[place(model, "c2")] += beyond * own.standard_error
+    found = [compare(first, calibrated(rng, model, changed)) for _ in range(10)]
+    assert sum(any(c.mechanism == own.mechanism for c in f.moved) for f in found) >= 8
+    per_error = own.moves_mm / abs(own.after - own.before) * own.standard_error
+    assert low <= 4.5 * per_error <= 1.1 * high
+    if not same.moved:
+        assert f"of the least told by {high:.2g} mm, would have been seen" in sentences(same)[-1]
+
+
 def test_representatives_do_not_matter(rng) -> None:
     """The same arm fitted with its terms in another order keeps others at nought: still nothing changed."""
     model, theta = truth()
