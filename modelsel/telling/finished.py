@@ -26,6 +26,7 @@ from .config import Study
 from .findings import Finding, fault_dict, finding_dict, screws_of
 from .left import Placed, features, noise_dict
 from .result import candidates_dict, plain, rung_dict
+from .standing import standing
 from .verdict import verdict
 from .views import Views
 
@@ -66,6 +67,11 @@ class Result(Views):
         return features(self.data.scene, self.chosen.fit)
 
     @property
+    def standing(self) -> dict[str, Any] | None:
+        """Where registration found the base and the targets (`standing`); None where the study gives them."""
+        return standing(self.data.scene, self.study.robot.register_ == "per group") if self.study.robot.register_ else None
+
+    @property
     def named(self) -> list[tuple[str, str]]:
         """(name, verdict) of every finding, faults of single rows first, as result.json lists them."""
         return [*((f"fault:{f.name}", "found") for f in self.faults),
@@ -85,6 +91,7 @@ class Result(Views):
                                "held_out": data.take(~estimation).configurations,
                                "estimation_rows": data.row[estimation]},
             "noise_floor": noise_dict(self.floor, data),
+            **({} if self.standing is None else {"registration": self.standing}),
             **({} if data.gauges is None else {"features": [asdict(f) for f in self.features]}),
             "ladder": [rung_dict(r) for r in self.ladder],
             "candidates": candidates_dict(self.comparison),

@@ -30,7 +30,7 @@ def standing_sentences(found: Mapping[str, Any]) -> list[str]:
     for base in bases[:SHOWN]:
         x, turns = _numbers(base["position_mm"], 2), _numbers(base["rpy_deg"], 3)
         out.append(f"Base of the nominal robot (frame 0) in the tracker's frame{_of(base['group'], bases)}: {x} mm, "
-                   f"roll, pitch, yaw {turns}°.")
+                   f"turned by roll, pitch, yaw {turns}° (fixed x, y, z).")
     out += [f"Target{_of(one['target'], targets)} in the flange frame: {_numbers(one['position_mm'], 2)} mm."
             for one in targets[:SHOWN]]
     more = max(len(bases) - SHOWN, 0) + max(len(targets) - SHOWN, 0)

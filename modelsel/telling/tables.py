@@ -9,6 +9,7 @@ from ..elsewhere.prepare import SETUP
 from ..which.validate import Errors
 from ..why.maps import strongest_causes
 from ..words.errors import sentence_list
+from .standing import standing_sentences
 from .views import adds
 
 if TYPE_CHECKING:
@@ -170,6 +171,7 @@ def sentences(result: Result) -> list[str]:
                                                         "(95 %)")
         out.append(f"On held-out configurations: {mm(gain.held_out_rms_before_mm)} -> {mm(gain.held_out_rms_after_mm)} mm rms"
                    f"{interval}.")
+    out += [] if result.standing is None else [f"Registered: {s[0].lower()}{s[1:]}" for s in standing_sentences(result.standing)]
     out += feature_sentences(result)
     out += [f"Not identifiable: {u.sentence}" for u in result.unidentifiable]
     out += sure_sentences(result)

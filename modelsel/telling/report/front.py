@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ...elsewhere.prepare import SETUP
+from ..standing import standing_sentences
 from ..tables import mm
 from ..views import alike, name_of
 from .document import Block, Source, heading, points, table, text
@@ -102,6 +103,8 @@ def data(source: Source) -> list[Block]:
     counts, rows = result["configurations"], details["rows"]
     drawn = len(rows["row"])
     thinned = f" {drawn:,} of {rows['of']:,} rows are drawn." if drawn < rows["of"] else ""
+    placed = result.get("registration")
+    stands = [] if placed is None else [heading("Where the tracker and the target stand", 2), points(standing_sentences(placed))]
     return [
         heading("Data and split"),
         text(
@@ -125,6 +128,7 @@ def data(source: Source) -> list[Block]:
             f"Three-dimensional scatter of the measured targets, estimation and held-out, seen "
             f"from two sides; they span {_span(details)}.",
         ),
+        *stands,
     ]
 
 

@@ -8,6 +8,7 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
+from ..standing import standing_sentences
 from .document import Source
 from .figures import errormap, ladder
 from .front import opening
@@ -38,6 +39,15 @@ def embedded(value: Any) -> str:
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
+def _setup(placed: dict[str, Any] | None) -> str:
+    """Where registration found the base and the targets; nothing where the study gives them."""
+    if placed is None:
+        return ""
+    said = "\n".join(f"<p>{escape(sentence)}</p>" for sentence in standing_sentences(placed))
+    title = '<h2 id="setup-title">Where the tracker and the target stand</h2>'
+    return f'<section aria-labelledby="setup-title">\n{title}\n{said}\n</section>\n'
+
+
 def page(source: Source) -> bytes:
     """The whole page."""
     result, details, folder = source.result, source.details, files(__package__) / "page"
@@ -59,6 +69,7 @@ def page(source: Source) -> bytes:
                 f"Robot {result['robot']} · {counts['estimation']:,} configurations estimate, {counts['held_out']:,} are held out"
             ),
             verdict="\n".join(f'<p class="verdict">{escape(sentence)}</p>' for sentence in opening(result)),
+            setup=_setup(result.get("registration")),
             side="held-out" if counts["held_out"] else "estimation",
             made=escape(hashes),
             style=(folder / "page.css").read_text(encoding="utf-8"),
