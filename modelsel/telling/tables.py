@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from .finished import Result
 
 
+TABLE_FOR = ("The table asks which names predict best together, and may add one that chance brought; naming asks of each whether "
+             "chance would do as well, over all that was scanned: only that finds, and the two may differ.")
+
+
 def mm(value: float | None) -> str:
     """A length with three digits, a dash where undefined."""
     if value is None:
@@ -54,6 +58,7 @@ def show(result: Result, console: Console) -> None:
         for r in result.comparison.best:
             shown.add_row(" + ".join(r.names[base:]) or "nothing", str(r.rank), mm(r.cv_rms_mm), mm(r.held_out.mean_mm),
                           "–" if r.weight is None else f"{r.weight:.3f}", r.note)
+        shown.caption = TABLE_FOR
         console.print(shown)
     show_map(result, console)
     show_significance(result, console)

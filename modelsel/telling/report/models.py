@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..tables import mm
+from ..tables import TABLE_FOR, mm
 from .document import Block, Source, heading, table, text
 from .figures import ladder
 
@@ -62,7 +62,7 @@ def _subsets(candidates: dict[str, Any]) -> list[Block]:
     columns += [("rank", "right"), ("CV rms", "right"), ("held-out mean", "right"), ("weight", "right"), ("note", "left")]
     said = (
         f"Of {candidates['compared']:,} subsets of the strongest registered mechanisms, these stand out. They check the ladder "
-        "from another side: each is fitted by one linear step and measured alike."
+        f"from another side: each is fitted by one linear step and measured alike. {TABLE_FOR}"
     )
     if search := candidates.get("search"):
         said += (
