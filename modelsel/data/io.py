@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -102,13 +103,15 @@ def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mappin
     notes += said
     def kept(values: Any) -> Any:
         return None if values is None else np.asarray(values)[keep]
-    return measurements(
+    made = measurements(
         q[keep], position[keep], row=np.flatnonzero(keep), configuration=kept(text.get("configuration")),
         target=kept(text.get("target")), group=kept(text.get("group")), order=kept(order), approach=kept(approach),
         covariates={name: values[keep] for name, values in covariates.items()}, sigma=kept(sigma),
         rotation=None if quaternion is None else from_quaternion(quaternion[keep]), sigma_rotation=kept(sigma_rotation),
         notes=tuple(notes), prismatic=prismatic, **({} if kinds is None else {
             "kind": kept(kinds.kind).tolist(), "feature": kept(kinds.feature).tolist(), "length": kinds.length[keep]}))
+    return replace(made, units=tuple("mm" if slides else "deg" if f"q{j}_deg" in table else "rad"
+                                     for j, slides in enumerate(prismatic, 1)))
 
 
 def _spreads(table: Table, kinds: Kinds | None) -> tuple[Array | None, Array | None, Array | None]:
