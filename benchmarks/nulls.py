@@ -22,9 +22,9 @@ from scipy.stats import beta, kstest
 
 import modelsel.sure.bootstrap
 import modelsel.sure.parameters
-import modelsel.why.extend
 import modelsel.why.flips
 import modelsel.why.predictor
+import modelsel.why.search
 from modelsel import Model, mechanism
 from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
@@ -119,8 +119,10 @@ class Study:
 
 def take_equal_noise_for_granted() -> None:
     """The program as it would be without the signs of whole configurations and groups."""
-    for module in (modelsel.why.extend, modelsel.sure.bootstrap):
+    for module in (modelsel.why.search, modelsel.sure.bootstrap):
         module.LOUD = np.inf
+    for module in (modelsel.why.search, modelsel.sure.parameters):
+        module.SLANTED = 0.0
     for module in (modelsel.why.flips, modelsel.why.predictor, modelsel.sure.parameters):
         module.together = lambda *_: 1.0
 

@@ -17,9 +17,10 @@ from ..matrix.scene import Scene
 from ..which.candidates import Candidate, label
 from ..which.compare import Data, Rung
 from ..which.validate import errors
-from ..why.extend import LEVEL, Extension
+from ..why.extend import Extension
 from ..why.predictor import Predictable, predictable
 from ..why.robust import GROSS, far_off
+from ..why.search import LEVEL
 from ..why.words import display
 from ..words.rigid import Array, turn
 from ..wrong.causes import Member
