@@ -16,7 +16,7 @@ from ..fitting.fit import STEP_MM, Fit
 from ..fitting.shrink import fit_shrunk
 from ..matrix.design import Model
 from ..matrix.scene import Scene
-from ..which.candidates import Candidate, label
+from ..which.candidates import Candidate
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from .curves import better, curves
@@ -186,8 +186,8 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
                 break
             continue
         trial = search.joined(chosen, new)
-        path.append(f"+ {label(found[new])}")
-        say(f"found {label(found[new])}")
+        path.append(f"+ {found[new].label}")
+        say(f"found {found[new].label}")
         first = search.attempt(trial, view.fitted)
         if first is None or not set(np.flatnonzero(first.own(found[new]))) & set(first.fitted.found.kept):
             tried.add(frozenset(trial))      # it adds nothing that the fit could determine
@@ -234,7 +234,7 @@ def _pruned(search: _Search, chosen: list[int], view: View, path: list[str]) -> 
         rest = [g for g in chosen if g != weakest]
         if p_value(own[weakest], search.null) <= LEVEL or (after := search.attempt(rest, view.fitted)) is None:
             break
-        path.append(f"- {label(search.found[weakest])}")
+        path.append(f"- {search.found[weakest].label}")
         chosen, view = rest, after
     return chosen, view
 
@@ -267,8 +267,8 @@ def _settle(search: _Search, chosen: list[int], view: View, before: View | None,
                        if frozenset(trial := _replaced(search, chosen, g, known[g][1])) not in visited), None)
         if change is not None:
             g, trial = change
-            old, new = label(search.found[g]), known[g][1]
-            said = f"- {old}" if len(trial) < len(chosen) else f"{old} -> {label(search.found[new])}"
+            old, new = search.found[g].label, known[g][1]
+            said = f"- {old}" if len(trial) < len(chosen) else f"{old} -> {search.found[new].label}"
         else:
             redrawn = next((one for one in search.redrawn(chosen, view) if frozenset(one[0]) not in visited), None)
             if redrawn is None:
