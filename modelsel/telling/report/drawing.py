@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from ...words.errors import StudyError
 from ...words.shape import misfit, strict
@@ -40,7 +41,7 @@ PAGES: dict[str, Page] = {
 def read(folder: Path) -> Source:
     """result.json and details.json of a folder, whole and of one run. Raises StudyError with how to make them."""
     again = "modelsel study STUDY.toml --out DIR makes it"
-    found = []
+    found = list[dict[str, Any]]()
     for name, shape in (("result.json", RESULT), ("details.json", DETAILS)):
         try:
             table = strict(text(folder / name))
@@ -48,6 +49,8 @@ def read(folder: Path) -> Source:
                 version = table.get("schema") if isinstance(table, dict) else None
                 raise StudyError(f"{folder / name}: schema {str(version)[:40]}, this modelsel draws schema {SCHEMA}; {again} "
                                  "anew.")
+            if found and any(found[0]["provenance"][key] != table.get(key) for key in ("data_sha256", "study_sha256")):
+                raise StudyError(f"{folder}: details.json belongs to another run than result.json; {again} anew.")
             if (why := misfit(table, shape)) is not None:
                 raise ValueError(f"damaged: {why}")
         except FileNotFoundError:
@@ -56,8 +59,6 @@ def read(folder: Path) -> Source:
             raise StudyError(f"{folder / name}: cannot be read: {error}; {again} anew.") from None
         found.append(table)
     result, more = found
-    if any(result["provenance"][key] != more[key] for key in ("data_sha256", "study_sha256")):
-        raise StudyError(f"{folder}: details.json belongs to another run than result.json; {again} anew.")
     if (why := disagreement(result, more)) is not None:
         raise StudyError(f"{folder}: {why}; {again} anew.")
     return Source(result, more)
