@@ -15,7 +15,7 @@ from ..data.measurements import Index
 from ..fitting.fit import fit
 from ..matrix.design import Model, whitened
 from ..matrix.scene import Scene
-from ..which.candidates import Candidate, candidates, label
+from ..which.candidates import Candidate, candidates
 from ..which.compare import Data
 from ..which.folds import assign
 from ..which.validate import Errors, errors
@@ -103,7 +103,7 @@ def _one_fold(k: int, data: Data, base: Model, everything: tuple[Mechanism, ...]
     out = fold == k
     scene = data.scene.take(out)
     base_fit = fit(inside.training(), base)
-    return out, base_fit.residuals(scene), extension.fit.residuals(scene), [label(e.candidate) for e in extension.effects]
+    return out, base_fit.residuals(scene), extension.fit.residuals(scene), [e.candidate.label for e in extension.effects]
 
 
 def nested(data: Data, base: Model, everything: tuple[Mechanism, ...], seed: int, cells: bool, folds: int) -> Nested:

@@ -16,7 +16,7 @@ from ..machine.robot import Robot
 from ..matrix.design import Model
 from ..matrix.identify import unidentifiable
 from ..sure.sampling import Keeper
-from ..which.candidates import Candidate, label
+from ..which.candidates import Candidate
 from ..which.compare import Data, Rung, rung
 from ..which.table import MOST, compare, strongest
 from ..which.validate import Gain, Resampled, paired
@@ -174,7 +174,7 @@ def _steps(data: Data, base_rung: Rung, extension: Extension) -> list[Rung]:
     steps = [base_rung]
     for k in range(1, len(extension.effects) + 1):
         so_far = [e.candidate for e in extension.effects[:k]]
-        names = (*base_rung.names, *(label(c) for c in so_far))
+        names = (*base_rung.names, *(c.label for c in so_far))
         last = extension.fit if k == len(extension.effects) and not thinned(extension, data) else None
         steps.append(rung(data, models(extension.base, so_far), names, last, start=steps[-1].fit))
     return steps

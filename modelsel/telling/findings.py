@@ -9,7 +9,7 @@ import numpy as np
 
 from ..data.measurements import Note
 from ..matrix.scene import Scene
-from ..which.candidates import Candidate, crowded, label
+from ..which.candidates import Candidate, crowded
 from ..which.compare import Data, Rung
 from ..which.validate import Gain, surprise
 from ..why.evidence import RATIOS
@@ -128,7 +128,7 @@ def uneven(extension: Extension) -> tuple[Note, ...]:
     """What equal normal noise would have named and the residual's own signs do not."""
     if extension.held_back is None or extension.left is None:
         return ()
-    first = label(extension.left.entries[0].candidate)
+    first = extension.left.entries[0].candidate.label
     return (Note("uneven-noise", f"{first} is not named: were the noise normal and alike everywhere, chance would explain it "
                  f"with probability {extension.held_back:.2g}, but the residuals as they are, with the signs of whole "
                  f"configurations changed, do as well with probability {extension.left_p:.2g}. A few rows are loud, or errors "

@@ -14,7 +14,6 @@ from ..elsewhere.explain import Nested
 from ..fitting.noise import Floor
 from ..machine.robot import Robot
 from ..matrix.identify import Unidentifiable
-from ..which.candidates import label
 from ..which.compare import Data, Rung
 from ..which.table import Comparison
 from ..which.validate import Gain
@@ -75,7 +74,7 @@ class Result(Views):
     def named(self) -> list[tuple[str, str]]:
         """(name, verdict) of every finding, faults of single rows first, as result.json lists them."""
         return [*((f"fault:{f.name}", "found") for f in self.faults),
-                *((label(f.effect.candidate), f.effect.named.verdict) for f in self.findings)]
+                *((f.effect.candidate.label, f.effect.named.verdict) for f in self.findings)]
 
     def to_dict(self) -> dict[str, Any]:
         """The contract's result."""

@@ -14,7 +14,7 @@ from ..fitting.noise import Floor
 from ..matrix.design import fixture_values, whitened
 from ..matrix.gauges import LENGTH
 from ..matrix.scene import Scene
-from ..which.candidates import Candidate, label
+from ..which.candidates import Candidate
 from ..which.compare import Data, Rung
 from ..which.validate import errors
 from ..why.extend import Extension
@@ -62,7 +62,7 @@ def nothing_else(extension: Extension, found: tuple[Candidate, ...], data: Data,
     if extension.left_p <= LEVEL:
         first = extension.left.entries[0]
         stopped = (f"The search stopped after {len(extension.effects)} effects, but something systematic is left: chance alone "
-                   f"would explain it with probability {extension.left_p:.2g}. It looks most like {label(first.candidate)} "
+                   f"would explain it with probability {extension.left_p:.2g}. It looks most like {first.candidate.label} "
                    f"(probability {first.probability:.2f}).")
         return stopped, limit
     more = "else " if extension.effects else ""

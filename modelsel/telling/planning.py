@@ -14,7 +14,6 @@ from ..elsewhere.prepare import generator
 from ..machine.robot import Robot
 from ..use.calibration import Calibration
 from ..use.plan import RIVALS, Rivals, determine, distinct, indices, more_needed, pool, tell_apart, told_with
-from ..which.candidates import label
 from ..why.extend import Effect
 from ..words.errors import StudyError, suggest
 from ..words.rigid import Array
@@ -77,7 +76,7 @@ def _rivals(result: Result, effect: Effect) -> Rivals | None:
     shared = {t.screws for m in result.chosen.fit.model.mechanisms if m != effect.candidate.mechanism for t in m.terms}
     rest = tuple(t for t in kept if t.screws not in mine or t.screws in shared)
     estimates = [effect.estimate if e.candidate == effect.candidate else e.estimate for e in entries]
-    names = tuple(label(e.candidate) for e in entries)
+    names = tuple(e.candidate.label for e in entries)
     weight = np.array([e.probability for e in entries])
     return Rivals(names, tuple(e.candidate.mechanism.terms for e in entries), tuple(estimates), weight / weight.sum(), rest)
 

@@ -14,7 +14,7 @@ import numpy as np
 from ..fitting.fit import STEP_MM, Fit
 from ..matrix.design import Model
 from ..matrix.scene import Scene
-from ..which.candidates import Candidate, label
+from ..which.candidates import Candidate
 from ..words.rigid import Array
 from .errormap import single_f
 from .evidence import p_value
@@ -86,8 +86,8 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
                 break
             continue
         trial = search.joined(chosen, new)
-        path.append(f"+ {label(found[new])}")
-        say(f"found {label(found[new])}")
+        path.append(f"+ {found[new].label}")
+        say(f"found {found[new].label}")
         first = search.attempt(trial, view.fitted)
         if first is None or not set(np.flatnonzero(first.own(found[new]))) & set(first.fitted.found.kept):
             tried.add(frozenset(trial))      # it adds nothing that the fit could determine

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..which.candidates import Candidate, label
+from ..which.candidates import Candidate
 from .evidence import p_value
 from .search import BETTER, LEVEL, Search
 from .view import View
@@ -22,7 +22,7 @@ def pruned(search: Search, chosen: list[int], view: View, path: list[str]) -> tu
         rest = [g for g in chosen if g != weakest]
         if p_value(own[weakest], search.null) <= LEVEL or (after := search.attempt(rest, view.fitted)) is None:
             break
-        path.append(f"- {label(search.found[weakest])}")
+        path.append(f"- {search.found[weakest].label}")
         chosen, view = rest, after
     return chosen, view
 
@@ -55,8 +55,8 @@ def settle(search: Search, chosen: list[int], view: View, before: View | None, p
                        if frozenset(trial := _replaced(search, chosen, g, known[g][1])) not in visited), None)
         if change is not None:
             g, trial = change
-            old, new = label(search.found[g]), known[g][1]
-            said = f"- {old}" if len(trial) < len(chosen) else f"{old} -> {label(search.found[new])}"
+            old, new = search.found[g].label, known[g][1]
+            said = f"- {old}" if len(trial) < len(chosen) else f"{old} -> {search.found[new].label}"
         else:
             redrawn = next((one for one in search.redrawn(chosen, view) if frozenset(one[0]) not in visited), None)
             if redrawn is None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..which.candidates import Candidate, causes, label
+from ..which.candidates import Candidate
 from ..words.rigid import Array
 from ..wrong.causes import Bump
 from ..wrong.screws import LETTERS, Term
@@ -102,7 +102,7 @@ def what(candidate: Candidate) -> str:
         return candidate.mechanism.sentence.rstrip(".")
     screw = candidate.mechanism.terms[0].screws[0]
     return (f"Frame {screw.frame} {PLACES[screw.axis[0]]} its {screw.axis[1]} axis ({LETTERS[screw.axis]}{screw.frame}) with "
-            f"{causes(candidate, ' and ')}; no registered mechanism says so")
+            f"{candidate.causes(' and ')}; no registered mechanism says so")
 
 
 def cautions(effect: Effect) -> list[str]:
@@ -123,15 +123,15 @@ def sentence(effect: Effect) -> str:
     same = [e for e in entries if e.alike]
     sure = sum(e.probability for e in same)
     out = f"{what(effect.candidate)}: {amount(terms, effect.estimate, effect.standard_error)}"
-    rivals = list(dict.fromkeys(label(e.candidate) for e in entries if e.candidate.mechanism != effect.candidate.mechanism))
-    rivals = [r for r in rivals if r != label(effect.candidate)]
+    rivals = list(dict.fromkeys(e.candidate.label for e in entries if e.candidate.mechanism != effect.candidate.mechanism))
+    rivals = [r for r in rivals if r != effect.candidate.label]
     if effect.named.verdict == "found":
-        own = sum(e.probability for e in entries if label(e.candidate) == label(effect.candidate))
-        out += f" ({label(effect.candidate)}, probability {own:.2f}"
-        twins = [r for r in rivals if r in {label(e.candidate) for e in same}]
+        own = sum(e.probability for e in entries if e.candidate.label == effect.candidate.label)
+        out += f" ({effect.candidate.label}, probability {own:.2f}"
+        twins = [r for r in rivals if r in {e.candidate.label for e in same}]
         out += f"; {', '.join(twins[:3])} would move the target alike, together {sure:.2f})" if twins else ")"
     else:
-        odds = ", ".join(f"{label(e.candidate)} {e.probability:.2f}" for e in entries[:4])
+        odds = ", ".join(f"{e.candidate.label} {e.probability:.2f}" for e in entries[:4])
         out += f"; the data cannot tell this apart from {', '.join(rivals[:3]) or 'others'} ({odds})"
     for caution in cautions(effect):
         out += f"; {caution}"
