@@ -1,6 +1,7 @@
 """What every error control promises, where nothing is wrong: false alarms and coverage under normal noise, and under what breaks it.
 
-    python -m benchmarks.nulls --studies 300 --out benchmarks/results/nulls.txt
+    python -m benchmarks.nulls --studies 300 --seed 29 --out benchmarks/results/nulls.txt
+    python -m benchmarks.nulls --studies 300 --seed 29 --equal --out benchmarks/results/nulls-equal.txt
 
 A three-joint arm, 48 configurations in 8 groups of 6, geometry alone is wrong. Every study goes through outliers, naming and
 confidence as `modelsel study` does. Conditions: normal noise; Student-t with 3 degrees of freedom, a draw a configuration; noise
@@ -19,6 +20,11 @@ import numpy as np
 from scipy.special import stdtrit
 from scipy.stats import beta, kstest
 
+import modelsel.sure.bootstrap
+import modelsel.sure.parameters
+import modelsel.why.flips
+import modelsel.why.predictor
+import modelsel.why.search
 from modelsel import Model, mechanism
 from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
@@ -27,7 +33,7 @@ from modelsel.fitting.fit import fit
 from modelsel.machine.robot import forward
 from modelsel.matrix.design import residuals
 from modelsel.matrix.scene import Scene, scene
-from modelsel.sure.parameters import parameters
+from modelsel.sure.parameters import parameters, resampled
 from modelsel.sure.significance import nested
 from modelsel.which.compare import Data
 from modelsel.which.folds import assign
@@ -40,6 +46,7 @@ from .calibration import ARM, TOOL
 GROUPS, EACH, SIGMA, LEVEL = 8, 6, 0.05, 0.05
 BASE = Model((mechanism("geometric", ARM),))
 TESTED = mechanism("joint-compliance:2", ARM)
+SLANT = np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
 Array = np.ndarray
 
 
@@ -56,6 +63,10 @@ def unequal(rng: np.random.Generator, q: Array) -> Array:
     return rng.standard_normal((len(q), 3)) * np.clip((reach / np.median(reach)) ** 2, 0.25, 4.0)[:, None]
 
 
+def slanted(rng: np.random.Generator, q: Array) -> Array:
+    return rng.standard_normal((len(q), 3)) @ (np.diag([2.5, 1.0, 1.0]) @ SLANT)
+
+
 def correlated(rng: np.random.Generator, q: Array) -> Array:
     out = rng.standard_normal((len(q), 3))
     for k in range(len(q)):
@@ -65,7 +76,8 @@ def correlated(rng: np.random.Generator, q: Array) -> Array:
 
 
 CONDITIONS: dict[str, Callable[[np.random.Generator, Array], Array]] = {
-    "normal": normal, "Student t3": heavy, "unequal variances": unequal, "correlated trajectories": correlated}
+    "normal": normal, "Student t3": heavy, "unequal variances": unequal, "larger one way": slanted,
+    "correlated trajectories": correlated}
 
 
 def configurations(condition: str, rng: np.random.Generator) -> Array:
@@ -105,6 +117,16 @@ class Study:
     covered_reported: int
 
 
+def take_equal_noise_for_granted() -> None:
+    """The program as it would be without the signs of whole configurations and groups."""
+    for module in (modelsel.why.search, modelsel.sure.bootstrap):
+        module.LOUD = np.inf
+    for module in (modelsel.why.search, modelsel.sure.parameters):
+        module.SLANTED = 0.0
+    for module in (modelsel.why.flips, modelsel.why.predictor, modelsel.sure.parameters):
+        module.together = lambda *_: 1.0
+
+
 def study(condition: str, seed: Sequence[int]) -> Study:
     rng = np.random.default_rng(seed)
     at, truth = campaign(condition, rng)
@@ -117,13 +139,14 @@ def study(condition: str, seed: Sequence[int]) -> Study:
     left = extension.fit.residuals(at)[data.used]
     told = predictable(at.data.take(data.used), left, (False,) * 3, generator(seed[-1], "flips"))
     wrong = misplaced(at, data.outlying, extension.fit, generator(seed[-1], "null"))
-    table = parameters(data, base_fit, generator(seed[-1], "bootstrap"))
+    single = nested(both, own, resampled(data, both, generator(seed[-1], "halves")))[1] if own else None
+    table = parameters(data, base_fit, resampled(data, base_fit, generator(seed[-1], "bootstrap")))
     size = {t.symbol: v for t, v in zip(base_fit.terms, truth)}
     off = np.array([abs(p.estimate - size[p.symbol]) for p in table])
     half = np.array([(p.high - p.low) / 2 for p in table])
     plain = stdtrit(base_fit.freedom, 0.975) * np.array([p.standard_error for p in table])
     return Study(tuple(e.candidate.mechanism.name for e in extension.effects), extension.left_p, float(extension.map_p.min()),
-                 told.p if told else 1.0, nested(both, own)[1] or 0.0 if own else 1.0, int(data.outlying.sum()), len(wrong),
+                 told.p if told else 1.0, 1.0 if single is None else single, int(data.outlying.sum()), len(wrong),
                  len(table), int((off < plain).sum()), int((off < half).sum()))
 
 
@@ -141,7 +164,7 @@ def table(done: dict[str, list[Study]]) -> list[str]:
         n = len(all_)
         cells = [sum(bool(s.names) for s in all_), sum(s.map_p <= LEVEL for s in all_), sum(s.predictor_p <= LEVEL for s in all_),
                  sum(s.single_p <= LEVEL for s in all_), sum(s.outliers > 0 for s in all_), sum(s.faults > 0 for s in all_)]
-        lines.append(f"{name:<24}{n:>8}  " + "".join(f"{interval(c, n):<23}" for c in cells))
+        lines.append((f"{name:<24}{n:>8}  " + "".join(f"{interval(c, n):<23}" for c in cells)).rstrip())
     lines += ["", ("95 % intervals of the geometric parameters: share that covers, least squares' and as reported; single "
                    "F test's p against uniform (Kolmogorov-Smirnov); the names found most")]
     for name, all_ in done.items():
@@ -152,7 +175,7 @@ def table(done: dict[str, list[Study]]) -> list[str]:
             each = np.array([getattr(s, which) / s.parameters for s in all_])
             shares.append(f"{each.mean():.3f} ± {each.std() / np.sqrt(len(each)):.3f}")
         p = kstest([s.single_p for s in all_], "uniform").pvalue
-        lines.append(f"{name:<24}{shares[0]:>16}{shares[1]:>16}   p {p:.2g}   {most}")
+        lines.append(f"{name:<24}{shares[0]:>16}{shares[1]:>16}   p {p:.2g}   {most}".rstrip())
     return lines
 
 
@@ -161,8 +184,11 @@ def main() -> None:
     parser.add_argument("--studies", type=int, default=300)
     parser.add_argument("--seed", type=int, default=11)
     parser.add_argument("--conditions", nargs="*", default=list(CONDITIONS))
+    parser.add_argument("--equal", action="store_true", help="take equal normal noise for granted")
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args()
+    if asked.equal:
+        take_equal_noise_for_granted()
     done: dict[str, list[Study]] = {name: [] for name in asked.conditions}
     started = time.monotonic()
     for k in range(asked.studies):          # in turn, so that a run cut short has some of each
@@ -172,7 +198,9 @@ def main() -> None:
                 print(json.dumps([name, done[name][-1].__dict__]), flush=True)
         if k % 20 == 19:
             print(f"{k + 1} studies each, {time.monotonic() - started:.0f} s\n" + "\n".join(table(done)), flush=True)
-    said = "\n".join(table(done))
+    how = ", equal normal noise taken for granted" if asked.equal else ""
+    said = "\n".join((f"Nothing planted, seed {asked.seed}{how}: rates with 95 % intervals (Clopper-Pearson), level 5 %.", "",
+                       *table(done)))
     print(said)
     if asked.out:
         asked.out.write_text(said + "\n")

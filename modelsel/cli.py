@@ -118,7 +118,3 @@ class _Lazy(click.Group):
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 def main(debug: bool) -> None:
     """What a robot's model gets wrong, why, and what is gained by saying so."""
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,7 @@
-"""A small study, broken in every way: what comes out is its result, or one clear refusal and nothing else.
+"""Files of every kind, broken in every way: what comes out is the good result, or one clear refusal and nothing else.
 
-`python tests/fuzz_engine.py COUNT [SEED] [--minutes M] [--share S] [--json FILE]` tries COUNT mutants and says what came out.
+`python tests/fuzz_engine.py COUNT [SEED] [--kinds KIND …] [--minutes M] [--share S] [--json FILE]` tries COUNT mutants and says
+what came out; `python tests/fuzz_engine.py --merge FILE …` puts what runs wrote with --json into benchmarks/results/fuzz.json.
 """
 
 from __future__ import annotations
@@ -22,21 +23,31 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fuzz_base import FLEET, ROBOT, STUDY, base_files
-from fuzz_files import toml_mutant
-from fuzz_judge import INSIDE, Outcome, alike, in_process, refusal_problems, result_problems
-from fuzz_parquet import columns_of, parquet_mutant, parquet_of
-from fuzz_tables import csv_mutant, csv_of, grid_of
-from fuzz_urdf import urdf_mutant
+from fuzz_clean import judge_of
+from fuzz_judge import Outcome, in_process, refusal_problems
+from fuzz_kinds import KINDS, Files, shares
 from fuzz_words import REFUSED, SAME, Mutant
 
-KINDS = ("csv", "parquet", "study", "robot", "urdf", "fleet")
-SHARE = (0.32, 0.14, 0.2, 0.12, 0.14, 0.08)
+RESULTS = Path(__file__).parents[1] / "benchmarks" / "results" / "fuzz.json"
+
+
+def lay_out(kind: str, content: bytes, place: Path) -> dict[Path, bytes]:
+    """A folder with the good files of a kind, the one that is broken replaced; what lies where."""
+    shutil.rmtree(place, ignore_errors=True)
+    files: Files = KINDS[kind].files() | {KINDS[kind].file: content}
+    for name, some in files.items():
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        (place / name).write_bytes(some)
+    return {place / name: some for name, some in files.items()}
+
+
+def words_of(command: str, place: Path, out: Path) -> list[str]:
+    return [word.format(i=place, o=out) for word in command.split()]
 
 
 @dataclass
 class Fuzzer:
-    """The good files and their results; draws mutants, runs them, keeps count."""
+    """Draws mutants, runs them, keeps count."""
 
     rng: np.random.Generator
     place: Path
@@ -45,119 +56,69 @@ class Fuzzer:
     defects: list[dict[str, Any]] = field(default_factory=list)
     sentences: Counter[str] = field(default_factory=Counter)
     slowest: tuple[float, str] = (0.0, "")
-
-    def __post_init__(self) -> None:
-        self.files = base_files()
-        self.expected: dict[str, Any] = {}
-        for kind in KINDS[:5]:
-            ran = self.command(kind, Mutant("none", self.good(kind)), ["study"], "--no-report")
-            assert ran.status == 0, ran.stderr
-            self.expected[kind] = json.loads(ran.left["result.json"])
-
-    def good(self, kind: str) -> bytes:
-        if kind == "parquet":
-            return parquet_of(columns_of(self.files["measurements.csv"].decode()))
-        return {
-            "csv": self.files["measurements.csv"],
-            "study": STUDY.encode(),
-            "robot": ROBOT.encode(),
-            "urdf": self.files["robot.urdf"],
-            "fleet": FLEET.encode(),
-        }[kind]
+    good: dict[tuple[str, str], Outcome] = field(default_factory=dict)
 
     def draw(self, kind: str) -> Mutant:
-        text = (self.files["measurements.csv"] if kind == "parquet" else self.good(kind)).decode()
-        make: Callable[[str, np.random.Generator], Mutant] = {
-            "csv": csv_mutant,
-            "parquet": parquet_mutant,
-            "urdf": urdf_mutant,
-        }.get(kind, toml_mutant)
-        mutant = make(text, self.rng)
-        return Mutant(mutant.name, mutant.content, SAME) if mutant.content == self.good(kind) else mutant
+        content = KINDS[kind].files()[KINDS[kind].file]
+        mutant = KINDS[kind].mutant(content, self.rng)
+        return Mutant(mutant.name, mutant.content, SAME) if mutant.content == content else mutant
 
-    def lay_out(self, kind: str, mutant: Mutant) -> Path:
-        """A folder with the good files, one of them replaced; the study file to run."""
-        shutil.rmtree(self.place, ignore_errors=True)
-        self.place.mkdir(parents=True)
-        study = (
-            STUDY.replace("measurements.csv", "measurements.parquet")
-            if kind == "parquet"
-            else (STUDY.replace("robot.toml", "robot.urdf") if kind == "urdf" else STUDY)
-        )
-        files = self.files | {"study.toml": study.encode()}
-        if kind == "fleet":
-            (self.place / "arm").mkdir()
-            for name, content in files.items():
-                (self.place / "arm" / name).write_bytes(content)
-            grid = grid_of(self.files["measurements.csv"].decode())
-            for k in range(2):
-                (self.place / f"day{k}.parquet").write_bytes(
-                    parquet_of(columns_of(csv_of([grid[0], *grid[1 + k :: 2]]).decode()))
-                )
-        names = {
-            "csv": "measurements.csv",
-            "parquet": "measurements.parquet",
-            "study": "study.toml",
-            "robot": "robot.toml",
-            "urdf": "robot.urdf",
-            "fleet": "fleet.toml",
-        }
-        for name, content in ({} if kind == "fleet" else files).items():
-            (self.place / name).write_bytes(content)
-        (self.place / names[kind]).write_bytes(mutant.content)
-        return self.place / ("fleet.toml" if kind == "fleet" else "study.toml")
-
-    def command(self, kind: str, mutant: Mutant, words: list[str], *more: str) -> Outcome:
-        file = self.lay_out(kind, mutant)
-        before = set(self.place.rglob("*"))
-        out = self.place.parent / "out"
-        shutil.rmtree(out, ignore_errors=True)
-        ran = in_process([*words, str(file), "--out", str(out), "--no-sampling", *more], out)
-        strange = set(self.place.rglob("*")) - before
-        strange |= {p for p in self.place.parent.iterdir() if p not in (self.place, out)}
+    def command(self, kind: str, content: bytes, command: str) -> Outcome:
+        """A command on a folder with this content in the broken file's place. What it left are the files that it wrote."""
+        there = lay_out(kind, content, self.place)
+        shutil.rmtree(self.place.parent / "out", ignore_errors=True)
+        out = self.place if KINDS[kind].among else self.place.parent / "out"
+        ran = in_process(words_of(command, self.place, out), out)
+        now = {path: path.read_bytes() for path in self.place.rglob("*") if path.is_file()}
+        strange = [path for path in there if now.get(path) != there[path]]
+        strange += [path for path in now if path not in there and out != self.place]
+        strange += [path for path in self.place.parent.iterdir() if path not in (self.place, out)]
         if strange or Path("pwned").exists():
-            ran.stderr += f"\nTraceback: written outside the output folder: {strange}"
+            ran.stderr += f"\nTraceback: written where nothing belongs: {strange}"
+        ran.left = {name: some for name, some in ran.left.items() if self.place / name not in there or out != self.place}
         return ran
 
-    def one(self, kind: str) -> None:
-        """Draw a mutant, try it, note what came out."""
-        mutant = self.draw(kind)
-        if kind == "fleet":
-            ran = self.command(kind, mutant, ["fleet"])
-            outcome, problems = self.judged_fleet(mutant, ran)
-        else:
-            ran = self.command(kind, mutant, ["study"], "--dry-run")
-            outcome, problems = "read", []
-            if ran.status:
-                outcome, problems = f"refused {ran.status}", refusal_problems(ran, mutant.exits)
-                if mutant.expect == SAME:
-                    problems.append("refused, though it says the same as the good file")
-            elif ran.left or ran.said:
-                problems.append(f"a dry run left {sorted(ran.left)} and said {ran.said}")
-            elif mutant.expect in {SAME, REFUSED} or self.rng.random() < self.share:
-                ran = self.command(kind, mutant, ["study"], "--no-report")
-                outcome, problems = self.judged(kind, mutant, ran)
-        self.note(kind, mutant, ran, outcome, problems)
+    def expected(self, kind: str, command: str) -> Outcome:
+        """What the good file gives."""
+        if (kind, command) not in self.good:
+            ran = self.command(kind, KINDS[kind].files()[KINDS[kind].file], command)
+            assert judge_of(command).took(ran), ran.stderr
+            assert not (wrong := judge_of(command).problems(ran, ran)), (kind, command, wrong, ran.stderr)
+            self.good[kind, command] = ran
+        return self.good[kind, command]
 
-    def judged(self, kind: str, mutant: Mutant, ran: Outcome) -> tuple[str, list[str]]:
-        if ran.status:
+    def one(self, kind: str) -> None:
+        """Draw a mutant and a command, try it, note what came out."""
+        mutant, row = self.draw(kind), KINDS[kind]
+        command = row.commands[int(self.rng.integers(len(row.commands))) if len(row.commands) > 1 else 0]
+        if row.first:
+            ran = self.command(kind, mutant.content, row.first)
+            if ran.status or ran.left or ran.said:
+                self.note(kind, mutant, row.first, ran, *self.judged(kind, mutant, ran, row.first))
+                return
+            if mutant.expect not in {SAME, REFUSED} and self.rng.random() >= self.share:
+                self.note(kind, mutant, row.first, ran, "read", [])
+                return
+        ran = self.command(kind, mutant.content, command)
+        self.note(kind, mutant, command, ran, *self.judged(kind, mutant, ran, command))
+
+    def judged(self, kind: str, mutant: Mutant, ran: Outcome, command: str) -> tuple[str, list[str]]:
+        """(how it ended, what is wrong with that)."""
+        judge = judge_of(command)
+        if ran.status and not judge.took(ran):
             same = ["refused, though it says the same as the good file"] if mutant.expect == SAME else []
             return f"refused {ran.status}", refusal_problems(ran, mutant.exits) + same
-        problems = result_problems(ran)
+        if command == KINDS[kind].first:
+            return "read", [f"a dry run left {sorted(ran.left)} and said {ran.said}"]
+        good = self.expected(kind, command)
+        problems = judge.problems(ran, good)
         if mutant.expect == REFUSED:
             problems.append("taken, though it must be refused")
-        if mutant.expect == SAME and not problems and not alike(json.loads(ran.left["result.json"]), self.expected[kind]):
+        if mutant.expect == SAME and not problems and not judge.alike(ran, good):
             problems.append("another result than the good file's, though it says the same")
         return "same result" if mutant.expect == SAME else "clean result", problems
 
-    def judged_fleet(self, mutant: Mutant, ran: Outcome) -> tuple[str, list[str]]:
-        if ran.status and "summary.csv" not in ran.left:
-            same = ["refused, though it says the same as the good file"] if mutant.expect == SAME else []
-            return f"refused {ran.status}", refusal_problems(ran, mutant.exits) + same
-        taken = ["taken, though it must be refused"] if mutant.expect == REFUSED else []
-        return "clean result", taken + [f"said: {line}" for line in ran.said if INSIDE.search(line)]
-
-    def note(self, kind: str, mutant: Mutant, ran: Outcome, outcome: str, problems: list[str]) -> None:
+    def note(self, kind: str, mutant: Mutant, command: str, ran: Outcome, outcome: str, problems: list[str]) -> None:
         self.slowest = max(self.slowest, (ran.seconds, f"{kind}: {mutant.name}"))
         self.counts[f"{kind}: {'defect' if problems else outcome}"] += 1
         for line in ran.said:
@@ -166,6 +127,7 @@ class Fuzzer:
             self.defects.append(
                 {
                     "kind": kind,
+                    "command": command,
                     "mutant": mutant.name,
                     "problems": problems,
                     "said": ran.said[:5],
@@ -173,6 +135,12 @@ class Fuzzer:
                     "content": mutant.content[:200_000].decode("utf-8", "backslashreplace"),
                 }
             )
+
+
+def tried(folder: Path, kind: str, content: bytes, command: str) -> Outcome:
+    """What a command does with one file of this content."""
+    (folder / "work").mkdir(parents=True, exist_ok=True)
+    return Fuzzer(np.random.default_rng(1), folder / "work" / "files").command(kind, content, command)
 
 
 def fleet_here(monkey: Callable[[str, Any], None]) -> None:
@@ -199,7 +167,7 @@ def _patch(dotted: str, value: Any) -> None:
     setattr(import_module(module), name, value)
 
 
-def summary(fuzz: Fuzzer, seed: int, seconds: float) -> dict[str, Any]:
+def summary(fuzz: Fuzzer, seed: int, kinds: tuple[str, ...], seconds: float) -> dict[str, Any]:
     """What was tried and what came out, for people and machines."""
     table: dict[str, dict[str, int]] = {}
     for key, count in sorted(fuzz.counts.items()):
@@ -207,6 +175,8 @@ def summary(fuzz: Fuzzer, seed: int, seconds: float) -> dict[str, Any]:
         table.setdefault(kind, {})[outcome] = count
     return {
         "seed": seed,
+        "kinds": kinds,
+        "share": fuzz.share,
         "mutants": fuzz.counts.total(),
         "seconds": round(seconds),
         "defects": len(fuzz.defects),
@@ -218,34 +188,57 @@ def summary(fuzz: Fuzzer, seed: int, seconds: float) -> dict[str, Any]:
     }
 
 
+def merged(runs: list[dict[str, Any]], before: dict[str, Any]) -> dict[str, Any]:
+    """What fuzz.json says with some runs more: each stands there once, told by its seed, kinds and count."""
+    def which(one: dict[str, Any]) -> str:
+        return json.dumps({key: one[key] for key in ("seed", "mutants", "by_kind", "python", "numpy")}, sort_keys=True)
+
+    every = list({which(one): one for one in [*runs, *before["runs"]]}.values())
+    every.sort(key=lambda one: [which(old) for old in [*before["runs"], *runs]].index(which(one)))
+    total = {key: sum(one[key] for one in every) for key in ("mutants", "defects")}
+    return {"what": before["what"], **total, "runs": every}
+
+
+def merge(files: list[Path], into: Path = RESULTS) -> None:
+    """Put long runs' own output into the benchmark's results."""
+    whole = merged([json.loads(file.read_text()) for file in files], json.loads(into.read_text()))
+    into.write_text(json.dumps(whole, indent=1) + "\n")
+
+
 def run() -> None:
-    """The long run."""
+    """The long run, or the merging of several."""
     asked = argparse.ArgumentParser()
-    asked.add_argument("count", type=int)
+    asked.add_argument("count", type=int, nargs="?", default=0)
     asked.add_argument("seed", type=int, nargs="?", default=1)
     asked.add_argument("--minutes", type=float, default=math.inf)
     asked.add_argument("--json", type=Path)
-    asked.add_argument("--kinds", nargs="*", default=list(KINDS))
+    asked.add_argument("--kinds", nargs="*", default=list(KINDS), choices=list(KINDS))
     asked.add_argument("--share", type=float, default=1.0, help="of the mutants that can be read and need not be, those computed")
+    asked.add_argument("--merge", type=Path, nargs="+", metavar="FILE", help="what --json wrote, into the results")
     given = asked.parse_args()
+    if given.merge:
+        merge(given.merge)
+        return
     fleet_here(_patch)
-    start, share = time.monotonic(), np.array([SHARE[KINDS.index(k)] for k in given.kinds])
+    start, kinds = time.monotonic(), tuple(given.kinds)
     with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as name:
         os.chdir(name)
         fuzz = Fuzzer(np.random.default_rng(given.seed), Path(name) / "work" / "files", given.share)
         while fuzz.counts.total() < given.count and time.monotonic() - start < 60 * given.minutes:
-            fuzz.one(str(fuzz.rng.choice(given.kinds, p=share / share.sum())))
+            fuzz.one(str(fuzz.rng.choice(kinds, p=shares(kinds))))
             if given.json and fuzz.counts.total() % 500 == 0:
-                given.json.write_text(json.dumps(summary(fuzz, given.seed, time.monotonic() - start), indent=1) + "\n")
+                _write(given.json, fuzz, given.seed, kinds, start)
         os.chdir("/")
-    found = summary(fuzz, given.seed, time.monotonic() - start)
-    sys.stdout.write(json.dumps(found, indent=1) + "\n")
+    sys.stdout.write(json.dumps(summary(fuzz, given.seed, kinds, time.monotonic() - start), indent=1) + "\n")
     if given.json:
-        given.json.write_text(json.dumps(found, indent=1) + "\n")
-        given.json.with_suffix(".defects.json").write_text(json.dumps(fuzz.defects, indent=1))
-        given.json.with_suffix(".sentences.txt").write_text(
-            "\n".join(f"{n:6d}  {s}" for s, n in fuzz.sentences.most_common()) + "\n"
-        )
+        _write(given.json, fuzz, given.seed, kinds, start)
+
+
+def _write(file: Path, fuzz: Fuzzer, seed: int, kinds: tuple[str, ...], start: float) -> None:
+    """The figures, and beside them the defects and what was said."""
+    file.write_text(json.dumps(summary(fuzz, seed, kinds, time.monotonic() - start), indent=1) + "\n")
+    file.with_suffix(".defects.json").write_text(json.dumps(fuzz.defects, indent=1))
+    file.with_suffix(".sentences.txt").write_text("\n".join(f"{n:6d}  {s}" for s, n in fuzz.sentences.most_common()) + "\n")
 
 
 if __name__ == "__main__":

@@ -118,14 +118,14 @@ def _inline(value: Any) -> str:
     return repr(value)
 
 
-def _places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
     """Where something could be put: every key and every place in a list."""
     for key, inner in value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ():
         yield (*path, key)
-        yield from _places(inner, (*path, key))
+        yield from places(inner, (*path, key))
 
 
-def _inside(table: Table, path: tuple[Any, ...]) -> Any:
+def inside(table: Table, path: tuple[Any, ...]) -> Any:
     for key in path:
         table = table[key]
     return table
@@ -136,20 +136,20 @@ def toml_mutant(text: str, rng: np.random.Generator) -> Mutant:
     if rng.random() < 0.35:
         return _text(text, rng)
     table = copy.deepcopy(tomllib.loads(text))
-    done = [_change(table, rng) for _ in range(1 + int(rng.random() < 0.3))]
+    done = [change(table, rng) for _ in range(1 + int(rng.random() < 0.3))]
     if len(done) == 1 and done[0][0] == "unknown key":
         return Mutant(done[0][0], toml_of(table).encode(), REFUSED, (2,))
     return Mutant(" + ".join(name for name, _ in done), toml_of(table).encode(), ANY)
 
 
-def _change(table: Table, rng: np.random.Generator) -> tuple[str, str]:
+def change(table: Table, rng: np.random.Generator) -> tuple[str, str]:
     """One change in place: (what was done, where)."""
-    places = list(_places(table))
-    if not places:
+    every = list(places(table))
+    if not every:
         return "empty", ""
-    path = places[int(rng.integers(len(places)))]
-    holder, key, what = _inside(table, path[:-1]), path[-1], rng.random()
-    free = "columns" in path[:-1] or "tools_mm" in path[:-1]  # any key is one there
+    path = every[int(rng.integers(len(every)))]
+    holder, key, what = inside(table, path[:-1]), path[-1], rng.random()
+    free = {"columns", "tools_mm"} & set(path[:-1])  # any key is one there
     number = isinstance(holder[key], (int, float)) and not isinstance(holder[key], bool)
     if what < 0.15:
         del holder[key]

@@ -1,10 +1,8 @@
-"""A command run in this process, without network, warnings or end; and what is wrong with what it did."""
+"""A command run in this process, without network, warnings or end; and what is wrong with a refusal of it."""
 
 from __future__ import annotations
 
 import contextlib
-import json
-import math
 import re
 import signal
 import socket
@@ -13,12 +11,11 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+import click
 from click.testing import CliRunner
 
-from modelsel.cli import main
-from modelsel.telling.stored import WRITES
+from modelsel.cli import _Lazy
 
 SLOW = 60  # seconds: beyond it a command hangs
 
@@ -47,6 +44,32 @@ def _offline(*_: object, **__: object) -> None:
     raise AssertionError("a socket was opened")
 
 
+class _WithLoading(_Lazy):
+    """The program with one command more: what Python does with a folder."""
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        return load if cmd_name == "load" else super().get_command(ctx, cmd_name)
+
+
+@click.group(cls=_WithLoading)
+@click.option("--debug", is_flag=True)
+def program(debug: bool) -> None:
+    """modelsel, and `load`."""
+
+
+@click.command()
+@click.argument("folder", type=Path)
+def load(folder: Path) -> None:
+    """Every table of a stored result, as JSON."""
+    from modelsel.commands import print_json
+    from modelsel.telling.stored import calibration_of, load_result
+    from modelsel.telling.views import TABLES
+
+    found = load_result(folder)
+    tables = {what: found.to_frame(what).to_dict("split") for what in (*TABLES, "residuals")}
+    print_json({"tables": tables, "page": len(found._repr_html_()), "terms": calibration_of(found).to_frame().to_dict("split")})
+
+
 @contextlib.contextmanager
 def guarded() -> Iterator[None]:
     """No network, no warning, no hang."""
@@ -71,7 +94,7 @@ def in_process(words: list[str], out: Path) -> Outcome:
     start = time.perf_counter()
     try:
         with guarded():
-            ran = CliRunner().invoke(main, words)
+            ran = CliRunner().invoke(program, words)
         status, stdout, stderr = ran.exit_code, ran.stdout, ran.stderr
         if ran.exception is not None and not isinstance(ran.exception, SystemExit):
             stderr += f"Traceback: {ran.exception!r}"
@@ -81,8 +104,7 @@ def in_process(words: list[str], out: Path) -> Outcome:
     return Outcome(status, stdout, stderr, left, time.perf_counter() - start)
 
 
-WRITTEN = set(WRITES)
-INSIDE = re.compile(r"Traceback|Error\b|Warning\b|internal error|<class|object at 0x|pydantic|numpy|\[type=")
+INSIDE = re.compile(r"Traceback|Error\b|Warning\b|internal error|<class|object at 0x|pydantic|(?<!\.)numpy|\[type=")
 
 
 def refusal_problems(ran: Outcome, exits: tuple[int, ...]) -> list[str]:
@@ -100,46 +122,3 @@ def refusal_problems(ran: Outcome, exits: tuple[int, ...]) -> list[str]:
     if ran.left:
         problems.append(f"left behind: {sorted(ran.left)}")
     return problems
-
-
-def _finite(value: Any) -> bool:
-    if isinstance(value, dict):
-        return all(map(_finite, value.values()))
-    if isinstance(value, list):
-        return all(map(_finite, value))
-    return not isinstance(value, float) or math.isfinite(value)
-
-
-def result_problems(ran: Outcome) -> list[str]:
-    """A clean study: its files whole and alone, its numbers finite and possible."""
-    problems = [] if set(ran.left) == WRITTEN else [f"files: {sorted(ran.left)}"]
-    try:
-        result = json.loads(ran.left["result.json"], parse_constant=lambda c: math.nan)
-        json.loads(ran.left["calibration.json"]), json.loads(ran.left["details.json"])
-    except (KeyError, ValueError) as error:
-        return [*problems, f"result: {error!r}"]
-    if not _finite(result):
-        problems.append("a number that is none")
-    for rung in result["ladder"]:
-        errors = rung["estimation"]
-        if not 0 <= errors["mean_mm"] <= errors["rms_mm"] * (1 + 1e-9) <= errors["max_mm"] * (1 + 2e-9):
-            problems.append(f"impossible errors: {errors}")
-        if rung["cv_rms_mm"] is None and not any(w["code"] == "cv-not-estimable" for w in result["warnings"]):
-            problems.append("cv null, and nothing said")
-    if not all(0 < f["p_value"] <= 1 for f in result["findings"] if f["p_value"] is not None):
-        problems.append("a probability that is none")
-    if extra := [line for line in ran.said if not line.startswith("modelsel: ")]:
-        problems.append(f"said: {extra[0][:200]}")
-    return problems
-
-
-def alike(a: Any, b: Any) -> bool:
-    """Two results with the same numbers, whatever was said on reading: files and warnings may differ."""
-    if isinstance(a, dict) and isinstance(b, dict):
-        skip = {"provenance", "warnings"}
-        return a.keys() == b.keys() and all(alike(a[k], b[k]) for k in a if k not in skip)
-    if isinstance(a, list) and isinstance(b, list):
-        return len(a) == len(b) and all(map(alike, a, b))
-    if isinstance(a, float) and isinstance(b, (int, float)):
-        return math.isclose(a, b, rel_tol=1e-4, abs_tol=1e-6)
-    return bool(a == b) or isinstance(a, str)

@@ -136,3 +136,41 @@ def parquet_mutant(text: str, rng: np.random.Generator) -> Mutant:
         except (ValueError, OSError, TypeError, IndexError, csv.Error):
             return Mutant("nothing", b"", REFUSED, (3,))
     return TABLES[int(rng.integers(len(TABLES)))](columns_of(text), rng)
+
+
+def residuals_mutant(content: bytes, rng: np.random.Generator) -> Mutant:
+    """A study's residuals.parquet: other bytes, columns, rows, numbers, another run's."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(io.BytesIO(content))
+    k, m = int(rng.integers(table.num_columns)), table.num_rows
+    name, numbers = table.column_names[k], table.column(k).to_pylist()
+
+    def with_column(values: Any) -> Any:
+        return table.set_column(k, name, pa.array(values))
+
+    other = {b"data_sha256": b"0" * 64, b"study_sha256": b"\xff\xfe"}
+    ways: list[tuple[str, Callable[[], Any], str]] = [
+        ("written another way", lambda: table, SAME),
+        ("a column gone", lambda: table.drop_columns([name]), REFUSED),
+        ("column renamed", lambda: table.rename_columns([c if c != name else f"{c}x" for c in table.column_names]), REFUSED),
+        ("numbers as text", lambda: with_column([str(v) for v in numbers]), REFUSED),
+        ("lists", lambda: with_column([[v] for v in numbers]), REFUSED),
+        ("a null", lambda: with_column([None, *numbers[1:]]), REFUSED),
+        ("nothing", lambda: with_column(pa.nulls(m)), REFUSED),
+        ("no number", lambda: with_column([float("nan"), *map(float, numbers[1:])]), REFUSED),
+        ("infinite", lambda: with_column([float("inf"), *map(float, numbers[1:])]), REFUSED),
+        ("no rows", lambda: table.slice(0, 0), REFUSED),
+        ("rows gone", lambda: table.slice(0, m // 2), REFUSED),
+        ("of no run", lambda: table.replace_schema_metadata({}), REFUSED),
+        ("of another run", lambda: table.replace_schema_metadata(other), REFUSED),
+        ("no columns", lambda: pa.table({}), REFUSED),
+    ]
+    if rng.random() < 0.4:
+        broken = bytes_broken(content, rng)
+        return Mutant(broken.name, broken.content, REFUSED if broken.name == "truncated" else broken.expect, (2,))
+    what, make, expect = ways[int(rng.integers(len(ways)))]
+    out = io.BytesIO()
+    pq.write_table(make(), out, compression="none")
+    return Mutant(what, out.getvalue(), expect, (2,))

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import import_module
 
 import numpy as np
 import pytest
@@ -15,15 +14,15 @@ from modelsel.matrix.scene import Scene
 from modelsel.which.candidates import BETWEEN, Candidate, candidates
 from modelsel.why.curves import chain, curves, own_angle
 from modelsel.why.errormap import basis, columns, scan, stacked, subset
-from modelsel.why.extend import LEVEL, Extension, extend
+from modelsel.why.extend import Extension, extend
 from modelsel.why.naming import name, with_candidate
+from modelsel.why.search import LEVEL, Search
 from modelsel.words.rigid import Array
 from modelsel.wrong.causes import Named, cos, q, sin
 from modelsel.wrong.mechanisms.environment import STEPS
 from modelsel.wrong.registry import every, mechanism
 from modelsel.wrong.screws import Mechanism, Screw, Term
 
-loop = import_module("modelsel.why.extend")     # the module: the package's own `extend` is the function
 SIGMA = 0.03
 
 
@@ -168,7 +167,7 @@ def test_beyond_a_shrunk_model_is_beyond_it_with_its_terms_integrated_out(rng: n
     bent = turned(at, 4, 4e-4 * np.tanh(at.data.q[:, 3] / 0.3), rng)
     base = Model((mechanism("geometric", at.robot),))
     found = candidates(bent, base, every(at.robot))
-    search = loop._Search(bent, base, found, rng, fit(bent, base))
+    search = Search(bent, base, found, rng, fit(bent, base))
     free = next(g for g, c in enumerate(found) if c.mechanism.name == "free(q4) 20")
     view = search.fit([free], None)
     fitted, kept = view.fitted, list(view.fitted.found.kept)

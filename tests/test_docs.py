@@ -13,8 +13,8 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from modelsel.cli import COMMANDS
-from modelsel.words.errors import DataError, Interrupted, ModelselError, NotEstimable, StudyError
+from modelsel.cli import COMMANDS, INTERRUPTED
+from modelsel.words.errors import CHECK_FAILED, DataError, ModelselError, NotEstimable, StudyError
 from modelsel.wrong.registry import BUILTIN
 
 ROOT = Path(__file__).parents[1]
@@ -203,8 +203,9 @@ def test_every_key_of_a_calibration_is_explained() -> None:
 
 def test_constants_are_the_program_s() -> None:
     from modelsel.which.candidates import REGISTERED
-    from modelsel.why.extend import LEVEL, MOST
+    from modelsel.why.extend import MOST
     from modelsel.why.naming import ALIKE, CREDIBLE, LISTED, SURE
+    from modelsel.why.search import LEVEL
     said = {page: (DOCS / f"{page}.md").read_text(encoding="utf-8") for page in ("statistics", "choose", "limits", "contract")}
     assert f"share {REGISTERED} of the prior" in said["statistics"]
     assert f"hold {SURE} of the probability" in said["statistics"]
@@ -218,5 +219,5 @@ def test_constants_are_the_program_s() -> None:
 
 def test_exit_status_table() -> None:
     text = (DOCS / "commands.md").read_text(encoding="utf-8")
-    kinds = (ModelselError, StudyError, DataError, NotEstimable, Interrupted)
-    assert {str(kind.exit_code) for kind in kinds} <= set(re.findall(r"^\| (\d+) \|", text, re.MULTILINE))
+    statuses = {kind.exit_code for kind in (ModelselError, StudyError, DataError, NotEstimable)} | {INTERRUPTED, CHECK_FAILED}
+    assert set(map(str, statuses)) <= set(re.findall(r"^\| (\d+) \|", text, re.MULTILINE))

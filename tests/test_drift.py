@@ -15,6 +15,7 @@ from modelsel.fitting.fit import fit
 from modelsel.fitting.noise import Floor
 from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model
+from modelsel.matrix.scene import Scene
 from modelsel.use.calibration import Calibration, calibrate
 from modelsel.use.campaigns import compare, holm, sentences
 from modelsel.use.drift import judge
@@ -33,7 +34,8 @@ NAMES = ("geometric", "joint-compliance:2", "approach-backlash:1")
 def truth(names: tuple[str, ...] = NAMES) -> tuple[Model, np.ndarray]:
     """A model and what the arm really has: drawn once."""
     model, rng = Model(tuple(mechanism(n, ROBOT) for n in names)), np.random.default_rng(5)
-    sizes = {"geometric": 0.1, "joint-compliance:2": 0.02, "approach-backlash:1": 0.02, "approach-backlash:3": 0.1}
+    sizes = {"geometric": 0.1, "refraction": 0.1, "joint-compliance:2": 0.02, "approach-backlash:1": 0.02,
+             "approach-backlash:3": 0.1}
     return model, np.concatenate([rng.uniform(-1, 1, len(m.terms)) * [t.size[1] * sizes[m.name] for t in m.terms]
                                   if m.name == "geometric" else np.array([t.size[1] * sizes[m.name] for t in m.terms])
                                   for m in model.mechanisms])
@@ -103,6 +105,25 @@ def test_registering_anew_is_no_drift(rng) -> None:
     assert judge(c, replace(new, position=new.position @ R.T + t), True).drifted
     with pytest.raises(DataError, match="--register needs 4"):
         judge(c, new.take(np.arange(3)), True)
+
+
+def test_the_beam_is_as_long_as_where_the_tracker_now_stands(rng) -> None:
+    """Refraction grows with the square of the range: with the tracker five metres further off it is another, and no drift."""
+    model, theta = truth(("geometric", "refraction"))           # 0.09 mm at 3 m, 0.7 mm at 8 m
+
+    def seen_from(place: tuple[float, float, float], m: int) -> Scene:
+        at = drawn(ROBOT, rng, m).anew(placement=(np.eye(3)[None], np.array([place])), whiten=1 / NOISE)
+        return planted(at, model.terms, theta, rng, NOISE)
+
+    at, rows = seen_from((3000.0, 0.0, 0.0), 120), np.ones(120, bool)
+    data = Data(at, rows, ~rows, np.zeros(120, np.intp), True)
+    c = calibrate("beam", data, fit(at, model), Floor(NOISE, "stated"), None, True, {})
+    found = judge(c, seen_from((8000.0, 2000.0, 0.0), 40).data, True)
+    assert not found.drifted
+    assert found.rms_mm == pytest.approx(NOISE * np.sqrt(3), rel=0.2)
+    assert found.moved is not None
+    assert found.moved[0] == pytest.approx(np.hypot(5000, 2000), abs=0.3)
+    assert found.moved[1] < 4e-5
 
 
 def test_which_configurations(rng) -> None:
@@ -175,6 +196,56 @@ def test_one_motion_under_two_names(rng) -> None:
     (only,) = compare(calibrated(rng, a, np.r_[theta, 1e-3]), calibrated(rng, b, np.r_[theta, 2e-3])).mechanisms
     assert (only.name, only.what) == ("joint3-twist (now cell, which moves the arm alike)", "grew")
     assert only.after_mm == pytest.approx(2 * only.before_mm, rel=0.1)
+
+
+def test_what_is_named_once_or_twice_is_told_as_far_as_the_evidence_goes(rng) -> None:
+    """The same effect under two names did not change, however its two sizes differ; a faint one, named in a long campaign alone,
+    may have been there before; and how large a change would have been seen is said, and is."""
+    from modelsel.wrong.causes import cos, q
+    from modelsel.wrong.screws import Mechanism
+    twist = Mechanism("joint3-twist", (Term("h", (Screw(3, "rz", cos(q(2) + q(3))),)),))
+    cell = Mechanism("cell", (Term("h0", (Screw(3, "rz", cos(q(3) + q(2))),)),))
+    geometry, theta = truth(("geometric",))
+    a, b = Model((*geometry.mechanisms, twist)), Model((*geometry.mechanisms, cell))
+    found = [compare(calibrated(rng, a, np.r_[theta, 1e-3]), calibrated(rng, b, np.r_[theta, 1e-3])) for _ in range(10)]
+    changed = [c.mechanisms[0].what != "did not change" for c in found]
+    assert sum(changed) <= 2
+    (only,) = found[changed.index(False)].mechanisms
+    said = " ".join(sentences(found[changed.index(False)]))
+    assert only.before_mm != only.after_mm
+    assert only.p > 0.05
+    assert "alike) did not change beyond chance: " in said
+    assert "grew" not in said
+    assert "shrank" not in said
+    assert f"a change of {only.seen_mm:.2g} mm would have been seen" in said
+    larger = 1e-3 * (1 + 1.3 * only.seen_mm / only.before_mm)          # beyond what is seen with 90 %
+    seen = [compare(calibrated(rng, a, np.r_[theta, 1e-3]), calibrated(rng, b, np.r_[theta, larger])) for _ in range(10)]
+    assert sum(c.mechanisms[0].what == "grew" for c in seen) >= 8
+
+    short, long = calibrated(rng, geometry, theta, 30), calibrated(rng, b, np.r_[theta, 1e-4], 200)
+    (faint,) = compare(short, long).mechanisms
+    assert faint.what == "may have come"
+    assert faint.seen_mm > faint.after_mm
+    assert "whether it came is not told" in " ".join(sentences(compare(short, long)))
+    assert compare(long, short).mechanisms[0].what == "may have gone"
+    assert compare(calibrated(rng, geometry, theta, 30), calibrated(rng, b, np.r_[theta, 2e-3])).mechanisms[0].what == "came"
+
+
+def test_a_change_that_would_have_been_seen_is(rng) -> None:
+    model, theta = truth()
+    first = calibrated(rng, model, theta)
+    same = compare(first, calibrated(rng, model, theta))
+    low, high = same.seen_mm
+    (own,) = [c for c in same.changes if c.mechanism == "joint-compliance:2"]
+    beyond = 2.0 + float(np.sqrt(2 * np.log(len(same.changes) / 0.05)))              # more than Holm's bound and 90 % ask
+    changed = theta.copy()
+    changed[place(model, "c2")] += beyond * own.standard_error
+    found = [compare(first, calibrated(rng, model, changed)) for _ in range(10)]
+    assert sum(any(c.mechanism == own.mechanism for c in f.moved) for f in found) >= 8
+    per_error = own.moves_mm / abs(own.after - own.before) * own.standard_error
+    assert low <= 4.5 * per_error <= 1.1 * high
+    if not same.moved:
+        assert f"of the least told by {high:.2g} mm, would have been seen" in sentences(same)[-1]
 
 
 def test_representatives_do_not_matter(rng) -> None:

@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from fuzz_base import base_files
-from fuzz_judge import WRITTEN, guarded
+from fuzz_clean import WRITTEN
+from fuzz_judge import guarded
 
 from modelsel.cli import main
 from modelsel.telling.write import claimed, write_all

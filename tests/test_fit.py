@@ -13,8 +13,9 @@ import scipy.linalg
 from builders import drawn, one, planted, seeds
 from hypothesis import given
 from hypothesis import strategies as st
+from regression import regress
 
-from modelsel.fitting.fit import fit, regress
+from modelsel.fitting.fit import fit
 from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model, design
 from modelsel.matrix.identify import identify

@@ -28,6 +28,7 @@ from modelsel.telling.fleet import cluster, run_fleet, save_summary
 from modelsel.telling.fleetfile import read_fleet
 from modelsel.telling.stored import WRITES, load_result
 from modelsel.telling.study import run
+from modelsel.telling.write import claimed
 from modelsel.which.stream import Parts, fit_parts, parts_of
 from modelsel.words.errors import StudyError
 from modelsel.wrong.registry import mechanism
@@ -161,6 +162,10 @@ file = "arm0"
         read_fleet(folder / "fleet.toml")
     assert 'unknown key "study.1.fiel". Did you mean "file"?' in str(wrong.value)
     assert "parts.1.tool_mm is missing" in str(wrong.value)
+    (folder / "fleet.toml").write_text('name = "x"\n[[parts]]\nname = "p"\nfiles = ["day*.parquet"]\nrobot = "puma760"\n'
+                                       "tool_mm = [40, -25, 100]\nfolds = 1000000000000\n")        # each is held
+    with pytest.raises(StudyError, match=r"parts\.1\.folds.*1000"):
+        read_fleet(folder / "fleet.toml")
     with pytest.raises(StudyError, match="no such fleet file"):
         read_fleet(folder / "absent.toml")
 
@@ -189,6 +194,17 @@ def test_an_unexpected_error_in_one_set_stops_nothing(folder, monkeypatch) -> No
     assert [(row["state"], row["exit"]) for row in rows] == [("failed", 1), ("done", 0)]
     assert rows[0]["why"] == "internal error: ZeroDivisionError: division by zero"
     assert rows[1]["estimation"] == 300
+
+
+def test_a_study_alone_in_a_fleets_folder(folder) -> None:
+    """Two runs never write into one folder: the fleet's row says so, what the other run does is left alone."""
+    task, out = read_fleet(folder / "fleet.toml").tasks[0], folder / "out" / "arm0"
+    with claimed(out):
+        row = fleets._one(task, str(out), False, False)
+        assert (row["state"], row["exit"]) == ("failed", 2)
+        assert "another run of modelsel works in this folder" in row["why"]
+        assert not (out / "result.json").exists()
+    assert fleets._one(task, str(out), False, False)["state"] == "done"
 
 
 def test_pieces_know_nothing_of_the_one_before(folder) -> None:

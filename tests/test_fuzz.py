@@ -1,4 +1,4 @@
-"""Broken files of every kind: a clean study or one clear refusal; and every defect that was found this way, once by name.
+"""Broken files of every kind: a clean result or one clear refusal; and defects that were found this way, once by name.
 
 The seed is drawn anew where MODELSEL_SEED says "draw", and stands in what a failure says.
 """
@@ -15,14 +15,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fuzz_base import FLEET, ROBOT, STUDY, base_files
-from fuzz_engine import KINDS, SHARE, Fuzzer, fleet_here
-from fuzz_judge import Outcome, in_process, refusal_problems, result_problems
+from fuzz_clean import result_problems
+from fuzz_engine import Fuzzer, fleet_here, lay_out, merged, tried, words_of
+from fuzz_judge import Outcome, in_process, refusal_problems
+from fuzz_kinds import FIRST, KINDS, LATER, shares
 from fuzz_urdf import DIAMONDS
 from fuzz_words import SAME, Mutant
 
 from modelsel.words.errors import NotEstimable
 
-MUTANTS, COMMANDS = 2000, 50
+MUTANTS = {FIRST: 2000, LATER: 150}
+COMMANDS = 50
 SHARE_COMPUTED = 0.08          # of the mutants that can be read and need not be: the others stop after the checks
 COMMAND = [sys.executable, "-W", "error", "-c", "from modelsel.cli import main; main(prog_name='modelsel')"]
 
@@ -40,36 +43,47 @@ def fuzz(tmp_path, monkeypatch) -> Fuzzer:
     return Fuzzer(np.random.default_rng(seed_of()), tmp_path / "work" / "files", SHARE_COMPUTED)
 
 
-def test_mutants(fuzz) -> None:
+@pytest.mark.parametrize("kinds", MUTANTS, ids=["what-people-write", "what-is-left-and-read-beside"])
+def test_mutants(fuzz, kinds) -> None:
     state = fuzz.rng.bit_generator.state
-    for _ in range(MUTANTS):
-        fuzz.one(str(fuzz.rng.choice(KINDS, p=SHARE)))
+    for _ in range(MUTANTS[kinds]):
+        fuzz.one(str(fuzz.rng.choice(kinds, p=shares(kinds))))
     worst = [{k: v for k, v in d.items() if k != "content"} for d in fuzz.defects[:3]]
     assert not fuzz.defects, f"of the stream {state}: {len(fuzz.defects)} defects: {json.dumps(worst, indent=1)}"
-    assert fuzz.counts.total() == MUTANTS
-    assert all(any(key.startswith(kind) and "refused" in key for key in fuzz.counts) for kind in KINDS)
-    assert sum(n for key, n in fuzz.counts.items() if "result" in key) > 50
+    assert fuzz.counts.total() == MUTANTS[kinds]
+    assert all(any(key.startswith(kind) and "refused" in key for key in fuzz.counts) for kind in kinds)
+    assert sum(n for key, n in fuzz.counts.items() if "result" in key) > MUTANTS[kinds] // 40
 
 
 def test_mutants_as_commands(fuzz, tmp_path) -> None:
     """The same in processes of their own, where a warning would be printed and a crash be one."""
     def one(k: int, kind: str, mutant: Mutant) -> list[str]:
-        own = Fuzzer.__new__(Fuzzer)
-        own.place, own.files = tmp_path / f"m{k}", fuzz.files
-        file, out = own.lay_out(kind, mutant), tmp_path / f"out{k}"
-        ran = subprocess.run([*COMMAND, "study", str(file), "--out", str(out), "--no-sampling", "--no-report"],
-                             capture_output=True, text=True, encoding="utf-8", check=False, timeout=60)
+        place, out = tmp_path / f"m{k}", tmp_path / f"out{k}"
+        lay_out(kind, mutant.content, place)
+        ran = subprocess.run([*COMMAND, *words_of(KINDS[kind].commands[0], place, out)], capture_output=True, text=True,
+                             encoding="utf-8", check=False, timeout=60)
         left = {str(p.relative_to(out)): p.read_bytes() for p in out.rglob("*") if p.is_file()} if out.exists() else {}
         found = Outcome(ran.returncode, ran.stdout, ran.stderr, left, 0.0)
         wrong = refusal_problems(found, mutant.exits) if ran.returncode else result_problems(found)
         return [f"{kind}, {mutant.name}: {w}; {found.said[:3]}" for w in wrong] + (
             ["refused, though it says the same"] if ran.returncode and mutant.expect == SAME else [])
     state = fuzz.rng.bit_generator.state
-    drawn = [str(fuzz.rng.choice(KINDS[:5])) for _ in range(COMMANDS)]
+    drawn = [str(fuzz.rng.choice(FIRST[:5])) for _ in range(COMMANDS)]
     with ThreadPoolExecutor(2) as pool:
         each = pool.map(lambda job: one(*job), [(k, kind, fuzz.draw(kind)) for k, kind in enumerate(drawn)])
         wrong = [what for some in each for what in some]
     assert not wrong, f"of the stream {state}: {wrong}"
+
+
+def test_runs_are_put_together_once() -> None:
+    """Whatever is merged again, in whatever order, stands there once; the counts are sums."""
+    def run(seed: int, mutants: int, defects: int) -> dict[str, object]:
+        return {"seed": seed, "mutants": mutants, "defects": defects, "by_kind": {"csv": {"clean result": mutants}},
+                "python": "3", "numpy": "2", "seconds": seed}
+    before = {"what": "w", "mutants": 5, "defects": 1, "runs": [run(1, 5, 1) | {"note": "mended since"}]}
+    whole = merged([run(1, 5, 1), run(2, 7, 0)], before)
+    assert whole == {"what": "w", "mutants": 12, "defects": 1, "runs": [*before["runs"], run(2, 7, 0)]}
+    assert merged([run(2, 7, 0)], whole) == whole
 
 
 # -- what was found -----------------------------------------------------------------------------------------------------
@@ -127,30 +141,25 @@ def test_found_before(case, tmp_path, monkeypatch) -> None:
     kind, content, status, words = FOUND[case]
     monkeypatch.chdir(tmp_path)
     fleet_here(monkeypatch.setattr)
-    own = Fuzzer.__new__(Fuzzer)
-    own.place, own.files = tmp_path / "work" / "files", base_files()
-    file, out = own.lay_out(kind, Mutant(case, content().encode())), tmp_path / "out"
-    ran = in_process(["fleet" if kind == "fleet" else "study", str(file), "--out", str(out), "--no-sampling",
-                      *([] if kind == "fleet" else ["--no-report"])], out)
+    ran = tried(tmp_path, kind, content().encode(), KINDS[kind].commands[0])
     assert ran.status == status, ran.stderr
     assert words in ran.stderr
-    assert not (refusal_problems(ran, (status,)) if status else result_problems(ran))
+    assert not (refusal_problems(ran, (status,)) if status else [] if kind == "fleet" else result_problems(ran))
     assert not Path("pwned").exists()
 
 
 def test_simulated_data_keep_what_is_known(tmp_path) -> None:
     """Groups, order and directions of approach of the configurations that are measured anew."""
     from modelsel.data.io import read_measurements
-    own = Fuzzer.__new__(Fuzzer)
-    own.place, own.files = tmp_path / "work" / "files", base_files()
+    place = tmp_path / "work" / "files"
     text = base_files()["measurements.csv"].decode().splitlines()
     rng = np.random.default_rng(1)
     lines = [f"{text[0]},approach1,approach2,approach3", *(f"{line},{a},{b},{c}" for line, (a, b, c) in zip(
         text[1:], rng.choice([-1, 1], (len(text) - 1, 3)), strict=True))]
-    file = own.lay_out("csv", Mutant("", ("\n".join([lines[0], *reversed(lines[1:])]) + "\n").encode()))
-    ran = in_process(["simulate", str(file), "--out", str(tmp_path / "out" / "new.csv")], tmp_path / "out")
+    lay_out("csv", ("\n".join([lines[0], *reversed(lines[1:])]) + "\n").encode(), place)
+    ran = in_process(["simulate", str(place / "study.toml"), "--out", str(tmp_path / "out" / "new.csv")], tmp_path / "out")
     assert not ran.status, ran.stderr
-    old, new = (read_measurements(p, [False] * 3) for p in (own.place / "measurements.csv", tmp_path / "out" / "new.csv"))
+    old, new = (read_measurements(p, [False] * 3) for p in (place / "measurements.csv", tmp_path / "out" / "new.csv"))
     for name in ("q", "approach", "move", "order", "group", "configuration"):
         np.testing.assert_allclose(getattr(new, name), getattr(old, name), atol=1e-8, err_msg=name)
     assert old.groups == new.groups
@@ -162,10 +171,9 @@ def test_a_fold_that_cannot_be_left_out_is_said(tmp_path, monkeypatch) -> None:
     def refuses(*_: object) -> None:
         raise NotEstimable("without fold 1 of 4 the model is not estimable")
     monkeypatch.setattr("modelsel.which.compare.cross_validate", refuses)
-    own = Fuzzer.__new__(Fuzzer)
-    own.place, own.files = tmp_path / "work" / "files", base_files()
-    out = tmp_path / "out"
-    ran = in_process(["study", str(own.lay_out("study", Mutant("", STUDY.encode()))), "--out", str(out), "--no-sampling",
+    place, out = tmp_path / "work" / "files", tmp_path / "out"
+    lay_out("study", STUDY.encode(), place)
+    ran = in_process(["study", str(place / "study.toml"), "--out", str(out), "--no-sampling",
                       "--no-report"], out)
     result = json.loads(ran.left["result.json"])
     assert None in [rung["cv_rms_mm"] for rung in result["ladder"]]

@@ -39,7 +39,6 @@ def test_naming_sees_a_share_and_says_so(rng, tmp_path, monkeypatch) -> None:
     result = run(parse_study(STUDY, "study.toml"), tmp_path, sampling=False)
     assert "wrist-coupling" in " ".join(result.chosen.names)
     assert result.extension.fit.rows == 3 * 90
-    assert result.chosen.fit is not None
     assert result.chosen.fit.rows == 3 * int(result.data.used.sum()) >= 3 * 198
     said = [w.sentence for w in result.warnings if w.code == "scan-of-some"]
     assert len(said) == 1

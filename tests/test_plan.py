@@ -1,6 +1,7 @@
 """What to measure next: formulas against refits and simulation, and ten chosen configurations against forty drawn ones."""
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +10,11 @@ import pytest
 from builders import drawn
 from click.testing import CliRunner
 
-from modelsel import plan_next
+from modelsel import Study, plan_next
 from modelsel import run as study_run
 from modelsel.cli import main
 from modelsel.commands.plan import PURPOSES
+from modelsel.machine.robot import forward
 from modelsel.machine.robotfile import load
 from modelsel.matrix.design import design
 from modelsel.use.plan import (
@@ -29,7 +31,7 @@ from modelsel.use.plan import (
     tell_apart,
     told_with,
 )
-from modelsel.words.errors import DataError
+from modelsel.words.errors import DataError, StudyError
 from modelsel.wrong.registry import mechanism, parts
 from modelsel.wrong.screws import Term
 
@@ -208,6 +210,10 @@ def test_command(tmp_path, rng) -> None:
     assert ran.exit_code == 0, ran.output
     assert "told from its nearest rival with probability" in ran.output
     assert "An effect of 0.01 mm rms" in ran.output
+    narrow = run("plan", tmp_path, "--joint", "q2_deg=-10:10", "--count", "3", "--json")
+    assert all(abs(row["q2_rad"]) <= np.radians(10) for row in json.loads(narrow.stdout)["configurations"])
+    for wrong in ("q2_deg", "q2_deg=5", "q2_deg=a:b", "q2=1:2", "q9_deg=1:2"):
+        assert run("plan", tmp_path, "--joint", wrong).exit_code == 2
     chosen = pd.read_csv(tmp_path / "next.csv")
     assert len(chosen) == 4
     assert set(np.unique(chosen[[f"approach{j}" for j in range(1, 7)]])) <= {-1, 1}
@@ -215,13 +221,41 @@ def test_command(tmp_path, rng) -> None:
     first, again = (run("plan", tmp_path, "--pool", tmp_path / "pool.csv", "--count", "3", "--json", "--for", "o2") for _ in "ab")
     assert first.exit_code == 0, first.output
     assert first.stdout == again.stdout
-    assert run("plan", tmp_path).exit_code == 2
+    assert run("plan", tmp_path, "--pool", tmp_path / "pool.csv", "--limits").exit_code == 2
     result = study_run(tmp_path, sampling=False)
-    planned = plan_next(result, 4)                                           # the same from Python, and in a notebook
+    planned = plan_next(result, 4, limits=True)                                # the same from Python, and in a notebook
     pd.testing.assert_frame_equal(planned.to_frame(), chosen, atol=1e-6)
     assert "told from its nearest rival with probability" in planned._repr_html_()
     with pytest.raises(DataError, match="DataFrame: column q1_rad or q1_deg is missing"):
         plan_next(result, 3, pool=chosen.drop(columns="q1_rad"))
+
+
+def test_ranges_and_units_are_the_users(rng) -> None:
+    """Drawn within what was measured, wider or narrower where that is asked, and written in the units that were read."""
+    robot = load("irb120")
+    at = drawn(robot, rng, 60, (30.0, 0.0, 100.0))
+    q = np.degrees(at.data.q) * 0.4
+    x = forward(robot, np.radians(q), np.array([30.0, 0.0, 100.0])) + rng.normal(0, 0.05, (60, 3))
+    frame = pd.DataFrame({f"q{j}_{'rad' if j == 6 else 'deg'}": np.radians(q[:, j - 1]) if j == 6 else q[:, j - 1]
+                          for j in range(1, 7)} | dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True)))
+    result = study_run(Study(name="s", robot={"name": "irb120", "tool_mm": (30, 0, 100)}, measurements=frame,
+                             model={"candidates": ["backlash"]}), sampling=False)
+    near, wide = plan_next(result, 12).to_frame(), plan_next(result, 12, limits=True).to_frame()
+    names = [f"q{j}_deg" for j in range(1, 6)] + ["q6_rad"]
+    assert list(near)[:6] == list(wide)[:6] == names
+    low, high = frame[names].min(), frame[names].max()
+    assert ((near[names] >= low) & (near[names] <= high)).all(axis=None)
+    assert not ((wide[names] >= low) & (wide[names] <= high)).all(axis=None)
+    limit = np.array([j.limits for j in robot.joints])
+    assert (np.abs(np.radians(wide["q2_deg"]) - limit[1].mean()) <= np.ptp(limit[1]) / 2 + 1e-9).all()
+    own = plan_next(result, 12, joints={"q2_deg": (-170.0, -150.0), "q6_rad": (3.0, 3.5)})
+    assert own.to_frame()["q2_deg"].between(-170, -150).all()
+    assert own.to_frame()["q6_rad"].between(3.0, 3.5).all()
+    assert "Drawn within the robot file's limits." in repr(plan_next(result, 2, limits=True))
+    assert "Drawn within the joint ranges measured, q2_deg, q6_rad as given." in repr(own)
+    for wrong, said in (({"q7_deg": (0, 1)}, '"q7_deg" is no joint'), ({"q2_deg": (9, 1)}, "from a lower to a higher number")):
+        with pytest.raises(StudyError, match=said):
+            plan_next(result, 3, joints=wrong)
 
 
 def test_every_target_is_seen_at_every_configuration(rng) -> None:

@@ -43,5 +43,5 @@ def test_study_says_what_its_readme_says(name, monkeypatch) -> None:
         assert rung.held_out.mean_mm == pytest.approx(held_out, abs=0.006), word
     assert result.chosen.held_out.mean_mm < base.held_out.mean_mm
     if name == "wam-tracker":
-        assert result.findings[0].effect.candidate.label == "approach-backlash:1"
+        assert result.findings[0].effect.candidate.registered_name == "approach-backlash:1"
         assert result.findings[0].effect.named.verdict == "found"

@@ -21,6 +21,7 @@ from modelsel.telling.report import drawing
 from modelsel.telling.report.document import book
 from modelsel.telling.report.pdf import ReportError, compiled, content
 from modelsel.telling.stored import WRITES, save
+from modelsel.telling.tables import TABLE_FOR
 from modelsel.words.errors import StudyError
 
 ROOT = Path(__file__).parents[1]
@@ -118,6 +119,14 @@ def test_numbers_of_the_ladder_are_the_result_s(drawn) -> None:
         row = "".join(f"{rung[s][k]:.3f}" if rung[s][k] < 9.9995 else f"{rung[s][k]:.2f}"
                       for s in ("estimation", "held_out") for k in ("mean_mm", "max_mm"))
         assert row in text
+
+
+def test_what_the_table_of_subsets_is_for_is_said_with_it(drawn) -> None:
+    """It may add names where nothing else was found: in the PDF, and below the table on a terminal."""
+    (page,) = [p for p in pages(drawn) if "The table of subsets" in p]
+    assert plain(TABLE_FOR) in plain(page)
+    ran = CliRunner().invoke(main, ["study", str(PUMA), "--out", str(drawn.parent / "said"), "--no-report", "--no-sampling"])
+    assert plain(TABLE_FOR) in plain(ran.output)
 
 
 def test_a_page_per_finding(drawn) -> None:

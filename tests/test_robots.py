@@ -261,3 +261,9 @@ def test_unknown_robot_is_suggested() -> None:
         load("puma76")
     with pytest.raises(StudyError, match=r"missing\.toml"):
         read_robot(Path("missing.toml"))
+
+
+def test_a_message_keeps_its_end_where_a_value_is_endless() -> None:
+    with pytest.raises(StudyError) as caught:
+        robot_from_table({"name": "long", "convention": 10 ** 900, "joint": [{"xyz_mm": [0, 0, 1]}]}, "arm.toml")
+    assert caught.value.problems[0] == f'arm.toml: convention: expected "standard" or "modified", found "1{78 * "0"}…".'

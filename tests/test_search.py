@@ -115,7 +115,7 @@ def test_subsets_of_mechanisms(rng) -> None:
     X, y, rows = X.reshape(150, -1), r.ravel(), fold_of.repeat(3)
     from modelsel.matrix.identify import identify
     reduced = fold(at, terms, fold_of)
-    base = list(identify(reduced.select(range(len(geometric.terms))).total()).kept)
+    base = list(identify(reduced.select(range(len(geometric.terms))).total).kept)
     ends = np.cumsum([len(geometric.terms), *(len(m.terms) for m in some)])
     groups = [list(range(a, b)) for a, b in pairwise(ends)]
     found = all_subsets(reduced, base, groups)

@@ -15,8 +15,9 @@ from campaigns import BASE, NOISE, ROBOT, View, effect, look, measured
 from modelsel.telling.findings import POWER, detection_limit
 from modelsel.telling.report.style import BLUE, GREY, INK, ORANGE, QUIET, styled, svg
 from modelsel.why.evidence import RATIOS, evidence, factors, log_bayes_factors, null, shares
-from modelsel.why.extend import LEVEL, extend
+from modelsel.why.extend import extend
 from modelsel.why.naming import name
+from modelsel.why.search import LEVEL
 from modelsel.words.rigid import Array
 from modelsel.wrong.registry import mechanism
 
@@ -157,7 +158,7 @@ def credible() -> tuple[bytes, str]:
         for y, named in enumerate(rows):
             start = 0.0
             for k, e in enumerate(named.entries[:9]):
-                label = e.candidate.label or "a cell"
+                label = e.candidate.registered_name or "a cell"
                 colour = BLUE if label == truth else ("#56B4E9" if e.alike else ("#C9C9C9" if k % 2 else "#B3B3B3"))
                 ax.barh(y, e.probability, left=start, color=colour, height=0.66, edgecolor="white", lw=0.7)
                 if e.probability > 0.16:

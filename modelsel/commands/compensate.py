@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
+from ..words.errors import CHECK_FAILED
 from . import mapped, print_json
 
 if TYPE_CHECKING:
@@ -35,7 +37,7 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
     from ..use.compensate import commands_frame, outside, refuse
     from ..use.compensate import compensate as corrected
     c = load_calibration(result)
-    data = read_measurements(targets, c.robot.prismatic, columns, positions=False)
+    data = read_measurements(targets, c.robot.prismatic, columns, positions=False, once=False)
     made, said = corrected(c, data), outside(c, data)
     if forward:
         frame = commands_frame(c, data, data.q, predict(c, c.scene(data)), {})
@@ -46,14 +48,14 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
     if as_json:
         print_json({"written": out.name, "rows": len(data), "warnings": said, **({} if forward else _figures(made))})
     else:
-        click.echo(f"Written: {out}, {len(data)} rows." + ("" if forward else _sentence(made)))
+        click.echo(f"Written: {out}, {len(data)} rows." + ("" if forward else _sentence(made, np.array(c.robot.prismatic))))
         for line in said:
             click.echo(f"Note: {line}")
     if not forward and not made.reached.all():
         lines = ", ".join(str(int(k) + 2) for k in data.row[~made.reached][:10])
         click.echo(f"modelsel: {int((~made.reached).sum())} rows are not reached, beside a jump of the model or at the edge of "
                    f"the workspace (line {lines}); error_left_mm says what is left.", err=True)
-        raise SystemExit(5)
+        raise SystemExit(CHECK_FAILED)
 
 
 def _figures(made: Commands) -> dict[str, Any]:
@@ -63,11 +65,13 @@ def _figures(made: Commands) -> dict[str, Any]:
             "largest_change": np.abs(made.change).max(0), "reached": int(made.reached.sum())}
 
 
-def _sentence(made: Commands) -> str:
+def _sentence(made: Commands, slides: NDArray[np.bool_]) -> str:
     before = f"{made.before_mm.mean():.3f} mm on average and {made.before_mm.max():.3f} mm at most"
     after = f"{made.expected_mm.mean():.3f} mm as measured is expected, {made.model_mm.mean():.3f} mm of it from the model"
+    most = np.abs(made.change).max(0)
+    bounds = [f"{most[some].max() * 1e3:.3g} {unit}" for some, unit in ((~slides, "mrad"), (slides, "µm")) if some.any()]
     return (f" Without correction the target is off by {before}; with it, {after}. No joint changes by more than "
-            f"{np.abs(made.change).max() * 1e3:.3g} mrad (µm where it slides).")
+            f"{' or '.join(bounds)}.")
 
 
 def _write(frame: Any, out: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from ..words.errors import CHECK_FAILED
 from . import print_json
 
 
@@ -24,7 +25,7 @@ def doctor(as_json: bool) -> None:
         for c in checks:
             click.echo(f"{'ok   ' if c['ok'] else 'WRONG'}  {c['what']}: {c['says']}")
     if not all(c["ok"] for c in checks):
-        raise SystemExit(5)
+        raise SystemExit(CHECK_FAILED)
 
 
 def _check(what: str, ok: bool, says: str) -> dict[str, Any]:

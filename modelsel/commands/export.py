@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from ..words.errors import CHECK_FAILED
 from . import print_json
 
 FORMS = ("urdf", "dh", "mdh", "json", "csv", "python", "table")
@@ -43,4 +44,4 @@ def export(result: Path, form: str, out: Path, as_json: bool) -> None:
             click.echo(f"Note: {note}.")
     if form != "table" and made.error_mm > EXACT_MM:
         click.echo("modelsel: the file does not carry the geometry to 1 µm.", err=True)
-        raise SystemExit(5)
+        raise SystemExit(CHECK_FAILED)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from ..words.errors import CHECK_FAILED
 from . import print_json
 
 
@@ -48,7 +49,7 @@ def _try(where: str, robot: str | None, as_json: bool) -> None:
         for m, r, what in found:
             click.echo(f"{m} on {r}: {'; '.join(what) or 'obeys the laws'}" if r else f"{m} applies to none of the robots tried")
     if wrong:
-        raise SystemExit(5)
+        raise SystemExit(CHECK_FAILED)
 
 
 def _show(name: str | None, robot: str, as_json: bool) -> None:

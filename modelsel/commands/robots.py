@@ -21,6 +21,7 @@ def robots(name: str | None, as_json: bool) -> None:
         click.echo(f"{card['name']}: {card['joints']} joints, reach {card['reach_mm']:.0f} mm. {card['source']}")
         if name:
             for k, joint in enumerate(card["chain"], 1):
-                click.echo(f"  joint {k} ({joint['kind']}), limits {joint['limits']}, mass {joint['mass_kg']}")
+                mass = "not known" if joint["mass_kg"] is None else f"{joint['mass_kg']:g} kg"
+                click.echo(f"  joint {k} ({joint['kind']}), limits {joint['limits']}, mass {mass}; transform before it [mm]:")
                 for row in joint["transform_mm"]:
                     click.echo("    " + " ".join(f"{v:10.4f}" for v in row))

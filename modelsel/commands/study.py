@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..words.errors import CHECK_FAILED
 from . import console, print_json, progress
 
 if TYPE_CHECKING:
     from ..telling.finished import Result
 
-UNCONVERGED = 5
 COLLECT = 50_000   # new values between two looks of Python's garbage collector
 
 
@@ -65,7 +65,7 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     if not as_json:
         click.echo(f"Written: {', '.join(map(str, written))}")
     if result.confidence.sampling is not None and not result.confidence.sampling.converged:
-        raise SystemExit(UNCONVERGED)
+        raise SystemExit(CHECK_FAILED)
 
 
 def _tell(result: Result, as_json: bool) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from ..words.errors import CHECK_FAILED
 from . import mapped, print_json
 
 
@@ -36,4 +37,4 @@ def validate(result: Path, data: Path, register: bool, columns: dict[str, str], 
         for line in beyond:
             click.echo(f"Note: {line}")
     if found.drifted:
-        raise SystemExit(5)
+        raise SystemExit(CHECK_FAILED)

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -65,13 +66,13 @@ def _covariates(table: Table, used: set[str]) -> tuple[dict[str, Array], list[No
 
 
 def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mapping[str, str] | None = None,
-                      group: int | None = None, *, positions: bool = True) -> Measurements:
+                      group: int | None = None, *, positions: bool = True, once: bool = True) -> Measurements:
     """Measurements in contract form of a robot whose joints slide where `prismatic` says so (`robot.prismatic`), from a CSV or
     Parquet file or a pandas DataFrame with the same columns.
 
     `columns` maps contract names to names in the file; `group`: one row group of a Parquet file alone; where `positions` need
-    not be there, absent ones are nan. Raises DataError with file, line and column, or row (from 0) and column of the DataFrame;
-    StudyError for a contract name that is none.
+    not be there, absent ones are nan; where rows count `once`, what stands there twice is one. Raises DataError with file, line
+    and column, or row (from 0) and column of the DataFrame; StudyError for a contract name that is none.
     """
     _known(columns or {}, prismatic)
     table = renamed(read_table(source, group), columns or {})
@@ -99,17 +100,21 @@ def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mappin
     others = [] if quaternion is None else list(quaternion.T)
     others += [numbered(text["target"])[0]] if "target" in text else []
     others += [covariates[name] for name in ("payload_kg", "temperature_C") if name in covariates]
-    keep, said = _once(table, q, *_compared(position, others, kinds))
-    notes += said
+    keep = np.ones(m, bool)
+    if once:
+        keep, said = _once(table, q, *_compared(position, others, kinds))
+        notes += said
     def kept(values: Any) -> Any:
         return None if values is None else np.asarray(values)[keep]
-    return measurements(
+    made = measurements(
         q[keep], position[keep], row=np.flatnonzero(keep), configuration=kept(text.get("configuration")),
         target=kept(text.get("target")), group=kept(text.get("group")), order=kept(order), approach=kept(approach),
         covariates={name: values[keep] for name, values in covariates.items()}, sigma=kept(sigma),
         rotation=None if quaternion is None else from_quaternion(quaternion[keep]), sigma_rotation=kept(sigma_rotation),
         notes=tuple(notes), prismatic=prismatic, **({} if kinds is None else {
             "kind": kept(kinds.kind).tolist(), "feature": kept(kinds.feature).tolist(), "length": kinds.length[keep]}))
+    return replace(made, units=tuple("mm" if slides else "deg" if f"q{j}_deg" in table else "rad"
+                                     for j, slides in enumerate(prismatic, 1)))
 
 
 def _spreads(table: Table, kinds: Kinds | None) -> tuple[Array | None, Array | None, Array | None]:

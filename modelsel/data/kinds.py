@@ -12,6 +12,7 @@ import numpy as np
 from ..words.errors import StudyError, suggest
 from ..words.rigid import LARGEST, Array
 from .cells import SMALLEST, Mask, blank, measured, numbers, together
+from .copies import duplicates
 from .features import KINDS, UNKNOWN
 from .measurements import Measurements
 from .table import Table
@@ -60,18 +61,21 @@ def read_kinds(table: Table) -> Kinds | None:
         if name and kind[first.setdefault(name, row)] != word:
             raise where.refuse(f'feature "{name}" is of kind {kind[first[name]]} on {where.named(first[name])} and of kind '
                                f"{word} here.", row=row, column="feature", remedy="Give each its own name.")
+    again = duplicates(table.columns, len(kind))          # counted once, later: a distance may begin twice
     for name, row in first.items():
-        if kind[row] == "distance" and feature.count(name) < 2:
+        if kind[row] == "distance" and [f for f, twice in zip(feature, again, strict=True) if not twice].count(name) < 2:
             raise where.refuse(f'distance "{name}" has one row.', row=row,
                                remedy="The first row of a feature is where its distances begin; add the row where one ends.")
-    return Kinds(kind, feature, _lengths(table, kind, feature, first))
+    return Kinds(kind, feature, _lengths(table, kind, feature, first, again))
 
 
-def _lengths(table: Table, kind: Sequence[str], feature: Sequence[str], first: Mapping[str, int]) -> Array:
+def _lengths(table: Table, kind: Sequence[str], feature: Sequence[str], first: Mapping[str, int], again: Mask) -> Array:
     """(m,) lengths: in every row of a wire, all rows of a ball-bar or none, every row of a distance but the feature's first."""
     empty = blank(table.columns["length_mm"]) if "length_mm" in table else np.ones(len(kind), bool)
     bars = {name for name, word, none in zip(feature, kind, empty, strict=True) if word == "ball-bar" and not none}
-    rows = np.array([word == "wire" or (word == "ball-bar" and name in bars) or (word == "distance" and first[name] != row)
+    begun = again & empty
+    rows = np.array([word == "wire" or (word == "ball-bar" and name in bars)
+                     or (word == "distance" and first[name] != row and not begun[row])
                      for row, (word, name) in enumerate(zip(kind, feature, strict=True))])
     if not rows.any() and "length_mm" not in table:
         return np.full(len(kind), np.nan)

@@ -14,12 +14,13 @@ from ..matrix.design import Model
 from ..sure.components import components, single
 from ..sure.constants import constants
 from ..sure.correlation import Correlation, correlation, free, labels
-from ..sure.parameters import Parameter, difference_notes, displacement, lasting, parameters, with_posterior
+from ..sure.parameters import Parameter, difference_notes, displacement, parameters, resampled, with_posterior
 from ..sure.posterior import draws_for, importance, posterior, weighted
 from ..sure.sampling import PER_NAME, WALKERS, Keeper, Sampling, sample
 from ..sure.significance import Significance, significance
 from ..sure.target import TAIL, Target
 from ..which.compare import Data
+from ..words.errors import sentence_list
 from ..wrong.registry import Registry
 from .explain import Say
 from .prepare import generator
@@ -70,9 +71,9 @@ def confidence(data: Data, fitted: Fit, names: Sequence[str], seed: int) -> Conf
     estimable parameter."""
     if not fitted.rank:
         return Confidence((), Correlation((), np.zeros((0, 0)), (), ()), ())
-    return Confidence(parameters(data, fitted, generator(seed, "bootstrap")), correlation(fitted),
-                      significance(data, fitted, names, generator(seed, "halves")),
-                      lasting=lasting(data, fitted, generator(seed, "bootstrap")))
+    boot = resampled(data, fitted, generator(seed, "bootstrap"))
+    return Confidence(parameters(data, fitted, boot), correlation(fitted),
+                      significance(data, fitted, names, boot, generator(seed, "halves")), lasting=boot.grouped)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +135,7 @@ def described(target: Target) -> str:
     k, rest = len(target.sampled), target.fitted.rank - len(target.sampled)
     parts = [f"{k} coefficient{'s' * (k != 1)}", *target.noise.names, *((TAIL,) if target.tail else ()),
              *(c.name for c in target.constants)]
-    what = f"{', '.join(parts[:-1])} and {parts[-1]}"
+    what = sentence_list(parts)
     gone = f"; {rest} further coefficient{'s are' if rest != 1 else ' is'} integrated out" if rest else ""
     if target.exact:
         return f"emcee samples {what} on the exact chain{gone}."

@@ -21,7 +21,6 @@ from ..which.folds import assign
 from ..which.validate import Errors, errors
 from ..why.extend import Extension, extend
 from ..why.robust import GROSS, LEFT, MOST, far_off, gross
-from ..why.words import label
 from ..wrong.screws import Mechanism
 from .prepare import generator
 
@@ -104,7 +103,7 @@ def _one_fold(k: int, data: Data, base: Model, everything: tuple[Mechanism, ...]
     out = fold == k
     scene = data.scene.take(out)
     base_fit = fit(inside.training(), base)
-    return out, base_fit.residuals(scene), extension.fit.residuals(scene), [label(e.candidate) for e in extension.effects]
+    return out, base_fit.residuals(scene), extension.fit.residuals(scene), [e.candidate.label for e in extension.effects]
 
 
 def nested(data: Data, base: Model, everything: tuple[Mechanism, ...], seed: int, cells: bool, folds: int) -> Nested:

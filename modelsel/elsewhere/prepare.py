@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..data.features import KINDS
 from ..data.measurements import Measurements, Note
 from ..fitting.fixtures import place, unseen
+from ..fitting.mistakes import mistake
 from ..fitting.noise import Floor, Instrument, weigh
 from ..fitting.register import register
 from ..machine.robot import Robot
@@ -40,6 +41,7 @@ class Plan:
     tracker: tuple[float, float, float] = (0.0, 0.0, 0.0)       # where the instrument stands, in the data's frame
 
 
+SETUP = "setup-mistake"     # code of the warning that the set-up looks wrong: told before everything else
 PURPOSES = ("split", "folds", "gain", "naming", "simulate", "sampling", "null", "nested", "flips", "bootstrap", "halves", "scan")
 
 
@@ -96,25 +98,27 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
     estimation = split(data, labels, plan, robot.prismatic)
     data, unseen = _timeless(data, estimation)
     if unseen:
-        notes.append(Note("other-session", f"Nothing of {', '.join(unseen)} estimates: when it was measured in the campaign is "
-                                           "not known to the model, and drift is taken at the campaign's middle there."))
+        notes.append(Note("other-session", f"No estimation configuration is of {', '.join(unseen)}: the model does not know when "
+                                           "in the campaign that was measured, and takes drift at the campaign's middle there."))
     data, estimation, more = _seen(data, estimation, plan)
     notes += more
     bound = replace(scene(robot, data, tools_of(data, plan.tools)), tracker=plan.tracker)
     if plan.register:
         bound = register(bound, estimation, plan.per_group)
+    why = mistake(bound, estimation, plan.register, plan.per_group)
+    if why is not None:
+        notes.insert(0, Note(SETUP, why))
     bound = place(bound, estimation)
     size = np.linalg.norm(residuals(bound)[:, :3], axis=1)
     reach = robot.reach + float(np.linalg.norm(bound.tools, axis=1).max(initial=0))
     if np.median(size) > reach / 4:
-        hint = ("the coordinates look like metres: name them x_m y_m z_m"
+        hint = ("the coordinates look like metres: name them x_m y_m z_m."
                 if np.nanmedian(np.linalg.norm(np.nan_to_num(data.position), axis=1)) < reach / 100 and data.gauges is None else
-                "this looks like the wrong robot or tool, metres called millimetres, or joints whose zero or sense is another "
-                "than the robot file's" if plan.register else "this looks like a tracker frame that is not the robot's base "
-                "([robot] register = true finds it), the wrong robot or tool, metres called millimetres, or joints whose zero or "
-                "sense is another than the robot file's")
+                why or "This looks like " + ("" if plan.register else "a tracker frame that is not the robot's base ([robot] "
+                "register = true finds it), ") + "the wrong robot or tool, metres called millimetres, or joints whose zero or "
+                "sense is another than the robot file's.")
         raise DataError(f"measured and nominal positions are {np.median(size):.4g} mm apart (median), more than a quarter of "
-                        f"the arm's reach ({reach:.4g} mm):", remedy=f"{hint}.")
+                        f"the arm's reach ({reach:.4g} mm).", remedy=hint[0].upper() + hint[1:])
     bound, floor = weigh(bound, plan.instrument, plan.stated_mm)
     if robot.gravity is None:
         notes.append(Note("gravity-unknown", f"The robot file of {robot.name} gives no direction of gravity: mechanisms that "

@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..matrix.design import Model, residuals
 from ..matrix.identify import FAINT_MM, Identified, identify, solve, told, usual_sizes
-from ..matrix.reduce import PROBE, Reduction, Source, reduce, reduce_scene
+from ..matrix.reduce import PROBE, Reduction, Source, reduce_scene
 from ..matrix.scene import Scene
 from ..matrix.size import as_drawn
 from ..matrix.smooth import penalty
@@ -21,7 +20,6 @@ from ..wrong.screws import Term
 STEP_MM = 1e-4     # 0.1 µm
 ITERATIONS = 60
 STUCK = 1e8        # damping at which no step lowers the cost: the minimum, to rounding
-REFINEMENTS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,44 +214,3 @@ def one_step(model: Model, start: Array, nominal: Reduction, here: Reduction, we
     delta = np.zeros(len(theta))
     delta[kept] = solve(here, kept)[0]
     return Step(model, theta + delta, found, float(np.linalg.norm(here.R[:-1, :-1] @ delta)) / weight)
-
-
-@dataclass(frozen=True, eq=False)
-class Regression:
-    """Plain linear least squares: estimate and standard errors (p,), residual standard deviation, rank."""
-
-    estimate: Array
-    standard_errors: Array
-    sigma: float
-    rank: int
-
-
-def regress(matrix: Array, response: Array) -> Regression:
-    """Rank-revealing least squares of a plain matrix (N, p): the same reducer and solve, then refined by its own residuals
-    in extended precision, as long as the gradient Xᵀr falls (corrected seminormal equations; Björck 1987)."""
-    from scipy.linalg import solve_triangular
-    reduction = reduce(matrix, response)
-    found = identify(reduction)
-    kept = list(found.kept)
-    first, inner, _ = solve(reduction, kept)
-    wide, target = matrix[:, kept].astype(np.longdouble), response.astype(np.longdouble)
-    scale = np.linalg.norm(matrix[:, kept], axis=0)
-    R = reduction.select(kept).R[:-1, :-1] / scale
-
-    def gradient(beta: NDArray[np.longdouble]) -> Array:
-        return np.asarray(np.asarray(wide.T @ (target - wide @ beta), dtype=float) / scale)
-
-    beta = first.astype(np.longdouble)
-    slope = gradient(beta)
-    for _ in range(REFINEMENTS):
-        for step in (solve_triangular(R, solve_triangular(R, slope, trans="T")) / scale,
-                     solve(reduce(matrix, np.asarray(target - wide @ beta, float)), kept)[0]):
-            trial = beta + step
-            if np.linalg.norm(gradient(trial)) < np.linalg.norm(slope):
-                beta, slope = trial, gradient(trial)
-    rss = float(np.square(target - wide @ beta).sum())
-    sigma = float(np.sqrt(rss / (len(response) - found.rank)))
-    estimate, errors = np.zeros(matrix.shape[1]), np.zeros(matrix.shape[1])
-    estimate[kept] = beta
-    errors[kept] = np.sqrt((inner ** 2).sum(1)) * sigma
-    return Regression(estimate, errors, sigma, found.rank)

@@ -5,8 +5,6 @@ a plane is the positions' least direction; the place is then refined robustly. T
 """
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,7 +36,7 @@ def place(scene: Scene, use: NDArray[np.bool_]) -> Scene:
         if not len(rows) and feature.free:
             continue                                # its rows are left out (`unseen`)
         found.centre[k], found.axes[k], found.length[k] = _found(feature, x[rows], gauges.length[rows])
-    return replace(scene, fixtures=found, _values={}, _causes={})
+    return scene.anew(fixtures=found)
 
 
 def unseen(data: Measurements, use: NDArray[np.bool_]) -> Index:

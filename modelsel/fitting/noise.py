@@ -1,7 +1,7 @@
 """The noise floor: what one coordinate's standard uncertainty is, where that comes from, and the weights that follow."""
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -116,4 +116,4 @@ def weigh(scene: Scene, instrument: Instrument | None, stated_mm: float | None, 
             spread_r = np.full((len(data), 3), rotation_rad or 1e-3 / weight)
         whole[:, 3:, 3:] = np.einsum("mi,ij->mij", 1 / spread_r, np.eye(3))
         blocks = whole
-    return replace(scene, whiten=weight if blocks is None else blocks, tracker=at, _values={}, _causes={}), floor
+    return scene.anew(whiten=weight if blocks is None else blocks, tracker=at), floor

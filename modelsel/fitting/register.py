@@ -41,7 +41,7 @@ def register(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
     start = None if scene.tool_rotations is None else _oriented(some, group, count)
     placement, tools = start or _affine(some, group, count)
     rows = np.concatenate([[g] for g in (range(count) if per_group else [0] * len(scene.data.groups))]).astype(int)
-    scene = replace(scene, placement=(placement[0][rows], placement[1][rows]), tools=tools, _values={}, _causes={})
+    scene = scene.anew(placement=(placement[0][rows], placement[1][rows]), tools=tools)
     if scene.tool_rotations is not None:
         scene = replace(scene, tool_rotations=_target_rotations(scene.take(use)))
     return _settle(scene, use, count)
@@ -55,13 +55,12 @@ def _by_points(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
         raise DataError(f"{seen} estimation configurations have a measured point; registration needs {LEAST}.",
                         remedy="Measure more points, or leave register out: the rest is told in the robot's own frame.")
     found = register(replace(some, data=replace(some.data, gauges=None)), np.ones(len(some), bool), per_group)
-    return replace(scene, placement=found.placement, tools=found.tools, tool_rotations=found.tool_rotations, _values={},
-                   _causes={})
+    return scene.anew(placement=found.placement, tools=found.tools, tool_rotations=found.tool_rotations)
 
 
 def _affine(some: Scene, group: Index, count: int) -> tuple[tuple[Array, Array], Array]:
     """Linear start: A_g x + b_g − R_i t_i = o_i, with x the measured and o_i, R_i the flange's nominal position, rotation."""
-    bare = replace(some, tools=np.zeros_like(some.tools), _values={}, _causes={}).pose(slice(None))
+    bare = some.anew(tools=np.zeros_like(some.tools)).pose(slice(None))
     m, targets = len(some), len(some.tools)
     flange = bare.axes[-1, :3].transpose(2, 1, 0)                    # (m, 3, 3): columns are the flange's axes
     x = some.data.position
@@ -88,7 +87,7 @@ def _oriented(some: Scene, group: Index, count: int) -> tuple[tuple[Array, Array
     """Start from measured orientations M_i = R F_i X: the turn from one row to another, seen by the tracker, is that of the
     flange turned by R (hand-eye; Park & Martin 1994); then R F_i t + b = x_i − R o_i is linear. None where all turn about one
     axis."""
-    bare = replace(some, tools=np.zeros_like(some.tools), _values={}, _causes={}).pose(slice(None))
+    bare = some.anew(tools=np.zeros_like(some.tools)).pose(slice(None))
     flange, m, targets = bare.axes[-1, :3].transpose(2, 1, 0), len(some), len(some.tools)
     seen = np.asarray(some.data.rotation)
     R = np.empty((count, 3, 3))
@@ -160,5 +159,5 @@ def _settle(scene: Scene, use: NDArray[np.bool_], count: int) -> Scene:
             screw = transform(turn(0, H[3]) @ turn(1, H[4]) @ turn(2, H[5]), H[:3])
             P = transform(R[g], t[g]) @ before @ screw @ inverse(before)
             R[g], t[g] = nearest_rotation(P[:3, :3]), P[:3, 3]
-        scene = replace(scene, placement=(R, t), tools=tools, tool_rotations=turned, _values={}, _causes={})
+        scene = scene.anew(placement=(R, t), tools=tools, tool_rotations=turned)
     return scene

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..words.errors import sentence_list
 from ..words.rigid import Array
 from ..wrong.screws import Term
 from .reduce import Reduction, independent
@@ -112,7 +113,7 @@ def unidentifiable(found: Identified, terms: Sequence[Term]) -> tuple[Unidentifi
     out = []
     if still:
         verb = "moves" if len(still) == 1 else "move"
-        out.append(Unidentifiable(f"{_list(still)} {verb} no measured coordinate: the data say nothing of "
+        out.append(Unidentifiable(f"{sentence_list(still)} {verb} no measured coordinate: the data say nothing of "
                                   f"{'it' if len(still) == 1 else 'them'}.", tuple(still)))
     lost = [j for j in range(len(terms)) if j not in found.exact and found.scale[j] > 1e-13 * biggest]
     partners = {j: [found.exact[k] for k in np.flatnonzero(
@@ -122,21 +123,25 @@ def unidentifiable(found: Identified, terms: Sequence[Term]) -> tuple[Unidentifi
         dropped = [symbols[j] for j in sorted(group) if j in partners]
         free = len(group) - len(dropped)
         what = "only their sum effect is" if free == 1 else f"only {free} combinations of them are"
-        out.append(Unidentifiable(f"{_list(names)} cannot be told apart: {what} determined; "
-                                  f"{_list(dropped)} {'is' if len(dropped) == 1 else 'are'} kept at zero.", tuple(names)))
+        out.append(Unidentifiable(f"{sentence_list(names)} cannot be told apart: {what} determined; "
+                                  f"{_at_zero(dropped)}.", tuple(names)))
     if found.still:
         turns = [symbols[j] for j in found.still]
-        out.append(Unidentifiable(f"{_list(turns)} {'is' if len(turns) == 1 else 'are'} kept at zero: no row is measured in a "
-                                  "frame of its own, and the whole may turn about points that nobody knows.", tuple(turns)))
+        out.append(Unidentifiable(f"{_at_zero(turns)}: no row is measured in a frame of its own, and the whole may turn about "
+                                  "points that nobody knows.", tuple(turns)))
     if found.held is not None:
         held = symbols[found.held]
-        out.append(Unidentifiable(f"{held} is kept at zero: no row measures a length, and an arm of another size would meet "
+        out.append(Unidentifiable(f"{_at_zero([held])}: no row measures a length, and an arm of another size would meet "
                                   f"all of them as well; every length is in proportion to the drawing's at {held}.", (held,)))
     faint = [symbols[j] for j in found.exact if j not in (*found.kept, *found.still, found.held)]
     if faint:
-        out.append(Unidentifiable(f"{_list(faint)} {'is' if len(faint) == 1 else 'are'} kept at zero: beside the others, what "
-                                  "they add at their usual size drowns in the noise of these configurations.", tuple(faint)))
+        out.append(Unidentifiable(f"{_at_zero(faint)}: beside the others, what they add at their usual size drowns in the noise "
+                                  "of these configurations.", tuple(faint)))
     return tuple(out)
+
+
+def _at_zero(names: Sequence[str]) -> str:
+    return f"{sentence_list(names)} {'is' if len(names) == 1 else 'are'} kept at zero"
 
 
 def _connected(partners: dict[int, list[int]]) -> list[set[int]]:
@@ -146,7 +151,3 @@ def _connected(partners: dict[int, list[int]]) -> list[set[int]]:
         touching = [g for g in groups if g & together]
         groups = [g for g in groups if g not in touching] + [together.union(*touching)]
     return sorted(groups, key=min)
-
-
-def _list(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -131,7 +131,7 @@ def reduce_scene(scene: Scene | Source, terms: Sequence[Term], at: tuple[Sequenc
     weight, plain = (scene.whiten, replace(scene, whiten=1.0)) if isinstance(scene.whiten, float) else (1.0, scene)
     p = len(terms)
     if only is not None:
-        triangle = _spread(_stream(plain, terms, at, [*only, p]), [*only, p], p)
+        triangle = Reduction.empty(p).add(spread(_stream(plain, terms, at, [*only, p]), [*only, p], p + 1)).R
     elif len(scene) <= PROBE[1] or not p:
         triangle = _stream(plain, terms, at, range(p + 1))
     else:
@@ -146,11 +146,11 @@ class _Disagrees(ArithmeticError):
     """A block where terms that seemed to depend on others do not."""
 
 
-def _spread(rows: Array, columns: Sequence[int], p: int) -> Array:
-    """Rows (k, len(columns)) at their columns of p + 1, as a triangle."""
-    whole = np.zeros((len(rows), p + 1))
-    whole[:, columns] = rows
-    return Reduction.empty(p).add(whole).R
+def spread(rows: Array, columns: Sequence[int], width: int) -> Array:
+    """Rows (k, len(columns)) at their columns of `width`, noughts elsewhere."""
+    out = np.zeros((len(rows), width))
+    out[:, columns] = rows
+    return out
 
 
 def _stream(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None, picked: Sequence[int],

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +80,7 @@ class Scene:
         if gauges is None or gauges.origin is None:
             return None
         data = replace(gauges.origin, position=np.zeros((len(self), 3)))
-        return replace(self, data=data, whiten=1.0, _values={}, _causes={})
+        return self.anew(data=data, whiten=1.0)
 
     @cached_property
     def readings(self) -> Array:
@@ -91,6 +92,10 @@ class Scene:
     def tool(self) -> Array:
         """(m, 3) nominal target of every row."""
         return self.tools[self.data.target]
+
+    def anew(self, **changes: Any) -> Scene:
+        """The same with some fields changed that causes look at: nothing evaluated before is remembered."""
+        return replace(self, **changes, _values={}, _causes={})
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Scene:
         """The scene of some rows; values already evaluated come along, so causes stay local in rows."""

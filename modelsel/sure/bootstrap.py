@@ -7,7 +7,7 @@ bootstrap; Cameron, Gelbach & Miller 2008). Each configuration's residuals are f
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ..fitting.fit import Fit
 from ..matrix.identify import solve
 from ..matrix.reduce import Reduction
 from ..which.folds import Folded
+from ..why.flips import LOUD, uneven
 from ..words.rigid import Array
 
 REPLICATES = 999
@@ -25,16 +26,27 @@ LEAST = 1e-6     # of a direction that a configuration alone decides: its residu
 
 @dataclass(frozen=True, eq=False)
 class Bootstrap:
-    """Standard errors (p,), nought where a parameter is not estimable, and how many configurations (p,) each rests on."""
+    """Standard errors (p,), nought where a parameter is not estimable, the draws (REPLICATES, p) that they are of, how many units
+    (p,) each rests on, whether their noise is alike (least squares' errors are to be believed then), and whether they are groups,
+    else configurations."""
 
     errors: Array
-    configurations: Array
+    draws: Array = field(repr=False)
+    units: Array
+    alike: bool
+    grouped: bool = False
+
+    def p_value(self, fitted: Fit, some: Sequence[int]) -> float:
+        """How often signs alone move some coefficients as far as they are estimated, by least squares' own measure of far."""
+        factor, theta = fitted.factor[list(some)], np.vstack([fitted.theta, self.draws])[:, list(some)]
+        far = np.einsum("ri,ri->r", theta, np.linalg.solve(factor @ factor.T, theta.T).T)
+        return float((far >= far[0]).mean())
 
 
 def bootstrap(parts: Iterable[Folded], fitted: Fit, rng: np.random.Generator) -> Bootstrap:
     """Of every parameter.
 
-    `parts`: the training scene at the optimum, a fold per configuration, some at a time (`by_unit`). Shrunk coefficients
+    `parts`: the training scene at the optimum, a fold per unit, some at a time (`by_unit`). Shrunk coefficients
     are drawn from their prior, as if each were one more configuration, so that their errors compare with those of the posterior.
     """
     kept = list(fitted.found.kept)
@@ -42,11 +54,13 @@ def bootstrap(parts: Iterable[Folded], fitted: Fit, rng: np.random.Generator) ->
     if prior is not None:
         total = Reduction(total.add(prior).R, total.rows)
     beta, factor, _ = solve(total, kept)
-    found, share, squared = [], np.zeros(len(kept)), np.zeros(len(kept))
+    found, size, rows, share, squared = [], [], [], np.zeros(len(kept)), np.zeros(len(kept))
     for part in parts:
-        Q, scores = _scores(part, kept, beta, factor)
-        found.append(scores)
-        own = np.square(Q @ factor.T).sum(1)                # (K, r) of a parameter's variance that each configuration brings
+        Q, residual = _made_good(part, kept, beta, factor)
+        found.append(np.einsum("kar,ka->kr", Q, residual))
+        size.append(np.square(residual).sum(1))
+        rows.append(part.rows)
+        own = np.square(Q @ factor.T).sum(1)                # (K, r) of a parameter's variance that each unit brings
         share, squared = share + own.sum(0), squared + np.square(own).sum(0)
     scores = np.concatenate(found)
     step = max(1, SIGNS // len(scores))
@@ -54,20 +68,19 @@ def bootstrap(parts: Iterable[Folded], fitted: Fit, rng: np.random.Generator) ->
                             for start in range(0, REPLICATES, step)])
     if prior is not None and len(prior):
         moved = moved + fitted.sigma * rng.standard_normal((REPLICATES, len(prior))) @ (prior[:, kept] @ factor)
-    errors, rests = np.zeros(len(fitted.theta)), np.ones(len(fitted.theta))
-    errors[kept] = np.sqrt(np.square(moved @ factor.T).mean(0))
+    draws, rests = np.zeros((REPLICATES, len(fitted.theta))), np.ones(len(fitted.theta))
+    draws[:, kept] = moved @ factor.T
     rests[kept] = np.square(share) / squared
-    return Bootstrap(errors, rests)
+    return Bootstrap(np.sqrt(np.square(draws).mean(0)), draws, rests, uneven(np.concatenate(size), np.concatenate(rows)) < LOUD)
 
 
-def _scores(folded: Folded, kept: Sequence[int], beta: Array, factor: Array) -> tuple[Array, Array]:
-    """(Q (K, h, r), scores (K, r)) of some configurations: what each moves the estimate by, its leverage made good."""
+def _made_good(folded: Folded, kept: Sequence[int], beta: Array, factor: Array) -> tuple[Array, Array]:
+    """(Q (K, h, r), residuals (K, h)) of some configurations, what their leverage took from the residuals given back."""
     X, y = folded.blocks[:, :, kept], folded.blocks[:, :, -1]
     Q, e = X @ factor, y - X @ beta
     values, vectors = np.linalg.eigh(np.eye(X.shape[1]) - Q @ Q.transpose(0, 2, 1))
     root = np.where(values > LEAST, 1 / np.sqrt(np.maximum(values, LEAST)), 0.0)
-    adjusted = np.einsum("kab,kb,kcb,kc->ka", vectors, root, vectors, e)
-    return Q, np.einsum("kar,ka->kr", Q, adjusted)
+    return Q, np.einsum("kab,kb,kcb,kc->ka", vectors, root, vectors, e)
 
 
 def signs(rng: np.random.Generator, replicates: int, units: int) -> Array:

@@ -4,7 +4,7 @@ Stated uncertainties set the ratios inside a component; the scale of each compon
 """
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +19,7 @@ SINGLE = "noise scale"
 @dataclass(frozen=True, eq=False)
 class Components:
     """A scene whose whitened coordinates each belong to one component: `of` (c,) its number per coordinate, names and units
-    of the scales, `unit_mm` what a scale of 1 means in that unit."""
+    of the T scales, `factor` (T,) what a scale of 1 is in that unit."""
 
     scene: Scene
     of: Index
@@ -74,7 +74,7 @@ def along_beam(scene: Scene, instrument: Instrument) -> Scene:
     sigma = np.sqrt(np.einsum("mai,mij,maj->ma", basis, spread, basis))
     whiten = scene.whiten.copy()
     whiten[:, :3, :3] = basis / sigma[:, :, None]
-    return replace(scene, whiten=whiten, _values={}, _causes={})
+    return scene.anew(whiten=whiten)
 
 
 def single(of: Components) -> Components:

@@ -64,7 +64,8 @@ def correlation(fitted: Fit) -> Correlation:
     factor = fitted.factor[index]
     unit = factor / np.linalg.norm(factor, axis=1)[:, None]
     matrix = np.clip(unit @ unit.T, -1, 1)
-    names = [labels(fitted.model)[k] for k in index]
+    every = labels(fitted.model)
+    names = [every[k] for k in index]
     strong = [(i, j) for i in range(len(index)) for j in range(i) if abs(matrix[i, j]) > STRONG]
     strong.sort(key=lambda pair: -abs(matrix[pair]))
     pairs = tuple(Pair(names[j], names[i], float(matrix[i, j]), _sentence(names[j], names[i], float(matrix[i, j])))

@@ -2,18 +2,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..data.measurements import Note
 from ..fitting.fit import Fit
-from ..matrix.design import blocks
+from ..matrix.design import blocks, whitened
 from ..which.compare import Data
 from ..which.folds import by_unit
-from ..why.flips import LASTING, together
+from ..why.flips import LASTING, SLANTED, slanted, together
 from ..words.rigid import Array
-from .bootstrap import bootstrap
+from .bootstrap import Bootstrap, bootstrap
 from .correlation import labels, owners
 from .posterior import Draws, posterior
 from .sampling import Sampling
@@ -24,7 +24,7 @@ CHANCE = 3.5     # standard deviations of the bootstrap's own uncertainty: among
 
 @dataclass(frozen=True)
 class Parameter:
-    """One estimate: standard errors from least squares, bootstrap and posterior (None: not sampled), the analytic 95 % interval,
+    """One estimate: standard errors from least squares, bootstrap and posterior (None: not sampled), its 95 % interval,
     the displacement it causes (mean and worst over the measured configurations), how many configurations it rests on, and whether
     the three answers differ."""
 
@@ -43,36 +43,37 @@ class Parameter:
     differ: bool
 
 
-def parameters(data: Data, fitted: Fit, rng: np.random.Generator) -> tuple[Parameter, ...]:
+def parameters(data: Data, fitted: Fit, boot: Bootstrap) -> tuple[Parameter, ...]:
     """Every estimable parameter of a fit, in the model's order; the posterior's answers come later (`with_posterior`).
 
-    Where the residuals of a group's configurations go together, whole groups are the bootstrap's units, and the intervals are
-    its: a t of as many degrees of freedom as there are groups, less one (Cameron, Gelbach & Miller 2008).
+    Where the noise is not alike everywhere, or errors last within groups, an interval is a t of the larger standard error, of as
+    many degrees of freedom as configurations or groups bear the estimate, less one (Carter, Schnepel & Steigerwald 2017).
     """
     from scipy.special import stdtrit
-    training = data.training()
-    grouped = lasting(data, fitted, rng)
-    unit = training.data.group if grouped else training.data.block
-    boot = bootstrap(by_unit(training, fitted.terms, unit, fitted.at()), fitted, rng)
     low, high = posterior(fitted).quantile(np.array([0.025, 0.975])).T
-    if grouped:
-        half = float(stdtrit(len(np.unique(unit)) - 1, 0.975)) * np.maximum(boot.errors, fitted.standard_errors)
+    if not boot.alike:
+        half = stdtrit(np.maximum(boot.units - 1, 1), 0.975) * np.maximum(boot.errors, fitted.standard_errors)
         low, high = fitted.theta - half, fitted.theta + half
     mean, worst = displacement(data, fitted)
     error, names, owner = fitted.standard_errors, labels(fitted.model), owners(fitted.model)
     out = []
     for k in fitted.found.kept:
-        analytic, again, rests = float(error[k]), float(boot.errors[k]), float(boot.configurations[k])
+        analytic, again, rests = float(error[k]), float(boot.errors[k]), float(boot.units[k])
         out.append(Parameter(names[k], owner[k], fitted.terms[k].unit, float(fitted.theta[k]), analytic, again, None,
                              float(low[k]), float(high[k]), float(mean[k]), float(worst[k]), rests,
                              _differ((analytic, again), rests)))
     return tuple(out)
 
 
-def lasting(data: Data, fitted: Fit, rng: np.random.Generator) -> bool:
-    """Whether what is left goes together within groups: errors that last from one configuration to the next."""
+def resampled(data: Data, fitted: Fit, rng: np.random.Generator) -> Bootstrap:
+    """The bootstrap of the training rows; whole groups are its units where what is left goes together within them."""
     training = data.training()
-    return together(training.data, fitted.residuals(training)[:, :3], rng) <= LASTING
+    residual = fitted.residuals(training)
+    grouped = together(training.data, residual[:, :3], rng) <= LASTING
+    slant = training.measured is None and slanted(whitened(training, residual).T, fitted.freedom / training.components) <= SLANTED
+    unit = training.data.group if grouped else training.data.block
+    boot = bootstrap(by_unit(training, fitted.terms, unit, fitted.at()), fitted, rng)
+    return replace(boot, alike=boot.alike and not (grouped or slant), grouped=grouped)
 
 
 def _differ(errors: Sequence[float], configurations: float) -> bool:
@@ -84,7 +85,6 @@ def _differ(errors: Sequence[float], configurations: float) -> bool:
 def displacement(data: Data, fitted: Fit) -> tuple[Array, Array]:
     """(mean, worst) (p,) displacement [mm] of the target that each parameter causes, over all measured configurations, held out
     or not: the workspace as it was measured. Linear about the optimum."""
-    from dataclasses import replace
     scene = data.scene.take(~data.outlying)
     total, worst = np.zeros(len(fitted.theta)), np.zeros(len(fitted.theta))
     for _, columns, _ in blocks(replace(scene, whiten=1.0), fitted.terms, fitted.at()):
@@ -98,7 +98,6 @@ def with_posterior(found: Sequence[Parameter], fitted: Fit, draws: Draws, sampli
                    ) -> tuple[Parameter, ...]:
     """With the posterior's standard deviations: emcee's where it sampled the parameter and converged, else of the closed-form
     draws weighted on the exact chain."""
-    from dataclasses import replace
     spread = dict(zip([labels(fitted.model)[k] for k in fitted.found.kept], draws.spread[list(fitted.found.kept)], strict=True))
     if sampling.converged:
         spread |= {n: s for n, s in zip(sampling.names, sampling.spread, strict=True) if n in spread}

@@ -20,7 +20,7 @@ from ..which.criteria import log_evidence
 from ..which.folds import Folded, cross_validate, fold
 from ..words.errors import NotEstimable
 from ..wrong.screws import Mechanism
-from .bootstrap import halves
+from .bootstrap import Bootstrap, halves
 from .ensemble import Ensemble
 
 HALVES = 100
@@ -31,9 +31,10 @@ SETUP = "set-up"      # the placement is no error of the arm
 
 @dataclass(frozen=True)
 class Significance:
-    """One mechanism: displacement it causes over the measured configurations; nested F, p and the evidence for it given all
-    others; cross-validated and held-out rms with and without it; what the catalogue says of sign and size; the share of
-    half-samples in which it stays significant. None where undefined."""
+    """One mechanism: displacement it causes over the measured configurations; nested F, p (no smaller than the bootstrap's where
+    the noise is not alike everywhere) and the evidence for it given all others; cross-validated and held-out rms with and
+    without it; what the catalogue says of sign and size; the share of half-samples in which it stays significant. None where
+    undefined."""
 
     mechanism: str
     parameters: tuple[str, ...]
@@ -50,7 +51,8 @@ class Significance:
     stability: float | None
 
 
-def significance(data: Data, fitted: Fit, names: Sequence[str], rng: np.random.Generator) -> tuple[Significance, ...]:
+def significance(data: Data, fitted: Fit, names: Sequence[str], boot: Bootstrap, rng: np.random.Generator
+                 ) -> tuple[Significance, ...]:
     """Of every mechanism of a fitted model, by what matters in mm. `names`: what the report calls the model's last mechanisms."""
     model = fitted.model
     called = dict(zip(model.mechanisms[-len(names):], names, strict=True)) if names else {}
@@ -62,7 +64,7 @@ def significance(data: Data, fitted: Fit, names: Sequence[str], rng: np.random.G
     out = []
     for m, (mean, worst), share in zip(judged, moved, stable, strict=True):
         own = _own(model, m, fitted)
-        f, p, evidence = nested(fitted, own)
+        f, p, evidence = nested(fitted, own, boot)
         cv_without, held_without = without.rms(own) if own else (None, None)
         terms = _terms(model, m)
         symbols = tuple(model.terms[k].symbol for k in terms if k in fitted.found.kept)
@@ -100,9 +102,9 @@ def _displaced(data: Data, fitted: Fit, groups: Sequence[Sequence[int]]) -> list
     return [(float(t / len(scene)), float(w)) for t, w in zip(total, worst, strict=True)]
 
 
-def nested(fitted: Fit, own: Sequence[int]) -> tuple[float | None, float | None, float | None]:
+def nested(fitted: Fit, own: Sequence[int], boot: Bootstrap) -> tuple[float | None, float | None, float | None]:
     """(F, its p, log10 of the Bayes factor with a unit-information prior) of the model against itself without some terms:
-    RSS grows by θᵀ C⁻¹ θ, C their unscaled covariance."""
+    RSS grows by θᵀ C⁻¹ θ, C their unscaled covariance. The p is no smaller than the bootstrap's where it is to be believed."""
     from scipy.special import fdtrc
     if not own or fitted.freedom <= 0:
         return None, None, None
@@ -111,7 +113,10 @@ def nested(fitted: Fit, own: Sequence[int]) -> tuple[float | None, float | None,
     f = more / len(own) / fitted.sigma ** 2
     rank = round(fitted.rows - fitted.freedom)
     evidence = log_evidence(fitted.rss, fitted.rss + more, fitted.rows, rank - len(own), len(own))
-    return f, float(fdtrc(len(own), fitted.freedom, f)), float(evidence / np.log(10)) if fitted.precision is None else None
+    p = float(fdtrc(len(own), fitted.freedom, f))
+    if not boot.alike:
+        p = max(p, boot.p_value(fitted, own))
+    return f, p, float(evidence / np.log(10)) if fitted.precision is None else None
 
 
 class _Without:

@@ -24,7 +24,6 @@ from ..why.extend import Extension
 from ..why.faults import misplaced
 from ..why.maps import error_map
 from ..why.view import models
-from ..why.words import label
 from ..words.version import VERSION
 from ..wrong.mechanisms.geometry import setup
 from ..wrong.registry import Registry, mechanism
@@ -34,7 +33,6 @@ from .findings import Finding, beside, surprised, uneven
 from .finished import Result
 from .left import (
     estimated_floor,
-    fit_of,
     held_out_outliers,
     nothing_else,
     per_row,
@@ -89,7 +87,7 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     say("comparing all subsets of the candidates")
     offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects],
                                study.comparison.mechanisms or MOST)
-    comparison = compare(data, base, fit_of(base_rung), offered, base_names, aside) if offered else None
+    comparison = compare(data, base, base_rung.fit, offered, base_names, aside) if offered else None
     say("measuring the gain")
     steps = _steps(data, base_rung, extension)
     rungs = [nominal, *_ladder(question, data, measured, base_rung, best_constants(found, extension.single_f))]
@@ -98,7 +96,7 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     rungs = [*(r for r in rungs if r is not chosen and (_same(r) != _same(chosen) or r is nominal)), chosen]
 
     data = replace(data, outlying=data.outlying | held_out_outliers(data, [r for r in rungs if r is not nominal]))
-    faults = misplaced(data.scene, data.outlying, fit_of(chosen), generator(study.seed, "null"))
+    faults = misplaced(data.scene, data.outlying, chosen.fit, generator(study.seed, "null"))
     held = ~data.estimation & ~data.outlying
     drawn = Resampled.of(measured.block[held], generator(study.seed, "gain"))
 
@@ -122,11 +120,11 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
         notes = (*notes, Note("cv-not-estimable", f"No cross-validation of {', '.join(lost)}: without one of the folds the data "
                               "do not determine it, and its cv_rms_mm is null. More folds or configurations are needed."))
     say("weighing every mechanism of the chosen model")
-    sure = confidence(data, fit_of(chosen), chosen.names, study.seed)
+    sure = confidence(data, chosen.fit, chosen.names, study.seed)
     return Result(study, question.robot, data, per_row(floor or estimated_floor(chosen, data), data), ladder, comparison,
                   remeasured(chosen, data), gained(nominal, chosen), findings, faults, extension, error_map(extension, found),
                   nothing_else(extension, found, data, steps[-1]), predictable_left(data, steps[-1],
-                  generator(study.seed, "flips")), within, unidentifiable(fit_of(base_rung).found, base.terms), notes, sure,
+                  generator(study.seed, "flips")), within, unidentifiable(base_rung.fit.found, base.terms), notes, sure,
                   provenance(study, data_sha256))
 
 
@@ -135,7 +133,7 @@ def with_sampling(question: Question, result: Result, say: Say = lambda _: None,
     plan, study, measured = question.plan, question.study, result.data.scene.data
     request = Request(question.model(study.model.base, measured), study.sampling.over, plan.instrument,
                       plan.stated_mm is not None, question.registry)
-    found = sampled(result.confidence, result.data, fit_of(result.chosen), request, study.seed, say, keeper)
+    found = sampled(result.confidence, result.data, result.chosen.fit, request, study.seed, say, keeper)
     return replace(result, confidence=found)
 
 
@@ -149,7 +147,7 @@ def _weighed(question: Question, data: Data, base: Model) -> Data:
 
 def _same(r: Rung) -> tuple[tuple[str, ...], frozenset[tuple[Screw, ...]]]:
     """What makes two rungs one: their names and what these stand for."""
-    return r.names, frozenset(t.screws for t in fit_of(r).terms)
+    return r.names, frozenset(t.screws for t in r.fit.terms)
 
 
 def best_constants(found: Sequence[Candidate], single_f: NDArray[np.float64]) -> dict[str, Mechanism]:
@@ -176,7 +174,7 @@ def _steps(data: Data, base_rung: Rung, extension: Extension) -> list[Rung]:
     steps = [base_rung]
     for k in range(1, len(extension.effects) + 1):
         so_far = [e.candidate for e in extension.effects[:k]]
-        names = (*base_rung.names, *(label(c) for c in so_far))
+        names = (*base_rung.names, *(c.label for c in so_far))
         last = extension.fit if k == len(extension.effects) and not thinned(extension, data) else None
         steps.append(rung(data, models(extension.base, so_far), names, last, start=steps[-1].fit))
     return steps

@@ -16,7 +16,7 @@ from ..why.evidence import RATIOS
 from ..why.extend import Effect, Extension
 from ..why.faults import Fault
 from ..why.naming import Entry
-from ..why.words import display, label, sentence
+from ..why.words import display, sentence
 from ..words.rigid import Array
 from ..wrong.causes import Bump
 from ..wrong.screws import Term
@@ -89,7 +89,7 @@ def finding_dict(finding: Finding, scene: Scene) -> dict[str, Any]:
                 else scene.data.row}
     return {
         "sentence": finding.sentence, "verdict": effect.named.verdict, "p_value": effect.p, **rows,
-        "credible_set": [{"mechanism": e.candidate.label, "probability": e.probability,
+        "credible_set": [{"mechanism": e.candidate.registered_name, "probability": e.probability,
                           "screws": screws_of(e.candidate, scene, curve(e)), "alike": e.alike} for e in effect.named.entries],
         "more_entries": effect.named.more,
         "estimate": [{"symbol": t.symbol, "value": v, "standard_error": e, "unit": t.unit}
@@ -128,7 +128,7 @@ def uneven(extension: Extension) -> tuple[Note, ...]:
     """What equal normal noise would have named and the residual's own signs do not."""
     if extension.held_back is None or extension.left is None:
         return ()
-    first = label(extension.left.entries[0].candidate)
+    first = extension.left.entries[0].candidate.label
     return (Note("uneven-noise", f"{first} is not named: were the noise normal and alike everywhere, chance would explain it "
                  f"with probability {extension.held_back:.2g}, but the residuals as they are, with the signs of whole "
                  f"configurations changed, do as well with probability {extension.left_p:.2g}. A few rows are loud, or errors "

@@ -21,11 +21,11 @@ from ..why.extend import Extension
 from ..why.faults import Fault
 from ..why.maps import ErrorMap
 from ..why.predictor import Predictable
-from ..why.words import label
 from .config import Study
 from .findings import Finding, fault_dict, finding_dict, screws_of
-from .left import Placed, features, fit_of, noise_dict
+from .left import Placed, features, noise_dict
 from .result import candidates_dict, plain, rung_dict
+from .standing import standing
 from .verdict import verdict
 from .views import Views
 
@@ -63,13 +63,18 @@ class Result(Views):
     @property
     def features(self) -> tuple[Placed, ...]:
         """Where the chosen model has the features that rows share."""
-        return features(self.data.scene, fit_of(self.chosen))
+        return features(self.data.scene, self.chosen.fit)
+
+    @property
+    def standing(self) -> dict[str, Any] | None:
+        """Where registration found the base and the targets (`standing`); None where the study gives them."""
+        return standing(self.data.scene, self.study.robot.register_ == "per group") if self.study.robot.register_ else None
 
     @property
     def named(self) -> list[tuple[str, str]]:
         """(name, verdict) of every finding, faults of single rows first, as result.json lists them."""
         return [*((f"fault:{f.name}", "found") for f in self.faults),
-                *((label(f.effect.candidate), f.effect.named.verdict) for f in self.findings)]
+                *((f.effect.candidate.label, f.effect.named.verdict) for f in self.findings)]
 
     def to_dict(self) -> dict[str, Any]:
         """The contract's result."""
@@ -85,6 +90,7 @@ class Result(Views):
                                "held_out": data.take(~estimation).configurations,
                                "estimation_rows": data.row[estimation]},
             "noise_floor": noise_dict(self.floor, data),
+            **({} if self.standing is None else {"registration": self.standing}),
             **({} if data.gauges is None else {"features": [asdict(f) for f in self.features]}),
             "ladder": [rung_dict(r) for r in self.ladder],
             "candidates": candidates_dict(self.comparison),

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from ..machine.robotfile import builtin_names, load, read_robot
 from ..matrix.design import Model
 from ..which.stream import Parts, fit_parts, parts_of
-from ..words.errors import DataError, ModelselError, StudyError
+from ..words.errors import CHECK_FAILED, DataError, ModelselError, StudyError
 from ..wrong.registry import mechanism, with_plugins
 from .analysis import provenance
 from .config import find_data
@@ -28,14 +28,13 @@ from .report.fleet import summary
 from .result import dumps
 from .stored import WRITES, save
 from .study import run
-from .write import write_beside
+from .write import claimed, write_beside
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 Row = dict[str, Any]
 RETRIES = 3        # of a study whose worker died
-UNCONVERGED = 5    # a study's exit status where its chain has not converged
 ERRORS = ("nominal", "base", "chosen")
 
 
@@ -95,10 +94,11 @@ def run_fleet(fleet: Fleet, out: Path, client: Any, *, sampling: bool = True, re
 def _one(task: Task, out: str, sampling: bool, reports: bool) -> Row:
     """On a worker: one study, from its file to all it writes."""
     try:
-        result = run(task.study, task.folder, registry=with_plugins()[0], sampling=sampling)
-        save(result, Path(out))
-        if reports:
-            draw(Path(out))
+        with claimed(Path(out)):
+            result = run(task.study, task.folder, registry=with_plugins()[0], sampling=sampling)
+            save(result, Path(out))
+            if reports:
+                draw(Path(out))
     except ModelselError as error:
         return _failed(task.name, str(error), error.exit_code)
     return _row(task.name, json.loads((Path(out) / "result.json").read_text(encoding="utf-8")))
@@ -121,7 +121,7 @@ def _row(name: str, result: Row) -> Row:
     """A study's line in the summary."""
     ladder = result["ladder"]
     last, sampled = ladder[-1], result["sampling"]
-    return {"name": name, "state": "done", "exit": 0 if sampled is None or sampled["converged"] else UNCONVERGED,
+    return {"name": name, "state": "done", "exit": 0 if sampled is None or sampled["converged"] else CHECK_FAILED,
             "robot": result["robot"], "estimation": result["configurations"]["estimation"],
             "held_out": result["configurations"]["held_out"], "noise_mm": result["noise_floor"]["coordinate_mm"],
             "nominal_mm": ladder[0]["held_out"]["mean_mm"], "base_mm": ladder[1 if len(ladder) > 1 else 0]["held_out"]["mean_mm"],
@@ -198,7 +198,7 @@ def show(rows: Sequence[Row], console: Console) -> None:
         table.add_column(name, justify=side)  # type: ignore[arg-type]
     for row in rows:
         if row["state"] == "done":
-            table.add_row(row["name"], str(row["estimation"] + row["held_out"]), *(mm(row[f"{what}_mm"]) for what in ERRORS),
+            table.add_row(row["name"], f"{row['estimation'] + row['held_out']:,}", *(mm(row[f"{what}_mm"]) for what in ERRORS),
                           row["found"] or "–")
     console.print(table)
     for row in rows:

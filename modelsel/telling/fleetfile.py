@@ -40,7 +40,7 @@ class PartsTable(_Table):
     robot: FileName
     tool_mm: Vector
     base: list[str] = ["geometric"]
-    folds: Annotated[int, Field(ge=2)] = 10
+    folds: Annotated[int, Field(ge=2, le=1000)] = 10
 
 
 class FleetFile(_Table):

@@ -8,16 +8,21 @@ import numpy as np
 from ..data.features import KINDS
 from ..data.measurements import Measurements
 from ..fitting.fixtures import place
+from ..fitting.mistakes import LEAST, mistake
 from ..fitting.noise import from_repeats, from_target_pairs
+from ..fitting.register import register
 from ..machine.robot import Robot
-from ..matrix.design import Model
+from ..matrix.design import Model, residuals
 from ..matrix.identify import FAINT_MM, identify, told, unidentifiable, usual_sizes
 from ..matrix.reduce import reduce_scene
 from ..matrix.scene import scene
 from ..matrix.size import as_drawn
+from ..words.errors import DataError, NotEstimable
 from ..wrong.mechanisms.geometry import geometric, setup
 from ..wrong.screws import Mechanism
+from .standing import standing, standing_sentences
 
+MOST = 2000        # points that are registered
 
 def mechanism_card(mechanism: Mechanism) -> dict[str, Any]:
     """A mechanism as plain values."""
@@ -69,7 +74,24 @@ def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
             "geometry": {"parameters": len(model.terms), "rank": found.rank, "condition": found.condition},
             "unidentifiable": [{"sentence": u.sentence, "parameters": list(u.parameters)}
                                for u in unidentifiable(found, model.terms)],
-            "warnings": [{"code": n.code, "sentence": n.sentence} for n in data.notes]}
+            **_registered(robot, data), "warnings": [{"code": n.code, "sentence": n.sentence} for n in data.notes]}
+
+
+def _registered(robot: Robot, data: Measurements) -> dict[str, Any]:
+    """How well the positions fit the nominal robot once the tracker's frame and the targets are found, as one placement of all
+    groups, and which simple mistake of the set-up would fit better; empty where too few points are measured."""
+    bound = scene(robot, data, np.zeros((len(data.targets), 3)))
+    points = np.flatnonzero(np.ones(len(data), bool) if data.gauges is None else data.gauges.of("point"))
+    use = np.zeros(len(data), bool)
+    use[points[::max(len(points) // MOST, 1)]] = True
+    if len(np.unique(data.block[use])) < LEAST:
+        return {}
+    try:
+        bound = register(bound, use, per_group=False)
+        left = float(np.median(np.linalg.norm(residuals(bound.take(use))[:, :3], axis=1)))
+    except (DataError, NotEstimable):
+        return {}
+    return {"registered": {"median_mm": left, **standing(bound, False), "mistake": mistake(bound, use, True)}}
 
 
 def _some(names: list[str]) -> str:
@@ -78,7 +100,7 @@ def _some(names: list[str]) -> str:
 
 def sentences(found: dict[str, Any]) -> list[str]:
     """`describe` in words."""
-    out = [f"{found['rows']} rows, {found['configurations']} configurations, {found['repeats']} of them repeats; targets: "
+    out = [f"{found['rows']:,} rows, {found['configurations']:,} configurations, {found['repeats']:,} of them repeats; targets: "
            f"{', '.join(found['targets'])}; groups: {', '.join(found['groups'][:8])}"
            + (" …" if len(found["groups"]) > 8 else "")]
     if "kinds" in found:
@@ -103,4 +125,9 @@ def sentences(found: dict[str, Any]) -> list[str]:
     out.append(f"Geometry: {geometry['rank']} of {geometry['parameters']} parameters can be determined (target assumed at "
                f"0, 0, 100 mm), condition {geometry['condition']:.0f}")
     out += [f"  {u['sentence']}" for u in found["unidentifiable"]]
+    if "registered" in found:
+        placed = found["registered"]
+        out.append(f"Registered (tracker's frame and target found): {placed['median_mm']:.3g} mm from the nominal robot (median)")
+        out += [f"  {sentence}" for sentence in standing_sentences(placed)]
+        out += [f"Check the set-up: {placed['mistake']}"] if placed["mistake"] else []
     return [*out, *(f"Note: {w['sentence']}" for w in found["warnings"])]

@@ -17,10 +17,11 @@ from ..matrix.scene import Scene
 from ..which.candidates import Candidate
 from ..which.compare import Data, Rung
 from ..which.validate import errors
-from ..why.extend import LEVEL, Extension
+from ..why.extend import Extension
 from ..why.predictor import Predictable, predictable
 from ..why.robust import GROSS, far_off
-from ..why.words import display, label
+from ..why.search import LEVEL
+from ..why.words import display
 from ..words.rigid import Array, turn
 from ..wrong.causes import Member
 from .findings import detection_limit
@@ -61,7 +62,7 @@ def nothing_else(extension: Extension, found: tuple[Candidate, ...], data: Data,
     if extension.left_p <= LEVEL:
         first = extension.left.entries[0]
         stopped = (f"The search stopped after {len(extension.effects)} effects, but something systematic is left: chance alone "
-                   f"would explain it with probability {extension.left_p:.2g}. It looks most like {label(first.candidate)} "
+                   f"would explain it with probability {extension.left_p:.2g}. It looks most like {first.candidate.label} "
                    f"(probability {first.probability:.2f}).")
         return stopped, limit
     more = "else " if extension.effects else ""
@@ -73,16 +74,10 @@ def nothing_else(extension: Extension, found: tuple[Candidate, ...], data: Data,
 
 def estimated_floor(rung_: Rung, data: Data) -> Floor:
     """One coordinate's standard deviation [mm] from the residuals of a fitted model."""
-    fitted = fit_of(rung_)
+    fitted = rung_.fit
     square = np.square(rung_.residual[data.used][:, :3])
     mean = square.mean() if data.scene.measured is None else square.sum() / data.scene.measured[data.used][:, :3].sum()
     return Floor(float(np.sqrt(mean * fitted.rows / fitted.freedom)), "estimated", fitted.freedom)
-
-
-def fit_of(rung_: Rung) -> Fit:
-    """The fit that a rung was measured with."""
-    assert rung_.fit is not None
-    return rung_.fit
 
 
 def per_row(floor: Floor, data: Data) -> Floor:

@@ -11,11 +11,11 @@ from ..data.io import read_measurements
 from ..data.measurements import Measurements, measurements
 from ..data.table import Source
 from ..elsewhere.prepare import generator
+from ..machine.robot import Robot
 from ..use.calibration import Calibration
 from ..use.plan import RIVALS, Rivals, determine, distinct, indices, more_needed, pool, tell_apart, told_with
 from ..why.extend import Effect
-from ..why.words import label
-from ..words.errors import StudyError
+from ..words.errors import StudyError, suggest
 from ..words.rigid import Array
 from ..wrong.screws import Term
 from .finished import Result
@@ -31,8 +31,8 @@ SIZES = (2.0, 1.0, 0.5, 0.25)   # of the detection limit, for the learning curve
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Planned:
-    """Configurations of the pool in the order to measure them, as columns of a measurements file; what they are for; figures
-    before and after; `configurations` measured already."""
+    """Configurations of the pool in the order to measure them, as columns of a measurements file in the units of the study's own;
+    what they are for; figures before and after; `configurations` measured already; `within`: from where the pool was drawn."""
 
     rows: tuple[int, ...]
     table: Mapping[str, Array] = field(repr=False)
@@ -44,6 +44,7 @@ class Planned:
     random: float | None
     indices: dict[str, tuple[float, float]]
     learning: tuple[tuple[float, int], ...]
+    within: str = ""
 
     def to_frame(self) -> pd.DataFrame:
         """The configurations to measure, in order: a measurements file that lacks the measured positions."""
@@ -68,23 +69,41 @@ def rivals_of(result: Result) -> list[Rivals]:
 def _rivals(result: Result, effect: Effect) -> Rivals | None:
     first, *others = effect.named.entries[:RIVALS]
     entries = [first, *(e for e in others if e.probability > 0)]
-    if len(entries) < 2 or result.chosen.fit is None:
+    if len(entries) < 2:
         return None
     mine = {t.screws for t in effect.candidate.mechanism.terms}
     kept = result.chosen.fit.terms
     shared = {t.screws for m in result.chosen.fit.model.mechanisms if m != effect.candidate.mechanism for t in m.terms}
     rest = tuple(t for t in kept if t.screws not in mine or t.screws in shared)
     estimates = [effect.estimate if e.candidate == effect.candidate else e.estimate for e in entries]
-    names = tuple(label(e.candidate) for e in entries)
+    names = tuple(e.candidate.label for e in entries)
     weight = np.array([e.probability for e in entries])
     return Rivals(names, tuple(e.candidate.mechanism.terms for e in entries), tuple(estimates), weight / weight.sum(), rest)
 
 
-def drawn_pool(c: Calibration, seed: int, data: Measurements) -> Measurements:
-    """Configurations drawn within the robot's limits (where none are known: within what was measured), each reached from a
-    drawn side, at conditions as they were met."""
+def ranges_of(robot: Robot, data: Measurements, limits: bool, joints: Mapping[str, tuple[float, float]]) -> Array:
+    """(n, 2) from where to where each joint is drawn, rad or mm: as it was measured; with `limits` as far as the robot file lets
+    it (where it says so); `joints`, such as {"q2_deg": (-90, 45)}, go before both. Raises StudyError."""
+    out = np.stack([data.q.min(0), data.q.max(0)], 1)
+    for k, one in enumerate(robot.joints):
+        if limits and one.limits is not None:
+            out[k] = one.limits
+    known = {f"q{k + 1}_{u}": (k, f) for k, slides in enumerate(robot.prismatic)
+             for u, f in ((("mm", 1.0),) if slides else (("deg", np.pi / 180), ("rad", 1.0)))}
+    for name, (low, high) in joints.items():
+        if name not in known:
+            raise StudyError(f'"{name}" is no joint of {robot.name}. {suggest(name, known)}')
+        if not (np.isfinite([low, high]).all() and low <= high):
+            raise StudyError(f"{name}: a joint's range goes from a lower to a higher number, found {low:g} to {high:g}.")
+        joint, factor = known[name]
+        out[joint] = low * factor, high * factor
+    return out
+
+
+def drawn_pool(c: Calibration, seed: int, data: Measurements, ranges: Array) -> Measurements:
+    """Configurations drawn within the `ranges` (n, 2), each reached from a drawn side, at conditions as they were met."""
     rng = generator(seed, "simulate")
-    low, high = np.array([joint.limits or c.ranges[f"q{k + 1}"] for k, joint in enumerate(c.robot.joints)]).T
+    low, high = ranges.T
     q = rng.uniform(low, high, (DRAWN, c.robot.n))
     met = rng.integers(len(data), size=DRAWN)
     return measurements(q, np.zeros((DRAWN, 3)), approach=rng.choice([-1.0, 1.0], q.shape),
@@ -112,7 +131,6 @@ def plan(result: Result, c: Calibration, possible: Measurements, count: int, pur
     the criteria of `plan.CRITERIA` for the chosen model's terms ("d" is the default elsewhere). Raises DataError or
     StudyError."""
     fitted = result.chosen.fit
-    assert fitted is not None
     sets = rivals_of(result)
     known = result.data.training()
     terms: list[Term] = [*fitted.terms, *(t for r in sets for some in r.terms for t in some)]
@@ -136,31 +154,42 @@ def plan(result: Result, c: Calibration, possible: Measurements, count: int, pur
     before, after = indices(p, kept, []), indices(p, kept, rows)
     limit, n = result.nothing_else[1], known.data.configurations
     learning = () if limit is None else tuple((s * limit, more_needed(limit, n, s * limit)) for s in SIZES)
-    return Planned(tuple(rows), table_of(c, possible, rows), n, purpose, tuple(r.names for r in sets), twins, tuple(told), random,
-                   {k: (before[k], after[k]) for k in before}, learning)
+    return Planned(tuple(rows), table_of(c, possible, rows, known.data.units), n, purpose, tuple(r.names for r in sets), twins,
+                   tuple(told), random, {k: (before[k], after[k]) for k in before}, learning)
 
 
-def table_of(c: Calibration, possible: Measurements, rows: Sequence[int]) -> dict[str, Array]:
-    """The chosen configurations as columns of a measurements file that lacks the measured positions."""
+def table_of(c: Calibration, possible: Measurements, rows: Sequence[int], units: Sequence[str] = ()) -> dict[str, Array]:
+    """The chosen configurations as columns of a measurements file that lacks the measured positions, readings in these units."""
     first = np.unique(possible.configuration, return_index=True)[1][list(rows)]
-    out: dict[str, Array] = {f"q{j + 1}_{c.robot.unit(j + 1)}": possible.q[first, j] for j in range(c.robot.n)}
+    units = units or [c.robot.unit(j + 1) for j in range(c.robot.n)]
+    out: dict[str, Array] = {f"q{j}_{u}": np.degrees(q) if u == "deg" else q
+                             for j, (u, q) in enumerate(zip(units, possible.q[first].T, strict=True), 1)}
     out |= {f"approach{j + 1}": possible.approach[first, j].astype(int) for j in range(c.robot.n)}
     return out | {name: values[first] for name, values in possible.covariates.items()}
 
 
-def plan_next(result: Result, count: int = 10, *, pool: Source | None = None, purpose: str | None = None) -> Planned:
+def plan_next(result: Result, count: int = 10, *, pool: Source | None = None, purpose: str | None = None, limits: bool = False,
+              joints: Mapping[str, tuple[float, float]] | None = None) -> Planned:
     """What to measure next: `count` configurations of a pool (a file or DataFrame of joint readings; without one, drawn within
-    the robot's limits), chosen as `plan` says. Raises DataError or StudyError."""
-    c = calibration_of(result)
-    seed = result.study.seed
-    possible = drawn_pool(c, seed, result.data.scene.data) if pool is None else sided(
-        read_measurements(pool, c.robot.prismatic, positions=False), seed)
-    return plan(result, c, every_target(possible, c.targets), count, purpose)
+    the joint ranges that were measured, with `limits` the robot file's, with `joints` such as {"q2_deg": (-90, 45)} one's own),
+    chosen as `plan` says. Raises DataError or StudyError."""
+    c, seed, data = calibration_of(result), result.study.seed, result.data.scene.data
+    if pool is not None:
+        possible, within = sided(read_measurements(pool, c.robot.prismatic, positions=False), seed), ""
+    else:
+        ranges = ranges_of(c.robot, data, limits, joints or {})
+        given = [one.limits is not None for one in c.robot.joints]
+        possible, within = drawn_pool(c, seed, data, ranges), "the joint ranges measured"
+        if limits:
+            within = "the robot file's limits" + ("" if all(given) else " where it gives any") if any(given) else (
+                f"{within}, since the robot file gives no limits")
+        within += f", {', '.join(joints)} as given" if joints else ""
+    return replace(plan(result, c, every_target(possible, c.targets), count, purpose), within=within)
 
 
 def sentences(found: Planned) -> list[str]:
     """The plan in words."""
-    out = []
+    out = [f"Drawn within {found.within}."] if found.within else []
     if found.told:
         groups = "; ".join(" or ".join(names) for names in found.rivals)
         out.append(f"Rivals: {groups}. The right one is told from its nearest rival with probability {found.told[0]:.2f} now, "

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -52,8 +52,3 @@ def plain(value: Any) -> Any:
 def dumps(result: Mapping[str, Any]) -> str:
     """The file's text."""
     return json.dumps(plain(result), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
-
-
-def sentence_list(words: Sequence[str]) -> str:
-    """a, b and c."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

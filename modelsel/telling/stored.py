@@ -56,7 +56,6 @@ def calibration_of(result: Result | StoredResult) -> Calibration:
     if isinstance(result, StoredResult):
         return result.calibration
     fitted, data = result.chosen.fit, result.data
-    assert fitted is not None
     return calibrate(result.study.name, data, fitted, result.floor, result.chosen.held_out.rms_mm,
                      bool(result.study.robot.register_), result.provenance)
 
@@ -84,7 +83,8 @@ def load_result(folder: Path | str) -> StoredResult:
     _one_run(calibration.provenance, source.result, folder, NAME)
     table = None
     if (folder / RESIDUALS).exists():
-        table, of = _read_parquet(folder / RESIDUALS)
+        counts = source.result["configurations"]
+        table, of = _read_parquet(folder / RESIDUALS, counts["estimation"] + counts["held_out"])
         _one_run(of, source.result, folder, RESIDUALS)
     return StoredResult(source.result, source.details, calibration, table)
 
@@ -130,15 +130,35 @@ def _arrow(values: NDArray[Any]) -> Any:
     return pa.Array.from_buffers(kind, len(exact), [None, pa.py_buffer(exact.tobytes())])
 
 
-def _read_parquet(path: Path) -> tuple[pd.DataFrame, dict[str, str]]:
-    """The table and the hashes of its run. Raises StudyError."""
+def _read_parquet(path: Path, rows: int) -> tuple[pd.DataFrame, dict[str, str]]:
+    """The table, of so many rows at least, and the hashes of its run. Raises StudyError."""
     import pandas as pd
     import pyarrow as pa
     import pyarrow.parquet as pq
     try:
         table = pq.read_table(path, use_threads=False, partitioning=None)
         columns = {name: table.column(name).to_numpy() for name in table.column_names}
+        of = {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()}
+        _whole(columns, rows)
         index = pd.Index(columns.pop("row"), name="row")
-    except (OSError, KeyError, pa.lib.ArrowException) as error:
-        raise StudyError(f"{path}: cannot be read ({str(error)[:120]}): run the study again.") from None
-    return pd.DataFrame(columns, index=index), {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()}
+    except (OSError, ValueError, TypeError, NotImplementedError, MemoryError, OverflowError, pa.lib.ArrowException) as error:
+        why = str(error) if isinstance(error, _Damaged) else "it is no Parquet file, or a damaged one"
+        raise StudyError(f"{path}: cannot be read: {why}. Run the study again.") from None
+    return pd.DataFrame(columns, index=index), of
+
+
+class _Damaged(ValueError):
+    """Says what is not there."""
+
+
+def _whole(columns: Mapping[str, NDArray[Any]], rows: int) -> None:
+    """Whether every column of residuals.parquet is there, of its type, its numbers finite. Raises _Damaged."""
+    truths, whole = ("estimation", "outlier"), {"row": "i", "estimation": "b", "outlier": "b"}
+    names = [*whole, *(f"{rung}_{axis}_mm" for rung in ("nominal", "base", "chosen") for axis in "xyz")]
+    if missing := [name for name in names if name not in columns]:
+        raise _Damaged(f"column {missing[0]} is missing")
+    for name, values in columns.items():
+        if values.dtype.kind != whole.get(name, "f") or name not in truths and not np.isfinite(values).all():
+            raise _Damaged(f"column {name} holds something else than {'truths' if name in truths else 'finite numbers'}")
+    if len(columns["row"]) < rows or len(set(columns["row"].tolist())) < len(columns["row"]):
+        raise _Damaged(f"it has {len(columns['row'])} rows, where {rows} different ones are expected")

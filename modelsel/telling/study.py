@@ -144,9 +144,9 @@ def rehearse(study: Study | Path | str, folder: Path | str | None = None, *, reg
     study, folder = opened(study, folder)
     question, measured, labels, _ = asked(study, folder, registry)
     data, floor, notes = prepare(question.robot, measured, question.plan, labels)
-    model = question.model(study.model.base, measured)
+    model, kept = question.model(study.model.base, measured), data.scene.data
     return {"study": study.name, "robot": question.robot.name, "rows": len(measured), "configurations": {
-        "estimation": measured.take(data.estimation).configurations, "held_out": measured.take(~data.estimation).configurations},
+        "estimation": kept.take(data.estimation).configurations, "held_out": kept.take(~data.estimation).configurations},
         "registered": question.plan.register, "noise_floor_mm": None if floor is None else floor.coordinate_mm,
         "base": list(model.names), "base_parameters": len(model.terms),
         "mechanisms": len({m.name for m in question.everything}), "cells": question.cells,

@@ -5,15 +5,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..elsewhere.prepare import SETUP
 from ..which.validate import Errors
 from ..why.maps import strongest_causes
-from .result import sentence_list
+from ..words.errors import sentence_list
+from .standing import standing_sentences
 from .views import adds
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from .finished import Result
+
+
+TABLE_FOR = ("The table asks which names predict best together, and may add one that chance brought; naming asks of each whether "
+             "chance would do as well, over all that was scanned: only that finds, and the two may differ.")
 
 
 def mm(value: float | None) -> str:
@@ -31,8 +37,8 @@ def show(result: Result, console: Console) -> None:
     """The whole study on a terminal: what is wrong, the ladder, what is gained, what the data cannot tell."""
     from rich.table import Table
     data, estimation = result.data.scene.data, result.data.estimation
-    console.print(f"\n[bold]{result.study.name}[/bold]: {result.robot.name}, {data.take(estimation).configurations} "
-                  f"configurations estimate, {data.take(~estimation).configurations} are held out")
+    console.print(f"\n[bold]{result.study.name}[/bold]: {result.robot.name}, {data.take(estimation).configurations:,} "
+                  f"configurations estimate, {data.take(~estimation).configurations:,} are held out")
     table = Table(title="Ladder: errors in mm, lengths of the residual vectors", title_justify="left", title_style="bold")
     table.add_column("model", overflow="fold")
     for column in ("parameters", "rank", "mean", "worst", "held-out mean", "worst", "CV rms", "AICc"):
@@ -42,7 +48,8 @@ def show(result: Result, console: Console) -> None:
                       "–" if r.aicc is None else f"{r.aicc:.0f}")
     console.print(table)
     if result.comparison is not None:
-        shown = Table(title=f"Best of {result.comparison.compared} candidate models, by cross-validation",
+        shown = Table(title=f"Best of {result.comparison.compared:,} candidate models, by cross-validation: errors in mm; "
+                            "weight: probability among them",
                       title_justify="left", title_style="bold")
         shown.add_column("base and", overflow="fold")
         for column in ("rank", "CV rms", "held-out mean", "weight"):
@@ -52,6 +59,7 @@ def show(result: Result, console: Console) -> None:
         for r in result.comparison.best:
             shown.add_row(" + ".join(r.names[base:]) or "nothing", str(r.rank), mm(r.cv_rms_mm), mm(r.held_out.mean_mm),
                           "–" if r.weight is None else f"{r.weight:.3f}", r.note)
+        shown.caption = TABLE_FOR
         console.print(shown)
     show_map(result, console)
     show_significance(result, console)
@@ -92,7 +100,7 @@ def show_significance(result: Result, console: Console) -> None:
     rows = result.confidence.significance
     if not rows:
         return
-    table = Table(title="What each mechanism matters: displacement it causes, and errors without it, in mm",
+    table = Table(title="How much each mechanism matters: displacement it causes, and errors without it, in mm",
                   title_justify="left", title_style="bold")
     table.add_column("mechanism", overflow="fold")
     for column in ("mean", "worst", "F", "p", "log10 evidence", "CV rms without", "held-out rms without", "stays in halves"):
@@ -148,7 +156,8 @@ def sentences(result: Result) -> list[str]:
     """The study in words."""
     first, last = result.ladder[0], result.chosen
     called = sentence_list(last.names) if last.names else "nominal"
-    out = [(f"Nominal model: {mm(first.estimation.mean_mm)} mm mean, {mm(first.estimation.max_mm)} mm worst. Chosen model "
+    out = [f"Check the set-up: {w.sentence}" for w in result.warnings if w.code == SETUP]
+    out += [(f"Nominal model: {mm(first.estimation.mean_mm)} mm mean, {mm(first.estimation.max_mm)} mm worst. Chosen model "
             f"({called}): {mm(last.estimation.mean_mm)} mm mean; noise floor "
             f"{result.floor.coordinate_mm:.3g} mm per coordinate ({result.floor.source}).")]
     out += [f.sentence for f in result.faults]
@@ -168,7 +177,8 @@ def sentences(result: Result) -> list[str]:
                                                         "(95 %)")
         out.append(f"On held-out configurations: {mm(gain.held_out_rms_before_mm)} -> {mm(gain.held_out_rms_after_mm)} mm rms"
                    f"{interval}.")
+    out += [] if result.standing is None else [f"Registered: {s[0].lower()}{s[1:]}" for s in standing_sentences(result.standing)]
     out += feature_sentences(result)
     out += [f"Not identifiable: {u.sentence}" for u in result.unidentifiable]
     out += sure_sentences(result)
-    return out + [f"Note: {w.sentence}" for w in (*result.warnings, *result.confidence.notes)]
+    return out + [f"Note: {w.sentence}" for w in (*result.warnings, *result.confidence.notes) if w.code != SETUP]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from ..fitting.noise import Floor
 from ..which.compare import Rung
 from ..which.validate import Gain
-from .result import sentence_list
+from ..words.errors import sentence_list
 
 SHOWN = 6  # names in a sentence
 NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten", "Eleven", "Twelve")

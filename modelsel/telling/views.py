@@ -55,7 +55,7 @@ def adds(rungs: Sequence[Sequence[str]]) -> list[str]:
     out, above = list[str](), list[str]()
     for names in map(list, rungs):
         more = above and names[:len(above)] == above and len(names) > len(above)
-        out.append(f"+ {' + '.join(names[len(above):])}" if more else " + ".join(names))
+        out.append(f"+ {' + '.join(names[len(above):])}" if more else " + ".join(names) or "set-up alone")
         above = names
     return out
 
@@ -154,8 +154,8 @@ def page(record: Record) -> str:
     """Verdict, ladder, findings and notes as HTML that needs nothing else; all text is escaped."""
     counts, floor = record["configurations"], record["noise_floor"]
     side = "held_out" if counts["held_out"] else "estimation"
-    head = (f"<p><b>{escape(record['study'])}</b>: {escape(record['robot'])}, {counts['estimation']} configurations estimate, "
-            f"{counts['held_out']} are held out; noise floor {floor['coordinate_mm']:.3g} mm a coordinate "
+    head = (f"<p><b>{escape(record['study'])}</b>: {escape(record['robot'])}, {counts['estimation']:,} configurations estimate, "
+            f"{counts['held_out']:,} are held out; noise floor {floor['coordinate_mm']:.3g} mm a coordinate "
             f"({escape(floor['source'])})</p>")
     said = "".join(f"<li>{escape(sentence)}</li>" for sentence in record["verdict"])
     ladder = record["ladder"]

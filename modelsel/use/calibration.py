@@ -23,9 +23,11 @@ from ..matrix.scene import Scene
 from ..which.compare import Data
 from ..words.errors import DataError, StudyError, suggest
 from ..words.rigid import Array
+from ..words.shape import misfit, read, strict
 from ..wrong.causes import Member
 from ..wrong.screws import Term
-from .records import mechanism_of, mechanism_record, numbers, robot_of, robot_record
+from .agreement import contradiction
+from .records import CALIBRATION, mechanism_of, mechanism_record, numbers, robot_of, robot_record, rotation
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -216,41 +218,49 @@ def _record(c: Calibration) -> dict[str, Any]:
 
 
 def _restored(r: Mapping[str, Any]) -> Calibration:
+    """The calibration of a record of its shape. Raises ValueError where its parts do not agree."""
     model = Model(tuple(mechanism_of(m) for m in r["mechanisms"]))
-    estimates, rows = r["estimates"], r["covariance_factor"]["rows"]
-    if [e["symbol"] for e in estimates] != [t.symbol for t in model.terms]:
+    estimates, rows, robot = r["estimates"], r["covariance_factor"]["rows"], robot_of(r["robot"])
+    if [(e["symbol"], e["unit"]) for e in estimates] != [(t.symbol, t.unit) for t in model.terms]:
         raise ValueError("its estimates are not those of its terms")
     kept = tuple(k for k, e in enumerate(estimates) if e["estimable"])
+    if [len(row) for row in rows] != list(range(len(kept), 0, -1)):
+        raise ValueError("its covariance_factor has other rows than its estimable terms")
     factor = np.zeros((len(estimates), len(kept)))
     for i, (k, row) in enumerate(zip(kept, rows, strict=True)):
         factor[k, i:] = row
-    robot, (x, y, z) = robot_of(r["robot"]), r["tracker_mm"]
-    turned = [t["rotation"] for t in r["targets"]]
-    floor, held = r["noise_floor"], r["held_out_rms_mm"]
-    return Calibration(
-        str(r["study"]), robot, tuple(str(t["name"]) for t in r["targets"]), tuple(str(g["name"]) for g in r["groups"]),
-        numbers([t["tool_mm"] for t in r["targets"]], (-1, 3)), None if None in turned else numbers(turned, (-1, 3, 3)),
-        (numbers([g["rotation"] for g in r["groups"]], (-1, 3, 3)), numbers([g["translation_mm"] for g in r["groups"]], (-1, 3))),
-        bool(r["registered"]), (float(x), float(y), float(z)), model, numbers([e["value"] for e in estimates], (-1,)), factor,
-        kept, Floor(float(floor["coordinate_mm"]), str(floor["source"]), float(floor["freedom"] or np.inf)),
-        None if held is None else float(held), {str(k): (float(v[0]), float(v[1])) for k, v in r["ranges"].items()},
-        {str(k): str(v) for k, v in r["provenance"].items()})
+    turned = [None if t["rotation"] is None else rotation(t["rotation"]) for t in r["targets"]]
+    floor, held, (x, y, z) = r["noise_floor"], r["held_out_rms_mm"], numbers(r["tracker_mm"]).tolist()
+    c = Calibration(
+        r["study"], robot, tuple(t["name"] for t in r["targets"]), tuple(g["name"] for g in r["groups"]),
+        numbers([t["tool_mm"] for t in r["targets"]]), None if any(t is None for t in turned) else np.array(turned),
+        (np.array([rotation(g["rotation"]) for g in r["groups"]]), numbers([g["translation_mm"] for g in r["groups"]])),
+        r["registered"], (x, y, z), model, np.array([float(e["value"]) for e in estimates]), factor, kept,
+        Floor(float(floor["coordinate_mm"]), floor["source"], np.inf if floor["freedom"] is None else float(floor["freedom"])),
+        None if held is None else float(held), {k: (float(v[0]), float(v[1])) for k, v in r["ranges"].items()},
+        dict(r["provenance"]))
+    if (what := contradiction(r, model, c.standard_errors)) is not None:
+        raise ValueError(what)
+    return c
 
 
 def loads(text: str, where: str = NAME) -> Calibration:
     """The calibration of a file's text. Raises StudyError."""
     try:
-        record = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise StudyError(f"{where}: not valid JSON: {error}") from None
+        record = strict(text)
+    except ValueError as error:
+        raise StudyError(f"{where}: cannot be read: {error}. Run the study again.") from None
     if not isinstance(record, dict) or record.get("kind") != "calibration":
         raise StudyError(f"{where}: not a calibration; `modelsel study` writes one beside its result.json.")
-    if record.get("schema") != SCHEMA:
-        raise StudyError(f"{where}: schema {record.get('schema')}, but this modelsel reads schema {SCHEMA}: run the study again.")
+    if record.get("schema") is True or record.get("schema") != SCHEMA:
+        raise StudyError(f"{where}: schema {str(record.get('schema'))[:40]}, but this modelsel reads schema {SCHEMA}. Run the "
+                         "study again.")
     try:
+        if (found := misfit(record, CALIBRATION)) is not None:
+            raise ValueError(found)
         return _restored(record)
-    except (KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
-        raise StudyError(f"{where}: damaged ({type(error).__name__}: {error}): run the study again.") from None
+    except ValueError as error:
+        raise StudyError(f"{where}: damaged: {error}. Run the study again.") from None
 
 
 def load_calibration(path: Path | str) -> Calibration:
@@ -258,8 +268,9 @@ def load_calibration(path: Path | str) -> Calibration:
     path = Path(path)
     path = path / NAME if path.is_dir() else path.with_name(NAME) if path.name == "result.json" else path
     try:
-        return loads(path.read_text(encoding="utf-8"), path.name)
+        text = read(path)
     except FileNotFoundError:
         raise StudyError(f"{path}: no such calibration; `modelsel study STUDY.toml` writes one beside its result.json.") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise StudyError(f"{path.name}: cannot be read: {getattr(error, 'strerror', None) or 'it is not UTF-8 text'}") from None
+    except ValueError as error:
+        raise StudyError(f"{path.name}: cannot be read: {error}. Run the study again.") from None
+    return loads(text, path.name)

@@ -19,13 +19,12 @@ from ..wrong.mechanisms.geometry import setup
 from ..wrong.screws import Term
 from .calibration import Calibration
 from .carried import workspace
+from .motions import LEVEL, SEEN, MechanismChange, Motions, mechanisms, quantile, told, two_sided
 
-LEVEL = 0.05
 SAME_MM = 1e-6        # two nominal robots alike to this are one
 CONFIGURATIONS = 300
 WORTH = 9.0           # χ² that a term must explain to be said
 LISTED = 6
-RENAMED = 0.95        # cosine of two motions that are one under two names
 ALIKE = 2.0           # and by how much less another may, and still do as well
 
 
@@ -58,16 +57,6 @@ class Explanation:
 
 
 @dataclass(frozen=True)
-class MechanismChange:
-    """A mechanism that came, went or changed: what it moved the target by (rms mm) in each campaign."""
-
-    name: str
-    what: str
-    before_mm: float
-    after_mm: float
-
-
-@dataclass(frozen=True)
 class Comparison:
     """All parameters tested, the most surprising first; the fewest terms that explain what moved; mechanisms; what could not be
     compared."""
@@ -76,6 +65,7 @@ class Comparison:
     explained_by: tuple[Explanation, ...]
     mechanisms: tuple[MechanismChange, ...]
     left_aside: tuple[str, ...]
+    seen_mm: tuple[float, float] | None        # from where a change of the best, of the worst told parameter would have been seen
 
     @property
     def moved(self) -> tuple[Change, ...]:
@@ -124,7 +114,7 @@ def compare(a: Calibration, b: Calibration) -> Comparison:
     F = np.concatenate([relation.T @ f for f in factors], 1)
     spread = np.sqrt(np.square(F).sum(1))
     tested = [i for i, k in enumerate(kept) if spread[i] > 0 and terms[k] not in placing and _in_both(a, b, terms[k])]
-    p = holm(np.array([_two_sided((after[i] - before[i]) / spread[i]) for i in tested]))
+    p = holm(np.array([two_sided((after[i] - before[i]) / spread[i]) for i in tested]))
     size = np.sqrt(np.square(X).sum(1).mean(0))
     owner = {t.screws: m.name for c in (b, a) for m in reversed(c.model.mechanisms) for t in m.terms}
     changes = [Change(owner[t.screws], t.symbol, t.unit, float(before[i]), float(after[i]), float(spread[i]), float(q),
@@ -138,8 +128,12 @@ def compare(a: Calibration, b: Calibration) -> Comparison:
             t = terms[open_[k]]
             explained.append(Explanation(owner[t.screws], t.symbol, t.unit, by, error, float(abs(by) * size[open_[k]]),
                                          tuple(f"{o.symbol} of {owner[o.screws]}" for j in alike for o in (terms[open_[j]],))))
-    return Comparison(tuple(changes), tuple(explained), _mechanisms(a, b, terms, theta, X, {e.mechanism for e in explained}),
-                      tuple(t.symbol for t in placing))
+    each = [np.linalg.norm(relation.T[tested] @ f, axis=1) for f in factors]
+    surer = float(np.median(each[1] / np.maximum(each[0], 1e-300))) if tested else 1.0
+    named = mechanisms(Motions((a, b), terms, theta, factors, X, surer), {e.mechanism for e in explained})
+    least = (quantile(LEVEL / max(len(tested), 1)) + SEEN) * spread[tested] * size[np.array(kept, dtype=np.intp)[tested]]
+    return Comparison(tuple(changes), tuple(explained), named, tuple(t.symbol for t in placing),
+                      (float(least.min()), float(least.max())) if tested else None)
 
 
 def _fewest(d: Array, F: Array, directions: Array) -> list[tuple[int, float, float, list[int]]]:
@@ -176,59 +170,27 @@ def _in_both(a: Calibration, b: Calibration, term: Term) -> bool:
     return all(term.screws in {t.screws for t in c.terms} for c in (a, b))
 
 
-def _two_sided(z: float) -> float:
-    from scipy.special import ndtr
-    return float(2 * ndtr(-abs(z)))
-
-
-def _mechanisms(a: Calibration, b: Calibration, terms: tuple[Term, ...], theta: Array, X: Array, moved: set[str]
-                ) -> tuple[MechanismChange, ...]:
-    """What came, went, grew or shrank: every mechanism but the geometry, by what it moves the target. One that went and one that
-    came and moves it alike are one motion under two names."""
-    place = {t.screws: k for k, t in reversed(list(enumerate(terms)))}
-    motion: list[dict[str, Array]] = [{}, {}]
-    for k, c in enumerate((a, b)):
-        for m in c.model.mechanisms:
-            if m.name not in ("geometric", "set-up"):
-                own = [place[t.screws] for t in m.terms]
-                motion[k][m.name] = (X[:, :, own] @ theta[k, own]).ravel()
-    before, after = motion
-    def rms(d: Array | None) -> float:
-        return 0.0 if d is None else float(np.sqrt(d @ d / len(X)))
-    went, came, out = [n for n in before if n not in after], [n for n in after if n not in before], list[MechanismChange]()
-    for name in list(went):
-        like = [n for n in came if _cosine(before[name], after[n]) > RENAMED]
-        if like:
-            went.remove(name)
-            came.remove(like[0])
-            first, second = rms(before[name]), rms(after[like[0]])
-            out.append(MechanismChange(f"{name} (now {like[0]}, which moves the arm alike)",
-                                       "grew" if second > first else "shrank", first, second))
-    out += [MechanismChange(n, "went", rms(before[n]), 0.0) for n in went]
-    out += [MechanismChange(n, "came", 0.0, rms(after[n])) for n in came]
-    return (*out, *(MechanismChange(n, "grew" if rms(after[n]) > rms(before[n]) else "shrank", rms(before[n]), rms(after[n]))
-                    for n in before if n in after and n in moved))
-
-
-def _cosine(a: Array, b: Array) -> float:
-    size = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return float(a @ b) / size if size else 0.0
-
-
 def sentences(found: Comparison) -> list[str]:
-    """What changed, in words; what did not, too."""
-    out = []
-    for m in found.mechanisms:
-        size = f"{m.before_mm:.3g} to {m.after_mm:.3g}" if m.before_mm and m.after_mm else f"{max(m.before_mm, m.after_mm):.3g}"
-        out.append(f"{m.name} {m.what}: {size} mm rms at the target.")
+    """What changed, in words; what did not, too, and how large a change would have been seen (with 90 %)."""
+    out = [told(m) for m in found.mechanisms]
     for e in found.explained_by:
         also = f" (or as well: {', '.join(e.alike[:LISTED])})" if e.alike else ""
         out.append(f"{e.symbol} of {e.mechanism}{also} changed by {e.by:.3g} ± {e.standard_error:.2g} {e.unit}: "
                    f"{e.moves_mm:.3g} mm rms at the target.")
     least = min((c.p for c in found.changes), default=1.0)
     counted = f"{len(found.changes)} parameters tested, p = {least:.2g} for the most surprising, corrected for their number"
-    said = "These are the fewest changes that explain the difference" if out else "Nothing changed beyond chance"
-    out.append(f"{said} ({counted}).")
+    if found.seen_mm is None:
+        out.append("No parameter is fitted in both campaigns: nothing else can be compared.")
+    elif found.explained_by:
+        out.append(f"These are the fewest terms that explain the difference of the parameters ({counted}).")
+    elif found.moved:
+        names = ", ".join(f"{c.symbol} of {c.mechanism}" for c in found.moved[:LISTED])
+        out.append(f"{names} changed beyond chance, but no few terms explain it ({counted}).")
+    else:
+        other = "else " if any(m.what in ("came", "went", "grew", "shrank") for m in found.mechanisms) else ""
+        low, high = found.seen_mm
+        out.append(f"Nothing {other}changed beyond chance ({counted}); a change of one by {low:.2g} mm rms at the target, of the "
+                   f"least told by {high:.2g} mm, would have been seen.")
     if found.left_aside:
         out.append("The set-up was registered anew: what moves the arm as the tracker or the target would "
                    f"({', '.join(found.left_aside)}) cannot be compared.")

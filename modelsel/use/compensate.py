@@ -61,7 +61,7 @@ class Commands:
 
 def commanded(at: Scene, q: Array) -> Scene:
     """The scene at other joint readings, all else as it was: the direction and size of the moves are those of the plan."""
-    return replace(at, data=replace(at.data, q=q), _values={}, _causes={})
+    return at.anew(data=replace(at.data, q=q))
 
 
 def nominal(at: Scene) -> Array:
@@ -120,7 +120,7 @@ def correct(c: Calibration, targets: Source, *, bound: tuple[float, float] = BOU
     model looks at), with the error before, and what is left and expected after. Warns of what the calibration has never seen
     and of rows that are not reached. `bound`: rad and mm that a correction may not pass. Raises DataError."""
     from warnings import warn
-    data = read_measurements(targets, c.robot.prismatic, positions=False)
+    data = read_measurements(targets, c.robot.prismatic, positions=False, once=False)
     made = compensate(c, data)
     refuse(c, made, data, bound, Path(targets).name if isinstance(targets, (str, PathLike)) else "")
     missed = int((~made.reached).sum())

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..data.cells import SMALLEST
 from ..data.measurements import Index, Measurements
 from ..matrix.scene import Scene
 from ..words.errors import DataError
@@ -49,9 +50,16 @@ def register(c: Calibration, at: Scene) -> tuple[Scene, tuple[float, float, floa
     if at.data.configurations < LEAST:
         raise DataError(f"the file has {at.data.configurations} configurations, and --register needs {LEAST}.",
                         remedy="Measure more.")
+    found = _registered(c, at, at)
+    return _registered(c, at, found[0]) if "range_mm" in c.needs() else found       # the beam is as long as where it now stands
+
+
+def _registered(c: Calibration, start: Scene, at: Scene) -> tuple[Scene, tuple[float, float, float], Array]:
+    """`register` of the scene `start`, what the model's causes look at taken where the scene `at` has the tracker."""
     pose = pose_of(at, c.terms, c.theta)
-    o, axes, x = pose.target.T, pose.axes[-1, :3].transpose(2, 1, 0), at.data.position    # axes: the target frame's, as columns
-    seen, which = np.unique(at.data.target, return_inverse=True)
+    o, x = pose.target.T, start.data.position
+    axes = pose.axes[-1, :3].transpose(2, 1, 0)             # of the target's frame, as columns
+    seen, which = np.unique(start.data.target, return_inverse=True)
     offset, weight = np.zeros((len(seen), 3)), np.ones(len(x))
     for k in range(ROUNDS):
         p = o + np.einsum("mij,mj->mi", axes, offset[which])
@@ -63,13 +71,13 @@ def register(c: Calibration, at: Scene) -> tuple[Scene, tuple[float, float, floa
         offset += step[6:].reshape(-1, 3) if k < ROUNDS - 1 else 0.0      # the offsets now, the placement by the next Kabsch
         size = np.linalg.norm(r - free @ step, axis=1)
         weight = 1 / (1 + (size / max(3 * float(np.median(size)), 1e-6)) ** 2)
-    first, middle = at.data.group[0], o.mean(0)
-    apart = R @ middle + t - at.placement[0][first] @ middle - at.placement[1][first]
-    turn = rotation_vector((R @ at.placement[0][first].T)[None])[0]
+    first, middle = start.data.group[0], o.mean(0)
+    apart = R @ middle + t - start.placement[0][first] @ middle - start.placement[1][first]
+    turn = rotation_vector((R @ start.placement[0][first].T)[None])[0]
     moved = float(np.linalg.norm(apart)), float(np.linalg.norm(turn)), float(np.linalg.norm(offset, axis=1).max())
-    groups = len(at.placement[0])
-    shifted = replace(at.data, position=x - np.einsum("ij,mjk,mk->mi", R, axes, offset[which]))
-    return replace(at, placement=(np.tile(R, (groups, 1, 1)), np.tile(t, (groups, 1))), data=shifted), moved, free
+    groups = len(start.placement[0])
+    shifted = replace(start.data, position=x - np.einsum("ij,mjk,mk->mi", R, axes, offset[which]))
+    return start.anew(placement=(np.tile(R, (groups, 1, 1)), np.tile(t, (groups, 1))), data=shifted), moved, free
 
 
 def _kabsch(p: Array, x: Array, weight: Array) -> tuple[Array, Array]:
@@ -96,7 +104,7 @@ def reference(c: Calibration) -> tuple[float, float]:
     the study's own held-out configurations showed where that is more."""
     floor = c.floor.coordinate_mm
     held = 0.0 if c.held_out_rms_mm is None else c.held_out_rms_mm / np.sqrt(3)
-    return max(floor, held), c.floor.freedom
+    return max(floor, held, SMALLEST), c.floor.freedom
 
 
 def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:

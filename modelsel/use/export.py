@@ -264,7 +264,7 @@ def to_table(c: Calibration) -> Exported:
     inside = [p for p in varying if p not in over]
     read = read_table(text, at)
     tabled = {f"table_{k}": values for k, (_, _, values) in enumerate(read)}
-    bound = replace(at, data=replace(at.data, covariates={**at.data.covariates, **tabled}), _values={}, _causes={})
+    bound = at.anew(data=replace(at.data, covariates={**at.data.covariates, **tabled}))
     again = [Part("table", Term("", (Screw(frame, axis, Named(f"table_{k}")),)), 1.0, 0.0) for k, (frame, axis, _) in
              enumerate(read)]
     difference = points(bound, constant + again) - points(at, constant + inside)

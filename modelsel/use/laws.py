@@ -155,7 +155,7 @@ def law4_plant_and_recover(mechanism: Mechanism, at: Scene, rng: np.random.Gener
     off = []
     for _ in range(2):                                                # 4 sigma by chance: once in 16,000, so draw once more
         position = at.data.position - residuals(at, terms, theta)[:, :3] + rng.normal(0, SIGMA, (len(at), 3))
-        found = fit(replace(at, whiten=1 / SIGMA, data=replace(at.data, position=position), _values={}, _causes={}), model)
+        found = fit(at.anew(whiten=1 / SIGMA, data=replace(at.data, position=position)), model)
         kept = list(found.found.kept)
         law(kept, f"L4: {mechanism.name} moves nothing")
         error = found.theta[kept] - found.found.relation.T @ theta

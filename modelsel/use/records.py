@@ -1,18 +1,36 @@
 """Causes, terms, mechanisms and robots as plain JSON values, and back: structure as structure, nothing parsed from text."""
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..machine.robot import Joint, Robot
 from ..words.errors import StudyError
-from ..words.rigid import Array
+from ..words.rigid import AXES, LARGEST, Array
+from ..words.shape import Each, Maybe, misfit
 from ..wrong.causes import FUNCTIONS, RANK, Applied, Bump, Cause, Combined, Member, Named, Number
 from ..wrong.screws import Mechanism, Screw, Term, foreign
 
+RIGID = 1e-6    # a stored rotation differs from one by less
 DEEPEST = 200   # a cause nested more deeply than this is no cause of ours
+THREE, PAIR = Each(float, 3), Each(float, 2)
+ROTATION, TRANSFORM = Each(THREE, 3), Each(Each(float, 4), 3)
+SCREW = {"frame": int, "axis": frozenset(AXES), "cause": {}, "prints": str}
+TERM = {"symbol": str, "unit": str, "size": Maybe(PAIR), "sign": int, "screws": Each(SCREW, least=1)}
+JOINT = {"before_mm": TRANSFORM, "prismatic": bool, "limits": Maybe(PAIR), "mass_kg": Maybe(float), "com_mm": THREE}
+CALIBRATION = {
+    "kind": frozenset(["calibration"]), "study": str,
+    "robot": {"name": str, "source": str, "gravity": Maybe(THREE), "joints": Each(JOINT, least=1), "last_mm": TRANSFORM},
+    "targets": Each({"name": str, "tool_mm": THREE, "rotation": Maybe(ROTATION)}, least=1),
+    "groups": Each({"name": str, "rotation": ROTATION, "translation_mm": THREE}, least=1),
+    "registered": bool, "tracker_mm": THREE,
+    "mechanisms": Each({"name": str, "sentence": str, "equation": str, "source": str, "terms": Each(TERM)}),
+    "estimates": Each({"symbol": str, "value": float, "standard_error": float, "unit": str, "estimable": bool}),
+    "covariance_factor": {"rows": Each(Each(float))},
+    "noise_floor": {"coordinate_mm": float, "source": str, "freedom": Maybe(float)}, "held_out_rms_mm": Maybe(float),
+    "ranges": {str: PAIR}, "provenance": {str: str}}
 
 
 def cause_record(cause: Cause) -> dict[str, Any]:
@@ -39,20 +57,32 @@ def cause_of(record: Any, depth: int = 0) -> Cause:
     """The cause of a record. Raises ValueError for anything else."""
     if not isinstance(record, Mapping) or depth > DEEPEST:
         raise ValueError(f"not a cause: {str(record)[:60]}")
-    keys = set(record)
-    if keys == {"number", "unit"}:
-        return Number(_float(record["number"]), str(record["unit"]))
-    if keys == {"name", "unit"}:
-        return Named(str(record["name"]), str(record["unit"]))
-    if keys == {"function", "of"} and record["function"] in FUNCTIONS:
-        return Applied(record["function"], cause_of(record["of"], depth + 1))
-    if keys == {"operator", "left", "right"} and record["operator"] in RANK:
-        return Combined(record["operator"], cause_of(record["left"], depth + 1), cause_of(record["right"], depth + 1))
-    if keys == {"member", "index"} and record["member"] in ("target", "group"):
-        return Member(record["member"], int(record["index"]))
-    if keys == {"spline", "centre", "width"}:
-        return Bump(str(record["spline"]), _float(record["centre"]), _float(record["width"]))
-    raise ValueError(f"not a cause: {str(dict(record))[:80]}")
+    found = [make for shape, make in CAUSES if record.keys() == shape.keys() and misfit(dict(record), shape) is None]
+    if not found:
+        raise ValueError(f"not a cause: {str(dict(record))[:80]}")
+    return found[0](record, depth + 1)
+
+
+CAUSES: tuple[tuple[dict[str, Any], Callable[[Mapping[str, Any], int], Cause]], ...] = (
+    ({"number": float, "unit": str}, lambda r, _: Number(float(r["number"]), r["unit"])),
+    ({"name": str, "unit": str}, lambda r, _: Named(r["name"], r["unit"])),
+    ({"function": frozenset(FUNCTIONS), "of": {}}, lambda r, deep: Applied(r["function"], cause_of(r["of"], deep))),
+    ({"operator": frozenset(RANK), "left": {}, "right": {}},
+     lambda r, deep: Combined(r["operator"], cause_of(r["left"], deep), cause_of(r["right"], deep))),
+    ({"member": frozenset(["target", "group"]), "index": int}, lambda r, _: Member(r["member"], r["index"])),
+    ({"spline": str, "centre": float, "width": float}, lambda r, _: Bump(r["spline"], float(r["centre"]), float(r["width"]))))
+
+
+def members(cause: Cause) -> list[Member]:
+    """The targets and groups that a cause is of."""
+    match cause:
+        case Member():
+            return [cause]
+        case Applied(_, argument):
+            return members(argument)
+        case Combined(_, left, right):
+            return [*members(left), *members(right)]
+    return []
 
 
 def mechanism_record(mechanism: Mechanism) -> dict[str, Any]:
@@ -64,11 +94,17 @@ def mechanism_record(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def mechanism_of(record: Mapping[str, Any]) -> Mechanism:
-    """The mechanism of a record. Raises ValueError or KeyError."""
-    terms = tuple(Term(str(t["symbol"]), tuple(Screw(int(s["frame"]), str(s["axis"]), cause_of(s["cause"])) for s in t["screws"]),
-                       None if t["size"] is None else (_float(t["size"][0]), _float(t["size"][1])), int(t["sign"]))
+    """The mechanism of a record of its shape. Raises ValueError where its units or what its causes print are not the stored
+    ones."""
+    terms = tuple(Term(t["symbol"], tuple(Screw(s["frame"], s["axis"], cause_of(s["cause"])) for s in t["screws"]),
+                       None if t["size"] is None else (float(t["size"][0]), float(t["size"][1])), t["sign"])
                   for t in record["terms"])
-    return Mechanism(str(record["name"]), terms, str(record["sentence"]), str(record["equation"]), str(record["source"]))
+    for term, stored in zip(terms, record["terms"], strict=True):
+        if term.unit != stored["unit"] or [str(s.cause) for s in term.screws] != [s["prints"] for s in stored["screws"]]:
+            raise ValueError(f"what {term.symbol} of {record['name']} prints is not what its screws say")
+        if term.sign not in (-1, 0, 1) or term.size is not None and not 0 <= term.size[0] <= term.size[1]:
+            raise ValueError(f"the usual size or sign of {term.symbol} of {record['name']} is none")
+    return Mechanism(record["name"], terms, record["sentence"], record["equation"], record["source"])
 
 
 def robot_record(robot: Robot) -> dict[str, Any]:
@@ -80,30 +116,39 @@ def robot_record(robot: Robot) -> dict[str, Any]:
 
 
 def robot_of(record: Mapping[str, Any]) -> Robot:
-    """The nominal robot of a record. Raises ValueError or KeyError."""
+    """The nominal robot of a record of its shape. Raises ValueError where a transform is not rigid, or a limit none."""
     joints = []
-    for j in record["joints"]:
-        limits, (x, y, z) = j["limits"], j["com_mm"]
-        joints.append(Joint(square(j["before_mm"]), bool(j["prismatic"]),
-                            None if limits is None else (_float(limits[0]), _float(limits[1])),
-                            None if j["mass_kg"] is None else _float(j["mass_kg"]), (_float(x), _float(y), _float(z))))
+    for k, j in enumerate(record["joints"], 1):
+        limits, (x, y, z) = j["limits"], numbers(j["com_mm"]).tolist()
+        if limits is not None and not -LARGEST < limits[0] < limits[1] < LARGEST or not 0 <= (j["mass_kg"] or 0) <= LARGEST:
+            raise ValueError(f"the limits or the mass of joint {k} are none")
+        joints.append(Joint(square(j["before_mm"]), j["prismatic"],
+                            None if limits is None else (float(limits[0]), float(limits[1])),
+                            None if j["mass_kg"] is None else float(j["mass_kg"]), (x, y, z)))
     g = record["gravity"]
-    return Robot(str(record["name"]), str(record["source"]), tuple(joints), square(record["last_mm"]),
-                 None if g is None else (_float(g[0]), _float(g[1]), _float(g[2])))
+    if g is not None and abs(float(np.linalg.norm(g)) - 1) > RIGID:
+        raise ValueError("the direction of gravity is not of length one")
+    return Robot(record["name"], record["source"], tuple(joints), square(record["last_mm"]),
+                 None if g is None else (float(g[0]), float(g[1]), float(g[2])))
 
 
 def square(rows: Sequence[Sequence[float]]) -> Array:
     """The (4, 4) transform of its upper three rows [mm]. Raises ValueError."""
-    return np.vstack([numbers(rows, (3, 4)), [0, 0, 0, 1]])
+    upper = numbers(rows)
+    return np.vstack([np.column_stack([rotation(upper[:, :3]), upper[:, 3]]), [0, 0, 0, 1]])
 
 
-def numbers(value: Any, shape: tuple[int, ...]) -> Array:
-    """A finite array of a shape (-1: any length). Raises ValueError."""
-    out = np.array(value, dtype=float).reshape(shape)
-    if not np.isfinite(out).all():
-        raise ValueError("a number is not finite")
+def rotation(rows: Array | Sequence[Sequence[float]]) -> Array:
+    """A rotation (3, 3). Raises ValueError."""
+    R = numbers(rows)
+    if np.abs(R @ R.T - np.eye(3)).max() > RIGID or np.linalg.det(R) < 0:
+        raise ValueError(f"three columns are not a rotation: {R.round(6).tolist()}")
+    return R
+
+
+def numbers(value: Any) -> Array:
+    """An array of lengths no arm or room exceeds. Raises ValueError."""
+    out = np.array(value, dtype=float)
+    if not (np.abs(out) <= LARGEST).all():
+        raise ValueError(f"a length is beyond {LARGEST:g}")
     return out
-
-
-def _float(value: Any) -> float:
-    return float(numbers(value, ()))

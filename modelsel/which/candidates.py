@@ -42,9 +42,26 @@ class Candidate:
     prior: float
 
     @property
-    def label(self) -> str | None:
+    def registered_name(self) -> str | None:
         """The registered name, None for a cell of the error map."""
         return self.mechanism.name if self.registered else None
+
+    @property
+    def label(self) -> str:
+        """A short name: the registered one, or the cell."""
+        if self.registered:
+            return self.mechanism.name
+        if self.mechanism.name.startswith("free("):
+            return self.mechanism.name.partition(" ")[0]
+        screw = self.mechanism.terms[0].screws[0]
+        return f"frame {screw.frame} {screw.axis} · {self.causes(' & ')}"
+
+    def causes(self, joint: str) -> str:
+        """The causes of a cell; four of two joints are any product of a wave of the one and a wave of the other."""
+        each = list(dict.fromkeys(str(s.cause) for t in self.mechanism.terms for s in t.screws))
+        if len(each) == 4:
+            return f"waves of {' times waves of '.join(sorted(self.mechanism.names()))}"
+        return joint.join(each)
 
 
 def places(scene: Scene) -> tuple[tuple[int, str], ...]:

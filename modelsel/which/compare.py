@@ -56,7 +56,7 @@ class Rung:
     cv_mean_mm: float | None
     aicc: float | None
     bic: float | None
-    fit: Fit | None = field(repr=False)
+    fit: Fit = field(repr=False)
     residual: Array = field(repr=False)             # (m, c) of every row; none in the table of subsets
     weight: float | None = None
     note: str = ""

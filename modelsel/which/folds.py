@@ -7,7 +7,7 @@ Each fold enters reduced to a small block [columns | response], so any number of
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +17,7 @@ from ..data.measurements import Index, Measurements, in_turn
 from ..machine.chain import Space
 from ..matrix.design import assemble, blocks, whiten
 from ..matrix.identify import identify, solve
-from ..matrix.reduce import STREAM, Reduction
+from ..matrix.reduce import STREAM, Reduction, spread
 from ..matrix.scene import BLOCK, Scene
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
@@ -49,12 +49,9 @@ class Folded:
         """Of some columns; the response stays last."""
         return Folded(self.blocks[:, :, [*columns, -1]], self.rows)
 
-    def total(self) -> Reduction:
-        """All folds as one triangle, made once."""
-        return self._total
-
     @cached_property
-    def _total(self) -> Reduction:
+    def total(self) -> Reduction:
+        """All folds as one triangle."""
         p1 = self.blocks.shape[2]
         return Reduction(Reduction.empty(p1 - 1).add(self.blocks.reshape(-1, p1)).R, int(self.rows.sum()))
 
@@ -99,15 +96,8 @@ def folds(scene: Scene, points: Sequence[Point], fold_of: Index) -> list[Folded]
             block = whiten(part, assemble(part, terms, at, space=space))[some]
             for k, start, stop in zip(own, first, [*first[1:], len(rows)], strict=True):
                 into[k] = into[k].add(block[:, :, start:stop].reshape(len(some), -1).T)
-    return [pad([_spread(r.R, some, len(terms) + 1) for r in into], rows_of)
+    return [pad([spread(r.R, some, len(terms) + 1) for r in into], rows_of)
             for (terms, _, _), some, into in zip(points, picked, found, strict=True)]
-
-
-def _spread(rows: Array, columns: Sequence[int], width: int) -> Array:
-    """Rows (k, len(columns)) at their columns of `width`, noughts elsewhere."""
-    out = np.zeros((len(rows), width))
-    out[:, columns] = rows
-    return out
 
 
 def by_unit(scene: Scene, terms: Sequence[Term], unit: Index, at: tuple[Sequence[Term], Array] | None = None) -> Iterator[Folded]:
@@ -162,7 +152,7 @@ class CrossValidation:
 def cross_validate(folded: Folded, kept: Sequence[int] | None = None, prior: Array | None = None) -> CrossValidation:
     """Exact, from one factorisation. `kept`: the columns to fit (default: those `identify` keeps); `prior`: rows (k, p+1) of
     [columns | response] that belong to no fold. Raises NotEstimable where the model is not estimable without some fold."""
-    total = folded.total()
+    total = folded.total
     if prior is not None:
         total = Reduction(total.add(prior).R, total.rows)
     kept = list(identify(total).kept if kept is None else kept)
@@ -198,7 +188,6 @@ def _density(gram: Array, quadratic: Array, rss: float, rows: Index, rank: int) 
 def held_out_residuals(scene: Scene, terms: Sequence[Term], fold_of: Index, without: Array,
                        at: tuple[Sequence[Term], Array] | None = None) -> Array:
     """(m, 3) mm: every row's residual under the fit that has not seen its fold (linear about `at`), not whitened."""
-    from dataclasses import replace
     out = np.empty((len(scene), 3))
     for rows, columns, residual in blocks(replace(scene, whiten=1.0), terms, at):
         delta: NDArray[np.float64] = without[fold_of[rows]]

@@ -120,7 +120,7 @@ def _redone(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]]
     large ones; and, where the orthogonal factors of all columns together see more directions than the sweeps did, every subset
     that left a column out as dependent."""
     whole = list(dict.fromkeys([*base, *(c for g in groups for c in g)]))
-    near = identify(folded.total().select(whole)).rank > found.rank.max()
+    near = identify(folded.total.select(whole)).rank > found.rank.max()
     lost = np.finfo(float).eps / np.minimum(found.pivot, (found.held_out / found.held_out[0]).clip(1e-300).min(1))
     skipped: NDArray[np.bool_] = (found.rank < len(base) + found.members @ np.array([len(g) for g in groups])) & np.bool_(near)
     again = np.flatnonzero(np.logical_or(lost > DOUBT, skipped))

@@ -72,6 +72,7 @@ class Stream:
             raise ValueError("streams of different terms, folds or points cannot be merged")
         return Stream(self.terms, tuple(a.merge(b) for a, b in zip(self.folds, other.folds, strict=True)), self.at, self.by)
 
+    @property
     def total(self) -> Reduction:
         """All folds as one."""
         return merged(self.folds)

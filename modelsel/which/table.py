@@ -121,7 +121,7 @@ def _searched(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int
     with the best's certificate."""
     if len(groups) <= WALKED:
         return all_subsets(folded, base, groups), None
-    found = best_subset(folded.total(), base, groups)
+    found = best_subset(folded.total, base, groups)
     single = np.eye(len(groups), dtype=bool)
     every = np.concatenate([[single[0] & False, found.members], single, found.members ^ single])
     members = np.array(list(dict.fromkeys(map(tuple, every.tolist()))), dtype=bool)
@@ -158,7 +158,7 @@ def measured(data: Data, models: Sequence[tuple[str, ...]], steps: Sequence[Step
     training, folds_of = data.training(), data.training_folds()
     some = [step for step in steps if step is not None]
     folded = folds(training, [(s.model.terms, (s.model.terms, s.theta), s.found.kept) for s in some], folds_of)
-    fits = [step.fit(block.total()) for step, block in zip(some, folded, strict=True)]
+    fits = [step.fit(block.total) for step, block in zip(some, folded, strict=True)]
     crossed = [_crossed(block, fitted) for block, fitted in zip(folded, fits, strict=True)]
     sizes, left = _lengths(data, fits, crossed, folds_of)
     out = iter(zip(fits, crossed, sizes, left, strict=True))
@@ -191,7 +191,7 @@ class Steps:
 def steps_from(data: Data, whole: Model, base_fit: Fit, folded: Folded) -> Steps:
     """From a base's fit; `folded`: the whole model's terms there."""
     training = data.training()
-    return Steps(whole, base_fit, reduce_scene(training, whole.terms), folded.total(), typical_weight(training), training)
+    return Steps(whole, base_fit, reduce_scene(training, whole.terms), folded.total, typical_weight(training), training)
 
 
 def _crossed(folded: Folded, fitted: Fit) -> CrossValidation | None:

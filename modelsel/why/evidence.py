@@ -127,7 +127,7 @@ def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> 
             share = shares(seen.gather(products), np.square(part).sum(0))
             top = {k: share.whole[which].max(0) for k, which in alike.items()}
             out.append(null_evidence(seen, log_prior, share, top))
-            least.append(np.min([_tail(value, k, seen.freedom) for k, value in top.items()], axis=0))
+            least.append(least_p(top, seen.freedom))
     return np.sort(np.concatenate(out)), np.sort(np.concatenate(least))
 
 
@@ -150,17 +150,23 @@ def _run(index: Index) -> Index | slice:
     return slice(int(index[0]), int(index[-1]) + 1) if len(index) == index[-1] + 1 - index[0] else index
 
 
+def least_p(top: Mapping[float, Array], freedom: int) -> Array:
+    """(B,) smallest p of single candidates, from the largest share (B,) among those of each size."""
+    return np.asarray(np.min([_tail(value, k, freedom) for k, value in top.items()], axis=0))
+
+
 def _tail(share: Array, size: Array | float, freedom: int) -> Array:
     """P(a candidate of `size` columns explains at least this share by chance): Beta(k/2, (ν−k)/2) (methods.md A.6)."""
     from scipy.special import betainc
     return np.asarray(betainc(np.maximum(freedom - size, 1e-9) / 2, np.maximum(size, 1e-9) / 2, 1 - np.minimum(share, 1.0)))
 
 
-def familywise(seen: Scan, response: Array, least_p: Array) -> Array:
-    """(G,) family-wise p of every candidate alone: the exact max-test over the whole map (methods.md A.6)."""
+def familywise(seen: Scan, response: Array, least: Array) -> Array:
+    """(G,) family-wise p of every candidate alone: the max-test over the whole map (methods.md A.6), whose null is the sorted
+    smallest p-values `least`."""
     share = seen.strength(response[:, None]).whole[:, 0] / float(response @ response)
     own = np.where(seen.sizes > 0, _tail(share, seen.sizes, seen.freedom), 1.0)
-    return np.asarray((1 + np.searchsorted(least_p, own, side="right")) / (len(least_p) + 1))
+    return np.asarray((1 + np.searchsorted(least, own, side="right")) / (len(least) + 1))
 
 
 def p_value(observed: float, sorted_null: Array) -> float:

@@ -8,12 +8,14 @@ systematic about them is lost (Freedman & Lane 1983; Winkler et al. 2014; Camero
 """
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 
 from ..data.measurements import Index, Measurements
 from ..words.rigid import Array
 from .errormap import Scan
-from .evidence import by_size, null_evidence, shares
+from .evidence import by_size, least_p, null_evidence, shares
 
 DRAWS = 99
 CHUNK = 33          # draws after which a clear answer stops
@@ -33,11 +35,10 @@ def units(data: Measurements, residual: Array, rng: np.random.Generator) -> tupl
     return np.unique(data.group if grouped else data.configuration, return_inverse=True)[1], grouped
 
 
-def uneven(e: Array, unit: Index) -> float:
+def uneven(total: Array, count: Index) -> float:
     """Mean fourth power of the units' residual lengths over the square of their mean square, over what equal normal noise has: 1
-    there, whatever its level. `unit` (N,), -1 is left out."""
-    count = np.bincount(unit[unit >= 0])
-    mean = np.bincount(unit[unit >= 0], np.square(e[unit >= 0])) / count
+    there, whatever its level. `total` (K,): sums of squares of units of `count` (K,) coordinates."""
+    mean = total / count
     return float(np.square(mean).mean() / mean.mean() ** 2 / (1 + 2 / count).mean())
 
 
@@ -87,19 +88,26 @@ def adjusted(Q: Array, residual: Array, unit: Index) -> Array:
     return out
 
 
-def flipped_p(seen: Scan, log_prior: Array, e: Array, unit: Index, observed: float, rng: np.random.Generator) -> float:
-    """(1 + #{flips whose evidence is at least `observed`}) / (draws + 1) of an adjusted residual e (N,); `unit` (N,) which rows
-    go together, -1 where a row keeps its sign (a prior's)."""
+def flipped(seen: Scan, log_prior: Array, e: Array, unit: Index, rng: np.random.Generator) -> Iterator[tuple[Array, Array]]:
+    """CHUNK after CHUNK of DRAWS flips of an adjusted residual e (N,): their evidences (CHUNK,), and the smallest p (CHUNK,) of
+    their single candidates; `unit` (N,) which rows go together, -1 where a row keeps its sign (a prior's)."""
     count = int(unit.max()) + 1
     at = np.where(unit < 0, count, unit)
-    alike, above, done = by_size(seen), 0, 0
-    while done < DRAWS:
+    alike = by_size(seen)
+    for _ in range(DRAWS // CHUNK):
         sign = np.ones((count + 1, CHUNK))
         sign[:count] = 2.0 * rng.integers(0, 2, (count, CHUNK)) - 1.0
         u = sign[at] * e[:, None]
         u -= seen.Q @ (seen.Q.T @ u)
         share = shares(seen.strength(u), np.square(u).sum(0))
-        some = null_evidence(seen, log_prior, share, {k: share.whole[which].max(0) for k, which in alike.items()})
+        top = {k: share.whole[which].max(0) for k, which in alike.items()}
+        yield null_evidence(seen, log_prior, share, top), least_p(top, seen.freedom)
+
+
+def flipped_p(draws: Iterable[tuple[Array, Array]], observed: float) -> float:
+    """(1 + #{flips whose evidence is at least `observed`}) / (draws + 1); a clear answer stops early."""
+    above = done = 0
+    for some, _ in draws:
         above, done = above + int((some >= observed).sum()), done + CHUNK
         if above > 0.05 * (DRAWS + 1) - 1 or observed > some.max() + CLEAR:
             break

@@ -13,26 +13,30 @@ from .extend import Effect
 
 PREFIX = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"))
 MOST_WAVES = 90
+LEVER_MM, NOTHING = 1000.0, 1e-3      # a turn counts as a shift at this lever; a smaller share of the other is not said
 PLACES = {"t": "shifts along", "r": "turns about"}
 
 
+def prefixed(size: float, unit: str) -> tuple[float, str]:
+    """(factor, unit): a value of this size [unit], divided by the factor, reads well in the unit given back."""
+    if unit.startswith("1/"):
+        return 1e-6, f"ppm{unit[1:]}"
+    if unit.startswith("rad"):
+        factor, prefix = next(((f, p) for f, p in PREFIX if size < 1000 * f and size < 0.5), (1.0, "")) if size else (1e-3, "m")
+        return factor, prefix + unit
+    return (1e-3, "µm" + unit[2:]) if unit.startswith("mm") and 0 < size < 1e-3 else (1.0, "" if unit == "1" else unit)
+
+
 def quantity(value: float, error: float | None, unit: str) -> str:
-    """A value with its standard error, three digits, prefixed unit: 1.20 ± 0.03 mrad/rad."""
-    size, factor, prefix = abs(value), 1.0, ""
-    if unit.startswith(("rad", "1/")):
-        if unit.startswith("1/"):
-            factor, prefix = 1e-6, "ppm "
-            unit = unit[1:]
-        else:
-            factor, prefix = next(((f, p) for f, p in PREFIX if size < 1000 * f and size < 0.5), (1.0, ""))
-            if size == 0:
-                factor, prefix = 1e-3, "m"
-    elif unit.startswith("mm") and size < 1e-3 and size:
-        unit, factor = "µm" + unit[2:], 1e-3
-    shown = f"{value / factor:.3g}"
-    if error is not None:
-        shown += f" ± {error / factor:.1g}" if error / factor < 10 else f" ± {error / factor:.0f}"
-    return f"{shown} {prefix}{unit}".replace("ppm /", "ppm/").removesuffix(" 1")
+    """A value with its standard error and a prefixed unit: 1.204 ± 0.031 mrad/rad. The error has two digits and the value ends
+    at the same place (GUM 7.2.6); without an error the value has three."""
+    factor, shown_unit = prefixed(max(abs(value), error or 0.0), unit)
+    if error and np.isfinite(error):
+        places = max(1 - int(f"{error / factor:.1e}".partition("e")[2]), 0)
+        shown = f"{value / factor:.{places}f} ± {error / factor:.{places}f}"
+    else:
+        shown = f"{value / factor:#.3g}".rstrip(".") if value else "0"
+    return f"{shown} {shown_unit}".rstrip()
 
 
 def is_wave(terms: Sequence[Term]) -> bool:
@@ -51,7 +55,10 @@ def amount(terms: Sequence[Term], estimate: Array, error: Array) -> str:
         spans: dict[str, list[float]] = {}
         for t, value in zip(terms, estimate, strict=True):
             spans.setdefault(t.unit, []).append(float(value))
-        whole = "from top to bottom " + " and ".join(quantity(float(np.ptp(v)), None, unit) for unit, v in spans.items())
+        ranges = {unit: float(np.ptp(v)) for unit, v in spans.items()}
+        moved = {unit: size * (LEVER_MM if unit == "rad" else 1.0) for unit, size in ranges.items()}
+        seen = [unit for unit in ranges if moved[unit] >= NOTHING * max(moved.values())]
+        whole = "from top to bottom " + " and ".join(quantity(ranges[unit], None, unit) for unit in seen)
         strongest = waves_of(terms, estimate) if len(spans) == 1 and terms[0].unit == "rad" else []
         if strongest:
             whole += ", mostly " + " and ".join(f"{count} waves per turn of {quantity(size, None, 'rad')}"
@@ -95,25 +102,7 @@ def what(candidate: Candidate) -> str:
         return candidate.mechanism.sentence.rstrip(".")
     screw = candidate.mechanism.terms[0].screws[0]
     return (f"Frame {screw.frame} {PLACES[screw.axis[0]]} its {screw.axis[1]} axis ({LETTERS[screw.axis]}{screw.frame}) with "
-            f"{causes(candidate, ' and ')}; no registered mechanism says so")
-
-
-def causes(candidate: Candidate, joint: str) -> str:
-    """The causes of a cell; four of two joints are any product of a wave of the one and a wave of the other."""
-    each = list(dict.fromkeys(str(s.cause) for t in candidate.mechanism.terms for s in t.screws))
-    if len(each) == 4:
-        return f"waves of {' times waves of '.join(sorted(candidate.mechanism.names()))}"
-    return joint.join(each)
-
-
-def label(candidate: Candidate) -> str:
-    """A short name: the registered one, or the cell."""
-    if candidate.registered:
-        return candidate.mechanism.name
-    if candidate.mechanism.name.startswith("free("):
-        return candidate.mechanism.name.partition(" ")[0]
-    screw = candidate.mechanism.terms[0].screws[0]
-    return f"frame {screw.frame} {screw.axis} · {causes(candidate, ' & ')}"
+            f"{candidate.causes(' and ')}; no registered mechanism says so")
 
 
 def cautions(effect: Effect) -> list[str]:
@@ -134,15 +123,15 @@ def sentence(effect: Effect) -> str:
     same = [e for e in entries if e.alike]
     sure = sum(e.probability for e in same)
     out = f"{what(effect.candidate)}: {amount(terms, effect.estimate, effect.standard_error)}"
-    rivals = list(dict.fromkeys(label(e.candidate) for e in entries if e.candidate.mechanism != effect.candidate.mechanism))
-    rivals = [r for r in rivals if r != label(effect.candidate)]
+    rivals = list(dict.fromkeys(e.candidate.label for e in entries if e.candidate.mechanism != effect.candidate.mechanism))
+    rivals = [r for r in rivals if r != effect.candidate.label]
     if effect.named.verdict == "found":
-        own = sum(e.probability for e in entries if label(e.candidate) == label(effect.candidate))
-        out += f" ({label(effect.candidate)}, probability {own:.2f}"
-        twins = [r for r in rivals if r in {label(e.candidate) for e in same}]
+        own = sum(e.probability for e in entries if e.candidate.label == effect.candidate.label)
+        out += f" ({effect.candidate.label}, probability {own:.2f}"
+        twins = [r for r in rivals if r in {e.candidate.label for e in same}]
         out += f"; {', '.join(twins[:3])} would move the target alike, together {sure:.2f})" if twins else ")"
     else:
-        odds = ", ".join(f"{label(e.candidate)} {e.probability:.2f}" for e in entries[:4])
+        odds = ", ".join(f"{e.candidate.label} {e.probability:.2f}" for e in entries[:4])
         out += f"; the data cannot tell this apart from {', '.join(rivals[:3]) or 'others'} ({odds})"
     for caution in cautions(effect):
         out += f"; {caution}"

@@ -5,6 +5,8 @@ import re
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
+CHECK_FAILED = 5        # exit status of a command that is done, but where a check failed: no convergence, a drift, a miss
+
 
 class ModelselError(Exception):
     """Anything modelsel says to a user; `exit_code` is the command's exit status."""
@@ -47,20 +49,16 @@ class NotEstimable(ModelselError):
         super().__init__(one_line(what))
 
 
-class Interrupted(ModelselError):
-    """Stopped by the user; `resume` is the command that goes on."""
-
-    exit_code = 130
-
-    def __init__(self, resume: str):
-        self.resume = resume
-        super().__init__(f"Interrupted. To go on: {resume}")
-
-
 def one_line(text: str) -> str:
-    """A sentence that holds what a user wrote, fit to be printed: no line breaks or control characters, very long words cut."""
+    """A sentence that holds what a user wrote, fit to be printed: no line breaks or control characters, very long words cut,
+    the stops and quotes after them kept."""
     text = "".join(c if c.isprintable() else c.encode("unicode_escape", "replace").decode() for c in text)
-    return re.sub(r"[^ ]{200,}", lambda found: f"{found.group()[:80]}…", text)
+    return re.sub(r"([^ ]{80})[^ ]{120,}?([^\w ]{0,3})(?= |$)", r"\1…\2", text)
+
+
+def sentence_list(words: Sequence[str]) -> str:
+    """a, b and c."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def suggest(word: str, known: Iterable[str]) -> str:

@@ -83,7 +83,6 @@ def cells_dict(result: Result, base_rung: Rung, scene: Scene, field: Array) -> d
 def _slopes(result: Result, base_rung: Rung) -> list[Any]:
     """(P, C) nested: each cell's least-squares slopes alone beyond the base, six digits; None where no cell is."""
     data, whole = result.data, result.error_map
-    assert base_rung.fit is not None
     used = np.flatnonzero(data.used)
     if len(used) > MOST:
         used = used[np.linspace(0, len(used) - 1, MOST).astype(int)]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from ...words.errors import StudyError
+from ...words.shape import misfit, strict
+from ...words.shape import read as text
+from ..shapes import DETAILS, RESULT, disagreement
 from ..write import write_all
 from .document import Page, Source, book
 from .end import outliers, provenance, unidentifiable
@@ -36,23 +39,28 @@ PAGES: dict[str, Page] = {
 
 
 def read(folder: Path) -> Source:
-    """result.json and details.json of a folder. Raises StudyError with how to make them."""
+    """result.json and details.json of a folder, whole and of one run. Raises StudyError with how to make them."""
     again = "modelsel study STUDY.toml --out DIR makes it"
-    found = []
-    for name in ("result.json", "details.json"):
+    found = list[dict[str, Any]]()
+    for name, shape in (("result.json", RESULT), ("details.json", DETAILS)):
         try:
-            table = json.loads((folder / name).read_text(encoding="utf-8"))
+            table = strict(text(folder / name))
+            if not isinstance(table, dict) or table.get("schema") != SCHEMA or table.get("schema") is True:
+                version = table.get("schema") if isinstance(table, dict) else None
+                raise StudyError(f"{folder / name}: schema {str(version)[:40]}, this modelsel draws schema {SCHEMA}; {again} "
+                                 "anew.")
+            if found and any(found[0]["provenance"][key] != table.get(key) for key in ("data_sha256", "study_sha256")):
+                raise StudyError(f"{folder}: details.json belongs to another run than result.json; {again} anew.")
+            if (why := misfit(table, shape)) is not None:
+                raise ValueError(f"damaged: {why}")
         except FileNotFoundError:
             raise StudyError(f"{folder}: there is no {name}; {again}.") from None
-        except (OSError, ValueError) as error:
-            raise StudyError(f"{folder / name}: cannot be read ({error}); {again} anew.") from None
-        if not isinstance(table, dict) or table.get("schema") != SCHEMA:
-            version = table.get("schema") if isinstance(table, dict) else None
-            raise StudyError(f"{folder / name}: schema {version!r}, this modelsel draws schema {SCHEMA}; {again} anew.")
+        except ValueError as error:
+            raise StudyError(f"{folder / name}: cannot be read: {error}; {again} anew.") from None
         found.append(table)
     result, more = found
-    if any(result.get("provenance", {}).get(key) != more.get(key) for key in ("data_sha256", "study_sha256")):
-        raise StudyError(f"{folder}: details.json belongs to another run than result.json; {again} anew.")
+    if (why := disagreement(result, more)) is not None:
+        raise StudyError(f"{folder}: {why}; {again} anew.")
     return Source(result, more)
 
 

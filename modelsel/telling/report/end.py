@@ -6,6 +6,7 @@ from ..views import name_of
 from .document import Block, Source, heading, points, table, text
 
 ROWS = 60
+CALLED = {"data_sha256": "measurements, SHA-256", "study_sha256": "study file, SHA-256"}
 
 
 def unidentifiable(source: Source) -> list[Block]:
@@ -47,12 +48,11 @@ def outliers(source: Source) -> list[Block]:
 def provenance(source: Source) -> list[Block]:
     """What this report was made from."""
     result = source.result
-    names = {"data_sha256": "measurements, SHA-256", "study_sha256": "study file, SHA-256"}
     rows = [
         ["study", result["study"]],
         ["robot", result["robot"]],
         ["seed", str(result["seed"])],
-        *([names.get(k, k), str(v)] for k, v in result["provenance"].items()),
+        *([CALLED.get(k, k), str(v)] for k, v in result["provenance"].items()),
     ]
     steps = result["path"]
     blocks = [heading("Provenance", opens=False), table([("what", "left"), ("value", "left")], rows, "", [0.0, 1.0])]

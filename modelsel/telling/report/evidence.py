@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...why.words import quantity
+from ...why.words import prefixed
 from ..tables import mm
 from .document import Block, Source, heading, points, table, text
 from .figures import ladder, parameters, space
@@ -67,7 +67,9 @@ def held_out(source: Source) -> list[Block]:
             "held-out",
             picture,
             f"Share of {side} configurations whose error stays below a length. The further left and the steeper, "
-            "the better; a curve that crosses another is worse for some configurations.",
+            "the better; a curve that crosses another is worse for some configurations."
+            + (f" {ladder.CURVES} of the ladder's {len(ladder.rungs(result))} models, called as there."
+               if len(ladder.rungs(result)) > ladder.CURVES else ""),
             f"Distribution of {side} errors per model: 95 % stay below {mm(first[key]['p95_mm'])} mm with the nominal and below "
             f"{mm(last[key]['p95_mm'])} mm with the chosen model.",
         ),
@@ -77,10 +79,10 @@ def held_out(source: Source) -> list[Block]:
 def significance(source: Source) -> list[Block]:
     """Forest plot and table by mechanism."""
     result, blocks = source.result, list[Block]()
-    known = [p for p in result.get("parameters") or [] if p["standard_error"]]
+    known = [p for p in result.get("parameters") or [] if p["low"] < p["high"]]
     if known:
         picture = parameters.forest(known)
-        weak = [p["symbol"] for p in known if abs(p["estimate"]) < 1.96 * p["standard_error"]]
+        weak = [p["symbol"] for p in known if p["low"] < 0 < p["high"]]
         blocks.append(
             source.figure(
                 "forest",
@@ -94,31 +96,27 @@ def significance(source: Source) -> list[Block]:
             )
         )
     if result.get("significance"):
-        rows = [
-            [
-                s["mechanism"],
-                mm(s["mean_mm"]),
-                mm(s["max_mm"]),
-                _p(s["p"]),
-                _signed(s["log10_evidence"]),
-                f"{mm(s['held_out_rms_without_mm'])} → {mm(s['held_out_rms_mm'])}",
-                "–" if s["stability"] is None else f"{s['stability']:.0%}",
-            ]
-            for s in result["significance"]
-        ]
-        odd = [f"{s['mechanism']}: {s['catalogue']}" for s in result["significance"] if s["catalogue"] != "as expected"]
+        weighed = result["significance"]
+        numbers = {
+            "mean mm": [mm(s["mean_mm"]) for s in weighed],
+            "worst mm": [mm(s["max_mm"]) for s in weighed],
+            "p": [_p(s["p"]) for s in weighed],
+            "log10 evidence": [_signed(s["log10_evidence"]) for s in weighed],
+            "held-out rms mm": [f"{mm(s['held_out_rms_without_mm'])} → {mm(s['held_out_rms_mm'])}" for s in weighed],
+            "stable": ["–" if s["stability"] is None else f"{s['stability']:.0%}" for s in weighed],
+        }
+        numbers = {name: column for name, column in numbers.items() if set(column) != {"–"}}      # a long run leaves some out
+        said = "Mean and worst displacement of the target by each mechanism. Held-out: rms without it and with it."
+        if "stable" in numbers:
+            said += " Stable: share of half-samples in which it stays significant."
+        odd = [f"{s['mechanism']}: {s['catalogue']}" for s in weighed if s["catalogue"] != "as expected"]
         blocks += [
             heading("By mechanism", 2),
             table(
-                [
-                    ("mechanism", "left"),
-                    *((n, "right") for n in ("mean mm", "worst mm", "p", "log10 evidence", "held-out mm", "stable")),
-                ],
-                rows,
-                "Mean and worst displacement of the target by each mechanism. Held-out: rms without it and with it. "
-                "Stable: share of "
-                "half-samples in which it stays significant.",
-                [1.0, *[0.0] * 6],
+                [("mechanism", "left"), *((name, "right") for name in numbers)],
+                [list(row) for row in zip([s["mechanism"] for s in weighed], *numbers.values(), strict=True)],
+                said,
+                [1.0, *[0.0] * len(numbers)],
             ),
         ]
         if odd:
@@ -184,23 +182,26 @@ def posterior(source: Source) -> list[Block]:
             )
         )
     if found.get("quantiles"):
-        rows = [
-            [
-                q["name"],
-                *("–" if q[k] is None else quantity(q[k], None, q["unit"])
-                  for k in ("low", "median", "high", "closed_form_low", "closed_form_high")),
-            ]
-            for q in found["quantiles"][:QUANTILES]
-        ]
+        rows = [[q["name"], *_quantiles(q)] for q in found["quantiles"][:QUANTILES]]
         blocks.append(
             table(
                 [
                     ("parameter", "left"),
                     *((n, "right") for n in ("2.5 %", "median", "97.5 %", "2.5 %, closed form", "97.5 %, closed form")),
+                    ("unit", "left"),
                 ],
                 rows,
-                "Sampled on the exact chain; beside it what least squares says in closed form.",
-                [0.0] * 6,
+                "Sampled as said above; beside it what least squares says in closed form.",
+                [0.0] * 7,
             )
         )
     return blocks
+
+
+def _quantiles(found: dict[str, Any]) -> list[str]:
+    """The five quantiles of a parameter in one unit, to the place that three digits of the widest give; then the unit."""
+    values = [found[k] for k in ("low", "median", "high", "closed_form_low", "closed_form_high")]
+    biggest = max((abs(v) for v in values if v is not None), default=0.0)
+    factor, unit = prefixed(biggest, found["unit"])
+    places = max(2 - int(f"{biggest / factor:.2e}".partition("e")[2]), 0)
+    return [*("–" if v is None else f"{v / factor:.{places}f}" for v in values), unit]

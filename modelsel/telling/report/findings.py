@@ -95,11 +95,11 @@ def _change(interval: list[float] | None) -> str:
     """The interval of a gain in words: positive is less error."""
     if interval is None:
         return ""
-    near, far = (quantity(abs(v), None, "mm") for v in sorted(interval, key=abs))
     low, high = interval
     if low < 0 < high:
-        return f" (95 %: {quantity(-low, None, 'mm')} more to {quantity(high, None, 'mm')} less)"
-    return f" (95 %: {near} to {far} {'less' if low >= 0 else 'more'})"
+        return f" (95 %: {-low:.2g} mm more to {high:.2g} mm less)"
+    near, far = sorted(map(abs, interval))
+    return f" (95 %: {near:.2g} to {far:.2g} mm {'less' if low >= 0 else 'more'})"
 
 
 def separation(found: dict[str, Any]) -> list[str]:
@@ -107,32 +107,34 @@ def separation(found: dict[str, Any]) -> list[str]:
     entries = found["credible_set"]
     if len(entries) < 2:
         return []
-    first, out = entries[0], dict[str, None]()
-    for rival in entries[1:6]:
-        words = _difference(first, rival)
-        if words:
-            out[words] = None
-    return list(out)[:ADVICE]
+    named = list(zip(names_of(entries), entries, strict=True))
+    out = dict.fromkeys(_difference(*named[0], *rival) for rival in named[1:6])
+    return [words for words in out if words][:ADVICE]
 
 
-def _difference(first: dict[str, Any], rival: dict[str, Any]) -> str:
-    a, b = name_of(first), name_of(rival)
-    causes = [sorted({str(s["cause"]) for s in e["screws"]}) for e in (first, rival)]
-    if a == b and all("sin(" in c for c in map("".join, causes)):
-        return f"{a} with another constant: more readings of that joint, spread evenly over its turn, sharpen the wave length."
+def _difference(a: str, first: dict[str, Any], b: str, rival: dict[str, Any]) -> str:
+    """What would tell entry `first`, called `a`, from the `rival`, called `b`; nothing where no measurement can."""
+    screws = [sorted({(f"frame {s['frame']} {s['axis']}", str(s["cause"])) for s in e["screws"]}) for e in (first, rival)]
+    causes = [list(dict.fromkeys(str(s["cause"]) for s in e["screws"])) for e in (first, rival)]
+    if name_of(first) == name_of(rival) and all("sin(" in c for c in map("".join, causes)):
+        return (
+            f"{name_of(first)} with another constant: more readings of that joint, spread evenly over its turn, sharpen the wave "
+            "length."
+        )
     if not causes[0] or not causes[1]:
         return ""
-    if causes[0] == causes[1]:
-        where = " and ".join(f"frame {e['screws'][0]['frame']} {e['screws'][0]['axis']}" for e in (first, rival))
+    if screws[0] == screws[1]:
+        return f"{a} and {b} are two names of one displacement: no measurement tells them apart, either corrects the error."
+    if set(causes[0]) == set(causes[1]):
         return (
-            f"{a} and {b} have the same cause at {where}: a second target off the last axis, or measured orientations, may tell "
-            "them apart; where no target can, either name corrects the same error."
+            f"{a} and {b} have the same cause at {screws[0][0][0]} and {screws[1][0][0]}: a second target off the last axis, or "
+            "measured orientations, may tell them apart; where no target can, either name corrects the same error."
         )
     both = " ".join(set(causes[0]) ^ set(causes[1]))
     remedy = next((words for names, words in REMEDIES if any(name in both for name in names)), None)
     if remedy is not None:
         return f"{a} and {b} part company when the same configurations are {remedy}."
     return (
-        f"{a} and {b} have different causes ({causes[0][0]} against {causes[1][0]}): configurations in which these change "
-        "independently of each other tell them apart."
+        f"{a} and {b} have different causes ({' & '.join(causes[0])} against {' & '.join(causes[1])}): configurations in which "
+        "these change independently of each other tell them apart."
     )

@@ -109,7 +109,7 @@ def _studies(done: Sequence[Row]) -> list[Block]:
         [
             row["name"],
             row["robot"] or "–",
-            str(row["estimation"] + row["held_out"]),
+            f"{row['estimation'] + row['held_out']:,}",
             *(mm(row[what]) for what in ("nominal_mm", "base_mm", "chosen_mm", "noise_mm")),
             row["found"] or ("nothing" if row["chosen_mm"] is not None else "a fit alone"),
             row["warnings"].replace(" + ", ", ") or "–",

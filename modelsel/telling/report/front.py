@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...elsewhere.prepare import SETUP
+from ..standing import standing_sentences
 from ..tables import mm
 from ..views import alike, name_of
 from .document import Block, Source, heading, points, table, text
@@ -29,6 +31,11 @@ def sure(finding: dict[str, Any]) -> str:
     return own if own == together or others < 1 else f"{own}; {together} with {others} alike"
 
 
+def opening(result: dict[str, Any]) -> list[str]:
+    """The verdict's sentences; before them, that the set-up looks wrong."""
+    return [f"Check the set-up: {w['sentence']}" for w in result["warnings"] if w["code"] == SETUP] + list(result["verdict"])
+
+
 def first(source: Source) -> list[Block]:
     """The page that stands alone."""
     result, details = source.result, source.details
@@ -38,11 +45,11 @@ def first(source: Source) -> list[Block]:
             "kind": "title",
             "title": result["study"],
             "robot": result["robot"],
-            "estimation": counts["estimation"],
-            "held_out": counts["held_out"],
+            "estimation": f"{counts['estimation']:,}",
+            "held_out": f"{counts['held_out']:,}",
         }
     ]
-    blocks += [text(sentence, "lead") for sentence in result["verdict"]]
+    blocks += [text(sentence, "lead") for sentence in opening(result)]
     blocks.append(
         source.figure(
             "ladder",
@@ -54,6 +61,7 @@ def first(source: Source) -> list[Block]:
     )
     found = list(zip(result["findings"], details["findings"], strict=True))
     if found:
+        unsure = any(f["verdict"] != "found" for f, _ in found)
         rows = [
             [
                 shortened(said["label"], NAME),
@@ -67,8 +75,8 @@ def first(source: Source) -> list[Block]:
             table(
                 [("named", "left"), ("what goes wrong", "left"), ("probability", "left")],
                 rows,
-                "Probability: of this name, and together with those that would move the target alike; rivals: others cannot be "
-                "told from it."
+                "Probability: of this name; alike: of this and of others that would move the target as it does"
+                + ("; rivals: others that the data cannot tell from it." if unsure else ".")
                 + (f" And {more} more: see Findings." if more > 0 else ""),
                 [0.36, 1.0, 0.0],
             )
@@ -95,10 +103,12 @@ def data(source: Source) -> list[Block]:
     counts, rows = result["configurations"], details["rows"]
     drawn = len(rows["row"])
     thinned = f" {drawn:,} of {rows['of']:,} rows are drawn." if drawn < rows["of"] else ""
+    placed = result.get("registration")
+    stands = [] if placed is None else [heading("Where the tracker and the target stand", 2), points(standing_sentences(placed))]
     return [
         heading("Data and split"),
         text(
-            f"{counts['estimation']} configurations estimate and choose the model, {counts['held_out']} are held out: "
+            f"{counts['estimation']:,} configurations estimate and choose the model, {counts['held_out']:,} are held out: "
             "no step, not even "
             f"the naming, has seen them. Noise floor: {result['noise_floor']['coordinate_mm']:.3g} mm per coordinate "
             f"({result['noise_floor']['source']})."
@@ -118,6 +128,7 @@ def data(source: Source) -> list[Block]:
             f"Three-dimensional scatter of the measured targets, estimation and held-out, seen "
             f"from two sides; they span {_span(details)}.",
         ),
+        *stands,
     ]
 
 

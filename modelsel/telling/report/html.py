@@ -8,8 +8,11 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
+from ..standing import standing_sentences
 from .document import Source
+from .end import CALLED
 from .figures import errormap, ladder
+from .front import opening
 
 SCRIPTS = ("plot.js", "space.js", "map.js", "page.js")
 
@@ -37,6 +40,15 @@ def embedded(value: Any) -> str:
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
+def _setup(placed: dict[str, Any] | None) -> str:
+    """Where registration found the base and the targets; nothing where the study gives them."""
+    if placed is None:
+        return ""
+    said = "\n".join(f"<p>{escape(sentence)}</p>" for sentence in standing_sentences(placed))
+    title = '<h2 id="setup-title">Where the tracker and the target stand</h2>'
+    return f'<section aria-labelledby="setup-title">\n{title}\n{said}\n</section>\n'
+
+
 def page(source: Source) -> bytes:
     """The whole page."""
     result, details, folder = source.result, source.details, files(__package__) / "page"
@@ -48,18 +60,19 @@ def page(source: Source) -> bytes:
         "ladder": list(zip(way, ladder.names(result, way), strict=True)),
         "cells": errormap.named_cells(result),
     }
-    hashes = ", ".join(f"{k} {v}" for k, v in result["provenance"].items())
+    made = ", ".join(f"{CALLED.get(k, k)} {v}" for k, v in result["provenance"].items())
     return (
         Template((folder / "page.html").read_text(encoding="utf-8"))
         .substitute(
             title=escape(f"Calibration report: {result['study']}"),
             study=escape(result["study"]),
             about=escape(
-                f"Robot {result['robot']} · {counts['estimation']} configurations estimate, {counts['held_out']} are held out"
+                f"Robot {result['robot']} · {counts['estimation']:,} configurations estimate, {counts['held_out']:,} are held out"
             ),
-            verdict="\n".join(f'<p class="verdict">{escape(sentence)}</p>' for sentence in result["verdict"]),
+            verdict="\n".join(f'<p class="verdict">{escape(sentence)}</p>' for sentence in opening(result)),
+            setup=_setup(result.get("registration")),
             side="held-out" if counts["held_out"] else "estimation",
-            made=escape(hashes),
+            made=escape(made),
             style=(folder / "page.css").read_text(encoding="utf-8"),
             script="\n".join((folder / name).read_text(encoding="utf-8") for name in SCRIPTS),
             data=embedded(data),

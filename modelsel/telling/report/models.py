@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..tables import mm
+from ..tables import TABLE_FOR, mm
 from .document import Block, Source, heading, table, text
 from .figures import ladder
 
@@ -59,10 +59,10 @@ def _subsets(candidates: dict[str, Any]) -> list[Block]:
         for r in shown
     ]
     columns = [(" + ".join(common) + " and" if common else "mechanisms", "left")]
-    columns += [("rank", "right"), ("CV rms", "right"), ("held-out", "right"), ("weight", "right"), ("note", "left")]
+    columns += [("rank", "right"), ("CV rms", "right"), ("held-out mean", "right"), ("weight", "right"), ("note", "left")]
     said = (
         f"Of {candidates['compared']:,} subsets of the strongest registered mechanisms, these stand out. They check the ladder "
-        "from another side: each is fitted by one linear step and measured alike."
+        f"from another side: each is fitted by one linear step and measured alike. {TABLE_FOR}"
     )
     if search := candidates.get("search"):
         said += (
@@ -70,13 +70,16 @@ def _subsets(candidates: dict[str, Any]) -> list[Block]:
             + ("proves the best." if search["proven"] else "did not finish: its best may be beaten by up to "
                f"{search['may_be_beaten_by']:.3g}.")
         )
-    held = "twelve" if len(candidates["considered"]) == 12 else len(candidates["considered"])
     aside, more = candidates["set_aside"][:ASIDE], len(candidates["set_aside"]) - ASIDE
-    rest = f"Not in the table, which holds {held}: {', '.join(aside)}{f' and {more} more' if more > 0 else ''}."
+    rest = (
+        f" The subsets are made of {len(candidates['considered'])} mechanisms; weaker alone, and left out: {', '.join(aside)}"
+        f"{f' and {more} more' if more > 0 else ''}."
+    )
+    caption = "Errors in mm; weight: the subset's probability among those compared." + (rest if aside else "")
     return [
         heading("The table of subsets", 2),
         text(said),
-        table(columns, rows, rest if aside else "", [1.4, 0.0, 0.0, 0.0, 0.0, 0.8]),
+        table(columns, rows, caption, [1.4, 0.0, 0.0, 0.0, 0.0, 0.8]),
     ]
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from ...data.measurements import Index
 from ...matrix.design import PLACE, columns_of
 from ...matrix.scene import Scene
-from ...why.words import label, what
+from ...why.words import what
 from ...words.rigid import Array
 from ...wrong.causes import FUNCTIONS, Applied, Bump, Cause, Named
 from ...wrong.screws import Term
@@ -170,11 +170,11 @@ def _finding(finding: Finding, scene: Scene, field: Array, residual: Array) -> d
     if not shown and (one := _whole(terms, estimate, scene, field, residual)) is not None:
         shown = [one]
     return {
-        "label": label(finding.effect.candidate),
+        "label": finding.effect.candidate.label,
         "what": what(finding.effect.candidate),
         "panels": shown,
         "more_panels": max(len(panels) - PANELS, 0),
-        "rivals": [label(e.candidate) for e in finding.effect.named.entries],
+        "rivals": [e.candidate.label for e in finding.effect.named.entries],
     }
 
 

@@ -33,6 +33,12 @@ def _steps(x: Array, y: Array, weight: Array) -> tuple[Array, Array]:
     return (np.array([np.average(x[s]) for s in sides]), np.array([np.average(y[s], weights=weight[s]) for s in sides]))
 
 
+def height(points: Array, curve: Array) -> float:
+    """Up to where a panel is drawn: nearly all points, and the fitted effect whole unless it is several times as high."""
+    usual = 1.15 * float(np.percentile(np.abs(points), 98))
+    return max(usual, min(1.05 * float(np.abs(curve).max(initial=0.0)), 3 * usual), 1e-12)
+
+
 def axis_name(panel: dict[str, Any]) -> str:
     """What turns or shifts, in words."""
     if not panel["frames"]:
@@ -73,8 +79,8 @@ def finding(panels: list[dict[str, Any]]) -> bytes:
             for y, colour, mark in ((before, INK, "s"), (after, BLUE, "o")):
                 bx, by = group(x, y, weight)
                 ax.plot(bx, factor * by, mark, ms=4.5, mfc="white", mec=colour, mew=1.1, zorder=4)
-            top = 1.15 * float(np.percentile(np.abs(np.concatenate([before, after])), 98)) * factor
-            ax.set_ylim(-max(top, 1e-12), max(top, 1e-12))
+            top = factor * height(np.concatenate([before, after]), np.array(panel["curve"][1], float))
+            ax.set_ylim(-top, top)
             ax.set_xlabel(
                 f"{shortened(panel['against'], 30)}"
                 + (
@@ -83,16 +89,7 @@ def finding(panels: list[dict[str, Any]]) -> bytes:
                     else ""
                 )
             )
-            ax.set_title(
-                f"{axis_name(panel)} [{unit}]"
-                if n < 3
-                else f"frame {panel['frames'][0]} {panel['axis']} [{unit}]"
-                if panel["frames"]
-                else f"[{unit}]",
-                fontsize=7.5,
-                fontweight="normal",
-                color=INK,
-            )
+            ax.set_title(f"{axis_name(panel)} [{unit}]", fontsize=7.5 if n < 3 else 6.5, fontweight="normal", color=INK)
         fig.legend(handles=_legend(), loc="outside lower center", ncols=3, fontsize=7)
         return svg(fig, "Residual against cause")
 

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from ...views import adds
 from ..style import AFTER, BLUE, GREY, INK, ORANGE, QUIET, WIDTH, shortened, styled, svg
 
-MOST = 26  # rungs that one picture can hold
+MOST, CURVES = 26, 6  # rungs that the ladder can hold, and the picture of their errors
 
 
 def rungs(result: dict[str, Any]) -> list[int]:
@@ -24,13 +25,7 @@ def rungs(result: dict[str, Any]) -> list[int]:
 
 def names(result: dict[str, Any], which: list[int]) -> list[str]:
     """What each rung adds to the one before it, or all of it, in the ladder's own words."""
-    out, before = list[str](), list[str]()
-    for k in which:
-        mechanisms = result["ladder"][k]["mechanisms"]
-        further = before and mechanisms[: len(before)] == before and mechanisms != before
-        out.append(("+ " if further else "") + " + ".join(mechanisms[len(before) :] if further else mechanisms) or "set-up alone")
-        before = [] if mechanisms == ["nominal"] else mechanisms
-    return out
+    return adds([result["ladder"][k]["mechanisms"] for k in which])
 
 
 def ladder(result: dict[str, Any]) -> bytes:
@@ -98,7 +93,7 @@ def held_out(result: dict[str, Any], details: dict[str, Any]) -> bytes | None:
     if not side.any():
         return None
     which = rungs(result)
-    which = which if len(which) <= 6 else [which[round(k)] for k in np.linspace(0, len(which) - 1, 6)]
+    which = which if len(which) <= CURVES else [which[round(k)] for k in np.linspace(0, len(which) - 1, CURVES)]
     labels = names(result, rungs(result))
     import matplotlib as mpl
 

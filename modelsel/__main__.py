@@ -1,0 +1,4 @@
+"""`python -m modelsel`: the command line where its script is not on the path."""
+from .cli import main
+
+main(prog_name="modelsel")

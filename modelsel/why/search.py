@@ -1,0 +1,117 @@
+"""What the loop that extends a model shares and asks: fits, names, the null, the signs of the residual's own rows."""
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ..data.measurements import Index
+from ..fitting.fit import Fit
+from ..fitting.shrink import fit_shrunk
+from ..matrix.design import Model
+from ..matrix.scene import Scene
+from ..which.candidates import Candidate
+from ..words.errors import NotEstimable
+from ..words.rigid import Array
+from .curves import better, curves
+from .errormap import Columns, columns, flat, unflat
+from .evidence import familywise, null
+from .flips import LOUD, SLANTED, adjusted, flipped, flipped_p, slanted, uneven, units
+from .naming import Named, name, name_again, own_evidence, with_candidate
+from .view import View, models, view
+
+LEVEL = 0.05            # family-wise
+BETTER = np.log(3)      # log odds at which a re-named effect changes its name
+DRAWS = (999, 499)      # null draws for small and large studies
+COARSE_MM = 1e-2        # step at which the fits on the way are good enough
+LARGE = 3e6             # candidates' numbers beyond which a study is large
+
+
+class Search:
+    """What the loop shares: the training scene, all candidates with their columns, the null of the first scan."""
+
+    def __init__(self, scene: Scene, base: Model, found: tuple[Candidate, ...], rng: np.random.Generator, base_fit: Fit):
+        self.scene, self.base, self.found, self.rng = scene, base, found, rng
+        self.columns: Columns = columns(scene, found, base_fit.at())
+        self.log_prior = np.log([c.prior for c in found])
+        self.curves = curves(found, self.columns, self.log_prior)
+        self.first = view(scene, self.columns, base, base_fit)
+        self.dead = np.flatnonzero(self.first.seen.sizes == 0)      # the base has them: what a refit leaks of them is no cause
+        self.null, self.least_p = null(self.first.seen, self.log_prior, DRAWS[self.columns.XT.size >= LARGE], rng)
+        self.bound = float(np.quantile(self.null, 1 - LEVEL))
+
+    def fit(self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM) -> View:
+        model = models(self.base, [self.found[g] for g in chosen])
+        return view(self.scene, self.columns, model, fit_shrunk(self.scene, model, start, step_mm))
+
+    def attempt(self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM) -> View | None:
+        """`fit`, or None where the data do not determine such a model."""
+        try:
+            return self.fit(chosen, start, step_mm)
+        except NotEstimable:
+            return None
+
+    def next(self, view: View, known: Sequence[int]) -> Named:
+        """What explains most of the rest; `known` candidates have had their turn (what the fit drops of theirs is no cause)."""
+        return name(view.seen, self.found, view.r, np.union1d(self.dead, np.array(known, dtype=np.intp)))
+
+    def by_signs(self, view: View, known: Sequence[int], observed: float) -> float:
+        """How often the residual's own rows, signs of whole configurations changed, have as much evidence beyond the model; 0
+        where they are as equal normal noise has them: the null of the first scan is exact then, and stronger."""
+        log_prior = self.log_prior.copy()
+        log_prior[np.union1d(self.dead, np.array(known, dtype=np.intp))] = -np.inf
+        unit, e, alike = self.in_units(view)
+        return 0.0 if alike else flipped_p(flipped(view.seen, log_prior, e, unit, self.rng), observed)
+
+    def in_units(self, view: View) -> tuple[Index, Array, bool]:
+        """(which rows change sign together, -1 where a row is the prior's; the adjusted residual; whether equal normal noise has
+        such rows)."""
+        scene = self.scene
+        own, grouped = units(scene.data, view.fitted.residuals(scene)[:, :3], self.rng)
+        every = np.tile(own, (1, scene.components, 1))
+        measured = np.concatenate([flat(scene, rows, every[:, :, rows])[0] for rows in scene.blocks()])
+        unit = np.append(measured, np.full(len(view.r) - len(measured), -1))
+        e = adjusted(view.seen.Q, view.r, unit)
+        total = np.bincount(measured, np.square(e[:len(measured)])).astype(float)
+        alike = uneven(total, np.bincount(measured)) < LOUD and (
+            scene.measured is not None or slanted(unflat(scene, e), view.seen.freedom / scene.components) > SLANTED)
+        return unit, e, alike and not grouped
+
+    def map_p(self, view: View) -> Array:
+        """(G,) family-wise p of every candidate alone on the base; where what the model of `view` leaves is not as equal normal
+        noise has it, no smaller than under the signs of the base's residual."""
+        seen, r = self.first.seen, self.first.r
+        p = familywise(seen, r, self.least_p)
+        unit, _, alike = self.in_units(view)
+        if alike:
+            return p
+        unit = unit[:len(r)]
+        least = [few for _, few in flipped(seen, self.log_prior, adjusted(seen.Q, r, unit), unit, self.rng)]
+        return np.maximum(p, familywise(seen, r, np.sort(np.concatenate(least))))
+
+    def again(self, g: int, view: View) -> tuple[Named, float]:
+        """Effect g given the others: (named again, the evidence for itself or its like)."""
+        if g not in view.asked:
+            seen, y = view.without(self.found[g])
+            named = name_again(seen, self.found, g, y, self.dead)
+            view.asked[g] = with_candidate(named, seen, self.found, g, y), own_evidence(seen, named, g, y)
+        return view.asked[g]
+
+    def redrawn(self, chosen: Sequence[int], view: View) -> Iterator[tuple[list[int], str]]:
+        """(models in which a joint's own-angle effects are explained better together, what changed)."""
+        for curve in self.curves.values():
+            now = [g for g in chosen if g in curve.which]
+            if not now:
+                continue
+            D, response = view.freed(*(self.found[g] for g in now))
+            best = better(curve, view.Q - D @ (D.T @ view.Q), response, now, BETTER)
+            if best is not None:
+                names = (" & ".join(self.found[g].mechanism.name for g in some) for some in (now, best))
+                yield [*(g for g in chosen if g not in now), *best], " -> ".join(names)
+
+    def joined(self, chosen: Sequence[int], g: int) -> list[int]:
+        """With candidate g; a finer free function of a joint takes the place of a coarser one."""
+        def subject(k: int) -> object:
+            mechanism = self.found[k].mechanism
+            return mechanism.terms[0].screws[0].frame if mechanism.name.startswith("free(") else (k,)
+        return [*(k for k in chosen if subject(k) != subject(g)), g]

@@ -1,0 +1,76 @@
+"""Where registration finds the tracker and the targets is said where a user looks, with units and frames, and is right."""
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from builders import drawn, small_arm
+
+from modelsel import Study, report, run, save
+from modelsel.data.measurements import measurements
+from modelsel.machine.robot import forward
+from modelsel.telling.report.drawing import read
+from modelsel.telling.report.front import data as data_page
+from modelsel.telling.standing import standing_sentences
+from modelsel.telling.tables import sentences
+from modelsel.words.rigid import rpy
+
+PLACES = {"a": ((0.3, -0.5, 2.0), (2500.0, -800.0, 400.0)), "b": ((-0.1, 0.2, -1.0), (100.0, 3000.0, 0.0))}
+TOOL = (30.0, -20.0, 80.0)
+
+
+def study(rng: np.random.Generator, registered: object, **robot: object) -> Study:
+    """Two groups of 30 configurations of a small arm with a tool, each group's tracker elsewhere where that is asked."""
+    at = drawn(small_arm(), rng, 60)
+    q, group = at.data.q, np.array(["a", "b"]).repeat(30)
+    x = forward(at.robot, q, np.array(TOOL))
+    names = list(group) if registered == "per group" else ["a"] * 60
+    if registered:
+        x = np.array([rpy(*PLACES[g][0]) @ one + PLACES[g][1] for g, one in zip(names, x, strict=True)])
+    rows = measurements(q, x + rng.normal(0, 0.01, x.shape), group=list(group)).to_frame()
+    return Study(name="small", robot={"nominal": at.robot, "register": registered, **robot}, measurements=rows,
+                 model={"candidates": []}, split={"estimation": 40})
+
+
+def near(found: dict, placed: str) -> None:
+    turns, place = PLACES[placed]
+    np.testing.assert_allclose(found["position_mm"], place, atol=0.1)
+    np.testing.assert_allclose(found["rpy_deg"], np.degrees(turns), atol=0.02)
+
+
+def test_registered_once(rng, tmp_path) -> None:
+    """In result.json, on the terminal, in the PDF and on the page; the report is drawn from the files alone."""
+    result = run(study(rng, True), sampling=False)
+    placed = result.record["registration"]
+    (base,), (target,) = placed["base_in_tracker"], placed["target_on_flange"]
+    near(base, "a")
+    assert base["group"] == "all"
+    assert target["position_mm"] == pytest.approx(TOOL, abs=0.1)
+    words = standing_sentences(placed)
+    assert re.fullmatch(r"Base of the nominal robot \(frame 0\) in the tracker's frame: [\d.]+, -[\d.]+, [\d.]+ mm, turned by "
+                        r"roll, pitch, yaw 17\.\d+, -28\.\d+, 114\.\d+° \(fixed x, y, z\)\.", words[0])
+    assert re.fullmatch(r"Target in the flange frame: [\d.]+, -[\d.]+, [\d.]+ mm\.", words[1])
+    lines = sentences(result)
+    assert f"Registered: b{words[0][1:]}" in lines
+    assert f"Registered: t{words[1][1:]}" in lines
+    save(result, tmp_path)
+    assert words in [block.get("items") for block in data_page(read(tmp_path))]
+    report(result, tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Where the tracker and the target stand</h2>" in page
+    assert "turned by roll, pitch, yaw 17." in page
+
+
+def test_registered_per_group(rng) -> None:
+    placed = run(study(rng, "per group"), sampling=False).record["registration"]
+    assert [base["group"] for base in placed["base_in_tracker"]] == ["a", "b"]
+    for base in placed["base_in_tracker"]:
+        near(base, base["group"])
+    assert "in the tracker's frame (b): 100." in " ".join(standing_sentences(placed))
+
+
+def test_not_registered_nothing_is_said(rng) -> None:
+    result = run(study(rng, False, tool_mm=TOOL), sampling=False)
+    assert "registration" not in result.record
+    assert not any(line.startswith("Registered") for line in sentences(result))
