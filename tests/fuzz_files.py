@@ -165,7 +165,7 @@ def change(table: Table, rng: np.random.Generator) -> tuple[str, str]:
         holder.append(copy.deepcopy(holder[key]))
         done = "list longer"
     elif number and what < 0.7:
-        v = holder[key]
+        v = min(holder[key], 10**300)  # a whole number may be beyond what a real one holds
         holder[key] = [v * 1.01, -v, v * 1e3, v * 1e9, v + 0.5][int(rng.integers(5))]
         done = "number changed"
     else:

@@ -258,6 +258,8 @@ REFUSED = {
     "sigma of nought": ([f"{PLAIN},sx_mm,sy_mm,sz_mm", "0,0,1,2,3,1,1,1", "0,0,1,2,3,1,0,1"], "line 3, column sy_mm",
                         "above zero"),
     "no quaternion": ([f"{PLAIN},qw,qx,qy,qz", "0,0,1,2,3,0,0,0,0"], "line 2, column qw", "length zero"),
+    "a quaternion of next to no length": ([f"{PLAIN},qw,qx,qy,qz", "0,0,1,2,3,0,0,1e-300,1e-300"], "line 2, column qw",
+                                          "length zero"),
     "empty file": ([""], "data.csv", "empty"),
 }
 

@@ -94,8 +94,8 @@ def together(table: Table, names: Sequence[str], refuse: str = "", rows: Mask | 
         row, column = np.argwhere(out < SMALLEST)[0]
         raise where.refuse(f"a standard uncertainty must be above zero, {SMALLEST:g} at least.", row=int(row),
                            column=names[column], remedy="Correct the cell, or leave the uncertainties out.")
-    if refuse == "zero" and not out.any(1).all():
-        raise where.refuse("a quaternion of length zero.", row=int(np.argmin(out.any(1))), column=names[0],
+    if refuse == "zero" and (short := np.abs(out).max(1, initial=0.0) < SMALLEST).any():
+        raise where.refuse("a quaternion of length zero.", row=int(np.argmax(short)), column=names[0],
                            remedy="Correct the row or remove it.")
     return out
 

@@ -102,15 +102,15 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
     chosen, view = pruned(search, chosen, view, path)
     if chosen:
         view = search.attempt(chosen, view.fitted, STEP_MM) or view       # to the last tenth of a micrometre, where it settles
+    nothing, map_p = search.by_chance(view)
     place = {t.screws: k for k, t in enumerate(view.model.terms)}
     effects = []
     for g in chosen:
         (one, own), at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
-        effects.append(Effect(found[g], one, p_value(own, search.null), view.fitted.theta[at],
-                              view.fitted.standard_errors[at]))
+        p = max(p_value(own, search.null), p_value(own, nothing))
+        effects.append(Effect(found[g], one, p, view.fitted.theta[at], view.fitted.standard_errors[at]))
     return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, held_back,
-                     search.bound, single_f(search.first.seen, search.first.r),
-                     search.map_p(view))
+                     search.bound, single_f(search.first.seen, search.first.r), map_p)
 
 
 def _untried(search: Search, left: Named, view: View, chosen: Sequence[int], tried: set[frozenset[int]]) -> int | None:

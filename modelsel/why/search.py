@@ -77,17 +77,18 @@ class Search:
             scene.measured is not None or slanted(unflat(scene, e), view.seen.freedom / scene.components) > SLANTED)
         return unit, e, alike and not grouped
 
-    def map_p(self, view: View) -> Array:
-        """(G,) family-wise p of every candidate alone on the base; where what the model of `view` leaves is not as equal normal
-        noise has it, no smaller than under the signs of the base's residual."""
-        seen, r = self.first.seen, self.first.r
-        p = familywise(seen, r, self.least_p)
-        unit, _, alike = self.in_units(view)
+    def by_chance(self, view: View) -> tuple[Array, Array]:
+        """(sorted evidences where nothing is, (G,) family-wise p of every candidate alone on the base), by equal normal noise;
+        where what the model of `view` leaves is none, by the signs of its residual, and no p smaller than by the base's."""
+        first = self.first
+        p = familywise(first.seen, first.r, self.least_p)
+        unit, e, alike = self.in_units(view)
         if alike:
-            return p
-        unit = unit[:len(r)]
-        least = [few for _, few in flipped(seen, self.log_prior, adjusted(seen.Q, r, unit), unit, self.rng)]
-        return np.maximum(p, familywise(seen, r, np.sort(np.concatenate(least))))
+            return self.null, p
+        signed = [some for some, _ in flipped(view.seen, self.log_prior, e, unit, self.rng)]
+        own = unit[:len(first.r)]
+        least = [few for _, few in flipped(first.seen, self.log_prior, adjusted(first.seen.Q, first.r, own), own, self.rng)]
+        return np.sort(np.concatenate(signed)), np.maximum(p, familywise(first.seen, first.r, np.sort(np.concatenate(least))))
 
     def again(self, g: int, view: View) -> tuple[Named, float]:
         """Effect g given the others: (named again, the evidence for itself or its like)."""
