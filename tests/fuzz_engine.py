@@ -12,6 +12,7 @@ import json
 import math
 import os
 import re
+import resource
 import shutil
 import sys
 import tempfile
@@ -29,6 +30,7 @@ from fuzz_kinds import KINDS, Files, shares
 from fuzz_words import REFUSED, SAME, Mutant
 
 RESULTS = Path(__file__).parents[1] / "benchmarks" / "results" / "fuzz.json"
+MEMORY = 4 << 30  # bytes that a mutant may take
 
 
 def lay_out(kind: str, content: bytes, place: Path) -> dict[Path, bytes]:
@@ -220,6 +222,7 @@ def run() -> None:
         merge(given.merge)
         return
     fleet_here(_patch)
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))  # a mutant that would take more is a defect
     start, kinds = time.monotonic(), tuple(given.kinds)
     with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as name:
         os.chdir(name)

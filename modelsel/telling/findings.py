@@ -131,8 +131,8 @@ def uneven(extension: Extension) -> tuple[Note, ...]:
     first = extension.left.entries[0].candidate.label
     return (Note("uneven-noise", f"{first} is not named: were the noise normal and alike everywhere, chance would explain it "
                  f"with probability {extension.held_back:.2g}, but the residuals as they are, with the signs of whole "
-                 f"configurations changed, do as well with probability {extension.left_p:.2g}. A few rows are loud, or errors "
-                 "last from one configuration to the next."),)
+                 f"configurations changed, do as well with probability {extension.left_p:.2g}. A few rows are loud, "
+                 "the noise is larger one way than another, or errors last from one configuration to the next."),)
 
 
 def surprised(data: Data, chosen: Rung) -> tuple[Note, ...]:
