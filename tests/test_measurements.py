@@ -45,8 +45,11 @@ def codes(data: Measurements) -> list[str]:
 # -- what is read -----------------------------------------------------------------------------------------------------
 
 
-def test_units_are_in_the_names(tmp_path) -> None:
-    data = read_measurements(csv(tmp_path, "q1_deg,q2_mm,x_m,y_mm,z_m", "90,250,1,2,-0.5"), [False, True])
+@pytest.mark.parametrize("slide", ["q2_mm,250", "q2_m,0.25"])
+def test_units_are_in_the_names(slide, tmp_path) -> None:
+    name, value = slide.split(",")
+    data = read_measurements(csv(tmp_path, f"q1_deg,{name},x_m,y_mm,z_m", f"90,{value},1,2,-0.5"), [False, True])
+    assert data.units == ("deg", name.partition("_")[2])
     np.testing.assert_allclose(data.q, [[np.pi / 2, 250]], rtol=1e-15)
     np.testing.assert_allclose(data.position, [[1000, 2, -500]], rtol=1e-15)
 

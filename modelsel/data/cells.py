@@ -16,6 +16,7 @@ from .table import Table
 COMMA = re.compile(r"[-+]?\d+,\d+")
 SMALLEST = 1e-9        # mm or rad: the least standard uncertainty
 UNITS = {"rad": 1.0, "deg": np.pi / 180, "mm": 1.0, "m": 1e3}
+READINGS = {False: ("rad", "deg"), True: ("mm", "m")}        # of joints that turn, and that slide
 Mask = NDArray[np.bool_]
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..words.errors import StudyError, suggest
 from ..words.rigid import Array, from_quaternion
-from .cells import as_numbers, labels, measured, numbers, together
+from .cells import READINGS, as_numbers, labels, measured, numbers, together
 from .copies import copies, duplicates
 from .kinds import COLUMNS, Kinds, read_kinds, read_positions, read_quaternions, read_uncertainties
 from .measurements import Measurements, Note, measurements, numbered
@@ -30,7 +30,7 @@ RESERVED = re.compile(r"(q|approach|move|torque)\d+|[xyz]_mm|range_mm|(moment\d*
 def _joints(table: Table, prismatic: Sequence[bool]) -> Array:
     columns, where = [], table.where
     for j, slides in enumerate(prismatic, 1):
-        q = measured(table, f"q{j}", ("mm",) if slides else ("rad", "deg"))
+        q = measured(table, f"q{j}", READINGS[slides])
         if not slides and f"q{j}_rad" in table and len(q) and np.abs(q).max() > 4 * np.pi:
             row = int(np.argmax(np.abs(q) > 4 * np.pi))
             raise where.refuse(f"{q[row]:g} rad is beyond two turns: it looks like degrees.", row=row, column=f"q{j}_rad",
@@ -113,7 +113,7 @@ def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mappin
         rotation=None if quaternion is None else from_quaternion(quaternion[keep]), sigma_rotation=kept(sigma_rotation),
         notes=tuple(notes), prismatic=prismatic, **({} if kinds is None else {
             "kind": kept(kinds.kind).tolist(), "feature": kept(kinds.feature).tolist(), "length": kinds.length[keep]}))
-    return replace(made, units=tuple("mm" if slides else "deg" if f"q{j}_deg" in table else "rad"
+    return replace(made, units=tuple(next(u for u in READINGS[slides] if f"q{j}_{u}" in table)
                                      for j, slides in enumerate(prismatic, 1)))
 
 
@@ -160,7 +160,7 @@ def _names(prismatic: Sequence[bool]) -> set[str]:
     n = len(prismatic)
     return {*USED, *KNOWN, *COLUMNS, *(f"{axis}_{u}" for axis in "xyz" for u in ("mm", "m")),
             *(f"approach{j}" for j in range(1, n + 1)),
-            *(f"q{j}_{u}" for j, slides in enumerate(prismatic, 1) for u in (("mm",) if slides else ("rad", "deg")))}
+            *(f"q{j}_{u}" for j, slides in enumerate(prismatic, 1) for u in READINGS[slides])}
 
 
 def _known(columns: Mapping[str, str], prismatic: Sequence[bool]) -> None:

@@ -78,7 +78,7 @@ class Measurements:
     notes: tuple[Note, ...] = ()
     prismatic: tuple[bool, ...] = ()           # joints that slide; empty: none does
     gauges: Gauges | None = None               # None: every row is a point; else what is not measured is nan
-    units: tuple[str, ...] = ()                # deg, rad or mm: of the readings as they were given; empty: rad, mm
+    units: tuple[str, ...] = ()                # rad, deg, mm or m: of the readings as they were given; empty: rad, mm
 
     def __len__(self) -> int:
         return len(self.position)

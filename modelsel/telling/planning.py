@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..data.cells import READINGS, UNITS
 from ..data.io import read_measurements
 from ..data.measurements import Measurements, measurements
 from ..data.table import Source
@@ -88,8 +89,7 @@ def ranges_of(robot: Robot, data: Measurements, limits: bool, joints: Mapping[st
     for k, one in enumerate(robot.joints):
         if limits and one.limits is not None:
             out[k] = one.limits
-    known = {f"q{k + 1}_{u}": (k, f) for k, slides in enumerate(robot.prismatic)
-             for u, f in ((("mm", 1.0),) if slides else (("deg", np.pi / 180), ("rad", 1.0)))}
+    known = {f"q{k + 1}_{u}": (k, UNITS[u]) for k, slides in enumerate(robot.prismatic) for u in READINGS[slides]}
     for name, (low, high) in joints.items():
         if name not in known:
             raise StudyError(f'"{name}" is no joint of {robot.name}. {suggest(name, known)}')
@@ -162,7 +162,7 @@ def table_of(c: Calibration, possible: Measurements, rows: Sequence[int], units:
     """The chosen configurations as columns of a measurements file that lacks the measured positions, readings in these units."""
     first = np.unique(possible.configuration, return_index=True)[1][list(rows)]
     units = units or [c.robot.unit(j + 1) for j in range(c.robot.n)]
-    out: dict[str, Array] = {f"q{j}_{u}": np.degrees(q) if u == "deg" else q
+    out: dict[str, Array] = {f"q{j}_{u}": q / UNITS[u]
                              for j, (u, q) in enumerate(zip(units, possible.q[first].T, strict=True), 1)}
     out |= {f"approach{j + 1}": possible.approach[first, j].astype(int) for j in range(c.robot.n)}
     return out | {name: values[first] for name, values in possible.covariates.items()}
