@@ -279,6 +279,7 @@ LITTLE = {
     "one held out": {"estimation": 59},
     "orientations": {"orientation": True},
     "named causes only": {"candidates": '["thermal-zero"]'},
+    "no base": {"base": "[]"},
     "another base": {"base": '["geometric", "gravity-twist"]'},
 }
 

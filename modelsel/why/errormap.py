@@ -129,7 +129,7 @@ def pieces(count: int, size: int) -> Iterator[slice]:
 
 def flat(scene: Scene, rows: slice, values: NDArray[Any]) -> NDArray[Any]:
     """(k, N) measured coordinates of values (k, c, rows)."""
-    every = values.reshape(len(values), -1)
+    every = values.reshape(len(values), values.shape[1] * values.shape[2])       # of no columns, too
     return every if scene.measured is None else every[:, scene.measured[rows].T.reshape(-1)]
 
 
