@@ -10,7 +10,6 @@ import os
 import secrets
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from typing import Any
 from zlib import crc32
 
@@ -27,12 +26,12 @@ from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene, scene
 from modelsel.which.candidates import Candidate, candidates
+from modelsel.why import search
 from modelsel.why.errormap import Scan, basis, columns, scan, stacked
 from modelsel.why.extend import Effect as Found
 from modelsel.why.extend import Extension, extend
 from modelsel.wrong.registry import every, mechanism
 
-loop = import_module("modelsel.why.extend")     # the module: the package's own `extend` is the function
 CHOSEN = os.environ.get("MODELSEL_HIDDEN_SEED", "12")      # a run must be repeatable; "new" draws a seed
 SEED = secrets.randbits(32) if CHOSEN == "new" else int(CHOSEN)
 M, FRESH, NOISE = 80, 300, 0.06
@@ -122,7 +121,7 @@ def ground() -> Iterator[Ground]:
     seen = scan(columns(at, found, fitted.at()), basis(stacked(at, base.terms, fitted.at())[0][:, list(fitted.found.kept)]))
     J = body.screws(fresh.q)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(loop, "null", once(loop.null))
+        patch.setattr(search, "null", once(search.null))
         yield Ground(body, state, fresh, found, seen, critical_p(seen, rng), J, geometry(J))
 
 
@@ -188,7 +187,7 @@ def outcomes() -> dict[str, Outcome]:
     return {}
 
 
-def too_many(hits: int, of: int, rate: float = loop.LEVEL) -> bool:
+def too_many(hits: int, of: int, rate: float = search.LEVEL) -> bool:
     """Would so many come by less than CHANCE at the rate promised?"""
     from scipy.special import bdtrc
     return hits > 0 and float(bdtrc(hits - 1, of, rate)) < CHANCE
