@@ -37,8 +37,8 @@ def data(rng: np.random.Generator) -> Data:
                             [-2e-4, -1.4e-3, -1.7e-3, 4e-4]])
     at = drawn(ARM, rng, M)
     again = np.r_[np.arange(M - 10), np.arange(10)]
-    at = planted(replace(at, data=at.data.take(again), _values={}, _causes={}), whole.terms, theta, rng, 0.05)
-    data = study_of(replace(at, _values={}, _causes={}), held_out=100)
+    at = planted(at.anew(data=at.data.take(again)), whole.terms, theta, rng, 0.05)
+    data = study_of(at.anew(), held_out=100)
     data.outlying[[3, 250]] = True
     return data
 
@@ -161,6 +161,6 @@ def test_causes_are_evaluated_once_a_block(data: Data, blocks, monkeypatch) -> N
         rows.append(sum(evaluated))
     assert rows[1] <= 1.5 * rows[0]
     evaluated.clear()
-    residuals(replace(data.scene, _values={}, _causes={}), (*BASE.terms, *OFFERED[1].terms), np.full(len(BASE.terms) + 1, 1e-4))
+    residuals(data.scene.anew(), (*BASE.terms, *OFFERED[1].terms), np.full(len(BASE.terms) + 1, 1e-4))
     assert sum(evaluated) == M
     assert max(evaluated) == BLOCK

@@ -99,7 +99,7 @@ def test_base_tilt_turns_frame_0_about_its_origin(name, rng) -> None:
 def test_payload_tilt_turns_frame_0_with_the_moment_of_the_load(down, rng) -> None:
     """Standing, leaning and on a wall: the columns are kilograms times (lever x down) about the axis, times (axis x target)."""
     at = drawn("ur10", rng, 10)
-    at = replace(at, robot=replace(at.robot, gravity=down), _values={}, _causes={})
+    at = at.anew(robot=replace(at.robot, gravity=down))
     tilt = mechanism("payload-tilt", at.robot)
     columns = design(at, tilt.terms)[0]
     moved = at.data.covariates["payload_kg"][:, None] * np.cross(at.data.position, down)

@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import json
 import tracemalloc
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -186,7 +185,7 @@ def test_the_error_map_of_many_joints_is_bounded(rng, monkeypatch) -> None:
 
 def test_a_fit_holds_no_design_matrix(rng) -> None:
     """Forty thousand configurations: the fit takes a small part of what the design matrix alone would."""
-    at = replace(drawn("puma760", rng, 40_000), _values={}, _causes={})
+    at = drawn("puma760", rng, 40_000).anew()
     model = Model((mechanism("geometric", PUMA),))
     tracemalloc.start()
     fitted = fit(at, model)

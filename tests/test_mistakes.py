@@ -50,7 +50,7 @@ def said(at: Scene, change: Change, registered: bool = True) -> str | None:
     """What is said of the scene with a mistake put into its readings and positions."""
     q, position = change(at.data.q, at.data.position)
     data = replace(measurements(q, position), notes=())
-    wrong = replace(at, data=data, _values={}, _causes={})
+    wrong = at.anew(data=data)
     use = np.ones(len(at), bool)
     return mistake(register(wrong, use, per_group=False) if registered else wrong, use, registered)
 

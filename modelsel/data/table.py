@@ -180,16 +180,21 @@ def _parquet(path: Path, where: Where, group: int | None) -> Table:
                       for name in names}, where)
 
 
+def damaged() -> tuple[type[Exception], ...]:
+    """What pyarrow raises of a file that is no Parquet file, or a damaged one."""
+    import pyarrow.lib
+    return OSError, ValueError, TypeError, NotImplementedError, MemoryError, OverflowError, pyarrow.lib.ArrowException
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """A Parquet file; raises DataError where it, or what is read of it, is none."""
-    import pyarrow.lib
     import pyarrow.parquet as pq
     _there(path)
     try:
         with pq.ParquetFile(path) as file:
             yield file
-    except (OSError, ValueError, TypeError, NotImplementedError, MemoryError, OverflowError, pyarrow.lib.ArrowException):
+    except damaged():
         raise DataError("not a readable Parquet file.", file=path.name, remedy="Write it anew, or give a CSV.") from None
 
 

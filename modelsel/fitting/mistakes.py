@@ -169,8 +169,8 @@ def _sample(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene | No
     if len(np.unique(data.block[rows])) < LEAST:
         return None
     some = scene.take(rows)
-    return replace(some, data=replace(some.data, rotation=None, sigma_rotation=None, gauges=None), tool_rotations=None,
-                   whiten=1.0, _values={}, _causes={})
+    data = replace(some.data, rotation=None, sigma_rotation=None, gauges=None)
+    return some.anew(data=data, tool_rotations=None, whiten=1.0)
 
 
 def _left(some: Scene) -> float:
@@ -189,7 +189,7 @@ def _registered(some: Scene) -> Scene:
 
 def _changed(some: Scene, m: Mistake) -> Scene:
     data = replace(some.data, q=some.data.q @ m.A.T + m.c, position=some.data.position @ m.B.T)
-    return replace(some, data=data, _values={}, _causes={})
+    return some.anew(data=data)
 
 
 def _best(tried: Sequence[tuple[Mistake, float]], limit: float) -> list[tuple[Mistake, float]]:
@@ -206,7 +206,7 @@ def _tool(some: Scene) -> list[tuple[Mistake, float]]:
     at = pose(some.robot, some.data.q, np.zeros(3))
     base = np.einsum("mji,mj->mi", R[some.data.group], some.data.position - t[some.data.group])
     offset = np.median(np.einsum("aim,mi->ma", at.axes[-1, :3], base - at.target.T), axis=0)
-    moved = replace(some, tools=np.tile(offset, (len(some.tools), 1)), _values={}, _causes={})
+    moved = some.anew(tools=np.tile(offset, (len(some.tools), 1)))
     name = some.data.targets[some.data.target[0]]
     called = f"target {name}" if len(some.tools) > 1 else "the target"
     words = f"{called} sits at {', '.join(f'{v:.1f}' for v in offset)} mm on the flange"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..data.table import damaged
 from ..use.calibration import NAME, Calibration, calibrate, load_calibration
 from ..words.errors import StudyError
 from .finished import Result
@@ -133,7 +134,6 @@ def _arrow(values: NDArray[Any]) -> Any:
 def _read_parquet(path: Path, rows: int) -> tuple[pd.DataFrame, dict[str, str]]:
     """The table, of so many rows at least, and the hashes of its run. Raises StudyError."""
     import pandas as pd
-    import pyarrow as pa
     import pyarrow.parquet as pq
     try:
         table = pq.read_table(path, use_threads=False, partitioning=None)
@@ -141,7 +141,7 @@ def _read_parquet(path: Path, rows: int) -> tuple[pd.DataFrame, dict[str, str]]:
         of = {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()}
         _whole(columns, rows)
         index = pd.Index(columns.pop("row"), name="row")
-    except (OSError, ValueError, TypeError, NotImplementedError, MemoryError, OverflowError, pa.lib.ArrowException) as error:
+    except damaged() as error:
         why = str(error) if isinstance(error, _Damaged) else "it is no Parquet file, or a damaged one"
         raise StudyError(f"{path}: cannot be read: {why}. Run the study again.") from None
     return pd.DataFrame(columns, index=index), of

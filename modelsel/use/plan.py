@@ -59,7 +59,7 @@ def pool(known: Scene, possible: Scene, terms: Sequence[Term], at: At, sigma: fl
     distinct = tuple({t.screws: t for t in terms if not t.fixture}.values())
     features = tuple({t.screws: t for t in terms if t.fixture}.values())
     def columns(some: Scene, of: Sequence[Term] = distinct) -> Array:
-        plain = replace(some, whiten=1.0, data=replace(some.data, rotation=None), tool_rotations=None, _values={}, _causes={})
+        plain = some.anew(whiten=1.0, data=replace(some.data, rotation=None), tool_rotations=None)
         return design(plain, of, at)[0]
     each = np.unique(possible.data.configuration, return_counts=True)[1]
     if np.ptp(each):
