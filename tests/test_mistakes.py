@@ -15,7 +15,7 @@ from click.testing import CliRunner
 
 from modelsel.cli import main
 from modelsel.data.measurements import measurements
-from modelsel.elsewhere.prepare import SETUP, Plan, prepare
+from modelsel.elsewhere.prepare import MISTAKEN, Plan, prepare
 from modelsel.fitting.mistakes import mistake
 from modelsel.fitting.register import register
 from modelsel.machine.robotfile import load
@@ -170,12 +170,12 @@ def test_the_studies_raise_no_alarm_and_their_mistakes_are_found(name, monkeypat
     monkeypatch.setenv("MODELSEL_DATA", str(data))
     question, measured, labels, _ = asked(read_study(STUDIES / name / "study.toml"), STUDIES / name, BUILTIN)
     notes = prepare(question.robot, measured, question.plan, labels)[2]
-    assert SETUP not in [n.code for n in notes]
+    assert MISTAKEN not in [n.code for n in notes]
     wrong = replace(measured, q=sense(3)(measured.q, measured.position)[0])
     if name == "positioner":
         return
     try:
-        found = "".join(n.sentence for n in prepare(question.robot, wrong, question.plan, labels)[2] if n.code == SETUP)
+        found = "".join(n.sentence for n in prepare(question.robot, wrong, question.plan, labels)[2] if n.code == MISTAKEN)
     except DataError as refused:
         found = str(refused)
     assert "if joint 3 turns the other way: check the sign of q3 and the robot file's axis" in found
@@ -194,7 +194,7 @@ def test_it_is_told_first_and_nothing_is_changed(rng, tmp_path) -> None:
         assert ran.exit_code == 0, ran.output
         assert words in ran.output
     result = run(tmp_path, sampling=False)
-    assert next(w.code for w in result.warnings) == SETUP
+    assert next(w.code for w in result.warnings) == MISTAKEN
     np.testing.assert_array_equal(result.data.scene.data.q, q)
     lines = sentences(result)
     assert lines[0].startswith("Check the set-up: The positions fit ")

@@ -41,7 +41,7 @@ class Plan:
     tracker: tuple[float, float, float] = (0.0, 0.0, 0.0)       # where the instrument stands, in the data's frame
 
 
-SETUP = "setup-mistake"     # code of the warning that the set-up looks wrong: told before everything else
+MISTAKEN = "setup-mistake"     # code of the warning that the set-up looks wrong: told before everything else
 PURPOSES = ("split", "folds", "gain", "naming", "simulate", "sampling", "null", "nested", "flips", "bootstrap", "halves", "scan")
 
 
@@ -107,7 +107,7 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
         bound = register(bound, estimation, plan.per_group)
     why = mistake(bound, estimation, plan.register, plan.per_group)
     if why is not None:
-        notes.insert(0, Note(SETUP, why))
+        notes.insert(0, Note(MISTAKEN, why))
     bound = place(bound, estimation)
     size = np.linalg.norm(residuals(bound)[:, :3], axis=1)
     reach = robot.reach + float(np.linalg.norm(bound.tools, axis=1).max(initial=0))

@@ -19,6 +19,7 @@ from ..which.compare import Data
 from ..which.criteria import log_evidence
 from ..which.folds import Folded, cross_validate, fold
 from ..words.errors import NotEstimable
+from ..wrong.mechanisms.geometry import SETUP
 from ..wrong.screws import Mechanism
 from .bootstrap import Bootstrap, halves
 from .ensemble import Ensemble
@@ -26,7 +27,6 @@ from .ensemble import Ensemble
 HALVES = 100
 LEVEL = 0.05
 BUNDLES = 2000        # of configurations, of which halves are drawn; fewer configurations are one each
-SETUP = "set-up"      # the placement is no error of the arm
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,12 @@ from functools import cached_property
 import numpy as np
 
 from ..words.rigid import Array
+from ..wrong.mechanisms.geometry import SETUP
 from ..wrong.screws import Term
 from .calibration import Calibration
 
 LEVEL = 0.05
-GEOMETRY = ("geometric", "set-up")
+GEOMETRY = ("geometric", SETUP)
 RENAMED = 0.95        # cosine of two motions that are one under two names
 SEEN = 1.28           # standard errors beyond the level's own: a change so large is seen with 90 %
 NAMED = 5.4           # standard errors from which a search among thousands names an effect with 90 %

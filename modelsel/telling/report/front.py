@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...elsewhere.prepare import SETUP
+from ...elsewhere.prepare import MISTAKEN
 from ..standing import standing_sentences
 from ..tables import mm
 from ..views import alike, name_of
@@ -33,7 +33,7 @@ def sure(finding: dict[str, Any]) -> str:
 
 def opening(result: dict[str, Any]) -> list[str]:
     """The verdict's sentences; before them, that the set-up looks wrong."""
-    return [f"Check the set-up: {w['sentence']}" for w in result["warnings"] if w["code"] == SETUP] + list(result["verdict"])
+    return [f"Check the set-up: {w['sentence']}" for w in result["warnings"] if w["code"] == MISTAKEN] + list(result["verdict"])
 
 
 def first(source: Source) -> list[Block]:

@@ -9,6 +9,7 @@ from ...words.rigid import AXES
 from ..causes import ONE, Cause, Member
 from ..screws import Mechanism, Screw, Term, letter
 
+SETUP = "set-up"    # name of the placement and the targets: no error of the arm
 SIZE = {"t": (0.0, 5.0), "r": (0.0, 20e-3)}  # mm, rad: what an assembled arm shows against its drawing
 
 
@@ -51,7 +52,7 @@ def setup(robot: Robot, targets: int, groups: int, register: bool, orientation: 
             terms += [_term(1, axis, cause, label) for axis in AXES]
     terms += [Term(f"{_number(f, axis)} of {f.name}", (Screw(0, axis, Member("feature", k)),))
               for k, f in enumerate(features) for axis in f.free]
-    return Mechanism("set-up", tuple(terms), "Where the tracker stands and where the targets sit on the flange.",
+    return Mechanism(SETUP, tuple(terms), "Where the tracker stands and where the targets sit on the flange.",
                      "H_1 and H_{n+1}, constant per group and target", "contract: register, targets")
 
 
