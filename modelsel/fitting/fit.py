@@ -25,7 +25,7 @@ ROUNDS = 8         # of judging again what is fitted, where the fit has gone
 FAR = 10.0         # usual sizes from the nominal arm, within which the nominal chain's dependences hold
 STILL = 1e-13      # of the largest column: a smaller one moves nothing
 QUIET_MM = 1e-6    # no measurement is better
-UNSEEN_MM = 1e-3   # rms: combinations that move the target less at their usual sizes wait until the noise is known
+UNSEEN_MM = 0.01   # rms: combinations that move the target less at their usual sizes wait until the others have converged
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,10 +215,9 @@ class _Problem:
         return as_drawn(found, self.scene, self.model.terms)
 
     def at_nominal(self) -> Identified:
-        """`exact`, less what would drown in what the linear fit leaves."""
+        """`exact`, less what hardly moves the target at its usual size: it waits until the rest has converged."""
         least = UNSEEN_MM * self.weight * np.sqrt(len(self.scene))
-        sigma = self.sigma(self.nominal.select(self.exact.kept).R[-1, -1] ** 2, self.exact.kept)
-        return without(self.exact, faint(self.exact.triangle, self.exact.kept, usual_sizes(self.model), max(sigma, least)))
+        return without(self.exact, faint(self.exact.triangle, self.exact.kept, usual_sizes(self.model), least))
 
     def sigma(self, rss: float, fitted: Sequence[int], by_prior: float = 0.0) -> float:
         """Residual standard deviation of one whitened coordinate; terms that a prior holds cost no degree of freedom."""

@@ -1,6 +1,6 @@
 """Usual sizes of the geometric parameters, and the prior that they put on what the data hardly determine.
 
-A combination of parameters that the data determine to better than a tenth of its usual size is fitted by least squares alone.
+A combination of parameters that the data determine to better than a quarter of its usual size is fitted by least squares alone.
 Below that a normal prior of the usual size comes in, smoothly, and in full where the data say nothing; so no estimate goes
 beyond what the data and the usual size allow, and adding a parameter frees no other one.
 """
@@ -20,11 +20,10 @@ from .reduce import Reduction
 
 USUAL = {"t": 1.0, "r": 1e-3}      # mm, rad: standard deviation of an assembled arm's parameter about its drawing
 OPEN = {"t": 100.0, "r": 0.1}      # mm, rad: of a placement or a target that registration has found already
-PLENTY = 10.0                      # usual sizes over their standard error, beyond which least squares stands alone
-FAINT = 0.3                        # below which, far from the solution, a parameter waits: its usual size is less than the noise
+PLENTY = 4.0                       # usual sizes over their standard error, beyond which least squares stands alone
 ALIKE = 0.01                       # relative change of the prior that changes nothing
 FACTORS = 2.0 ** np.arange(-2, 4)  # that this arm's errors may be larger than usual, a factor of two being likely
-MISTAKEN = 20.0                    # usual sizes: such a parameter is a mistake and says nothing of the others
+SURPRISING = 3.0                   # usual sizes: an estimate beyond is no usual one, and its own size is taken for it
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,14 +65,14 @@ def _usual(term: Term, is_open: bool) -> float:
     return float((OPEN if is_open else USUAL)[term.screws[0].axis[0]]) if constant else np.inf
 
 
-def faint(R: Array, kept: Sequence[int], sizes: Array, sigma: float) -> set[int]:
-    """Kept columns of the triangle R (p, p) to leave at zero until the noise is known: while some combination of them at their
-    usual `sizes` (p,) stays below FAINT of the noise `sigma`, the last of the terms that dominate it."""
+def faint(R: Array, kept: Sequence[int], sizes: Array, least: float) -> set[int]:
+    """Kept columns of the triangle R (p, p) to leave at zero on the way: while some combination of them at their usual `sizes`
+    (p,) stays below `least`, the last of the terms that dominate it."""
     judged = [k for k in kept if np.isfinite(sizes[k])]
     lost: set[int] = set()
     while judged:
         _, singular, Vt = np.linalg.svd(R[:, judged] * sizes[judged], full_matrices=False)
-        if singular[-1] > FAINT * sigma:
+        if singular[-1] > least:
             break
         share = np.abs(Vt[-1])
         lost.add(judged.pop(int(np.flatnonzero(share > 0.5 * share.max())[-1])))
@@ -86,6 +85,7 @@ def weak_prior(reduction: Reduction, fitted: Sequence[int], sizes: Array, theta:
     if not sigma > 0 or not np.isfinite(sizes[kept]).any():
         return WeakPrior(sizes=sizes)
     sizes = sizes * _scales(reduction, kept, sizes, theta, sigma)
+    sizes = np.maximum(sizes, np.abs(theta) / SURPRISING)
     sized = [k for k in kept if np.isfinite(sizes[k])]
     inner, _ = _beyond(reduction, sized, [k for k in kept if k not in sized], theta)
     _, singular, Vt = np.linalg.svd(inner * sizes[sized])
@@ -111,7 +111,7 @@ def _scales(reduction: Reduction, kept: Sequence[int], sizes: Array, theta: Arra
     """(p,) factor of every usual size, alike for lengths and for angles: their posterior means (of the logarithm) by the marginal
     likelihood of what the data say of these parameters; those that are open or mistaken say nothing."""
     usual = [np.flatnonzero(sizes == size) for size in USUAL.values()]
-    sane = [np.intersect1d(k, [j for j in kept if abs(theta[j]) < MISTAKEN * sizes[j]]).astype(int) for k in usual]
+    sane = [np.intersect1d(k, [j for j in kept if abs(theta[j]) < SURPRISING**2 * sizes[j]]).astype(int) for k in usual]
     some = [*sane[0].tolist(), *sane[1].tolist()]
     out = np.ones(len(sizes))
     if not some:
