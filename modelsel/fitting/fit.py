@@ -93,7 +93,7 @@ class Fit:
     def root(self) -> Array:
         """(k, p) root of the prior's precision matrix: root · theta ~ N(0, 1) times the noise, of shrunk terms and of what the
         data hardly determine; no rows for plain least squares."""
-        return _root(self.terms, self.precision, self.weak)
+        return prior_root(self.terms, self.precision, self.weak)
 
     @cached_property
     def prior(self) -> Array | None:
@@ -124,12 +124,13 @@ def _rows(root: Array, theta: Array) -> Array:
     return np.column_stack([root, -root @ theta])
 
 
-def _root(terms: Sequence[Term], precision: Array | None, weak: WeakPrior | None = None) -> Array:
+def prior_root(terms: Sequence[Term], precision: Array | None, weak: WeakPrior | None = None) -> Array:
+    """(k, p) root of the prior's precision, of shrunk terms and of what the data hardly determine."""
     shrunk = np.zeros((0, len(terms))) if precision is None else penalty(terms, precision)
     return shrunk if weak is None or weak.rows is None else np.vstack([shrunk, weak.rows])
 
 
-def _with_prior(reduction: Reduction, root: Array, theta: Array) -> Reduction:
+def with_prior(reduction: Reduction, root: Array, theta: Array) -> Reduction:
     """The reduction with the prior's rows, root · (theta + delta) = 0, stacked on; its count stays that of the data."""
     return Reduction(reduction.add(_rows(root, theta)).R, reduction.rows) if len(root) else reduction
 
@@ -143,7 +144,8 @@ def _damped(reduction: Reduction, damping: float) -> Reduction:
     return Reduction(reduction.add(rows).R, reduction.rows)
 
 
-def _cost(reduction: Reduction) -> float:
+def cost(reduction: Reduction) -> float:
+    """Sum of squares of the response."""
     return float(np.square(reduction.R[:, -1]).sum())
 
 
@@ -175,7 +177,7 @@ def fit(scene: Scene | Source, model: Model, *, precision: Array | None = None, 
             break
         state = problem.solve(problem.state(state.theta, found, weak), iterations, step_mm)
     problem.refuse(state, iterations == ITERATIONS, step_mm)
-    return Fit(model, state.theta, state.found, _factor(state.full, state.found.kept), _cost(state.reduction),
+    return Fit(model, state.theta, state.found, factor_of(state.full, state.found.kept), cost(state.reduction),
                state.reduction.rows, state.iterations, state.step_mm, state.reduction, precision, state.weak)
 
 
@@ -210,8 +212,8 @@ class _Problem:
     @cached_property
     def exact(self) -> Identified:
         """What the data determine at the nominal chain, where dependences are exact."""
-        root = _root(self.model.terms, self.precision)
-        found = identify(_with_prior(self.nominal, root, np.zeros(len(self.model.terms))))
+        root = prior_root(self.model.terms, self.precision)
+        found = identify(with_prior(self.nominal, root, np.zeros(len(self.model.terms))))
         return as_drawn(found, self.scene, self.model.terms)
 
     def at_nominal(self) -> Identified:
@@ -233,7 +235,7 @@ class _Problem:
         """(the reduction at theta, the same with the prior's rows)."""
         only = list(found.kept) if len(self.scene) > PROBE[1] else None
         here = self.nominal if not theta.any() else reduce_scene(self.scene, self.model.terms, (self.model.terms, theta), only)
-        return here, _with_prior(here, _root(self.model.terms, self.precision, weak), theta)
+        return here, with_prior(here, prior_root(self.model.terms, self.precision, weak), theta)
 
     def solve(self, state: _State, iterations: int, step_mm: float) -> _State:
         """Gauss-Newton over the kept terms, damped where it overshoots."""
@@ -245,7 +247,7 @@ class _Problem:
             trial, done = state.theta + delta, done + 1
             step = float(np.linalg.norm(state.full.R[:-1, :-1] @ delta)) / self.weight
             ahead, full = self.reduced(trial, state.found, state.weak)
-            if _cost(full) <= _cost(state.full) * (1 + 1e-9) or step < step_mm or iterations == 1:
+            if cost(full) <= cost(state.full) * (1 + 1e-9) or step < step_mm or iterations == 1:
                 damping = state.damping / 10 if state.damping > 1e-8 else 0.0
                 state = replace(state, theta=trial, reduction=ahead, full=full, step_mm=step, damping=damping)
             else:                                   # overshot: Levenberg-Marquardt from the same point
@@ -258,14 +260,14 @@ class _Problem:
         sizes, theta, terms, here = usual_sizes(self.model), state.theta, self.model.terms, state.reduction
         if len(self.scene) > PROBE[1]:              # it holds the kept terms alone
             here = reduce_scene(self.scene, terms, (terms, theta))
-        full, found = _with_prior(here, _root(terms, self.precision), theta), self.exact
+        full, found = with_prior(here, prior_root(terms, self.precision), theta), self.exact
         if (np.abs(theta) > FAR * sizes).any():     # so far from the nominal chain other terms depend on one another
             found = as_drawn(identify(full), self.scene, terms)
         if found.held is None and not found.still:
             moves = found.scale > STILL * found.scale.max(initial=0.0)
             fitted = {*found.kept, *np.flatnonzero(moves & np.isfinite(sizes)).tolist()}
             found = replace(found, kept=tuple(sorted(fitted)))
-        sigma = max(self.sigma(_cost(state.reduction), state.found.kept, state.weak.count), QUIET_MM * self.weight)
+        sigma = max(self.sigma(cost(state.reduction), state.found.kept, state.weak.count), QUIET_MM * self.weight)
         return found, weak_prior(full, found.kept, sizes, theta, sigma)
 
     def refuse(self, state: _State, settled: bool, step_mm: float) -> None:
@@ -281,57 +283,8 @@ class _Problem:
                                "determine some parameters; measure more widely spread configurations.")
 
 
-def _factor(full: Reduction, kept: Sequence[int]) -> Array:
+def factor_of(full: Reduction, kept: Sequence[int]) -> Array:
     """(p, rank) covariance factor of the kept terms, noughts for the others."""
     factor = np.zeros((full.p, len(kept)))
     factor[list(kept)] = solve(full, kept)[1]
     return factor
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One linear step from a known point, from reductions alone: where it goes, and what it can tell. `fit` is the model there,
-    once its reduction at theta is known."""
-
-    model: Model
-    theta: Array
-    found: Identified
-    size_mm: float
-    weak: WeakPrior
-
-    def fit(self, reduction: Reduction) -> Fit:
-        """The fit, from the reduction at theta."""
-        full = _with_prior(reduction, _root(self.model.terms, None, self.weak), self.theta)
-        return Fit(self.model, self.theta, self.found, _factor(full, self.found.kept), _cost(reduction), reduction.rows, 1,
-                   self.size_mm, reduction, None, self.weak)
-
-
-def prior_rows(base: Fit, terms: Sequence[Term]) -> Array | None:
-    """(k, p+1) the rows of a base fit's prior among the terms (p,) of a larger model, at the base's fit; None without a prior."""
-    if base.prior is None:
-        return None
-    known = {t.screws: k for k, t in enumerate(base.terms)}
-    index = np.array([known.get(t.screws, -1) for t in terms])
-    return np.column_stack([np.where(index < 0, 0.0, base.prior[:, index]), base.prior[:, -1]])
-
-
-def one_step(model: Model, base: Fit, here: Reduction, weight: float) -> Step:
-    """The linear step of a model that extends a `base` from the base's fit: what is fitted of the base, and what the prior holds
-    of it, stays. `here`: the model's reduction at the base's fit; `weight` [1/mm] of one coordinate. Raises NotEstimable."""
-    known = {t.screws: k for k, t in enumerate(base.terms)}
-    place = [known.get(t.screws) for t in model.terms]
-    theta = np.array([0.0 if k is None else base.theta[k] for k in place])
-    old = [j for j, k in enumerate(place) if k in base.found.kept]
-    new = [j for j, k in enumerate(place) if k is None]
-    tried = [*old, *new]
-    represent = {tried[i] for i in identify(here.select(tried)).kept}
-    kept = tuple(sorted({*old, *(represent & {*new})}))
-    if here.rows <= len(kept) - base.weak.held:
-        raise NotEstimable(f"{here.rows} measured coordinates cannot determine the {len(kept) - base.weak.held} parameters of "
-                           f"{' + '.join(model.names)}: measure more configurations.")
-    weak = base.weak.placed([-1 if k is None else k for k in place])
-    full = _with_prior(here, _root(model.terms, None, weak), theta)
-    delta = np.zeros(len(theta))
-    delta[list(kept)] = solve(full, kept)[0]
-    found = Identified(kept, np.linalg.norm(here.R[:-1, :-1], axis=0), here.R[:-1, :-1], kept)
-    return Step(model, theta + delta, found, float(np.linalg.norm(here.R[:-1, :-1] @ delta)) / weight, weak)

@@ -60,13 +60,14 @@ def free(model: Model) -> Array:
 def correlation(fitted: Fit) -> Correlation:
     """Of a fit."""
     inside = free(fitted.model)
-    index = [k for k in fitted.found.kept if not inside[k] and k not in fitted.leaning]     # the prior's own are said elsewhere
+    index = [k for k in fitted.found.kept if not inside[k]]
     factor = fitted.factor[index]
     unit = factor / np.linalg.norm(factor, axis=1)[:, None]
     matrix = np.clip(unit @ unit.T, -1, 1)
     every = labels(fitted.model)
     names = [every[k] for k in index]
-    strong = [(i, j) for i in range(len(index)) for j in range(i) if abs(matrix[i, j]) > STRONG]
+    known = [k not in fitted.leaning for k in index]            # of the others it is said that the data do not tell them
+    strong = [(i, j) for i in range(len(index)) for j in range(i) if known[i] and known[j] and abs(matrix[i, j]) > STRONG]
     strong.sort(key=lambda pair: -abs(matrix[pair]))
     pairs = tuple(Pair(names[j], names[i], float(matrix[i, j]), _sentence(names[j], names[i], float(matrix[i, j])))
                   for i, j in strong)

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.measurements import Index
-from ..fitting.fit import Fit, Step, one_step, prior_rows, typical_weight
+from ..fitting.fit import Fit, typical_weight
+from ..fitting.step import Step, one_step
 from ..matrix.design import Model
-from ..matrix.reduce import Reduction
+from ..matrix.reduce import Reduction, spread
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from ..wrong.screws import Mechanism, Screw
@@ -72,20 +73,22 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
     terms = everything.terms
     used = sorted({*base_fit.found.kept, *range(len(base.terms), len(terms))})
     folded = fold(training, terms, folds_of, base_fit.at(), used)
-    folded = replace(folded, prior=prior_rows(base_fit, terms))
+    steps = steps_from(data, everything, base_fit, folded)
+    folded, held = _with_prior(folded, everything, steps.to(everything) or steps.to(base))
     place = {t.screws: k for k, t in enumerate(terms)}
     kept_base = list(base_fit.found.kept)
     groups = [[place[t.screws] for t in c.terms if place[t.screws] >= len(base.terms)] for c in candidates]
     chosen = [g for g, columns in enumerate(groups) if columns]
     subsets, certified = _searched(folded, kept_base, _disjoint([groups[g] for g in chosen]))
+    subsets = replace(subsets, rank=subsets.rank - held)
     total, n = subsets.held_out.sum(1), int(folded.rows.sum())
     saturated = n - subsets.rank < 2
     alone = np.array([subsets.rank[(subsets.members.sum(1) == 1) & subsets.members[:, g]][0] for g in range(len(chosen))],
-                     dtype=np.intp) - len(kept_base)
-    listed = ~saturated & (subsets.rank - len(kept_base) == subsets.members @ alone)   # dependent columns: it repeats another
+                     dtype=np.intp) - len(kept_base) + held
+    listed = ~saturated & (subsets.rank - len(kept_base) + held == subsets.members @ alone)      # dependent: it repeats another
     best = int(np.argmin(np.where(listed, total, np.inf)))
-    spread = np.sqrt(subsets.held_out.shape[1] * (subsets.held_out - subsets.held_out[best]).var(1, ddof=1))
-    within = (total - total[best] <= spread) & listed
+    deviation = np.sqrt(subsets.held_out.shape[1] * (subsets.held_out - subsets.held_out[best]).var(1, ddof=1))
+    within = (total - total[best] <= deviation) & listed
     least = np.flatnonzero(within & (subsets.rank == subsets.rank[within].min()))
     pick = int(least[np.argmin(total[least])])
     evidence = log_evidence(subsets.rss, float(subsets.rss[0]), n, int(subsets.rank[0]), subsets.rank - subsets.rank[0])
@@ -96,7 +99,6 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
     rows = list(dict.fromkeys([pick, by_bic, by_aicc, *searched, *ranking.tolist()]))[:SHOWN]
     rows.sort(key=lambda s: float(total[s]))
     some = [tuple(candidates[chosen[g]] for g in np.flatnonzero(subsets.members[s])) for s in rows]
-    steps = steps_from(data, everything, base_fit, folded)
     rungs = measured(data, [(*base_names, *(m.name for m in each)) for each in some], [steps.to(base + each) for each in some])
     out = []
     for s, one in zip(rows, rungs, strict=True):
@@ -104,7 +106,7 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
             continue
         notes = [text for text, true in (
             ("one-standard-error choice", s == pick), ("lowest CV", s == best),
-            ("not distinguishable from the lowest CV", s != best and total[s] - total[best] < 2 * spread[s]),
+            ("not distinguishable from the lowest CV", s != best and total[s] - total[best] < 2 * deviation[s]),
             ("lowest BIC: criteria disagree", s == by_bic != best), ("lowest AICc: criteria disagree", s == by_aicc != best),
             ("saturated: AICc undefined", n - subsets.rank[s] < 3),
             (_proof(certified), s in searched)) if true]
@@ -114,6 +116,15 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
     choice = tuple(candidates[chosen[g]].name for g in np.flatnonzero(subsets.members[pick]))
     considered = tuple(candidates[g].name for g in chosen)
     return Comparison(len(subsets.rss), tuple(out), (*base_names, *choice), considered, tuple(set_aside), certified)
+
+
+def _with_prior(folded: Folded, everything: Model, step: Step | None) -> tuple[Folded, int]:
+    """(the folds with a step's prior of usual sizes, how many parameters it holds): the prior of the model of most parameters,
+    whose noise is least and prior weakest."""
+    if step is None:
+        return folded, 0
+    columns = [*columns_of(everything, step.model), len(everything.terms)]
+    return replace(folded, prior=spread(step.prior, columns, len(everything.terms) + 1)), step.weak.held
 
 
 def _searched(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]]) -> tuple[Subsets, Certified | None]:
@@ -186,7 +197,7 @@ class Steps:
 
 def steps_from(data: Data, whole: Model, base_fit: Fit, folded: Folded) -> Steps:
     """From a base's fit; `folded`: the whole model's terms there."""
-    return Steps(whole, base_fit, replace(folded, prior=None).total, typical_weight(data.training()))
+    return Steps(whole, base_fit, folded.total, typical_weight(data.training()))
 
 
 def _crossed(folded: Folded, fitted: Fit) -> CrossValidation | None:

@@ -1,0 +1,75 @@
+"""One linear step from a fit, worked out on triangles: what the table of subsets makes of many models without their rows."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..matrix.design import Model
+from ..matrix.identify import Identified, identify, solve
+from ..matrix.reduce import Reduction
+from ..matrix.usual import WeakPrior, usual_sizes, weak_prior
+from ..words.errors import NotEstimable
+from ..words.rigid import Array
+from .fit import Fit, cost, factor_of, prior_root, with_prior
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One linear step from a known point, from reductions alone: where it goes, and what it can tell. `fit` is the model there,
+    once its reduction at theta is known; `prior` (k, p+1): the prior's rows [columns | response] where the step starts."""
+
+    model: Model
+    theta: Array
+    found: Identified
+    size_mm: float
+    weak: WeakPrior
+    prior: Array
+
+    def fit(self, reduction: Reduction) -> Fit:
+        """The fit, from the reduction at theta."""
+        full = with_prior(reduction, prior_root(self.model.terms, None, self.weak), self.theta)
+        return Fit(self.model, self.theta, self.found, factor_of(full, self.found.kept), cost(reduction), reduction.rows, 1,
+                   self.size_mm, reduction, None, self.weak)
+
+
+def one_step(model: Model, base: Fit, here: Reduction, weight: float) -> Step:
+    """The linear step of a model that extends a `base` from the base's fit; what is fitted of the base stays, and the prior of
+    usual sizes goes by the noise that the model itself leaves. `here`: the model's reduction at the base's fit; `weight`
+    [1/mm] of one coordinate. Raises NotEstimable."""
+    known = {t.screws: k for k, t in enumerate(base.terms)}
+    place = [known.get(t.screws, -1) for t in model.terms]
+    theta = np.array([0.0 if k < 0 else base.theta[k] for k in place])
+    kept = _kept(place, base, here)
+    if here.rows <= len(kept) - base.weak.held:
+        raise NotEstimable(f"{here.rows} measured coordinates cannot determine the {len(kept) - base.weak.held} parameters of "
+                           f"{' + '.join(model.names)}: measure more configurations.")
+    weak = base.weak.placed(place)
+    if weak.rows is not None:
+        left = solve(_with_rows(here, _prior(weak, theta)), kept)[2]
+        sigma = float(np.sqrt(left / max(here.rows - len(kept) + weak.count, 1.0)))
+        weak = weak_prior(here, kept, usual_sizes(model), theta, sigma)
+    rows = _prior(weak, theta)
+    delta = np.zeros(len(theta))
+    delta[list(kept)] = solve(_with_rows(here, rows), kept)[0]
+    found = Identified(kept, np.linalg.norm(here.R[:-1, :-1], axis=0), here.R[:-1, :-1], kept)
+    return Step(model, theta + delta, found, float(np.linalg.norm(here.R[:-1, :-1] @ delta)) / weight, weak, rows)
+
+
+def _kept(place: Sequence[int], base: Fit, here: Reduction) -> tuple[int, ...]:
+    """What the base fits, and the new terms that do not depend on others."""
+    old = [j for j, k in enumerate(place) if k in base.found.kept]
+    new = [j for j, k in enumerate(place) if k < 0]
+    tried = [*old, *new]
+    represent = {tried[i] for i in identify(here.select(tried)).kept}
+    return tuple(sorted({*old, *(represent & {*new})}))
+
+
+def _prior(weak: WeakPrior, theta: Array) -> Array:
+    root = np.zeros((0, len(theta))) if weak.rows is None else weak.rows
+    return np.column_stack([root, -root @ theta])
+
+
+def _with_rows(reduction: Reduction, rows: Array) -> Reduction:
+    return Reduction(reduction.add(rows).R, reduction.rows)
