@@ -13,7 +13,7 @@ from ..matrix.reduce import PROBE, Reduction, Source, reduce_scene
 from ..matrix.scene import Scene
 from ..matrix.size import as_drawn
 from ..matrix.smooth import penalty
-from ..matrix.usual import WeakPrior, faint, usual_sizes, weak_prior
+from ..matrix.usual import WeakPrior, constant, faint, usual_sizes, weak_prior
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from ..wrong.screws import Term
@@ -255,20 +255,20 @@ class _Problem:
         return replace(state, iterations=state.iterations + done)
 
     def judge(self, state: _State) -> tuple[Identified, WeakPrior]:
-        """What is fitted and what the prior holds, at the solution and by the noise that it leaves. Every term of a usual size
-        that moves a measured coordinate is fitted; of the others, those that no earlier term represents."""
-        sizes, theta, terms, here = usual_sizes(self.model), state.theta, self.model.terms, state.reduction
+        """What is fitted and what the prior holds, at the solution and by the noise that it leaves. Every constant
+        parameter that moves a measured coordinate is fitted; of the other terms, those that no earlier one represents."""
+        theta, terms, here = state.theta, self.model.terms, state.reduction
         if len(self.scene) > PROBE[1]:              # it holds the kept terms alone
             here = reduce_scene(self.scene, terms, (terms, theta))
         full, found = with_prior(here, prior_root(terms, self.precision), theta), self.exact
-        if (np.abs(theta) > FAR * sizes).any():     # so far from the nominal chain other terms depend on one another
+        if (np.abs(theta) > FAR * usual_sizes(self.model)).any():     # there other terms depend on one another
             found = as_drawn(identify(full), self.scene, terms)
         if found.held is None and not found.still:
             moves = found.scale > STILL * found.scale.max(initial=0.0)
-            fitted = {*found.kept, *np.flatnonzero(moves & np.isfinite(sizes)).tolist()}
+            fitted = {*found.kept, *np.flatnonzero(moves & constant(self.model)).tolist()}
             found = replace(found, kept=tuple(sorted(fitted)))
         sigma = max(self.sigma(cost(state.reduction), state.found.kept, state.weak.count), QUIET_MM * self.weight)
-        return found, weak_prior(full, found.kept, sizes, theta, sigma)
+        return found, weak_prior(full, found.kept, self.model, theta, sigma)
 
     def refuse(self, state: _State, settled: bool, step_mm: float) -> None:
         """Raise NotEstimable where the data have no more coordinates than the model has parameters, or where the iteration should

@@ -9,7 +9,7 @@ import numpy as np
 from ..matrix.design import Model
 from ..matrix.identify import Identified, identify, solve
 from ..matrix.reduce import Reduction
-from ..matrix.usual import WeakPrior, usual_sizes, weak_prior
+from ..matrix.usual import WeakPrior, weak_prior
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from .fit import Fit, cost, factor_of, prior_root, with_prior
@@ -49,7 +49,7 @@ def one_step(model: Model, base: Fit, here: Reduction, weight: float) -> Step:
     if weak.rows is not None:
         left = solve(_with_rows(here, _prior(weak, theta)), kept)[2]
         sigma = float(np.sqrt(left / max(here.rows - len(kept) + weak.count, 1.0)))
-        weak = weak_prior(here, kept, usual_sizes(model), theta, sigma)
+        weak = weak_prior(here, kept, model, theta, sigma)
     rows = _prior(weak, theta)
     delta = np.zeros(len(theta))
     delta[list(kept)] = solve(_with_rows(here, rows), kept)[0]

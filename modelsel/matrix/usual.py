@@ -10,13 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..words.rigid import Array
 from ..wrong.causes import Number
 from ..wrong.mechanisms.geometry import SETUP
-from ..wrong.screws import Term
+from ..wrong.screws import Screw
 from .design import Model
 from .reduce import Reduction
+from .smooth import spline
 
 USUAL = {"t": 1.0, "r": 1e-3}      # mm, rad: standard deviation of an assembled arm's parameter about its drawing
 OPEN = {"t": 100.0, "r": 0.1}      # mm, rad: of a placement or a target that registration has found already
@@ -54,15 +56,25 @@ class WeakPrior:
                        sizes=None if self.sizes is None else np.where(own < 0, np.inf, self.sizes[own]))
 
 
+def constant(model: Model) -> NDArray[np.bool_]:
+    """(p,) mask of the constant parameters of the arm and its set-up."""
+    open_ = _open(model)
+    return np.array([not t.fixture and (t.screws in open_ or all(isinstance(s.cause, Number) for s in t.screws))
+                     for t in model.terms], dtype=bool)
+
+
 def usual_sizes(model: Model) -> Array:
-    """(p,) usual size [mm, rad] of every constant geometric parameter; infinite for all others, which stand for themselves."""
-    open_ = {t.screws for m in model.mechanisms if m.name == SETUP for t in m.terms}
-    return np.array([_usual(t, t.screws in open_) for t in model.terms])
+    """(p,) usual size of every term, in its unit: of the arm's and the set-up's constant parameters, and of a mechanism's terms
+    the upper end of the catalogue's range; infinite where none is known, and for free functions, which have their own variance."""
+    open_ = _open(model)
+    return np.array([(OPEN if t.screws in open_ else USUAL)[t.screws[0].axis[0]] if fixed else
+                     t.size[1] if t.size is not None and spline(t) is None else np.inf
+                     for t, fixed in zip(model.terms, constant(model), strict=True)], dtype=float)
 
 
-def _usual(term: Term, is_open: bool) -> float:
-    constant = not term.fixture and all(isinstance(s.cause, Number) or is_open for s in term.screws)
-    return float((OPEN if is_open else USUAL)[term.screws[0].axis[0]]) if constant else np.inf
+def _open(model: Model) -> set[tuple[Screw, ...]]:
+    """Screws of the terms that the set-up leaves open."""
+    return {t.screws for m in model.mechanisms if m.name == SETUP for t in m.terms}
 
 
 def faint(R: Array, kept: Sequence[int], sizes: Array, least: float) -> set[int]:
@@ -79,12 +91,13 @@ def faint(R: Array, kept: Sequence[int], sizes: Array, least: float) -> set[int]
     return lost
 
 
-def weak_prior(reduction: Reduction, fitted: Sequence[int], sizes: Array, theta: Array, sigma: float) -> WeakPrior:
-    """The prior on what a reduction at theta (p,) says little of; the usual `sizes` (p,) scaled to this arm's own."""
-    kept: list[int] = list(fitted)
+def weak_prior(reduction: Reduction, fitted: Sequence[int], model: Model, theta: Array, sigma: float) -> WeakPrior:
+    """The prior on what a reduction at theta (p,) says little of, by usual sizes; those of the arm's constant parameters are
+    scaled to this arm's own."""
+    kept, sizes = list(fitted), usual_sizes(model)
     if not sigma > 0 or not np.isfinite(sizes[kept]).any():
         return WeakPrior(sizes=sizes)
-    sizes = sizes * _scales(reduction, kept, sizes, theta, sigma)
+    sizes = sizes * _scales(reduction, kept, np.where(constant(model), sizes, np.inf), theta, sigma)
     sizes = np.maximum(sizes, np.abs(theta) / SURPRISING)
     sized = [k for k in kept if np.isfinite(sizes[k])]
     inner, _ = _beyond(reduction, sized, [k for k in kept if k not in sized], theta)
