@@ -40,10 +40,10 @@ def main() -> None:
     ratio, coordinates = np.array(ours) / np.array(best), np.concatenate(away)
     text = "\n".join([
         f"{given.studies} studies, seed {given.seed}, {time.perf_counter() - began:.0f} s",
-        f"error at the longer tool, rms over studies: {np.sqrt(np.mean(np.square(ours))):.3f} mm; oracle "
-        f"{np.sqrt(np.mean(np.square(best))):.3f} mm; ratio {np.sqrt(np.sum(np.square(ours)) / np.sum(np.square(best))):.3f}",
-        f"ratio of single studies: median {np.median(ratio):.3f}, 90 % {np.quantile(ratio, 0.9):.3f}, largest {ratio.max():.2f}, "
-        f"above 1.5 in {int((ratio > 1.5).sum())}",
+        (f"error at the longer tool, rms over studies: {np.sqrt(np.mean(np.square(ours))):.3f} mm; oracle "
+        f"{np.sqrt(np.mean(np.square(best))):.3f} mm; ratio {np.sqrt(np.sum(np.square(ours)) / np.sum(np.square(best))):.3f}"),
+        (f"ratio of single studies: median {np.median(ratio):.3f}, 90 % {np.quantile(ratio, 0.9):.3f}, largest {ratio.max():.2f}, "
+        f"above 1.5 in {int((ratio > 1.5).sum())}"),
         f"parameters within 4 standard errors of the truth: {np.mean(coordinates < 4):.4f} of {len(coordinates)}",
         f"largest parameter: {max(size):.1f} usual sizes; sentences that contradict a number: {said}"]) + "\n"
     print(text, end="")

@@ -65,7 +65,7 @@ def constant(model: Model) -> NDArray[np.bool_]:
 
 def usual_sizes(model: Model) -> Array:
     """(p,) usual size of every term, in its unit: of the arm's and the set-up's constant parameters, and of a mechanism's terms
-    the upper end of the catalogue's range; infinite where none is known, and for free functions, which have their own variance."""
+    the upper end of the catalogue's range; infinite where none is known, and for free functions with a variance of their own."""
     open_ = _open(model)
     return np.array([(OPEN if t.screws in open_ else USUAL)[t.screws[0].axis[0]] if fixed else
                      t.size[1] if t.size is not None and spline(t) is None else np.inf
