@@ -55,8 +55,9 @@ class Bucket:
 
 
 class Strength(NamedTuple):
-    """What responses (N, B) have in common with every candidate: |Z_gᵀr|² (G, B), and Z_gᵀr of those with a sign (S, B); of the
-    free functions (F, K, B) every direction alone, squared, nought beyond a function's own."""
+    """What responses (N, B) have in common with every candidate: |Z_gᵀr|² (G, B); of those with a sign (S, B) the fitted term
+    that is least of that sign, times the sign and over its standard error at unit noise; of the free functions (F, K, B) every
+    direction alone, squared, nought beyond a function's own."""
 
     whole: Array
     root: Array
@@ -65,12 +66,13 @@ class Strength(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """All candidates' whitened columns, transposed (C, N), where each candidate's stand, and their Gram blocks."""
+    """All candidates' whitened columns, transposed (C, N), where each candidate's stand, their Gram blocks, and the signs (k,)
+    that physics allows each candidate's terms, nought for either."""
 
     XT: Array
     slices: tuple[Index, ...]
     grams: tuple[Block, ...]
-    signs: Array
+    signs: tuple[Array, ...]
 
     @property
     def groups(self) -> int:
@@ -108,8 +110,7 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
         gram = np.stack([XT[i] @ XT[i].T for i in index]) if size > 4 else grams_of(XT, index)
         roots = [_root(found[g].mechanism.terms, np.diag(G)) for g, G in zip(which, gram, strict=True)] if smooth else None
         grams.append(Block(which, index, gram, most[index], None if roots is None else np.stack(roots)))
-    signs = np.array([c.mechanism.terms[0].sign if len(c.mechanism.terms) == 1 else 0 for c in found], dtype=float)
-    return Columns(XT, tuple(slices), tuple(grams), signs)
+    return Columns(XT, tuple(slices), tuple(grams), tuple(np.array(c.mechanism.signs, dtype=float) for c in found))
 
 
 def grams_of(XT: Array, index: Index) -> Array:
@@ -171,7 +172,7 @@ def subset(cols: Columns, which: Index) -> Columns:
             grams.append(Block(own, index, block.gram[inside], block.most[inside],
                                None if block.root is None else block.root[inside]))
     slices = tuple(place[a:b] for a, b in pairwise(bounds))
-    return Columns(cols.XT[used], slices, tuple(grams), cols.signs[which])
+    return Columns(cols.XT[used], slices, tuple(grams), tuple(cols.signs[g] for g in which))
 
 
 def stacked(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None) -> tuple[Array, Array]:
@@ -216,8 +217,23 @@ class Scan:
 
     @cached_property
     def signed(self) -> Index:
-        """Candidates whose one term physics gives a sign."""
-        return np.flatnonzero(self.columns.signs)
+        """Candidates with a term that physics gives a sign."""
+        return np.flatnonzero([own.any() for own in self.columns.signs])
+
+    @cached_property
+    def sides(self) -> tuple[tuple[Index, Index, Array, Array], ...]:
+        """Of every bucket: (which of the `signed`, where in the bucket, the map (s, k, k) from Zᵀr to the terms, each times its
+        sign and over its standard error, (s, k, 1) inf for a term without a sign). A term that the model has leaves 0."""
+        out = []
+        for bucket in self.buckets:
+            at = np.flatnonzero(np.isin(bucket.block.which, self.signed) & (bucket.weights is None))
+            signs = np.array([self.columns.signs[g] for g in bucket.block.which[at]]).reshape(len(at), bucket.W.shape[1])
+            to = np.swapaxes(bucket.W[at], 1, 2)
+            error = np.linalg.norm(to, axis=2, keepdims=True)
+            unit = np.divide(to, error, out=np.zeros_like(to), where=error > 0)
+            out.append((np.searchsorted(self.signed, bucket.block.which[at]), at, signs[:, :, None] * unit,
+                        np.where(signs == 0, np.inf, 0.0)[:, :, None]))
+        return tuple(out)
 
     def strength(self, response: Array) -> Strength:
         """What responses (N, B) have in common with every candidate."""
@@ -240,11 +256,10 @@ class Scan:
         whole: Array = np.zeros((len(self.sizes), draws), kind)
         root: Array = np.zeros((len(self.signed), draws), kind)
         smooth, at = np.zeros((*self.smooth[1].shape, draws), kind), 0
-        for bucket, z in zip(self.buckets, products, strict=True):
+        for bucket, z, (mine, own, to, free) in zip(self.buckets, products, self.sides, strict=True):
             which, k = bucket.block.which, z.shape[1]
-            if k == 1 and bucket.weights is None:
-                mine = np.isin(self.signed, which)
-                root[mine] = z[np.searchsorted(which, self.signed[mine]), 0]
+            if len(mine):
+                root[mine] = (np.matmul(to.astype(kind), z[own]) + free.astype(kind)).min(1)
             np.square(z, out=z)
             whole[which] = z[:, 0] if k == 1 else z.sum(1)
             if bucket.weights is not None:

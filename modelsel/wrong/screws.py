@@ -38,7 +38,8 @@ class Screw:
 
 @dataclass(frozen=True)
 class Term:
-    """ONE fitted number; it drives its screws together. `size` is the usual range of its magnitude, `sign` that of physics."""
+    """ONE fitted number; it drives its screws together. `size` is the usual range of its magnitude, `sign` the one that physics
+    allows (0: either): a fit of the other sign is not told as this mechanism."""
 
     symbol: str
     screws: tuple[Screw, ...]
@@ -76,13 +77,20 @@ def ratio(top: str, bottom: str) -> str:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """A named bundle of terms: what goes wrong, in one sentence, with its equation and its source."""
+    """A named bundle of terms: what goes wrong, in one sentence, with its equation and its source. `contrary`: the sentence
+    where its terms have the signs that physics does not expect; without one they are then not told as this mechanism."""
 
     name: str
     terms: tuple[Term, ...]
     sentence: str = ""
     equation: str = ""
     source: str = ""
+    contrary: str = ""
+
+    @property
+    def signs(self) -> tuple[int, ...]:
+        """The sign that naming asks of each term, 0 for either."""
+        return tuple(0 if self.contrary else t.sign for t in self.terms)
 
     def names(self) -> frozenset[str]:
         """Names its causes need from the state."""
