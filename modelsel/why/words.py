@@ -8,7 +8,7 @@ import numpy as np
 from ..which.candidates import Candidate
 from ..words.rigid import Array
 from ..wrong.causes import Bump
-from ..wrong.screws import LETTERS, Term
+from ..wrong.screws import LETTERS, Mechanism, Term
 from .extend import Effect
 
 PREFIX = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"))
@@ -96,8 +96,17 @@ def waves_of(terms: Sequence[Term], estimate: Array) -> list[tuple[int, float]]:
     return out
 
 
-def what(candidate: Candidate) -> str:
-    """What a candidate says of the arm, without its size."""
+def against(mechanism: Mechanism, estimate: Array) -> bool:
+    """Whether a fit has the signs that a mechanism's terms should not have: all that have one."""
+    wrong = [value * t.sign < 0 for t, value in zip(mechanism.terms, estimate, strict=True) if t.sign]
+    return bool(wrong) and all(wrong)
+
+
+def what(candidate: Candidate, estimate: Array) -> str:
+    """What a candidate says of the arm, without its size; `estimate` (p,) its fitted terms, whose sign the sentence follows."""
+    contrary = candidate.mechanism.contrary
+    if contrary and against(candidate.mechanism, estimate):
+        return contrary.rstrip(".")
     if candidate.mechanism.sentence:
         return candidate.mechanism.sentence.rstrip(".")
     screw = candidate.mechanism.terms[0].screws[0]
@@ -108,8 +117,12 @@ def what(candidate: Candidate) -> str:
 def cautions(effect: Effect) -> list[str]:
     """Signs and sizes that the catalogue does not expect."""
     out = []
-    for term, value, error in zip(effect.candidate.mechanism.terms, effect.estimate, effect.standard_error, strict=True):
-        if term.sign and value * term.sign < -2 * error:
+    mechanism = effect.candidate.mechanism
+    for other in effect.candidate.but_for_sign:
+        if against(other, effect.estimate):
+            out.append(f"{other.name} does the same with the other sign, which alone physics allows it: this is not {other.name}")
+    for term, value, error in zip(mechanism.terms, effect.estimate, effect.standard_error, strict=True):
+        if term.sign and not mechanism.contrary and value * term.sign < -2 * error:
             out.append(f"the sign of {term.symbol} is not the one that physics gives; it may stand for something else")
         if term.size is not None and abs(value) - 2 * error > term.size[1]:
             out.append(f"{term.symbol} is larger than usual ({quantity(term.size[1], None, term.unit)})")
@@ -122,7 +135,7 @@ def sentence(effect: Effect) -> str:
     entries = effect.named.entries
     same = [e for e in entries if e.alike]
     sure = sum(e.probability for e in same)
-    out = f"{what(effect.candidate)}: {amount(terms, effect.estimate, effect.standard_error)}"
+    out = f"{what(effect.candidate, effect.estimate)}: {amount(terms, effect.estimate, effect.standard_error)}"
     rivals = list(dict.fromkeys(e.candidate.label for e in entries if e.candidate.mechanism != effect.candidate.mechanism))
     rivals = [r for r in rivals if r != effect.candidate.label]
     if effect.named.verdict == "found":

@@ -14,6 +14,7 @@ from .causes import FUNCTIONS, ONE, Applied, Bump, Cause, Combined, Member, Name
 
 FIXTURE_AXES = (*AXES, "length")      # of a feature of the set-up: its place, its tilt, a length
 KINDS = (Number, Named, Applied, Combined, Member, Bump)
+PLAIN = {"rad/rad": "1", "mm/mm": "1"}     # a share: a turn by another, a shift by another
 LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
 
 
@@ -55,9 +56,9 @@ class Term:
     def unit(self) -> str:
         """mm or rad per unit of the cause, from its screws; all must agree (rad counts as 1). Raises ValueError."""
         units = {ratio("rad" if s.axis[0] == "r" else "mm", s.cause.unit): None for s in self.screws}
-        if len({u.replace("rad", "1") for u in units}) != 1:
+        if len({PLAIN.get(u, u.replace("rad", "1")) for u in units}) != 1:
             raise ValueError(f"the screws of {self.symbol} have different units: {', '.join(units)}")
-        return max(units, key=lambda u: "rad" in u)
+        return "1" if PLAIN.keys() <= units.keys() else max(units, key=lambda u: "rad" in u)
 
 
 def ratio(top: str, bottom: str) -> str:
