@@ -36,12 +36,13 @@ WARMING = (0.05, 0.1, 0.25, 0.5)      # time constants of a warm-up, in shares o
 @dataclass(frozen=True)
 class Candidate:
     """One explanation and its prior probability; `registered`: the catalogue has it. `but_for_sign`: of a cell, the registered
-    mechanisms that do the same, with a sign that physics allows."""
+    mechanisms that do the same, with a sign that physics allows; `asked`: the study considers no cause but those it lists."""
 
     mechanism: Mechanism
     registered: bool
     prior: float
     but_for_sign: tuple[Mechanism, ...] = ()
+    asked: bool = False
 
     @property
     def registered_name(self) -> str | None:
@@ -197,7 +198,7 @@ def candidates(scene: Scene, base: Model, mechanisms: Sequence[Mechanism], cells
                 others.append((m, weight))
     share = REGISTERED if others and fitting else 1.0 if fitting else 0.0
     whole = sum(weight for _, weight in others)
-    return (*(Candidate(m, True, share / len(count) / count[m.name]) for m in fitting),
+    return (*(Candidate(m, True, share / len(count) / count[m.name], asked=not cells) for m in fitting),
             *(Candidate(m, False, (1 - share) * weight / whole, one_sided.get(frozenset(t.screws for t in m.terms), ()))
               for m, weight in others))
 

@@ -83,6 +83,11 @@ class Columns:
         """(C, ...) products of every column with values (N + k, ...): in the k rows of a model's prior the columns are nought."""
         return np.asarray(self.XT @ values[:self.XT.shape[1]])
 
+    def most(self, g: int) -> Array:
+        """(k,) largest coefficients of candidate g whose every screw is small."""
+        block = next(b for b in self.grams if g in b.which)
+        return np.asarray(block.most[int(np.flatnonzero(block.which == g)[0])])
+
     def sum_of(self, weights: Array, g: int, rows: int) -> Array:
         """(rows, ...) candidate g's columns times weights (k, ...), nought in the rows of a model's prior."""
         out = np.zeros((rows, *weights.shape[1:]))

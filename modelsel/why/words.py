@@ -14,6 +14,7 @@ from .extend import Effect
 PREFIX = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"))
 MOST_WAVES = 90
 LEVER_MM, NOTHING = 1000.0, 1e-3      # a turn counts as a shift at this lever; a smaller share of the other is not said
+LARGE = {"mm": 10.0, "rad": 0.02}     # beyond it no error of an arm is usual, where the catalogue has no range of its own
 PLACES = {"t": "shifts along", "r": "turns about"}
 
 
@@ -124,8 +125,15 @@ def cautions(effect: Effect) -> list[str]:
     for term, value, error in zip(mechanism.terms, effect.estimate, effect.standard_error, strict=True):
         if term.sign and not mechanism.contrary and value * term.sign < -2 * error:
             out.append(f"the sign of {term.symbol} is not the one that physics gives; it may stand for something else")
-        if term.size is not None and abs(value) - 2 * error > term.size[1]:
-            out.append(f"{term.symbol} is larger than usual ({quantity(term.size[1], None, term.unit)})")
+        most = term.size[1] if term.size is not None else LARGE.get(term.unit, np.inf)
+        if error > most:
+            out.append(f"the data do not tell the size of {term.symbol}: its standard error is larger than such an error usually is "
+                       f"({quantity(most, None, term.unit)})")
+        elif abs(value) - 2 * error > most:
+            out.append(f"{term.symbol} is larger than usual ({quantity(most, None, term.unit)})")
+    if effect.cancels is not None:
+        out.append(f"{effect.cancels[0]} takes most of it back, together they move the target by {effect.cancels[1]:.0%} of what "
+                   "either does alone: the data do not tell the size of each")
     return out
 
 
@@ -140,7 +148,7 @@ def sentence(effect: Effect) -> str:
     rivals = [r for r in rivals if r != effect.candidate.label]
     if effect.named.verdict == "found":
         own = sum(e.probability for e in entries if e.candidate.label == effect.candidate.label)
-        out += f" ({effect.candidate.label}, probability {own:.2f}"
+        out += f" ({effect.candidate.label}, probability {own:.2f}{' of those asked' if effect.candidate.asked else ''}"
         twins = [r for r in rivals if r in {e.candidate.label for e in same}]
         out += f"; {', '.join(twins[:3])} would move the target alike, together {sure:.2f})" if twins else ")"
     else:
