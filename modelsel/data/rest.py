@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..words.rigid import Array
 
-FLICKER = (float(np.radians(0.1)), 0.1)     # rad, mm: a joint whose readings stay within it may rest; what moves it further is a motion
+FLICKER = (float(np.radians(0.1)), 0.1)     # rad, mm: a joint may rest whose readings stay within it
 APART = 10.0        # by this factor the smallest motion is larger than the largest flicker
 FEWEST = 5          # flickers: of evenly spread motions the five smallest lie so far apart from the next once in 100,000 joints
 
@@ -50,5 +50,5 @@ def said(rest: Array, prismatic: Sequence[bool]) -> str | None:
             each.append(f"joint {j} (at most {size:.2g} mm)" if slides else f"joint {j} (at most {np.degrees(size):.2g} deg)")
     if not each:
         return None
-    return (f"Between some configurations {', '.join(each)} did not move, only the reading flickered: no direction of approach and "
-            "no size of a move is taken from that.")
+    return (f"Between some configurations {', '.join(each)} did not move, only the reading flickered: no direction of approach "
+            "and no size of a move is taken from that.")

@@ -19,9 +19,9 @@ def restricted(asked: Sequence[str] | str) -> tuple[Note, ...]:
     """The same as a warning."""
     if isinstance(asked, str) or not asked:
         return ()
-    return (Note("candidates-restricted", f"This study considers {sentence_list(asked)} and no other cause: their probabilities are "
-                 'relative to this list, and an error that has another cause may be named after one of them. candidates = "all" '
-                 "in the study file considers every registered mechanism and every cell of the error map."),)
+    return (Note("candidates-restricted", f"This study considers {sentence_list(asked)} and no other cause: their probabilities "
+                 "are relative to this list, and an error that has another cause may be named after one of them. "
+                 'candidates = "all" in the study file considers every registered mechanism and every cell of the error map.'),)
 
 
 def worse_than_nominal(base: Sequence[str], gain: Gain) -> tuple[Note, ...]:
@@ -29,9 +29,10 @@ def worse_than_nominal(base: Sequence[str], gain: Gain) -> tuple[Note, ...]:
     before, after = gain.held_out_rms_before_mm, gain.held_out_rms_after_mm
     if before is None or after is None or after <= before:
         return ()
-    sure = "" if gain.interval_mm is None else (
-        f", worse by {-gain.interval_mm[1]:.3g} to {-gain.interval_mm[0]:.3g} mm (95 %)" if gain.interval_mm[1] < 0 else
-        ", a difference that chance may make")
-    return (Note("base-worse-than-nominal", f"On the held-out configurations the fitted base model ({sentence_list(base)}) errs by "
-                 f"{after:.3g} mm rms where the nominal arm errs by {before:.3g}{sure}: the estimation configurations do not tell "
-                 "enough for these. Let more of them, or more like them, estimate; do not use the fitted parameters there."),)
+    sure, interval = "", gain.interval_mm
+    if interval is not None:
+        sure = (f", worse by {-interval[1]:.3g} to {-interval[0]:.3g} mm (95 %)" if interval[1] < 0
+                else ", a difference that chance may make")
+    return (Note("base-worse-than-nominal", f"On the held-out configurations the fitted base model ({sentence_list(base)}) errs "
+                 f"by {after:.3g} mm rms where the nominal arm errs by {before:.3g}{sure}: the estimation configurations do not "
+                 "determine it well enough. Let more of them estimate; do not use the fitted parameters there."),)

@@ -23,9 +23,10 @@ def verdict(
     asked: Sequence[str] | str,
     left: str,
 ) -> tuple[str, str, str]:
-    """Three sentences. `named`: (name, verdict) of every finding in order; `asked`: the mechanisms that the study
-    lets extend the base, "all" or a list; `left`: what is said of what remains."""
-    return _gained(nominal, chosen, gain, floor), _named(named, asked != []) + of_those_asked(asked), left.partition(". ")[0].rstrip(".") + "."
+    """Three sentences. `named`: (name, verdict) of every finding in order; `asked`: the
+    mechanisms that the study lets extend the base, "all" or a list; `left`: what is said of what remains."""
+    second = _named(named, asked != []) + of_those_asked(asked)
+    return _gained(nominal, chosen, gain, floor), second, left.partition(". ")[0].rstrip(".") + "."
 
 
 def _gained(nominal: Rung, chosen: Rung, gain: Gain, floor: Floor) -> str:

@@ -22,6 +22,7 @@ from ..matrix.smooth import spline, splines
 from ..which.candidates import Candidate
 from ..words.rigid import Array
 from ..wrong.screws import Term
+from .signs import Sides, least, sides
 
 ABSORBED = 1e-5     # share of a direction's squared norm that must be left beyond the model for it to count
 SMALL = {"t": 100.0, "r": 0.1}      # mm, rad: an error screw is small; what would have to be larger is not the cause
@@ -82,11 +83,6 @@ class Columns:
     def dot(self, values: Array) -> Array:
         """(C, ...) products of every column with values (N + k, ...): in the k rows of a model's prior the columns are nought."""
         return np.asarray(self.XT @ values[:self.XT.shape[1]])
-
-    def most(self, g: int) -> Array:
-        """(k,) largest coefficients of candidate g whose every screw is small."""
-        block = next(b for b in self.grams if g in b.which)
-        return np.asarray(block.most[int(np.flatnonzero(block.which == g)[0])])
 
     def sum_of(self, weights: Array, g: int, rows: int) -> Array:
         """(rows, ...) candidate g's columns times weights (k, ...), nought in the rows of a model's prior."""
@@ -226,19 +222,9 @@ class Scan:
         return np.flatnonzero([own.any() for own in self.columns.signs])
 
     @cached_property
-    def sides(self) -> tuple[tuple[Index, Index, Array, Array], ...]:
-        """Of every bucket: (which of the `signed`, where in the bucket, the map (s, k, k) from Zᵀr to the terms, each times its
-        sign and over its standard error, (s, k, 1) inf for a term without a sign). A term that the model has leaves 0."""
-        out = []
-        for bucket in self.buckets:
-            at = np.flatnonzero(np.isin(bucket.block.which, self.signed) & (bucket.weights is None))
-            signs = np.array([self.columns.signs[g] for g in bucket.block.which[at]]).reshape(len(at), bucket.W.shape[1])
-            to = np.swapaxes(bucket.W[at], 1, 2)
-            error = np.linalg.norm(to, axis=2, keepdims=True)
-            unit = np.divide(to, error, out=np.zeros_like(to), where=error > 0)
-            out.append((np.searchsorted(self.signed, bucket.block.which[at]), at, signs[:, :, None] * unit,
-                        np.where(signs == 0, np.inf, 0.0)[:, :, None]))
-        return tuple(out)
+    def sides(self) -> tuple[Sides, ...]:
+        """Of every bucket, how the terms with a sign follow from its Zᵀr."""
+        return tuple(sides(b.block.which, b.W, self.columns.signs, self.signed) for b in self.buckets)
 
     def strength(self, response: Array) -> Strength:
         """What responses (N, B) have in common with every candidate."""
@@ -261,10 +247,9 @@ class Scan:
         whole: Array = np.zeros((len(self.sizes), draws), kind)
         root: Array = np.zeros((len(self.signed), draws), kind)
         smooth, at = np.zeros((*self.smooth[1].shape, draws), kind), 0
-        for bucket, z, (mine, own, to, free) in zip(self.buckets, products, self.sides, strict=True):
+        for bucket, z, side in zip(self.buckets, products, self.sides, strict=True):
             which, k = bucket.block.which, z.shape[1]
-            if len(mine):
-                root[mine] = (np.matmul(to.astype(kind), z[own]) + free.astype(kind)).min(1)
+            root[side.signed] = least(z, side)
             np.square(z, out=z)
             whole[which] = z[:, 0] if k == 1 else z.sum(1)
             if bucket.weights is not None:
@@ -309,12 +294,3 @@ def _scan(cols: Columns, Q: Array, lefts: Sequence[Array], freedom: int | None =
 def _whitener(value: Array, vector: Array, good: NDArray[np.bool_]) -> Array:
     """(n, k, k) rows 1/sqrt(value) · vectorᵀ of the good directions, noughts for the others."""
     return np.where(good, 1 / np.sqrt(np.where(good, value, 1)), 0)[:, :, None] * vector.swapaxes(1, 2)
-
-
-def single_f(seen: Scan, response: Array) -> Array:
-    """(G,) F statistic of every candidate alone beyond the model; nought for one that adds nothing."""
-    strength = seen.strength(response[:, None]).whole[:, 0]
-    rest = float(response @ response) - strength
-    k = seen.sizes
-    room = (k > 0) & (seen.freedom > k)
-    return np.where(room, strength / np.maximum(k, 1) / np.maximum(rest, 1e-300) * np.maximum(seen.freedom - k, 1), 0.0)

@@ -176,10 +176,17 @@ def familywise(seen: Scan, response: Array, least: Array) -> Array:
     return np.asarray((1 + np.searchsorted(least, own, side="right")) / (len(least) + 1))
 
 
+def single_f(seen: Scan, response: Array) -> Array:
+    """(G,) F statistic of every candidate alone beyond the model; nought for one that adds nothing."""
+    strength = seen.strength(response[:, None]).whole[:, 0]
+    rest = float(response @ response) - strength
+    k = seen.sizes
+    room = (k > 0) & (seen.freedom > k)
+    return np.where(room, strength / np.maximum(k, 1) / np.maximum(rest, 1e-300) * np.maximum(seen.freedom - k, 1), 0.0)
+
+
 def p_value(observed: float, sorted_null: Array) -> float:
     """(1 + #{null ≥ observed}) / (B + 1); 1 where there is no evidence at all."""
     if not np.isfinite(observed):
         return 1.0
     return float((1 + len(sorted_null) - np.searchsorted(sorted_null, observed, side="left")) / (len(sorted_null) + 1))
-
-

@@ -16,8 +16,7 @@ from ..matrix.design import Model
 from ..matrix.scene import Scene
 from ..which.candidates import Candidate
 from ..words.rigid import Array
-from .errormap import single_f
-from .evidence import p_value
+from .evidence import p_value, single_f
 from .naming import Named
 from .search import LEVEL, Search
 from .settle import ROUNDS, pruned, settle
@@ -106,9 +105,7 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
     before = list(chosen)
     chosen, view = pruned(search, chosen, view, path)
     if chosen != before:                     # what the dropped ones explained is left
-        left, held_back = search.next(view, chosen), None
-        left_p = p_value(left.evidence, search.null)
-        left_p = left_p if left_p > LEVEL else max(left_p, search.by_signs(view, chosen, left.evidence))
+        left, left_p, held_back = *_left(search, view, chosen), None
     if chosen:
         view = search.attempt(chosen, view.fitted, STEP_MM) or view       # to the last tenth of a micrometre, where it settles
     nothing, map_p = search.by_chance(view)
@@ -120,6 +117,13 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
         effects.append(Effect(found[g], one, p, view.fitted.theta[at], view.fitted.standard_errors[at], undone.get(g)))
     return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, held_back,
                      search.bound, single_f(search.first.seen, search.first.r), map_p)
+
+
+def _left(search: Search, view: View, chosen: Sequence[int]) -> tuple[Named, float]:
+    """The strongest of what a model leaves, and its p."""
+    left = search.next(view, chosen)
+    p = p_value(left.evidence, search.null)
+    return left, p if p > LEVEL else max(p, search.by_signs(view, chosen, left.evidence))
 
 
 def _undone(search: Search, chosen: Sequence[int], view: View) -> dict[int, tuple[str, float]]:

@@ -55,7 +55,8 @@ class Search:
         """Whether the fit leaves an effect's size open: a term, or its standard error, is beyond what a small screw can be."""
         place = {t.screws: k for k, t in enumerate(view.model.terms)}
         at = [place[t.screws] for t in self.found[g].mechanism.terms]
-        most = self.columns.most(g)
+        block = next(b for b in self.columns.grams if g in b.which)
+        most = block.most[int(np.flatnonzero(block.which == g)[0])]
         return bool((np.abs(view.fitted.theta[at]) > most).any() or (view.fitted.standard_errors[at] > most).any())
 
     def displacement(self, g: int, view: View) -> Array:

@@ -117,18 +117,17 @@ def what(candidate: Candidate, estimate: Array) -> str:
 
 def cautions(effect: Effect) -> list[str]:
     """Signs and sizes that the catalogue does not expect."""
-    out = []
     mechanism = effect.candidate.mechanism
-    for other in effect.candidate.but_for_sign:
-        if against(other, effect.estimate):
-            out.append(f"{other.name} does the same with the other sign, which alone physics allows it: this is not {other.name}")
+    alike = [(effect.candidate, effect.estimate), *((e.candidate, e.estimate) for e in effect.named.entries if e.alike)]
+    others = dict.fromkeys(m.name for c, estimate in alike for m in c.but_for_sign if against(m, estimate))
+    out = [f"{name} would do the same with the other sign only, so that this is not {name}" for name in others]
     for term, value, error in zip(mechanism.terms, effect.estimate, effect.standard_error, strict=True):
         if term.sign and not mechanism.contrary and value * term.sign < -2 * error:
             out.append(f"the sign of {term.symbol} is not the one that physics gives; it may stand for something else")
         most = term.size[1] if term.size is not None else LARGE.get(term.unit, np.inf)
         if error > most:
-            out.append(f"the data do not tell the size of {term.symbol}: its standard error is larger than such an error usually is "
-                       f"({quantity(most, None, term.unit)})")
+            out.append(f"the data do not tell the size of {term.symbol}: its standard error is larger than such an error usually "
+                       f"is ({quantity(most, None, term.unit)})")
         elif abs(value) - 2 * error > most:
             out.append(f"{term.symbol} is larger than usual ({quantity(most, None, term.unit)})")
     if effect.cancels is not None:

@@ -64,8 +64,8 @@ def backlash(robot: Robot, joint: int) -> Mechanism:
     pair, cause, direction = arm_pair(robot), sign(torque(joint)), 1
     if pair is not None and joint == pair.fore:
         cause, direction = sign(far(pair)), pair.far_sign * pair.parallel
-    against = (f"Joint {joint} steps against gravity where its torque changes sign: play would yield to it, so that this stands for "
-               "something else, such as a spring that is not linear.")
+    against = (f"Joint {joint} steps against gravity where its torque changes sign: play would yield to it, so that this stands "
+               "for something else, such as a spring that is not linear.")
     return Mechanism(f"backlash:{joint}", (Term(f"h4[{joint}]", (Screw(joint, "rz", cause),), BACKLASH, direction),),
                      f"The play of joint {joint} is taken up by gravity, to either side.", f"θ{joint} = q{joint} + h4 {cause}",
                      PAPER, against if direction < 0 else "")

@@ -36,7 +36,7 @@ def read_too_early(robot: Robot) -> Mechanism:
     return Mechanism("fault:read-too-early", (Term("lag", screws, (1e-6, 5e-2), 1),),
                      "A fault of the data: joints were read before the arm stood still; the error grows with the last move.",
                      "θ = q + lag · last move, all joints alike", "ISO 9283, position stabilisation time",
-                     "A fault of the data: the target was measured before the arm stood still; the error grows with the last move.")
+                     "A fault of the data: targets were measured before the arm stood still; the error grows with the last move.")
 
 
 def settle(robot: Robot, joint: int) -> Mechanism:
