@@ -116,7 +116,7 @@ def campaign() -> pd.DataFrame:
     terms = (Term("a", (Screw(1, "tx"),)), Term("b", (Screw(2, "ry"),)), Term("c", (Screw(3, "rz"),)),
              Term("e", (Screw(2, "rz", sin(2.0 * q(2))),)), Term("p", (Screw(3, "rz", Named("approach3")),)),
              Term("t", (Screw(1, "rz", Named("temperature_C", "°C") - 20.0),)))
-    at = planted(at, terms, np.array([0.6, 1.2e-3, -4e-3, 0.6e-3, 0.4e-3, 0.05e-3]), rng, SIGMA)
+    at = planted(at, terms, np.array([0.6, 1.2e-3, -4e-3, 0.6e-3, -0.4e-3, 0.05e-3]), rng, SIGMA)
     role = np.where(rng.permutation(ROWS) < ESTIMATION, "estimation", "held-out")
     columns = {f"q{j + 1}_rad": angles[:, j] for j in range(3)}
     columns |= dict(zip(("x_mm", "y_mm", "z_mm"), at.data.position.T, strict=True))
