@@ -19,7 +19,8 @@ from modelsel.which.candidates import Candidate
 from modelsel.which.folds import Folded, assign, fold, pad
 from modelsel.which.search import all_subsets
 from modelsel.which.tree import refined
-from modelsel.why.errormap import basis, columns, scan, single_f, stacked
+from modelsel.why.errormap import basis, columns, scan, stacked
+from modelsel.why.evidence import single_f
 from modelsel.wrong.causes import ONE
 from modelsel.wrong.registry import mechanism
 from modelsel.wrong.screws import Mechanism, Screw, Term

@@ -56,7 +56,7 @@ def said(rng: np.random.Generator, error: Callable[[Array, Array], Array], acros
 def test_one_cause_is_one_finding(error, across, names, words, rng) -> None:
     (effect,) = said(rng, error, across)
     assert effect.candidate.mechanism.names() == names
-    assert words in what(effect.candidate)
+    assert words in what(effect.candidate, effect.estimate)
     assert effect.named.verdict == "found"
 
 

@@ -33,7 +33,7 @@ configurations = {count}
 noise_mm = 0.05
 """
 EFFECT = '[[simulate.effect]]\nframe = {}\naxis = "{}"\ncause = "{}"\nsize = {}\n'
-WORN = ((4, "ty", "1", 0.3), (1, "rz", "approach1", 1.5e-4))
+WORN = ((4, "ty", "1", 0.3), (1, "rz", "approach1", -1.5e-4))
 RIVALS = '["gear-eccentricity", "axis-wobble", "joint-compliance", "base-tilt", "joint2-twist"]'
 
 

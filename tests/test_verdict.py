@@ -19,8 +19,8 @@ def rung(rms: float | None) -> SimpleNamespace:
     return SimpleNamespace(estimation=SimpleNamespace(rms_mm=rms))
 
 
-def said(named: list[tuple[str, str]], gain: Gain = GAIN, extended: bool = True) -> tuple[str, str, str]:
-    return verdict(rung(3.0), rung(0.5), gain, FLOOR, named, extended, LEFT)
+def said(named: list[tuple[str, str]], gain: Gain = GAIN, asked: list[str] | str = "all") -> tuple[str, str, str]:
+    return verdict(rung(3.0), rung(0.5), gain, FLOOR, named, asked, LEFT)
 
 
 def test_three_sentences() -> None:
@@ -39,15 +39,18 @@ def test_bad_news_is_said(gain, words) -> None:
     assert words in said([], gain)[0]
 
 
-@pytest.mark.parametrize(("named", "extended", "sentence"), [
-    ([], True, "No error beyond the base model was named."),
-    ([("a", "cannot be told apart")], True,
+@pytest.mark.parametrize(("named", "asked", "sentence"), [
+    ([], "all", "No error beyond the base model was named."),
+    ([("a", "cannot be told apart")], "all",
      "One error was named beyond the base: a; it has rivals that the data cannot tell from it."),
-    ([("a", "found"), ("b", "cannot be told apart")], False,
+    ([("a", "found"), ("b", "cannot be told apart")], [],
      "Two errors were named beyond the base: a and b; 1 of them has rivals that the data cannot tell apart; " + NONE),
-    ([(name, "found") for name in "abcdefgaa"], True, "Nine errors were named beyond the base: a, b, c, d, e, f and g."),
-    ([(name, "found") for name in "abcdefghgh"], True, "Ten errors were named beyond the base: a, b, c, d, e, f and 4 more."),
+    ([("a", "found")], ["a", "b"],
+     "One error was named beyond the base: a. Only a and b could be named: no other cause was considered."),
+    ([], ["a"], "No error beyond the base model was named. Only a could be named: no other cause was considered."),
+    ([(name, "found") for name in "abcdefgaa"], "all", "Nine errors were named beyond the base: a, b, c, d, e, f and g."),
+    ([(name, "found") for name in "abcdefghgh"], "all", "Ten errors were named beyond the base: a, b, c, d, e, f and 4 more."),
 ])
-def test_what_was_named(named, extended, sentence) -> None:
+def test_what_was_named(named, asked, sentence) -> None:
     """Names that come twice are written once; those written and the rest add up."""
-    assert said(named, extended=extended)[1] == sentence
+    assert said(named, asked=asked)[1] == sentence

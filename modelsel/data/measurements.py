@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..words.errors import DataError
 from ..words.rigid import Array, to_quaternion
 from .features import COORDINATES, KINDS, Feature, features_of, framed
+from .rest import resting, said
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -186,11 +187,9 @@ def blocks(q: Array, configuration: Index) -> Index:
     return np.asarray(connected_components(graph, directed=False)[1][which.reshape(-1)], dtype=np.intp)
 
 
-def motion(q: Array, configuration: Index, group: Index, order: Array) -> tuple[Array, Array]:
-    """(approach, move), each (m, n), from the order of motion; the first configuration of a group has 0.
-
-    Approach keeps its sign while a joint rests: the play in a gear stays on the side of its last motion.
-    """
+def motion(q: Array, configuration: Index, group: Index, order: Array, prismatic: Sequence[bool]) -> tuple[Array, Array, Array]:
+    """(approach, move), each (m, n), from the order of motion, and the largest flicker of each joint's reading (n,) that is no
+    motion; the first configuration of a group has 0. Approach keeps its sign while a joint rests, as the play in a gear does."""
     sequence = np.lexsort((np.arange(len(q)), order, group))
     start = np.unique(configuration[sequence], return_index=True)[1]
     start = sequence[np.sort(start)]                      # one row per visit, in order of motion
@@ -200,11 +199,14 @@ def motion(q: Array, configuration: Index, group: Index, order: Array) -> tuple[
     step[np.abs(step) <= SAME_READING] = 0
     index = np.arange(len(start))[:, None]
     opening = np.r_[True, np.diff(group[start]) != 0] if len(start) else np.zeros(0, bool)
+    still = resting(step, opening, prismatic)
+    flicker = np.abs(np.where(still, step, 0.0)).max(0, initial=0.0)
+    step[still] = 0
     last = np.maximum.accumulate(np.where((step != 0) | opening[:, None], index, 0), axis=0)
     sign = np.sign(np.take_along_axis(step, last, axis=0))
     where = np.empty(int(configuration.max(initial=-1)) + 1, dtype=np.intp)
     where[configuration[start]] = np.arange(len(start))
-    return sign[where[configuration]], np.abs(step)[where[configuration]]
+    return sign[where[configuration]], np.abs(step)[where[configuration]], flicker
 
 
 def campaign(group: Index, order: Array, time: Array | None = None) -> Array:
@@ -253,7 +255,9 @@ def measurements(q: Array, position: Array, *, row: Index | None = None, configu
     group_index, groups = numbered(group) if group is not None else (np.zeros(m, np.intp), ("all",))
     order = np.arange(m, dtype=float) if order is None else np.asarray(order, float)
     visit = visits(q, configuration, group_index)
-    derived, move = motion(q, visit, group_index, order)
+    derived, move, flicker = motion(q, visit, group_index, order, prismatic)
+    if (rest := said(flicker, prismatic)) is not None:
+        notes = (*notes, Note("joint-rests", rest))
     if approach is None:
         approach = derived
         notes = (*notes, Note("approach-from-order", "Directions of approach are taken from the order of motion, once, "

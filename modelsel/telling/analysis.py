@@ -28,6 +28,7 @@ from ..words.version import VERSION
 from ..wrong.mechanisms.geometry import setup
 from ..wrong.registry import Registry, mechanism
 from ..wrong.screws import Mechanism, Screw
+from .cautions import restricted, worse_than_nominal
 from .config import Study
 from .findings import Finding, beside, surprised, uneven
 from .finished import Result
@@ -83,7 +84,7 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
         notes = (*notes, Note("scan-of-some", f"What is wrong was looked for in {rows_seen(extension, data)} of "
                               f"the {int(data.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
                               "all rows."))
-    notes = (*notes, *uneven(extension), *(beside(data.scene) if question.cells else ()))
+    notes = (*notes, *restricted(study.model.candidates), *uneven(extension), *(beside(data.scene) if question.cells else ()))
     say("comparing all subsets of the candidates")
     offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects],
                                study.comparison.mechanisms or MOST)
@@ -107,7 +108,7 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     if comparison is not None and set(comparison.choice) != set(chosen.names):
         notes = (*notes, Note("table-differs", "The one-standard-error choice of the table of subsets is "
                               f"{' + '.join(comparison.choice)}; the chosen model follows what was named."))
-    notes = (*notes, *surprised(data, chosen))
+    notes = (*notes, *worse_than_nominal(base_names, gained(nominal, base_rung)), *surprised(data, chosen))
     if comparison is not None and comparison.certified is not None and not comparison.certified.proven:
         notes = (*notes, Note("search-unproven", f"Of 2^{len(comparison.considered)} subsets of the candidates the best by BIC "
                               f"that was found is not proven: another may have up to {comparison.certified.gap:.3g} less."))

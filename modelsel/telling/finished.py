@@ -85,7 +85,7 @@ class Result(Views):
             "schema": 1, "study": self.study.name, "robot": self.robot.name, "seed": self.study.seed,
             "provenance": dict(self.provenance),
             "verdict": list(verdict(self.ladder[0], self.chosen, self.gain, self.floor, self.named,
-                                    self.study.model.candidates != [], self.nothing_else[0])),
+                                    self.study.model.candidates, self.nothing_else[0])),
             "configurations": {"estimation": data.take(estimation).configurations,
                                "held_out": data.take(~estimation).configurations,
                                "estimation_rows": data.row[estimation]},

@@ -8,17 +8,25 @@ from ..fitting.noise import Floor
 from ..which.compare import Rung
 from ..which.validate import Gain
 from ..words.errors import sentence_list
+from .cautions import of_those_asked
 
 SHOWN = 6  # names in a sentence
 NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten", "Eleven", "Twelve")
 
 
 def verdict(
-    nominal: Rung, chosen: Rung, gain: Gain, floor: Floor, named: Sequence[tuple[str, str]], extended: bool, left: str
+    nominal: Rung,
+    chosen: Rung,
+    gain: Gain,
+    floor: Floor,
+    named: Sequence[tuple[str, str]],
+    asked: Sequence[str] | str,
+    left: str,
 ) -> tuple[str, str, str]:
-    """Three sentences. `named`: (name, verdict) of every finding in order; `extended`: whether the study lets them extend the
-    base; `left`: what is said of what remains."""
-    return _gained(nominal, chosen, gain, floor), _named(named, extended), left.partition(". ")[0].rstrip(".") + "."
+    """Three sentences. `named`: (name, verdict) of every finding in order; `asked`: the
+    mechanisms that the study lets extend the base, "all" or a list; `left`: what is said of what remains."""
+    second = _named(named, asked != []) + of_those_asked(asked)
+    return _gained(nominal, chosen, gain, floor), second, left.partition(". ")[0].rstrip(".") + "."
 
 
 def _gained(nominal: Rung, chosen: Rung, gain: Gain, floor: Floor) -> str:

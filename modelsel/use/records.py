@@ -26,7 +26,8 @@ CALIBRATION = {
     "targets": Each({"name": str, "tool_mm": THREE, "rotation": Maybe(ROTATION)}, least=1),
     "groups": Each({"name": str, "rotation": ROTATION, "translation_mm": THREE}, least=1),
     "registered": bool, "tracker_mm": THREE,
-    "mechanisms": Each({"name": str, "sentence": str, "equation": str, "source": str, "terms": Each(TERM)}),
+    "mechanisms": Each({"name": str, "sentence": str, "equation": str, "source": str, "terms": Each(TERM),
+                         "contrary?": str}),
     "estimates": Each({"symbol": str, "value": float, "standard_error": float, "unit": str, "estimable": bool}),
     "covariance_factor": {"rows": Each(Each(float))},
     "noise_floor": {"coordinate_mm": float, "source": str, "freedom": Maybe(float)}, "held_out_rms_mm": Maybe(float),
@@ -88,6 +89,7 @@ def members(cause: Cause) -> list[Member]:
 def mechanism_record(mechanism: Mechanism) -> dict[str, Any]:
     """A mechanism with its terms, each with its screws; what a term's causes look like in print stands beside them."""
     return {"name": mechanism.name, "sentence": mechanism.sentence, "equation": mechanism.equation, "source": mechanism.source,
+            **({"contrary": mechanism.contrary} if mechanism.contrary else {}),
             "terms": [{"symbol": t.symbol, "unit": t.unit, "size": None if t.size is None else list(t.size), "sign": t.sign,
                        "screws": [{"frame": s.frame, "axis": s.axis, "cause": cause_record(s.cause), "prints": str(s.cause)}
                                   for s in t.screws]} for t in mechanism.terms]}
@@ -104,7 +106,8 @@ def mechanism_of(record: Mapping[str, Any]) -> Mechanism:
             raise ValueError(f"what {term.symbol} of {record['name']} prints is not what its screws say")
         if term.sign not in (-1, 0, 1) or term.size is not None and not 0 <= term.size[0] <= term.size[1]:
             raise ValueError(f"the usual size or sign of {term.symbol} of {record['name']} is none")
-    return Mechanism(record["name"], terms, record["sentence"], record["equation"], record["source"])
+    return Mechanism(record["name"], terms, record["sentence"], record["equation"], record["source"],
+                     record.get("contrary", ""))
 
 
 def robot_record(robot: Robot) -> dict[str, Any]:

@@ -35,11 +35,14 @@ WARMING = (0.05, 0.1, 0.25, 0.5)      # time constants of a warm-up, in shares o
 
 @dataclass(frozen=True)
 class Candidate:
-    """One explanation and its prior probability; `registered` names what the catalogue calls it."""
+    """One explanation and its prior probability; `registered`: the catalogue has it. `but_for_sign`: of a cell, the registered
+    mechanisms that do the same, with a sign that physics allows; `asked`: the study considers no cause but those it lists."""
 
     mechanism: Mechanism
     registered: bool
     prior: float
+    but_for_sign: tuple[Mechanism, ...] = ()
+    asked: bool = False
 
     @property
     def registered_name(self) -> str | None:
@@ -180,7 +183,7 @@ def candidates(scene: Scene, base: Model, mechanisms: Sequence[Mechanism], cells
     count: dict[str, int] = {}
     for m in fitting:
         count[m.name] = count.get(m.name, 0) + 1
-    seen = {frozenset(t.screws for t in m.terms) for m in fitting}
+    seen, one_sided = _taken(fitting)
     others: list[tuple[Mechanism, float]] = []
     if cells:
         every_cause = [(causes, " & ".join(map(str, causes))) for causes in cell_causes(scene)]
@@ -195,8 +198,21 @@ def candidates(scene: Scene, base: Model, mechanisms: Sequence[Mechanism], cells
                 others.append((m, weight))
     share = REGISTERED if others and fitting else 1.0 if fitting else 0.0
     whole = sum(weight for _, weight in others)
-    return (*(Candidate(m, True, share / len(count) / count[m.name]) for m in fitting),
-            *(Candidate(m, False, (1 - share) * weight / whole) for m, weight in others))
+    return (*(Candidate(m, True, share / len(count) / count[m.name], asked=not cells) for m in fitting),
+            *(Candidate(m, False, (1 - share) * weight / whole, one_sided.get(frozenset(t.screws for t in m.terms), ()))
+              for m, weight in others))
+
+
+def _taken(mechanisms: Sequence[Mechanism]) -> tuple[set[frozenset[tuple[Screw, ...]]], dict[frozenset[tuple[Screw, ...]],
+                                                                                           tuple[Mechanism, ...]]]:
+    """(screws of which no cell is offered beside the mechanisms; the mechanisms by their screws that have these with one sign
+    only: with the other they are a cell without a name)."""
+    by_screws: dict[frozenset[tuple[Screw, ...]], list[Mechanism]] = {}
+    for m in mechanisms:
+        by_screws.setdefault(frozenset(t.screws for t in m.terms), []).append(m)
+    one_sided = {key: tuple(same) for key, same in by_screws.items()
+                 if not any(0 in m.signs for m in same) and len({m.signs for m in same}) == 1}
+    return set(by_screws) - set(one_sided), one_sided
 
 
 def _distinct(scene: Scene, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:

@@ -22,6 +22,7 @@ from ..matrix.smooth import spline, splines
 from ..which.candidates import Candidate
 from ..words.rigid import Array
 from ..wrong.screws import Term
+from .signs import Sides, least, sides
 
 ABSORBED = 1e-5     # share of a direction's squared norm that must be left beyond the model for it to count
 SMALL = {"t": 100.0, "r": 0.1}      # mm, rad: an error screw is small; what would have to be larger is not the cause
@@ -55,8 +56,9 @@ class Bucket:
 
 
 class Strength(NamedTuple):
-    """What responses (N, B) have in common with every candidate: |Z_gᵀr|² (G, B), and Z_gᵀr of those with a sign (S, B); of the
-    free functions (F, K, B) every direction alone, squared, nought beyond a function's own."""
+    """What responses (N, B) have in common with every candidate: |Z_gᵀr|² (G, B); of those with a sign (S, B) the fitted term
+    that is least of that sign, times the sign and over its standard error at unit noise; of the free functions (F, K, B) every
+    direction alone, squared, nought beyond a function's own."""
 
     whole: Array
     root: Array
@@ -65,12 +67,13 @@ class Strength(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """All candidates' whitened columns, transposed (C, N), where each candidate's stand, and their Gram blocks."""
+    """All candidates' whitened columns, transposed (C, N), where each candidate's stand, their Gram blocks, and the signs (k,)
+    that physics allows each candidate's terms, nought for either."""
 
     XT: Array
     slices: tuple[Index, ...]
     grams: tuple[Block, ...]
-    signs: Array
+    signs: tuple[Array, ...]
 
     @property
     def groups(self) -> int:
@@ -108,8 +111,7 @@ def columns(scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], 
         gram = np.stack([XT[i] @ XT[i].T for i in index]) if size > 4 else grams_of(XT, index)
         roots = [_root(found[g].mechanism.terms, np.diag(G)) for g, G in zip(which, gram, strict=True)] if smooth else None
         grams.append(Block(which, index, gram, most[index], None if roots is None else np.stack(roots)))
-    signs = np.array([c.mechanism.terms[0].sign if len(c.mechanism.terms) == 1 else 0 for c in found], dtype=float)
-    return Columns(XT, tuple(slices), tuple(grams), signs)
+    return Columns(XT, tuple(slices), tuple(grams), tuple(np.array(c.mechanism.signs, dtype=float) for c in found))
 
 
 def grams_of(XT: Array, index: Index) -> Array:
@@ -171,7 +173,7 @@ def subset(cols: Columns, which: Index) -> Columns:
             grams.append(Block(own, index, block.gram[inside], block.most[inside],
                                None if block.root is None else block.root[inside]))
     slices = tuple(place[a:b] for a, b in pairwise(bounds))
-    return Columns(cols.XT[used], slices, tuple(grams), cols.signs[which])
+    return Columns(cols.XT[used], slices, tuple(grams), tuple(cols.signs[g] for g in which))
 
 
 def stacked(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None) -> tuple[Array, Array]:
@@ -216,8 +218,13 @@ class Scan:
 
     @cached_property
     def signed(self) -> Index:
-        """Candidates whose one term physics gives a sign."""
-        return np.flatnonzero(self.columns.signs)
+        """Candidates with a term that physics gives a sign."""
+        return np.flatnonzero([own.any() for own in self.columns.signs])
+
+    @cached_property
+    def sides(self) -> tuple[Sides, ...]:
+        """Of every bucket, how the terms with a sign follow from its Zᵀr."""
+        return tuple(sides(b.block.which, b.W, self.columns.signs, self.signed) for b in self.buckets)
 
     def strength(self, response: Array) -> Strength:
         """What responses (N, B) have in common with every candidate."""
@@ -240,11 +247,9 @@ class Scan:
         whole: Array = np.zeros((len(self.sizes), draws), kind)
         root: Array = np.zeros((len(self.signed), draws), kind)
         smooth, at = np.zeros((*self.smooth[1].shape, draws), kind), 0
-        for bucket, z in zip(self.buckets, products, strict=True):
+        for bucket, z, side in zip(self.buckets, products, self.sides, strict=True):
             which, k = bucket.block.which, z.shape[1]
-            if k == 1 and bucket.weights is None:
-                mine = np.isin(self.signed, which)
-                root[mine] = z[np.searchsorted(which, self.signed[mine]), 0]
+            root[side.signed] = least(z, side)
             np.square(z, out=z)
             whole[which] = z[:, 0] if k == 1 else z.sum(1)
             if bucket.weights is not None:
@@ -289,12 +294,3 @@ def _scan(cols: Columns, Q: Array, lefts: Sequence[Array], freedom: int | None =
 def _whitener(value: Array, vector: Array, good: NDArray[np.bool_]) -> Array:
     """(n, k, k) rows 1/sqrt(value) · vectorᵀ of the good directions, noughts for the others."""
     return np.where(good, 1 / np.sqrt(np.where(good, value, 1)), 0)[:, :, None] * vector.swapaxes(1, 2)
-
-
-def single_f(seen: Scan, response: Array) -> Array:
-    """(G,) F statistic of every candidate alone beyond the model; nought for one that adds nothing."""
-    strength = seen.strength(response[:, None]).whole[:, 0]
-    rest = float(response @ response) - strength
-    k = seen.sizes
-    room = (k > 0) & (seen.freedom > k)
-    return np.where(room, strength / np.maximum(k, 1) / np.maximum(rest, 1e-300) * np.maximum(seen.freedom - k, 1), 0.0)

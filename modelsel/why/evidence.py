@@ -37,8 +37,12 @@ def _smooth_share(share: Strength, each: Array) -> Array:
 
 def log_bayes_factors(seen: Scan, share: Strength, ratio: float, out: Array | None = None) -> Array:
     """(G, B) log Bayes factors of every candidate at v = ratio · s², s² integrated out (Jeffreys), against no effect, from the
-    `shares`. A free function's directions have variances of their own, v times their weight. A single-term compliance of the
-    wrong sign is discounted by its tail."""
+    `shares`. A free function's directions have variances of their own, v times their weight.
+
+    Terms with a sign have half of their prior: the half is likelier by 2, and what the data leave of it is the tail of the
+    posterior, a Student t of as many degrees of freedom as the residual, P(t_ν < z): BF = BF of either sign · 2 P. With t² = ν
+    (exp(2 log BF / ν) − 1) before its price, Wallace's normal z = (8ν+1)/(8ν+3) √(ν log(1 + t²/ν)) (1959) stays finite however
+    strong the evidence. Of several terms, it is the one that is least of its sign; exact where it alone has one."""
     kind, shrink, signed = share.whole.dtype.type, ratio / (1 + ratio), seen.signed
     price, each = _prices(seen, ratio)
     out = np.multiply(share.whole, kind(-shrink), out=out)
@@ -49,8 +53,9 @@ def log_bayes_factors(seen: Scan, share: Strength, ratio: float, out: Array | No
     out -= np.where(seen.sizes > 0, price, np.inf)[:, None].astype(kind)
     if len(signed):
         from scipy.special import log_ndtr
-        sigma = np.sqrt((1 - share.whole[signed] * shrink) / seen.freedom)
-        out[signed] += np.log(2) + log_ndtr(seen.columns.signs[signed, None] * share.root / sigma * np.sqrt(shrink))
+        whole, nu = np.maximum(share.whole[signed], np.finfo(kind).tiny), seen.freedom
+        normal = np.sqrt(-nu * np.log1p(-shrink * whole) / whole) * ((8 * nu + 1) / (8 * nu + 3))
+        out[signed] += kind(np.log(2)) + log_ndtr((normal * share.root).astype(kind))
     return out
 
 
@@ -78,6 +83,8 @@ def null_evidence(seen: Scan, log_prior: Array, share: Strength, top: Mapping[fl
 
     From one ratio to the next no candidate's Bayes factor grows by more than that of the largest share of its size (`lift`),
     and so neither does their sum: where that cannot reach the best, the ratio is not worked out."""
+    if not top:                                                     # the model has all that could be a cause
+        return np.full(share.whole.shape[1], -np.inf)
     prior, space = log_prior.astype(share.whole.dtype)[:, None], np.empty_like(share.whole)
 
     def total(some: Strength, ratio: float) -> Array:
@@ -151,8 +158,8 @@ def _run(index: Index) -> Index | slice:
 
 
 def least_p(top: Mapping[float, Array], freedom: int) -> Array:
-    """(B,) smallest p of single candidates, from the largest share (B,) among those of each size."""
-    return np.asarray(np.min([_tail(value, k, freedom) for k, value in top.items()], axis=0))
+    """(B,) smallest p of single candidates, from the largest share (B,) among those of each size; 1 where there is none."""
+    return np.ones(1) if not top else np.asarray(np.min([_tail(value, k, freedom) for k, value in top.items()], axis=0))
 
 
 def _tail(share: Array, size: Array | float, freedom: int) -> Array:
@@ -169,10 +176,17 @@ def familywise(seen: Scan, response: Array, least: Array) -> Array:
     return np.asarray((1 + np.searchsorted(least, own, side="right")) / (len(least) + 1))
 
 
+def single_f(seen: Scan, response: Array) -> Array:
+    """(G,) F statistic of every candidate alone beyond the model; nought for one that adds nothing."""
+    strength = seen.strength(response[:, None]).whole[:, 0]
+    rest = float(response @ response) - strength
+    k = seen.sizes
+    room = (k > 0) & (seen.freedom > k)
+    return np.where(room, strength / np.maximum(k, 1) / np.maximum(rest, 1e-300) * np.maximum(seen.freedom - k, 1), 0.0)
+
+
 def p_value(observed: float, sorted_null: Array) -> float:
     """(1 + #{null ≥ observed}) / (B + 1); 1 where there is no evidence at all."""
     if not np.isfinite(observed):
         return 1.0
     return float((1 + len(sorted_null) - np.searchsorted(sorted_null, observed, side="left")) / (len(sorted_null) + 1))
-
-

@@ -16,25 +16,27 @@ from ..matrix.design import Model
 from ..matrix.scene import Scene
 from ..which.candidates import Candidate
 from ..words.rigid import Array
-from .errormap import single_f
-from .evidence import p_value
+from .evidence import p_value, single_f
 from .naming import Named
 from .search import LEVEL, Search
 from .settle import ROUNDS, pruned, settle
 from .view import View
 
 MOST = 24           # effects
+UNDONE = 0.5        # share of either of two effects below which what is left of both is said
 
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """One named effect of the extended model, given all the others; `p` family-wise."""
+    """One named effect of the extended model, given all the others; `p` family-wise; `cancels`: another one that undoes most of
+    it, and the share of it that is left of both."""
 
     candidate: Candidate
     named: Named
     p: float
     estimate: Array = field(repr=False)
     standard_error: Array = field(repr=False)
+    cancels: tuple[str, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +91,8 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
         path.append(f"+ {found[new].label}")
         say(f"found {found[new].label}")
         first = search.attempt(trial, view.fitted)
-        if first is None or not set(np.flatnonzero(first.own(found[new]))) & set(first.fitted.found.kept):
+        if first is None or search.unbounded(new, first) or not (
+                set(np.flatnonzero(first.own(found[new]))) & set(first.fitted.found.kept)):
             tried.add(frozenset(trial))      # it adds nothing that the fit could determine
             path.pop()
             continue
@@ -99,18 +102,42 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
             settled, after, steps = trial, first, []
         chosen, view, path = settled, after, path + steps
         tried |= {frozenset(trial), frozenset(settled)}
+    before = list(chosen)
     chosen, view = pruned(search, chosen, view, path)
+    if chosen != before:                     # what the dropped ones explained is left
+        left, left_p, held_back = *_left(search, view, chosen), None
     if chosen:
         view = search.attempt(chosen, view.fitted, STEP_MM) or view       # to the last tenth of a micrometre, where it settles
     nothing, map_p = search.by_chance(view)
     place = {t.screws: k for k, t in enumerate(view.model.terms)}
-    effects = []
+    effects, undone = [], _undone(search, chosen, view)
     for g in chosen:
         (one, own), at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
         p = max(p_value(own, search.null), p_value(own, nothing))
-        effects.append(Effect(found[g], one, p, view.fitted.theta[at], view.fitted.standard_errors[at]))
+        effects.append(Effect(found[g], one, p, view.fitted.theta[at], view.fitted.standard_errors[at], undone.get(g)))
     return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, held_back,
                      search.bound, single_f(search.first.seen, search.first.r), map_p)
+
+
+def _left(search: Search, view: View, chosen: Sequence[int]) -> tuple[Named, float]:
+    """The strongest of what a model leaves, and its p."""
+    left = search.next(view, chosen)
+    p = p_value(left.evidence, search.null)
+    return left, p if p > LEVEL else max(p, search.by_signs(view, chosen, left.evidence))
+
+
+def _undone(search: Search, chosen: Sequence[int], view: View) -> dict[int, tuple[str, float]]:
+    """Effects of which another one takes back more than half at the target: (its label, the share that is left of both)."""
+    moved = {g: search.displacement(g, view) for g in chosen}
+    size = {g: float(np.linalg.norm(d)) for g, d in moved.items()}
+    out: dict[int, tuple[str, float]] = {}
+    for g in chosen:
+        rest = [(float(np.linalg.norm(moved[g] + moved[h])) / min(size[g], size[h]), h) for h in chosen
+                if h != g and min(size[g], size[h]) > 0]
+        if rest and min(rest)[0] < UNDONE:
+            share, other = min(rest)
+            out[g] = (search.found[other].label, share)
+    return out
 
 
 def _untried(search: Search, left: Named, view: View, chosen: Sequence[int], tried: set[frozenset[int]]) -> int | None:

@@ -51,6 +51,20 @@ class Search:
         except NotEstimable:
             return None
 
+    def unbounded(self, g: int, view: View) -> bool:
+        """Whether the fit leaves an effect's size open: a term, or its standard error, is beyond what a small screw can be."""
+        place = {t.screws: k for k, t in enumerate(view.model.terms)}
+        at = [place[t.screws] for t in self.found[g].mechanism.terms]
+        block = next(b for b in self.columns.grams if g in b.which)
+        most = block.most[int(np.flatnonzero(block.which == g)[0])]
+        return bool((np.abs(view.fitted.theta[at]) > most).any() or (view.fitted.standard_errors[at] > most).any())
+
+    def displacement(self, g: int, view: View) -> Array:
+        """(N,) what an effect, as fitted, does to the target beyond the base; whitened."""
+        own, rows = view.own(self.found[g]), len(self.first.Q)
+        moved = view.A[:rows, own] @ view.fitted.theta[own]
+        return np.asarray(moved - self.first.Q @ (self.first.Q.T @ moved))
+
     def next(self, view: View, known: Sequence[int]) -> Named:
         """What explains most of the rest; `known` candidates have had their turn (what the fit drops of theirs is no cause)."""
         return name(view.seen, self.found, view.r, np.union1d(self.dead, np.array(known, dtype=np.intp)))

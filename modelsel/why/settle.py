@@ -15,8 +15,17 @@ SHIFT = 0.1         # share of an effect's displacement that a newcomer must cha
 
 
 def pruned(search: Search, chosen: list[int], view: View, path: list[str]) -> tuple[list[int], View]:
-    """Without the effects that chance alone would explain, given the others; the weakest first."""
+    """Without the effects whose size the others leave open, and those that chance alone would explain; the weakest first."""
     while chosen:
+        wild = next((g for g in reversed(chosen) if search.unbounded(g, view)), None)
+        if wild is not None:
+            rest = [g for g in chosen if g != wild]
+            after = search.attempt(rest, view.fitted)
+            if after is None:
+                break
+            path.append(f"- {search.found[wild].label}")
+            chosen, view = rest, after
+            continue
         own = {g: search.again(g, view)[1] for g in chosen}
         weakest = min(chosen, key=lambda g: own[g])
         rest = [g for g in chosen if g != weakest]

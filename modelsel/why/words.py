@@ -8,12 +8,13 @@ import numpy as np
 from ..which.candidates import Candidate
 from ..words.rigid import Array
 from ..wrong.causes import Bump
-from ..wrong.screws import LETTERS, Term
+from ..wrong.screws import LETTERS, Mechanism, Term
 from .extend import Effect
 
 PREFIX = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"))
 MOST_WAVES = 90
 LEVER_MM, NOTHING = 1000.0, 1e-3      # a turn counts as a shift at this lever; a smaller share of the other is not said
+LARGE = {"mm": 10.0, "rad": 0.02}     # beyond it no error of an arm is usual, where the catalogue has no range of its own
 PLACES = {"t": "shifts along", "r": "turns about"}
 
 
@@ -96,8 +97,17 @@ def waves_of(terms: Sequence[Term], estimate: Array) -> list[tuple[int, float]]:
     return out
 
 
-def what(candidate: Candidate) -> str:
-    """What a candidate says of the arm, without its size."""
+def against(mechanism: Mechanism, estimate: Array) -> bool:
+    """Whether a fit has the signs that a mechanism's terms should not have: all that have one."""
+    wrong = [value * t.sign < 0 for t, value in zip(mechanism.terms, estimate, strict=True) if t.sign]
+    return bool(wrong) and all(wrong)
+
+
+def what(candidate: Candidate, estimate: Array) -> str:
+    """What a candidate says of the arm, without its size; `estimate` (p,) its fitted terms, whose sign the sentence follows."""
+    contrary = candidate.mechanism.contrary
+    if contrary and against(candidate.mechanism, estimate):
+        return contrary.rstrip(".")
     if candidate.mechanism.sentence:
         return candidate.mechanism.sentence.rstrip(".")
     screw = candidate.mechanism.terms[0].screws[0]
@@ -107,12 +117,22 @@ def what(candidate: Candidate) -> str:
 
 def cautions(effect: Effect) -> list[str]:
     """Signs and sizes that the catalogue does not expect."""
-    out = []
-    for term, value, error in zip(effect.candidate.mechanism.terms, effect.estimate, effect.standard_error, strict=True):
-        if term.sign and value * term.sign < -2 * error:
+    mechanism = effect.candidate.mechanism
+    alike = [(effect.candidate, effect.estimate), *((e.candidate, e.estimate) for e in effect.named.entries if e.alike)]
+    others = dict.fromkeys(m.name for c, estimate in alike for m in c.but_for_sign if against(m, estimate))
+    out = [f"{name} would do the same with the other sign only, so that this is not {name}" for name in others]
+    for term, value, error in zip(mechanism.terms, effect.estimate, effect.standard_error, strict=True):
+        if term.sign and not mechanism.contrary and value * term.sign < -2 * error:
             out.append(f"the sign of {term.symbol} is not the one that physics gives; it may stand for something else")
-        if term.size is not None and abs(value) - 2 * error > term.size[1]:
-            out.append(f"{term.symbol} is larger than usual ({quantity(term.size[1], None, term.unit)})")
+        most = term.size[1] if term.size is not None else LARGE.get(term.unit, np.inf)
+        if error > most:
+            out.append(f"the data do not tell the size of {term.symbol}: its standard error is larger than such an error usually "
+                       f"is ({quantity(most, None, term.unit)})")
+        elif abs(value) - 2 * error > most:
+            out.append(f"{term.symbol} is larger than usual ({quantity(most, None, term.unit)})")
+    if effect.cancels is not None:
+        out.append(f"{effect.cancels[0]} takes most of it back, together they move the target by {effect.cancels[1]:.0%} of what "
+                   "either does alone: the data do not tell the size of each")
     return out
 
 
@@ -122,12 +142,12 @@ def sentence(effect: Effect) -> str:
     entries = effect.named.entries
     same = [e for e in entries if e.alike]
     sure = sum(e.probability for e in same)
-    out = f"{what(effect.candidate)}: {amount(terms, effect.estimate, effect.standard_error)}"
+    out = f"{what(effect.candidate, effect.estimate)}: {amount(terms, effect.estimate, effect.standard_error)}"
     rivals = list(dict.fromkeys(e.candidate.label for e in entries if e.candidate.mechanism != effect.candidate.mechanism))
     rivals = [r for r in rivals if r != effect.candidate.label]
     if effect.named.verdict == "found":
         own = sum(e.probability for e in entries if e.candidate.label == effect.candidate.label)
-        out += f" ({effect.candidate.label}, probability {own:.2f}"
+        out += f" ({effect.candidate.label}, probability {own:.2f}{' of those asked' if effect.candidate.asked else ''}"
         twins = [r for r in rivals if r in {e.candidate.label for e in same}]
         out += f"; {', '.join(twins[:3])} would move the target alike, together {sure:.2f})" if twins else ")"
     else:

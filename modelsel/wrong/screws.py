@@ -14,6 +14,7 @@ from .causes import FUNCTIONS, ONE, Applied, Bump, Cause, Combined, Member, Name
 
 FIXTURE_AXES = (*AXES, "length")      # of a feature of the set-up: its place, its tilt, a length
 KINDS = (Number, Named, Applied, Combined, Member, Bump)
+PLAIN = {"rad/rad": "1", "mm/mm": "1"}     # a share: a turn by another, a shift by another
 LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
 
 
@@ -38,7 +39,8 @@ class Screw:
 
 @dataclass(frozen=True)
 class Term:
-    """ONE fitted number; it drives its screws together. `size` is the usual range of its magnitude, `sign` that of physics."""
+    """ONE fitted number; it drives its screws together. `size` is the usual range of its magnitude, `sign` the one that physics
+    allows (0: either): a fit of the other sign is not told as this mechanism."""
 
     symbol: str
     screws: tuple[Screw, ...]
@@ -54,9 +56,9 @@ class Term:
     def unit(self) -> str:
         """mm or rad per unit of the cause, from its screws; all must agree (rad counts as 1). Raises ValueError."""
         units = {ratio("rad" if s.axis[0] == "r" else "mm", s.cause.unit): None for s in self.screws}
-        if len({u.replace("rad", "1") for u in units}) != 1:
+        if len({PLAIN.get(u, u.replace("rad", "1")) for u in units}) != 1:
             raise ValueError(f"the screws of {self.symbol} have different units: {', '.join(units)}")
-        return max(units, key=lambda u: "rad" in u)
+        return "1" if PLAIN.keys() <= units.keys() else max(units, key=lambda u: "rad" in u)
 
 
 def ratio(top: str, bottom: str) -> str:
@@ -76,13 +78,20 @@ def ratio(top: str, bottom: str) -> str:
 
 @dataclass(frozen=True)
 class Mechanism:
-    """A named bundle of terms: what goes wrong, in one sentence, with its equation and its source."""
+    """A named bundle of terms: what goes wrong, in one sentence, with its equation and its source. `contrary`: the sentence
+    where its terms have the signs that physics does not expect; without one they are then not told as this mechanism."""
 
     name: str
     terms: tuple[Term, ...]
     sentence: str = ""
     equation: str = ""
     source: str = ""
+    contrary: str = ""
+
+    @property
+    def signs(self) -> tuple[int, ...]:
+        """The sign that naming asks of each term, 0 for either."""
+        return tuple(0 if self.contrary else t.sign for t in self.terms)
 
     def names(self) -> frozenset[str]:
         """Names its causes need from the state."""

@@ -171,7 +171,7 @@ def _finding(finding: Finding, scene: Scene, field: Array, residual: Array) -> d
         shown = [one]
     return {
         "label": finding.effect.candidate.label,
-        "what": what(finding.effect.candidate),
+        "what": what(finding.effect.candidate, finding.effect.estimate),
         "panels": shown,
         "more_panels": max(len(panels) - PANELS, 0),
         "rivals": [e.candidate.label for e in finding.effect.named.entries],

@@ -69,9 +69,22 @@ def tracker_drift(robot: Robot, knots: float) -> Mechanism:
                      "ISO 10360-10, laser trackers: drift")
 
 
+def after(at: float) -> Cause:
+    """0 before a moment of the campaign, 1 after it: its coefficient is the whole move."""
+    return (sign(PROGRESS - at) + 1.0) / 2.0
+
+
+def target_step(robot: Robot, at: float) -> Mechanism:
+    """The target was moved on the flange (or the tool slipped) at some moment: its offset, by how much; the moment is scanned."""
+    cause = after(at)
+    return Mechanism("target-step", tuple(Term(f"s{a}", (Screw(robot.n + 1, a, cause),), STEP["t"]) for a in AXES[:3]),
+                     f"The target was moved on the flange after {at:.1%} of the campaign.", f"H_{robot.n + 1} = s · {cause}",
+                     "ISO 10360-10, laser trackers: stability of the target's nest")
+
+
 def tracker_step(robot: Robot, at: float) -> Mechanism:
-    """The tracker (or the base) was moved at some moment: all six, before and after; the moment is scanned."""
-    cause = sign(PROGRESS - at)
+    """The tracker (or the base) was moved at some moment: all six, by how much; the moment is scanned."""
+    cause = after(at)
     return Mechanism("tracker-step", tuple(Term(f"j{a}", (Screw(1, a, cause),), STEP[a[0]]) for a in AXES),
                      f"Tracker or base was moved after {at:.1%} of the campaign.", f"H_1 = j · {cause}",
                      "ISO 10360-10, laser trackers: stability")

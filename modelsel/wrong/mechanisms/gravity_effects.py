@@ -56,12 +56,19 @@ def gravity_twist(robot: Robot) -> Mechanism | None:
 
 
 def backlash(robot: Robot, joint: int) -> Mechanism:
-    """Gravity holds the gear on one flank and changes it where its torque changes sign; joint 3 is the paper's h4."""
-    pair = arm_pair(robot)
-    cause = sign(far(pair)) if pair is not None and joint == pair.fore else sign(torque(joint))
-    return Mechanism(f"backlash:{joint}", (Term(f"h4[{joint}]", (Screw(joint, "rz", cause),), BACKLASH),),
+    """Gravity holds the gear on one flank and changes it where its torque changes sign; joint 3 is the paper's h4.
+
+    Play yields to the torque as a spring does, so that h4 has the sign of a compliance: with the torque itself as cause, plus.
+    On the paper's own arm, where the lever cos(q2+q3) is against the torque, the paper calls either sign backlash (its Table 3
+    has h3 = -1.686 and h4 = +0.235 mrad); there the sentence says which of them was found."""
+    pair, cause, direction = arm_pair(robot), sign(torque(joint)), 1
+    if pair is not None and joint == pair.fore:
+        cause, direction = sign(far(pair)), pair.far_sign * pair.parallel
+    against = (f"Joint {joint} steps against gravity where its torque changes sign: play would yield to it, so that this stands "
+               "for something else, such as a spring that is not linear.")
+    return Mechanism(f"backlash:{joint}", (Term(f"h4[{joint}]", (Screw(joint, "rz", cause),), BACKLASH, direction),),
                      f"The play of joint {joint} is taken up by gravity, to either side.", f"θ{joint} = q{joint} + h4 {cause}",
-                     PAPER)
+                     PAPER, against if direction < 0 else "")
 
 
 def base_screws(robot: Robot, axis: int, cause: Cause) -> tuple[Screw, ...]:
