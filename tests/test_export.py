@@ -25,7 +25,7 @@ from modelsel.machine.urdf import read_urdf_text, write_urdf
 from modelsel.matrix.design import Model
 from modelsel.telling.config import parse_study
 from modelsel.use.calibration import calibrate, predict
-from modelsel.use.carried import parts, points, workspace
+from modelsel.use.carried import alone, parts, points, workspace
 from modelsel.use.export import FORMS, export
 from modelsel.which.compare import Data
 from modelsel.words.errors import StudyError
@@ -72,7 +72,7 @@ def test_urdf_read_by_hand(made) -> None:
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = rotation(*angles), np.array(xyz) * 1e3
         place[joint.find("child").get("link")] = T
-    wanted = points(at, parts(made, 1)[0])
+    wanted = points(at, parts(alone(made, "geometry"), 1)[0])
     for q, x in zip(at.data.q, wanted, strict=True):
         T = np.eye(4)
         for k in range(6):
@@ -85,7 +85,7 @@ def test_dh_read_by_hand(modified, made) -> None:
     table, at = tomllib.loads(export(made, "mdh" if modified else "dh").text), workspace(made, 0, m=20)
     target = [float(v) for line in export(made, "dh").text.splitlines() if line.startswith("# target a ")
               for v in line.partition("= ")[2].removesuffix(" mm").split(", ")]
-    for q, x in zip(at.data.q, points(at, parts(made, 0)[0]), strict=True):
+    for q, x in zip(at.data.q, points(at, parts(alone(made, "geometry"), 0)[0]), strict=True):
         T = np.vstack([table["base_mm"], [0, 0, 0, 1]])
         for value, joint in zip(q, table["joint"], strict=True):
             d, theta = joint["dh"]["d_mm"], np.radians(joint["dh"]["theta_deg"])

@@ -58,7 +58,7 @@ def calibration_of(result: Result | StoredResult) -> Calibration:
         return result.calibration
     fitted, data = result.chosen.fit, result.data
     return calibrate(result.study.name, data, fitted, result.floor, result.chosen.held_out.rms_mm,
-                     bool(result.study.robot.register_), result.provenance)
+                     bool(result.study.robot.register_), result.provenance, result.ladder)
 
 
 def _details(result: Result | StoredResult) -> str:

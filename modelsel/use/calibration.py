@@ -7,7 +7,7 @@ with H_k the sum of the stored terms at their estimates. Numbers are written in 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from ..fitting.noise import Floor
 from ..machine.robot import Pose, Robot
 from ..matrix.design import Model, columns_of, field_of, twist_of
 from ..matrix.scene import Scene
-from ..which.compare import Data
+from ..which.compare import Data, Rung
 from ..words.errors import DataError, StudyError, suggest
 from ..words.rigid import Array
 from ..words.shape import misfit, read, strict
@@ -28,6 +28,7 @@ from ..wrong.causes import Member
 from ..wrong.screws import Term
 from .agreement import contradiction
 from .records import CALIBRATION, mechanism_of, mechanism_record, numbers, robot_of, robot_record, rotation
+from .refit import Refits, part_of, refits_of, refits_record, refitted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,7 +42,8 @@ MIDDLE = 0.5     # of the campaign: where a drift is taken on data of another da
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """A calibrated robot. theta (p,) in the terms' units; covariance = factor factorᵀ, factor (p, r); `kept` the estimable
-    terms; `ranges` of every joint reading, covariate and value that the model's causes looked at in estimation."""
+    terms; `ranges` of every joint reading, covariate and value that the model's causes looked at in estimation; `refits` for the
+    forms that carry less than all (None in files of earlier versions)."""
 
     study: str
     robot: Robot
@@ -60,6 +62,7 @@ class Calibration:
     held_out_rms_mm: float | None
     ranges: Mapping[str, tuple[float, float]]
     provenance: Mapping[str, str]
+    refits: Refits | None = None
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -133,8 +136,8 @@ def _matched(index: Index, names: tuple[str, ...], known: tuple[str, ...], what:
 
 
 def calibrate(study: str, data: Data, fitted: Fit, floor: Floor, held_out_rms_mm: float | None, registered: bool,
-              provenance: Mapping[str, str]) -> Calibration:
-    """The calibration of a model fitted to the rows of a study that fit."""
+              provenance: Mapping[str, str], known: Sequence[Rung] = ()) -> Calibration:
+    """The calibration of a model fitted to the rows of a study that fit; `known` models need no refit."""
     scene, some = data.scene, data.training()
     names = {f"q{j}" for j in range(1, scene.robot.n + 1)} | set(scene.data.covariates)
     names |= {n for m in fitted.model.mechanisms for n in m.names()} - {"target", "group", "feature"}
@@ -147,15 +150,12 @@ def calibrate(study: str, data: Data, fitted: Fit, floor: Floor, held_out_rms_mm
         factor = _triangle(factor[of_arm], kept)
     return Calibration(study, scene.robot, scene.data.targets, scene.data.groups, scene.tools, scene.tool_rotations,
                        scene.placement, registered, scene.tracker, _arm(fitted.model), fitted.theta[of_arm], factor,
-                       kept, floor, held_out_rms_mm, ranges, dict(provenance))
+                       kept, floor, held_out_rms_mm, ranges, dict(provenance), refitted(data, fitted, known))
 
 
 def _arm(model: Model) -> Model:
     """Without the terms that move features of the set-up."""
-    if not any(t.fixture for t in model.terms):
-        return model
-    own = (replace(m, terms=tuple(t for t in m.terms if not t.fixture)) for m in model.mechanisms)
-    return Model(tuple(m for m in own if m.terms))
+    return model if not any(t.fixture for t in model.terms) else part_of(model, lambda t: not t.fixture)
 
 
 def _triangle(factor: Array, kept: tuple[int, ...]) -> Array:
@@ -214,7 +214,8 @@ def _record(c: Calibration) -> dict[str, Any]:
         "noise_floor": {"coordinate_mm": c.floor.coordinate_mm, "source": c.floor.source,
                         "freedom": c.floor.freedom if np.isfinite(c.floor.freedom) else None},
         "held_out_rms_mm": c.held_out_rms_mm,
-        "ranges": {name: list(pair) for name, pair in c.ranges.items()}, "provenance": dict(c.provenance)}
+        "ranges": {name: list(pair) for name, pair in c.ranges.items()}, "provenance": dict(c.provenance),
+        **({} if c.refits is None else {"refits": refits_record(c.refits, [t.symbol for t in c.terms])})}
 
 
 def _restored(r: Mapping[str, Any]) -> Calibration:
@@ -238,7 +239,7 @@ def _restored(r: Mapping[str, Any]) -> Calibration:
         r["registered"], (x, y, z), model, np.array([float(e["value"]) for e in estimates]), factor, kept,
         Floor(float(floor["coordinate_mm"]), floor["source"], np.inf if floor["freedom"] is None else float(floor["freedom"])),
         None if held is None else float(held), {k: (float(v[0]), float(v[1])) for k, v in r["ranges"].items()},
-        dict(r["provenance"]))
+        dict(r["provenance"]), refits_of(r["refits"], model) if "refits" in r else None)
     if (what := contradiction(r, model, c.standard_errors)) is not None:
         raise ValueError(what)
     return c

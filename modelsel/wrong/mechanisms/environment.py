@@ -6,7 +6,7 @@ import numpy as np
 from ...data.temperature import REFERENCE, TEMPERATURE
 from ...machine.robot import Robot
 from ...words.rigid import AXES, Array
-from ..causes import Bump, Cause, Named, Number, shifted, sign
+from ..causes import Applied, Bump, Cause, Combined, Named, Number, shifted, sign
 from ..screws import Mechanism, Screw, Term
 
 PROGRESS: Cause = Named("progress")   # place in the order of motion, 0 to 1: every file has it, clock or not
@@ -23,6 +23,22 @@ def _along(robot: Robot, vector: Array, frame: int, cause: Cause) -> tuple[Screw
 def warmth(reference: float = REFERENCE) -> Cause:
     """Temperature, counted from the reference [°C]."""
     return shifted(Named(TEMPERATURE, "°C"), -reference)
+
+
+def counted(cause: Cause) -> frozenset[float]:
+    """From which temperatures [°C] a cause counts: none where it does not look at any."""
+    match cause:
+        case Combined("-", Named(name), Number(reference)) if name == TEMPERATURE:
+            return frozenset((reference,))
+        case Combined("+", Named(name), Number(reference)) if name == TEMPERATURE:
+            return frozenset((-reference,))
+        case Combined(_, left, right):
+            return counted(left) | counted(right)
+        case Applied(_, argument):
+            return counted(argument)
+        case Named(name) if name == TEMPERATURE:
+            return frozenset((0.0,))
+    return frozenset()
 
 
 def growth_screws(robot: Robot, link: int, reference: float = REFERENCE) -> tuple[Screw, ...]:
