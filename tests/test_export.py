@@ -244,6 +244,73 @@ def test_rpy_at_the_pole(rng) -> None:
         np.testing.assert_allclose(rotation(*to_rpy(R)), R, atol=1e-14)
 
 
+def mounted(turn: str, kind: str = "fixed", axis: str = "0 0 1", more: str = "") -> str:
+    """A small arm whose base link hangs on the world by one joint."""
+    links = "".join(f'<link name="{name}"/>' for name in ("world", "foot", "l1", "l2", *(["r1", "r2"] if more else [])))
+    joint = ('<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><axis xyz="{}"/><origin xyz="{}" rpy="{}"/></joint>')
+    parts_of = [("mount", kind, "world", "foot", axis, "1 2 3", turn), ("a", "revolute", "foot", "l1", "0 0 1", "0 0 0.3", "0 0 0"),
+                ("b", "revolute", "l1", "l2", "0 1 0", "0.4 0 0", "0 0 0")]
+    return f'<robot name="wall">{links}{"".join(joint.format(*p) for p in parts_of)}{more}</robot>'
+
+
+@pytest.mark.parametrize("base", [None, "foot"])
+def test_gravity_turns_with_the_base_link(base, rng) -> None:
+    """Torques of a wall mount are those of the whole chain from the world, wherever the chain starts."""
+    angles = rng.uniform(-3, 3, 3)
+    text = mounted(" ".join(map(repr, angles.tolist())))
+    arm = read_urdf_text(text, "wall.urdf", base)
+    down = np.array([0, 0, -1.0])
+    np.testing.assert_allclose(arm.gravity, down if base is None else rotation(*angles).T @ down, atol=1e-12)
+    upright = read_urdf_text(text, "wall.urdf")
+    q = rng.uniform(-2, 2, (20, 2))
+    np.testing.assert_allclose(torques(arm, pose(arm, q, np.zeros(3)), q), torques(upright, pose(upright, q, np.zeros(3)), q),
+                               atol=1e-12)
+
+
+def test_a_right_angle_of_few_digits_is_one() -> None:
+    assert read_urdf_text(mounted("0 1.571 0"), "wall.urdf", "foot").gravity == (1.0, 0.0, 0.0)
+    assert read_urdf_text(mounted("3.1416 0 0"), "wall.urdf", "foot").gravity == (0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(("kind", "axis", "known"), [("prismatic", "1 0 0", True), ("revolute", "0 0 2", True),
+                                                     ("revolute", "1 0 0", False), ("floating", "0 0 1", False)])
+def test_gravity_below_a_joint_that_turns_the_base(kind, axis, known) -> None:
+    assert read_urdf_text(mounted("0 0 1", kind, axis), "wall.urdf", "foot").gravity == ((0.0, 0.0, -1.0) if known else None)
+
+
+def test_an_exported_wall_mount_hangs_as_it_did(rng) -> None:
+    robot = replace(load("ur5"), gravity=(0.6, 0.0, 0.8))
+    text = write_urdf(robot, {"t": transform(None, (0, 0, 50.0))}, {})
+    back = read_urdf_text(text, "file", "base", "flange")
+    np.testing.assert_allclose(back.gravity, robot.gravity, atol=1e-12)
+    whole = read_urdf_text(text, "file", tip="flange")
+    q = robot.draw(rng, 10)
+    for one in (back, whole):
+        np.testing.assert_allclose(torques(one, pose(one, q, np.zeros(3)), q), torques(robot, pose(robot, q, np.zeros(3)), q),
+                                   atol=1e-9)
+
+
+def test_two_arms_are_refused_with_the_list() -> None:
+    joint = '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="0 0 1"/></joint>'
+    twin = joint.format("c", "foot", "r1") + joint.format("d", "r1", "r2")
+    text = mounted("0 0 0", more=twin)
+    with pytest.raises(StudyError, match=r'2 chains have 2 moving joints each.* "l2" by a, b; "r2" by c, d\. Say which: tip = "…"'):
+        read_urdf_text(text, "two.urdf")
+    assert read_urdf_text(text, "two.urdf", tip="r2").n == 2
+    assert read_urdf_text(text, "two.urdf", tip="l2").joints[1].before[0, 3] == 400
+
+
+@pytest.mark.parametrize(("other", "taken"), [("0 0 0", True), ("0 0 0.1", False)])
+def test_two_flanges_are_refused_where_they_differ(other, taken) -> None:
+    fixed = '<joint name="{0}" type="fixed"><parent link="l2"/><child link="{0}"/><origin xyz="{1}"/></joint><link name="{0}"/>'
+    text = mounted("0 0 0").replace("</robot>", fixed.format("tool0", "0 0 0") + fixed.format("ee", other) + "</robot>")
+    if taken:
+        assert read_urdf_text(text, "two.urdf").n == 2
+    else:
+        with pytest.raises(StudyError, match=r'"ee" by a, b; "tool0" by a, b.*tip = "…"'):
+            read_urdf_text(text, "two.urdf")
+
+
 def test_written_urdf_keeps_masses() -> None:
     robot = load("ur5")
     back = read_urdf_text(write_urdf(robot, {}, {}), "file")

@@ -80,7 +80,7 @@ class Measurements:
     prismatic: tuple[bool, ...] = ()           # joints that slide; empty: none does
     gauges: Gauges | None = None               # None: every row is a point; else what is not measured is nan
     units: tuple[str, ...] = ()                # rad, deg, mm or m: of the readings as they were given; empty: rad, mm
-    reference_C: float = REFERENCE             # °C from which thermal effects are counted, of the whole campaign
+    reference_celsius: float = REFERENCE             # °C from which thermal effects are counted, of the whole campaign
 
     def __len__(self) -> int:
         return len(self.position)
@@ -264,7 +264,7 @@ def measurements(q: Array, position: Array, *, row: Index | None = None, configu
                         group_index, order, np.asarray(approach, float), move,
                         campaign(group_index, order, (covariates or {}).get("time_s")), targets, groups, dict(covariates or {}),
                         sigma, rotation, sigma_rotation, notes, tuple(prismatic),
-                        reference_C=reference(covariates or {}))
+                        reference_celsius=reference(covariates or {}))
     if kind is None or set(kind) <= {"point"}:
         return made
     length = np.full(m, np.nan) if length is None else np.asarray(length, float)

@@ -105,7 +105,7 @@ def asked(study: Study, folder: Path, registry: Registry) -> tuple[Question, Mea
     source = data_of(study, folder)
     measured = read_measurements(source, robot.prismatic, study.measurements.columns)
     measured = with_known(measured, known_features(study))
-    registry = counted_from(registry, measured.reference_C)
+    registry = counted_from(registry, measured.reference_celsius)
     labels = None
     if study.split.column is not None:
         labels = read_labels(source, study.split.column)[measured.row]

@@ -7,7 +7,7 @@ with H_k the sum of the stored terms at their estimates. Numbers are written in 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from ..fitting.noise import Floor
 from ..machine.robot import Pose, Robot
 from ..matrix.design import Model, columns_of, field_of, twist_of
 from ..matrix.scene import Scene
-from ..which.compare import Data, Rung
+from ..which.compare import Data
 from ..words.errors import DataError, StudyError, suggest
 from ..words.rigid import Array
 from ..words.shape import misfit, read, strict
@@ -28,7 +28,7 @@ from ..wrong.causes import Member
 from ..wrong.screws import Term
 from .agreement import contradiction
 from .records import CALIBRATION, mechanism_of, mechanism_record, numbers, robot_of, robot_record, rotation
-from .refit import Refits, part_of, refits_of, refits_record, refitted
+from .refit import Refits, part_of, refits_of, refits_record
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,7 +43,7 @@ MIDDLE = 0.5     # of the campaign: where a drift is taken on data of another da
 class Calibration:
     """A calibrated robot. theta (p,) in the terms' units; covariance = factor factorᵀ, factor (p, r); `kept` the estimable
     terms; `ranges` of every joint reading, covariate and value that the model's causes looked at in estimation; `refits` for the
-    forms that carry less than all (None in files of earlier versions)."""
+    forms that carry less than all (None where there are none, as in files of earlier versions)."""
 
     study: str
     robot: Robot
@@ -136,8 +136,8 @@ def _matched(index: Index, names: tuple[str, ...], known: tuple[str, ...], what:
 
 
 def calibrate(study: str, data: Data, fitted: Fit, floor: Floor, held_out_rms_mm: float | None, registered: bool,
-              provenance: Mapping[str, str], known: Sequence[Rung] = ()) -> Calibration:
-    """The calibration of a model fitted to the rows of a study that fit; `known` models need no refit."""
+              provenance: Mapping[str, str]) -> Calibration:
+    """The calibration of a model fitted to the rows of a study that fit; its refits are another's to add."""
     scene, some = data.scene, data.training()
     names = {f"q{j}" for j in range(1, scene.robot.n + 1)} | set(scene.data.covariates)
     names |= {n for m in fitted.model.mechanisms for n in m.names()} - {"target", "group", "feature"}
@@ -150,7 +150,7 @@ def calibrate(study: str, data: Data, fitted: Fit, floor: Floor, held_out_rms_mm
         factor = _triangle(factor[of_arm], kept)
     return Calibration(study, scene.robot, scene.data.targets, scene.data.groups, scene.tools, scene.tool_rotations,
                        scene.placement, registered, scene.tracker, _arm(fitted.model), fitted.theta[of_arm], factor,
-                       kept, floor, held_out_rms_mm, ranges, dict(provenance), refitted(data, fitted, known))
+                       kept, floor, held_out_rms_mm, ranges, dict(provenance))
 
 
 def _arm(model: Model) -> Model:

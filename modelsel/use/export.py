@@ -22,7 +22,7 @@ from ..machine.urdf import read_urdf_text, write_urdf
 from ..matrix.design import PLACE
 from ..matrix.scene import Scene
 from ..words.rigid import AXES, Array, inverse, transform
-from ..wrong.causes import Applied, Bump, Cause, Combined, Member, Named, Number, parse
+from ..wrong.causes import Applied, Bump, Cause, Combined, Named, Number, parse
 from ..wrong.screws import Screw, Term
 from .calibration import Calibration, in_tracker, pose_of
 from .carried import Carried, Part, alone, carried, constants, enough, missing, parts, points, rms_and_most, workspace
@@ -94,7 +94,7 @@ def to_urdf(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     robot, bounded = _bounded(made.robot, c.ranges)
     text = write_urdf(robot, tips, {"tracker": tracker} if c.registered else {}, [made.robot.source, *notes, *bounded])
     def read(text: str, target: int) -> Callable[[Array], Array]:
-        back = read_urdf_text(text, "the export", tip=_link(c.targets[target]))
+        back = read_urdf_text(text, "the export", "base", _link(c.targets[target]))
         return lambda q: forward(back, q, np.zeros(3))
     return _geometry(c, text, read, bounded)
 
@@ -108,7 +108,7 @@ def _bounded(robot: Robot, ranges: Mapping[str, tuple[float, float]]) -> tuple[R
 
 
 def _link(name: str) -> str:
-    return name if name not in ("base", "flange", "tracker") and not name.startswith("link") else f"target_{name}"
+    return name if name not in ("world", "base", "flange", "tracker") and not name.startswith("link") else f"target_{name}"
 
 
 def _to_dh(c: Calibration, modified: bool, notes: Sequence[str]) -> Exported:

@@ -41,11 +41,11 @@ def _whose(c: Calibration, what: str) -> str:
     if what == "whole":
         return "lengths and angles are those of the calibrated geometry"
     if c.refits is None:
-        return ("the calibration is of an earlier version: these numbers were fitted together with what this form cannot carry, and "
-                "without it they may be worse than the nominal arm; run the study again to have them fitted for it")
-    if (found := c.refits.alone.get(what)) is None:
-        return ("the data do not determine what this form carries by itself: these numbers were fitted together with what it cannot "
-                "carry, and without it they may be worse than the nominal arm")
+        return ("the calibration is of an earlier version: these numbers were fitted together with what this form cannot carry, "
+                "and without it they may be worse than the nominal arm; run the study again to have them fitted for it")
+    if what not in c.refits.alone:
+        return ("the data do not determine by itself what this form carries: these numbers were fitted together with what it "
+                "cannot carry, and without it they may be worse than the nominal arm")
     if c.refits.nominal(what):
         return ("the numbers are the nominal ones: fitted without what this form cannot carry, they would not predict better "
                 "(cross-validation)")
@@ -56,9 +56,9 @@ def _warm(c: Calibration, what: str) -> str:
     """Of which temperature the file is."""
     keep = carries(c.model, what)
     some = [t for t in c.terms if any(TEMPERATURE in s.cause.names() for s in t.screws)]
-    if all(map(keep, some)) or c.refits is None or c.refits.temperature_C is None or what not in c.refits.alone:
+    if all(map(keep, some)) or c.refits is None or c.refits.mean_celsius is None or what not in c.refits.alone:
         start = sorted(frozenset[float]().union(*(counted(s.cause) for t in some for s in t.screws)))
         where = f"{sentence_list([f'{r:g}' for r in start])} °C"
         return f"thermal effects are counted from {where}" if all(map(keep, some)) else f"the arm is that at {where}"
-    warm = f"{c.refits.temperature_C:.1f} °C, the mean of the campaign"
+    warm = f"{c.refits.mean_celsius:.1f} °C, the mean of the campaign"
     return f"the measurements compared were taken at {warm}" if c.refits.nominal(what) else f"the arm is that at {warm}"

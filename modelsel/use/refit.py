@@ -43,13 +43,13 @@ class Refit:
 
 @dataclass(frozen=True, eq=False)
 class Refits:
-    """`alone`: the refit of "nominal" (the set-up alone), of "geometry" (what is constant) and of "table" (what hangs on two values
-    at most as well); one is missing where it is the whole model, or the data do not determine it. `whole`: rms lengths left by
-    the whole model, as in Refit. `temperature_C`: mean of the rows that fit, where the model looks at it."""
+    """`alone`: the refit of "nominal" (the set-up alone), of "geometry" (what is constant) and of "table" (what hangs on two
+    values at most as well); one is missing where it is the whole model, or the data do not determine it. `whole`: rms lengths
+    left by the whole model, as in Refit. `mean_celsius` of the rows that fit, where the model looks at it."""
 
     alone: Mapping[str, Refit]
     whole: tuple[float | None, float | None]
-    temperature_C: float | None
+    mean_celsius: float | None
 
     def nominal(self, form: str) -> bool:
         """Whether the best robot that a form can carry is the nominal one."""
@@ -129,7 +129,7 @@ def _crossed(made: Rung) -> float:
 def refits_record(refits: Refits, symbols: Sequence[str]) -> dict[str, Any]:
     """As JSON values; `symbols` of the calibration's terms."""
     return {"says": "terms that a form can carry, fitted without the others; rms lengths of what is left",
-            "whole": dict(zip(ERRORS, refits.whole, strict=True)), "temperature_C": refits.temperature_C,
+            "whole": dict(zip(ERRORS, refits.whole, strict=True)), "temperature_C": refits.mean_celsius,
             "alone": {form: {"estimates": [{"term": k, "symbol": symbols[k], "value": float(v)}
                                            for k, v in zip(r.terms, r.theta, strict=True)],
                              "estimation_rms_mm": r.estimation_rms_mm, "held_out_rms_mm": r.held_out_rms_mm}

@@ -84,7 +84,7 @@ def cell_causes(scene: Scene) -> tuple[tuple[Cause, ...], ...]:
     for j in (j for j in range(1, robot.n + 1) if j not in turning):        # a bowed rail; a scale that grows with temperature
         along = q(j, "mm")
         out.append((along, along * along))
-        out += [(warmth(scene.data.reference_C) * along, along)] if TEMPERATURE in scene.data.covariates else []
+        out += [(warmth(scene.data.reference_celsius) * along, along)] if TEMPERATURE in scene.data.covariates else []
     for j, k in combinations(turning, 2):
         both, apart = (sin(q(j) + q(k)), cos(q(j) + q(k))), (sin(q(j) - q(k)), cos(q(j) - q(k)))
         out += [both, apart, both + apart]          # together: any product of a wave of the one and a wave of the other
@@ -96,7 +96,7 @@ def cell_causes(scene: Scene) -> tuple[tuple[Cause, ...], ...]:
     out += [(cause,) for cause in warming(scene)]
     units = scene.names()
     for name in scene.data.covariates:
-        out.append((warmth(scene.data.reference_C) if name == TEMPERATURE else Named(name, units[name]),))
+        out.append((warmth(scene.data.reference_celsius) if name == TEMPERATURE else Named(name, units[name]),))
         if name == "payload_kg" and pair is not None:
             out += [(Named(name, "kg") * far(pair),), (Named(name, "kg") * near(pair),)]
     return tuple(out)
