@@ -296,7 +296,8 @@ def test_degrees_in_degrees_out(made) -> None:
     c, at = made
     data = plan(at, slice(1, 9))
     frame = data.to_frame().drop(columns=["configuration", "order"])
-    degrees = frame.assign(q1_deg=np.degrees(frame["q1_rad"]), q4_deg=np.degrees(frame["q4_rad"])).drop(columns=["q1_rad", "q4_rad"])
+    degrees = frame.assign(q1_deg=np.degrees(frame["q1_rad"]), q4_deg=np.degrees(frame["q4_rad"]))
+    degrees = degrees.drop(columns=["q1_rad", "q4_rad"])
     found, plain = correct(c, degrees), correct(c, frame)
     assert not {"q1_rad", "q4_rad"} & set(found.columns)
     for j in (1, 4):

@@ -59,8 +59,8 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
         click.echo(f"modelsel: {int((~made.reached).sum())} rows are not reached, beside a jump of the model or at the edge of "
                    f"the workspace ({_lines(data.row[~made.reached])}); {made.where_left} says what is left.", err=True)
     if stuck.any():
-        click.echo(f"modelsel: {int(stuck.sum())} corrected commands lie beyond a joint's limits ({_lines(data.row[stuck])}): the arm "
-                   "cannot take them. Choose other postures.", err=True)
+        click.echo(f"modelsel: {int(stuck.sum())} corrected commands lie beyond a joint's limits ({_lines(data.row[stuck])}): "
+                   "the arm cannot take them. Choose other postures.", err=True)
     if stuck.any() or not made.reached.all():
         raise SystemExit(CHECK_FAILED)
 
@@ -87,8 +87,8 @@ def _sentence(made: Commands, slides: NDArray[np.bool_]) -> str:
     left = "" if made.left_mm.max() <= REACHED_MM else f" and {made.left_mm.mean():.3f} mm from what the commands leave"
     after = f"{made.expected_mm.mean():.3f} mm as measured is expected, {made.model_mm.mean():.3f} mm of it from the model{left}"
     turned = "" if made.before_rad is None or made.left_rad is None else (
-        f" Orientations are off by {1e3 * made.before_rad.mean():.3g} mrad on average without it, {1e3 * made.left_rad.mean():.3g} "
-        f"mrad with it, {1e3 * made.left_rad.max():.3g} mrad at most.")
+        f" Orientations are off by {1e3 * made.before_rad.mean():.3g} mrad on average without it; with it, "
+        f"{1e3 * made.left_rad.mean():.3g} mrad on average and {1e3 * made.left_rad.max():.3g} mrad at most are left.")
     most = np.abs(made.change).max(0)
     bounds = [f"{most[some].max() * 1e3:.3g} {unit}" for some, unit in ((~slides, "mrad"), (slides, "µm")) if some.any()]
     return (f" Without correction the target is off by {before}; with it, {after}. No joint changes by more than "

@@ -115,10 +115,10 @@ def _only(paths: Sequence[list[ET.Element]], moving: int, where: str) -> list[ET
     places = [_end_of(path) for path in ends]
     if all(np.allclose(place, places[0], rtol=0, atol=1e-9) for place in places) and len(arms) == 1:
         return ends[0]
-    listed = "; ".join(sorted(f'"{_child(path[-1])}" by {", ".join(str(j.get("name")) for j in path if j.get("type") in MOVING)}'
-                              for path in ends)[:10])
-    raise StudyError(f'{where}: {len(ends)} chains have {moving} moving joint{"s" * (moving > 1)} each, and none is the longest: to '
-                     f'{listed}. Say which: tip = "…" under [robot] of a study, --tip of check.')
+    listed = "; ".join(sorted(f'"{_child(path[-1])}" by '
+                              f'{", ".join(str(j.get("name")) for j in path if j.get("type") in MOVING)}' for path in ends)[:10])
+    raise StudyError(f'{where}: {len(ends)} chains have {moving} moving joint{"s" * (moving > 1)} each, and none is the longest: '
+                     f'to {listed}. Say which: tip = "…" under [robot] of a study, --tip of check.')
 
 
 def _end_of(path: Sequence[ET.Element]) -> Array:
@@ -242,8 +242,8 @@ def _place(joint: ET.Element, place: Array) -> None:
 
 
 def write_urdf(robot: Robot, tips: Mapping[str, Array], frames: Mapping[str, Array], notes: Sequence[str] = ()) -> str:
-    """A URDF of a chain: links base, link1 … flange; `tips` (4, 4) hang on the flange, `frames` (4, 4) on the base [mm]. Where the
-    base does not stand upright it hangs on a link world that does.
+    """A URDF of a chain: links base, link1 … flange; `tips` (4, 4) hang on the flange, `frames` (4, 4) on the base [mm]. Where
+    the base does not stand upright it hangs on a link world that does.
 
     Inertias are nought and efforts and velocities are 0: they are not known here.
     """

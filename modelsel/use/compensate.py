@@ -21,7 +21,7 @@ from ..machine.robot import forward
 from ..matrix.scene import Scene
 from ..words.errors import DataError, sentence_list
 from ..words.rigid import Array, rotation_vector
-from .calibration import Calibration, in_tracker, pose_of, predict, uncertainty
+from .calibration import Calibration, in_tracker, pose_of, uncertainty
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,8 +40,8 @@ READ_IN = {"rad": 1.0, "deg": 180 / np.pi, "mm": 1.0, "m": 1e-3}      # units of
 class Commands:
     """Corrected commands q (m, n) and where they lead: `wanted` (m, 3) in the tracker's frame; `before_mm` the error of the
     nominal command, `left_mm` what the corrected one leaves on the calibrated model, `model_mm` the standard uncertainty of
-    that model there (length), `expected_mm` the root of the sum of squares of the two and of the measuring noise; `before_rad` and
-    `left_rad` the same of wanted orientations, None without; `beyond` (m, n) commands beyond a joint's limits."""
+    that model there (length), `expected_mm` the root of the sum of squares of the two and of the measuring noise; `before_rad`
+    and `left_rad` the same of wanted orientations, None without; `beyond` (m, n) commands beyond a joint's limits."""
 
     q: Array
     change: Array
