@@ -196,3 +196,24 @@ def test_damaged_refits_are_refused(change, says, puma) -> None:
     change(record["refits"])
     with pytest.raises(StudyError, match=says):
         loads(json.dumps(record))
+
+
+def test_a_registered_geometry_is_as_good_as_it_says(tmp_path) -> None:
+    """The tracker stands anywhere: the file's arm, put where the calibration has it, errs by what is said."""
+    rng, robot = np.random.default_rng(5), load("puma760")
+    q = robot.draw(rng, 160)
+    bent = q + [0, 0, 4e-3, 0, -6e-3, 0] + 2e-3 * np.cos(q[:, 1] + q[:, 2])[:, None] * [0, 0, 1.0, 0, 0, 0]
+    x = forward(robot, bent, np.array([30.0, -20.0, 120.0])) + rng.normal(0, NOISE, (160, 3))
+    x = x @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]).T + [1500.0, 800, 300]
+    columns = {f"q{j + 1}_rad": q[:, j] for j in range(6)} | dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
+    pd.DataFrame(columns).to_csv(tmp_path / "m.csv", index=False)
+    result = run(parse_study(STUDY.replace("tool_mm = [0, 0, 100]", "register = true"), "study.toml"), tmp_path, sampling=False)
+    c = loads(calibration_of(result).to_json())
+    made = export(c, "urdf")
+    assert made.left_out
+    arm, target = read("urdf", made.text)
+    R, t = c.placement[0][0], c.placement[1][0]
+    seen = held_out(result, forward(arm, result.data.scene.data.q, target) @ R.T + t)
+    assert made.errors[2] == pytest.approx(seen, rel=1e-6)
+    assert made.errors[1] == pytest.approx(result.ladder[0].held_out.rms_mm)
+    assert made.errors[3] < made.errors[2] < made.errors[1]
