@@ -20,6 +20,7 @@ from modelsel.telling.stored import calibration_of, save
 from modelsel.telling.study import run
 from modelsel.use.calibration import NAME, Calibration, calibrate, in_tracker, load_calibration, loads, predict, uncertainty
 from modelsel.use.records import cause_of, cause_record
+from modelsel.use.refit import refitted
 from modelsel.which.compare import Data
 from modelsel.words.errors import DataError, StudyError
 from modelsel.wrong.causes import Bump, Member, Named, Number, cos, q, sign, sin
@@ -67,7 +68,8 @@ def wide(rng: np.random.Generator) -> tuple[Calibration, Scene]:
     found = fit(at, model)
     every_row = np.ones(len(at), bool)
     data = Data(at, every_row, ~every_row, np.zeros(len(at), np.intp), True)
-    return calibrate("wide", data, found, Floor(0.02, "stated"), None, True, {}), at
+    made = calibrate("wide", data, found, Floor(0.02, "stated"), None, True, {})
+    return replace(made, refits=refitted(data, found)), at
 
 
 def test_everything_a_model_can_hold_comes_back(rng) -> None:

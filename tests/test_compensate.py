@@ -16,13 +16,16 @@ from modelsel.cli import main
 from modelsel.data.measurements import measurements
 from modelsel.machine.robot import forward
 from modelsel.machine.robotfile import load
+from modelsel.matrix.design import Model
 from modelsel.telling.config import parse_study
 from modelsel.telling.stored import calibration_of
 from modelsel.telling.study import run
 from modelsel.use.calibration import predict
-from modelsel.use.compensate import BOUND, commanded, compensate, correct, nominal, outside, refuse
+from modelsel.use.compensate import BOUND, commanded, compensate, correct, from_order, nominal, outside, refuse
 from modelsel.words.errors import DataError
 from modelsel.words.rigid import from_quaternion
+from modelsel.wrong.registry import mechanism
+from modelsel.wrong.screws import Mechanism
 
 NOISE = 0.06
 STUDY = """name = "engine"
@@ -199,10 +202,8 @@ def test_a_slide_is_compensated(rng) -> None:
     """A joint that slides takes part."""
     from modelsel.fitting.fit import fit
     from modelsel.fitting.noise import Floor
-    from modelsel.matrix.design import Model
     from modelsel.use.calibration import calibrate
     from modelsel.which.compare import Data
-    from modelsel.wrong.registry import mechanism
     puma = load("puma760")
     joints = [replace(j, prismatic=k == 2, limits=(0.0, 300.0) if k == 2 else j.limits) for k, j in enumerate(puma.joints)]
     robot = replace(puma, joints=tuple(joints))
@@ -215,3 +216,104 @@ def test_a_slide_is_compensated(rng) -> None:
     found = compensate(c, plan(at, slice(1, 40)))
     assert found.reached.all()
     assert np.abs(found.change[:, 2]).max() > 0.1          # mm
+
+
+def limited(c, joint: int, low: float, high: float):
+    """The calibration with limits of one joint alone."""
+    joints = [replace(j, limits=(low, high) if k == joint - 1 else None) for k, j in enumerate(c.robot.joints)]
+    return replace(c, robot=replace(c.robot, joints=tuple(joints)))
+
+
+def test_a_corrected_command_beyond_a_limit_is_said(made, tmp_path) -> None:
+    """The planned ones are all within: what the correction adds goes beyond."""
+    c, at = made
+    data = plan(at, slice(1, 30))
+    change = compensate(c, data).change[:, 1]
+    k = int(np.argmax(change))
+    c = limited(c, 2, -4.0, float(data.q[:, 1].max()))
+    data.q[k, 1] = data.q[:, 1].max()
+    found = compensate(c, data)
+    stuck = found.q[:, 1] > c.robot.joints[1].limits[1] + 1e-9
+    assert stuck.any()
+    np.testing.assert_array_equal(found.beyond[:, 1], stuck)
+    assert not found.beyond[:, [0, 2, 3, 4, 5]].any()
+    assert outside(c, data) == []
+    (tmp_path / "calibration.json").write_text(c.to_json())
+    data.to_frame().drop(columns=["configuration", "order"]).to_csv(tmp_path / "plan.csv", index=False)
+    words = ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(tmp_path / "out.csv")]
+    ran = CliRunner().invoke(main, words)
+    assert ran.exit_code == 5
+    assert f"joint 2: {stuck.sum()} of 29 corrected commands lie beyond its limits" in ran.output
+    assert f"line {', '.join(str(row + 2) for row in np.flatnonzero(stuck))})" in ran.output
+    assert (tmp_path / "out.csv").exists()
+    assert CliRunner().invoke(main, [*words, "--forward"]).exit_code == 0
+    with pytest.warns(UserWarning, match="corrected commands lie beyond its limits"):
+        correct(c, data.to_frame().drop(columns=["configuration", "order"]))
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_what_is_left_is_in_what_is_expected(made) -> None:
+    """Out of reach by a known length: the expected error cannot be less."""
+    c, at = made
+    data = plan(at, slice(1, 9))
+    data = replace(data, position=nominal(c.scene(data)))
+    data.position[3] *= 1.5 * c.robot.reach / np.linalg.norm(data.position[3])
+    found = compensate(c, data)
+    assert found.left_mm[3] > 10
+    assert (found.expected_mm > found.left_mm).all()
+    np.testing.assert_allclose(found.expected_mm ** 2, found.left_mm ** 2 + found.model_mm ** 2 + 3 * 0.02 ** 2)
+    assert not found.reached[3]
+
+
+def test_orientation_errors_are_said(made, tmp_path) -> None:
+    """Against angles of the test's own; without wanted orientations no word of them."""
+    c, at = made
+    data = plan(at, slice(1, 40))
+    pose_at = c.scene(replace(data, rotation=np.tile(np.eye(3), (39, 1, 1)))).pose(slice(0, 39))
+    wanted = pose_at.rotation.transpose(2, 0, 1)
+    found, free = compensate(c, replace(data, rotation=wanted)), compensate(c, data)
+    from modelsel.use.calibration import pose_of
+    def off(q: np.ndarray) -> np.ndarray:
+        R = pose_of(commanded(c.scene(replace(data, rotation=wanted)), q), c.terms, c.theta).rotation.transpose(2, 0, 1)
+        return 2 * np.arcsin(np.clip(np.linalg.norm(R - wanted, axis=(1, 2)) / np.sqrt(8), 0, 1))
+    np.testing.assert_allclose(found.before_rad, off(data.q), atol=1e-9)
+    np.testing.assert_allclose(found.left_rad, off(found.q), atol=1e-9)
+    assert (found.left_rad[found.reached] <= 1e-5).all()
+    assert free.left_rad is None
+    assert "orientation_left_mrad" in found.figures()
+    assert "orientation_left_mrad" not in free.figures()
+    (tmp_path / "calibration.json").write_text(c.to_json())
+    frame = replace(data, rotation=wanted, position=nominal(c.scene(data))).to_frame()
+    frame.drop(columns=["configuration", "order"]).to_csv(tmp_path / "plan.csv", index=False)
+    ran = CliRunner().invoke(main, ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(tmp_path / "out.csv"),
+                                    "--bound", "1000", "1000"])
+    assert f"Orientations are off by {1e3 * found.before_rad.mean():.3g} mrad on average" in ran.output
+    np.testing.assert_allclose(pd.read_csv(tmp_path / "out.csv")["orientation_before_mrad"], 1e3 * found.before_rad, rtol=1e-5)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_degrees_in_degrees_out(made) -> None:
+    c, at = made
+    data = plan(at, slice(1, 9))
+    frame = data.to_frame().drop(columns=["configuration", "order"])
+    degrees = frame.assign(q1_deg=np.degrees(frame["q1_rad"]), q4_deg=np.degrees(frame["q4_rad"]))
+    degrees = degrees.drop(columns=["q1_rad", "q4_rad"])
+    found, plain = correct(c, degrees), correct(c, frame)
+    assert not {"q1_rad", "q4_rad"} & set(found.columns)
+    for j in (1, 4):
+        np.testing.assert_allclose(np.radians(found[f"q{j}_deg"]), plain[f"q{j}_rad"], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found["q2_rad"], plain["q2_rad"], rtol=0, atol=1e-12)
+
+
+def test_directions_taken_from_the_order_are_said(made) -> None:
+    c, at = made
+    data = plan(at, slice(1, 9))
+    assert from_order(c, data) == []
+    bare = measurements(data.q, data.position, covariates=data.covariates)
+    (said,) = from_order(c, bare)
+    assert "joint 3: the directions of approach are taken from the order of the targets" in said
+    geometry = Mechanism("geometry", c.model.mechanisms[1].terms)
+    assert from_order(replace(c, model=Model((geometry,)), theta=c.theta[:6]), bare) == []
+    lagging = mechanism("settle:2", c.robot)
+    (said,) = from_order(replace(c, model=Model((lagging,)), theta=np.zeros(len(lagging.terms))), data)
+    assert "joint 2: the sizes of the moves are taken from the order" in said

@@ -25,7 +25,7 @@ from modelsel.machine.urdf import read_urdf_text, write_urdf
 from modelsel.matrix.design import Model
 from modelsel.telling.config import parse_study
 from modelsel.use.calibration import calibrate, predict
-from modelsel.use.carried import parts, points, workspace
+from modelsel.use.carried import alone, parts, points, workspace
 from modelsel.use.export import FORMS, export
 from modelsel.which.compare import Data
 from modelsel.words.errors import StudyError
@@ -72,7 +72,7 @@ def test_urdf_read_by_hand(made) -> None:
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = rotation(*angles), np.array(xyz) * 1e3
         place[joint.find("child").get("link")] = T
-    wanted = points(at, parts(made, 1)[0])
+    wanted = points(at, parts(alone(made, "geometry"), 1)[0])
     for q, x in zip(at.data.q, wanted, strict=True):
         T = np.eye(4)
         for k in range(6):
@@ -85,7 +85,7 @@ def test_dh_read_by_hand(modified, made) -> None:
     table, at = tomllib.loads(export(made, "mdh" if modified else "dh").text), workspace(made, 0, m=20)
     target = [float(v) for line in export(made, "dh").text.splitlines() if line.startswith("# target a ")
               for v in line.partition("= ")[2].removesuffix(" mm").split(", ")]
-    for q, x in zip(at.data.q, points(at, parts(made, 0)[0]), strict=True):
+    for q, x in zip(at.data.q, points(at, parts(alone(made, "geometry"), 0)[0]), strict=True):
         T = np.vstack([table["base_mm"], [0, 0, 0, 1]])
         for value, joint in zip(q, table["joint"], strict=True):
             d, theta = joint["dh"]["d_mm"], np.radians(joint["dh"]["theta_deg"])
@@ -242,6 +242,73 @@ def test_rpy_at_the_pole(rng) -> None:
     for angles in (rng.uniform(-3, 3, 3), (0.3, np.pi / 2, -1.2), (0.3, -np.pi / 2 + 1e-9, 2.0), (np.pi, 0, np.pi)):
         R = rotation(*angles)
         np.testing.assert_allclose(rotation(*to_rpy(R)), R, atol=1e-14)
+
+
+def mounted(turn: str, kind: str = "fixed", axis: str = "0 0 1", more: str = "") -> str:
+    """A small arm whose base link hangs on the world by one joint."""
+    links = "".join(f'<link name="{name}"/>' for name in ("world", "foot", "l1", "l2", *(["r1", "r2"] if more else [])))
+    joint = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><axis xyz="{}"/><origin xyz="{}" rpy="{}"/></joint>'
+    joints = [("mount", kind, "world", "foot", axis, "1 2 3", turn), ("a", "revolute", "foot", "l1", "0 0 1", "0 0 0.3", "0 0 0"),
+              ("b", "revolute", "l1", "l2", "0 1 0", "0.4 0 0", "0 0 0")]
+    return f'<robot name="wall">{links}{"".join(joint.format(*j) for j in joints)}{more}</robot>'
+
+
+@pytest.mark.parametrize("base", [None, "foot"])
+def test_gravity_turns_with_the_base_link(base, rng) -> None:
+    """Torques of a wall mount are those of the whole chain from the world, wherever the chain starts."""
+    angles = rng.uniform(-3, 3, 3)
+    text = mounted(" ".join(map(repr, angles.tolist())))
+    arm = read_urdf_text(text, "wall.urdf", base)
+    down = np.array([0, 0, -1.0])
+    np.testing.assert_allclose(arm.gravity, down if base is None else rotation(*angles).T @ down, atol=1e-12)
+    upright = read_urdf_text(text, "wall.urdf")
+    q = rng.uniform(-2, 2, (20, 2))
+    np.testing.assert_allclose(torques(arm, pose(arm, q, np.zeros(3)), q), torques(upright, pose(upright, q, np.zeros(3)), q),
+                               atol=1e-12)
+
+
+def test_a_right_angle_of_few_digits_is_one() -> None:
+    assert read_urdf_text(mounted("0 1.571 0"), "wall.urdf", "foot").gravity == (1.0, 0.0, 0.0)
+    assert read_urdf_text(mounted("3.1416 0 0"), "wall.urdf", "foot").gravity == (0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(("kind", "axis", "known"), [("prismatic", "1 0 0", True), ("revolute", "0 0 2", True),
+                                                     ("revolute", "1 0 0", False), ("floating", "0 0 1", False)])
+def test_gravity_below_a_joint_that_turns_the_base(kind, axis, known) -> None:
+    assert read_urdf_text(mounted("0 0 1", kind, axis), "wall.urdf", "foot").gravity == ((0.0, 0.0, -1.0) if known else None)
+
+
+def test_an_exported_wall_mount_hangs_as_it_did(rng) -> None:
+    robot = replace(load("ur5"), gravity=(0.6, 0.0, 0.8))
+    text = write_urdf(robot, {"t": transform(None, (0, 0, 50.0))}, {})
+    back = read_urdf_text(text, "file", "base", "flange")
+    np.testing.assert_allclose(back.gravity, robot.gravity, atol=1e-12)
+    whole = read_urdf_text(text, "file", tip="flange")
+    q = robot.draw(rng, 10)
+    for one in (back, whole):
+        np.testing.assert_allclose(torques(one, pose(one, q, np.zeros(3)), q), torques(robot, pose(robot, q, np.zeros(3)), q),
+                                   atol=1e-9)
+
+
+def test_two_arms_are_refused_with_the_list() -> None:
+    joint = '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="0 0 1"/></joint>'
+    twin = joint.format("c", "foot", "r1") + joint.format("d", "r1", "r2")
+    text = mounted("0 0 0", more=twin)
+    with pytest.raises(StudyError, match=r'2 chains have 2 moving joints each.* "l2" by a, b; "r2" by c, d\. Say which: tip ='):
+        read_urdf_text(text, "two.urdf")
+    assert read_urdf_text(text, "two.urdf", tip="r2").n == 2
+    assert read_urdf_text(text, "two.urdf", tip="l2").joints[1].before[0, 3] == 400
+
+
+@pytest.mark.parametrize(("other", "taken"), [("0 0 0", True), ("0 0 0.1", False)])
+def test_two_flanges_are_refused_where_they_differ(other, taken) -> None:
+    fixed = '<joint name="{0}" type="fixed"><parent link="l2"/><child link="{0}"/><origin xyz="{1}"/></joint><link name="{0}"/>'
+    text = mounted("0 0 0").replace("</robot>", fixed.format("tool0", "0 0 0") + fixed.format("ee", other) + "</robot>")
+    if taken:
+        assert read_urdf_text(text, "two.urdf").n == 2
+    else:
+        with pytest.raises(StudyError, match=r'"ee" by a, b; "tool0" by a, b.*tip = "…"'):
+            read_urdf_text(text, "two.urdf")
 
 
 def test_written_urdf_keeps_masses() -> None:

@@ -51,7 +51,8 @@ def said(rng: np.random.Generator, error: Callable[[Array, Array], Array], acros
 
 @pytest.mark.parametrize(("error", "across", "names", "words"), [
     (pitch, False, {"q3"}, "Joint 3 slides unevenly, a wave every 17"),
-    (growth, False, {"q3", "temperature_C"}, "temperature_C*q3 and q3"),
+    pytest.param(growth, False, {"q3", "temperature_C"}, "(temperature_C-20)*q3 and q3",
+                 id="growth-False-names1-temperature_C*q3 and q3"),      # the stream of draws goes by this name
     (lambda q, warm: 2e-5 * (q[:, 2] - 120.0) ** 2, True, {"q3"}, "q3 and q3*q3")])
 def test_one_cause_is_one_finding(error, across, names, words, rng) -> None:
     (effect,) = said(rng, error, across)

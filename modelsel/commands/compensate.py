@@ -29,20 +29,21 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
     """Joint commands whose real position is the wanted one.
 
     TARGETS has a row a target: nominal commands q1_rad … (or _deg), wanted positions x_mm y_mm z_mm (left out: where the nominal
-    robot has the target) in the tracker's frame, wanted orientations, and what the model needs beside them. Commands are
-    written in rad (mm where a joint slides).
+    robot has the target) in the tracker's frame, wanted orientations, and what the model needs as well. Commands are written in
+    the units that they were given in.
     """
     from ..data.io import read_measurements
     from ..use.calibration import load_calibration, predict
-    from ..use.compensate import commands_frame, outside, refuse
+    from ..use.compensate import at_limits, commands_frame, from_order, outside, refuse
     from ..use.compensate import compensate as corrected
     c = load_calibration(result)
     data = read_measurements(targets, c.robot.prismatic, columns, positions=False, once=False)
-    made, said = corrected(c, data), outside(c, data)
+    made, said = corrected(c, data), [*outside(c, data), *from_order(c, data)]
     if forward:
         frame = commands_frame(c, data, data.q, predict(c, c.scene(data)), {})
     else:
         refuse(c, made, data, (bound[0] / 1e3, bound[1]), targets.name)
+        said += at_limits(made)
         frame = commands_frame(c, data, made.q, made.wanted, made.figures())
     _write(frame, out)
     if as_json:
@@ -51,27 +52,47 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
         click.echo(f"Written: {out}, {len(data)} rows." + ("" if forward else _sentence(made, np.array(c.robot.prismatic))))
         for line in said:
             click.echo(f"Note: {line}")
-    if not forward and not made.reached.all():
-        lines = ", ".join(str(int(k) + 2) for k in data.row[~made.reached][:10])
+    if forward:
+        return
+    stuck = made.beyond.any(1)
+    if not made.reached.all():
         click.echo(f"modelsel: {int((~made.reached).sum())} rows are not reached, beside a jump of the model or at the edge of "
-                   f"the workspace (line {lines}); error_left_mm says what is left.", err=True)
+                   f"the workspace ({_lines(data.row[~made.reached])}); {made.where_left} says what is left.", err=True)
+    if stuck.any():
+        click.echo(f"modelsel: {int(stuck.sum())} corrected commands lie beyond a joint's limits ({_lines(data.row[stuck])}): "
+                   "the arm cannot take them. Choose other postures.", err=True)
+    if stuck.any() or not made.reached.all():
         raise SystemExit(CHECK_FAILED)
 
 
+def _lines(rows: NDArray[np.intp]) -> str:
+    """The first of these rows as lines of the file."""
+    return f"line {', '.join(str(int(k) + 2) for k in rows[:10])}{', …' if len(rows) > 10 else ''}"
+
+
 def _figures(made: Commands) -> dict[str, Any]:
+    turned = {} if made.before_rad is None or made.left_rad is None else {
+        "orientation_before_mrad": {"mean": 1e3 * made.before_rad.mean(), "max": 1e3 * made.before_rad.max()},
+        "orientation_left_mrad": {"mean": 1e3 * made.left_rad.mean(), "max": 1e3 * made.left_rad.max()}}
     return {"error_before_mm": {"mean": made.before_mm.mean(), "max": made.before_mm.max()},
             "expected_error_mm": {"mean": made.expected_mm.mean(), "max": made.expected_mm.max()},
             "model_uncertainty_mm": {"mean": made.model_mm.mean(), "max": made.model_mm.max()},
-            "largest_change": np.abs(made.change).max(0), "reached": int(made.reached.sum())}
+            **turned, "largest_change": np.abs(made.change).max(0), "reached": int(made.reached.sum()),
+            "beyond_limits": int(made.beyond.any(1).sum())}
 
 
 def _sentence(made: Commands, slides: NDArray[np.bool_]) -> str:
+    from ..use.compensate import REACHED_MM
     before = f"{made.before_mm.mean():.3f} mm on average and {made.before_mm.max():.3f} mm at most"
-    after = f"{made.expected_mm.mean():.3f} mm as measured is expected, {made.model_mm.mean():.3f} mm of it from the model"
+    left = "" if made.left_mm.max() <= REACHED_MM else f" and {made.left_mm.mean():.3f} mm from what the commands leave"
+    after = f"{made.expected_mm.mean():.3f} mm as measured is expected, {made.model_mm.mean():.3f} mm of it from the model{left}"
+    turned = "" if made.before_rad is None or made.left_rad is None else (
+        f" Orientations are off by {1e3 * made.before_rad.mean():.3g} mrad on average without it; with it, "
+        f"{1e3 * made.left_rad.mean():.3g} mrad on average and {1e3 * made.left_rad.max():.3g} mrad at most are left.")
     most = np.abs(made.change).max(0)
     bounds = [f"{most[some].max() * 1e3:.3g} {unit}" for some, unit in ((~slides, "mrad"), (slides, "µm")) if some.any()]
     return (f" Without correction the target is off by {before}; with it, {after}. No joint changes by more than "
-            f"{' or '.join(bounds)}.")
+            f"{' or '.join(bounds)}.{turned}")
 
 
 def _write(frame: Any, out: Path) -> None:

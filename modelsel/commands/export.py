@@ -31,15 +31,19 @@ def export(result: Path, form: str, out: Path, as_json: bool) -> None:
     if as_json:
         print_json({"written": out.name, "format": form, "round_trip_mm": made.error_mm, "configurations": made.configurations,
                     "left_out": made.left_out, "left_out_mm": {"rms": made.left_out_mm[0], "max": made.left_out_mm[1]},
-                    "notes": made.notes})
+                    "errors": None if made.errors is None else dict(zip(("rows", "nominal_rms_mm", "file_rms_mm", "model_rms_mm"),
+                                                                        made.errors, strict=True)),
+                    "worse_than_nominal": made.worse is not None, "notes": made.notes})
     else:
+        if made.worse is not None:
+            click.echo(f"Warning: {made.worse}.")
         size = "less than 0.001 µm" if made.error_mm < ROUNDING_MM else f"at most {made.error_mm * 1e3:.2g} µm"
         click.echo(f"Written: {out}. Read back, it differs from the calibrated model by {size} in what it can carry, over "
                    f"{made.configurations} configurations.")
         if made.left_out:
             rms, most = made.left_out_mm
-            click.echo(f"It cannot carry {'; '.join(made.left_out)}: {rms:.3g} mm rms, {most:.3g} mm at most, is missing. "
-                       "`--format python` writes a function that has all of it.")
+            click.echo(f"It cannot carry {'; '.join(made.left_out)}: the whole model differs from it by {rms:.3g} mm rms, "
+                       f"{most:.3g} mm at most. `--format python` writes a function that has all of it.")
         for note in made.notes:
             click.echo(f"Note: {note}.")
     if form != "table" and made.error_mm > EXACT_MM:

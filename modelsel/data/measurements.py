@@ -12,6 +12,7 @@ from ..words.errors import DataError
 from ..words.rigid import Array, to_quaternion
 from .features import COORDINATES, KINDS, Feature, features_of, framed
 from .rest import resting, said
+from .temperature import REFERENCE, reference
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -80,6 +81,7 @@ class Measurements:
     prismatic: tuple[bool, ...] = ()           # joints that slide; empty: none does
     gauges: Gauges | None = None               # None: every row is a point; else what is not measured is nan
     units: tuple[str, ...] = ()                # rad, deg, mm or m: of the readings as they were given; empty: rad, mm
+    reference_celsius: float = REFERENCE             # °C from which thermal effects are counted, of the whole campaign
 
     def __len__(self) -> int:
         return len(self.position)
@@ -265,7 +267,8 @@ def measurements(q: Array, position: Array, *, row: Index | None = None, configu
     made = Measurements(q, position, np.arange(m) if row is None else row, visit, blocks(q, visit), target_index,
                         group_index, order, np.asarray(approach, float), move,
                         campaign(group_index, order, (covariates or {}).get("time_s")), targets, groups, dict(covariates or {}),
-                        sigma, rotation, sigma_rotation, notes, tuple(prismatic))
+                        sigma, rotation, sigma_rotation, notes, tuple(prismatic),
+                        reference_celsius=reference(covariates or {}))
     if kind is None or set(kind) <= {"point"}:
         return made
     length = np.full(m, np.nan) if length is None else np.asarray(length, float)

@@ -15,6 +15,7 @@ from .robot import Joint, Robot
 MOVING = ("revolute", "continuous", "prismatic")
 AROUND = 'Or name a chain without it: base = "…", tip = "…".'
 KINDS = (*MOVING, "fixed")      # planar and floating ones have more than one reading
+UPRIGHT = 1e-3                  # rad: files have 1.571 for a right angle, and no mount is known better
 
 
 def _vector(element: ET.Element | None, key: str, default: tuple[float, ...]) -> Array:
@@ -100,8 +101,56 @@ def _chain(root: ET.Element, where: str, base: str | None, tip: str | None) -> l
     best = max(count for count, _, _ in paths)
     if not best:
         raise StudyError(f"{where}: no moving joint found{'' if tip is None else f' on the way to {chr(34)}{tip}{chr(34)}'}.")
-    longest = [path for count, _, path in paths if count == best]
-    return max(longest, key=len)
+    return _only([path for count, _, path in paths if count == best], best, where)
+
+
+def _only(paths: Sequence[list[ET.Element]], moving: int, where: str) -> list[ET.Element]:
+    """Of paths with so many `moving` joints the one that goes on furthest by fixed ones. Raises StudyError with the list where
+    they are several arms, or end in several frames."""
+    arms: dict[tuple[str | None, ...], list[list[ET.Element]]] = {}
+    for path in paths:
+        arms.setdefault(tuple(j.get("name") for j in path if j.get("type") in MOVING), []).append(path)
+    furthest = {names: max(map(len, some)) for names, some in arms.items()}
+    ends = [path for names, some in arms.items() for path in some if len(path) == furthest[names]]
+    places = [_end_of(path) for path in ends]
+    if all(np.allclose(place, places[0], rtol=0, atol=1e-9) for place in places) and len(arms) == 1:
+        return ends[0]
+    listed = "; ".join(sorted(f'"{_child(path[-1])}" by '
+                              f'{", ".join(str(j.get("name")) for j in path if j.get("type") in MOVING)}' for path in ends)[:10])
+    raise StudyError(f'{where}: {len(ends)} chains have {moving} moving joint{"s" * (moving > 1)} each, and none is the longest: '
+                     f'to {listed}. Say which: tip = "…" under [robot] of a study, --tip of check.')
+
+
+def _end_of(path: Sequence[ET.Element]) -> Array:
+    """(4, 4) where a path ends, seen from its last moving joint."""
+    place = np.eye(4)
+    for joint in reversed(path):
+        if joint.get("type") in MOVING:
+            break
+        place = _origin(joint) @ place
+    return place
+
+
+def _gravity(root: ET.Element, base: str, where: str) -> tuple[float, float, float] | None:
+    """Direction of gravity in a link: -z of the link that everything hangs on (REP 103), turned by the joints between; None where
+    one of them turns about an axis that is not upright. Raises StudyError for links in a circle."""
+    above, down, seen = {_child(j): j for j in root.findall("joint")}, list[ET.Element](), {base}
+    while base in above:
+        down.insert(0, above[base])
+        base = str(_end(above[base], "parent"))
+        if base in seen:
+            raise StudyError(f"{where}: the links form a loop. A serial chain is expected.")
+        seen.add(base)
+    g = np.array([0.0, 0.0, -1.0])
+    for joint in down:
+        g = _origin(joint)[:3, :3].T @ g
+        axis = _vector(joint.find("axis"), "xyz", (1.0, 0.0, 0.0))
+        turns = joint.get("type") not in ("fixed", "prismatic")
+        if joint.get("type") == "floating" or turns and np.linalg.norm(np.cross(axis, g)) > UPRIGHT * np.linalg.norm(axis):
+            return None
+    g = np.where(np.abs(g) < UPRIGHT, 0.0, g)
+    x, y, z = (g / np.linalg.norm(g)).tolist()
+    return x, y, z
 
 
 def _weights(root: ET.Element, start: str, stop: set[str]) -> tuple[float, Array] | None:
@@ -175,7 +224,8 @@ def _robot(root: ET.Element, where: str, base: str | None, tip: str | None) -> R
             mass, com = carried[0], B[:3, :3].T @ carried[1]
         joints.append(Joint(pending @ B, kind == "prismatic", limits, mass, (float(com[0]), float(com[1]), float(com[2]))))
         pending = inverse(B)
-    return Robot(str(root.get("name", Path(where).stem)), f"URDF {where}", tuple(joints), pending)
+    gravity = _gravity(root, str(_end(chain[0], "parent")), where)
+    return Robot(str(root.get("name", Path(where).stem)), f"URDF {where}", tuple(joints), pending, gravity)
 
 
 def _fixed(root: ET.Element, parent: str, child: str, place: Array) -> None:
@@ -192,13 +242,18 @@ def _place(joint: ET.Element, place: Array) -> None:
 
 
 def write_urdf(robot: Robot, tips: Mapping[str, Array], frames: Mapping[str, Array], notes: Sequence[str] = ()) -> str:
-    """A URDF of a chain: links base, link1 … flange; `tips` (4, 4) hang on the flange, `frames` (4, 4) on the base [mm].
+    """A URDF of a chain: links base, link1 … flange; `tips` (4, 4) hang on the flange, `frames` (4, 4) on the base [mm]. Where
+    the base does not stand upright it hangs on a link world that does.
 
     Inertias are nought and efforts and velocities are 0: they are not known here.
     """
     root = ET.Element("robot", name=robot.name)
     root.extend(ET.Comment(f" {note.replace('--', '- -')} ") for note in notes)
-    ET.SubElement(root, "link", name="base")
+    if robot.gravity is None or robot.gravity == (0.0, 0.0, -1.0):
+        ET.SubElement(root, "link", name="base")
+    else:
+        ET.SubElement(root, "link", name="world")
+        _fixed(root, "world", "base", transform(align_z(-np.array(robot.gravity)).T))
     for k, joint in enumerate(robot.joints, 1):
         kind = "prismatic" if joint.prismatic else "revolute" if joint.limits else "continuous"
         element = ET.SubElement(root, "joint", name=f"joint{k}", type=kind)

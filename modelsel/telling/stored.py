@@ -4,7 +4,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..data.table import damaged
 from ..use.calibration import NAME, Calibration, calibrate, load_calibration
+from ..use.refit import refitted
 from ..words.errors import StudyError
 from .finished import Result
 from .report.details import details
@@ -57,8 +58,9 @@ def calibration_of(result: Result | StoredResult) -> Calibration:
     if isinstance(result, StoredResult):
         return result.calibration
     fitted, data = result.chosen.fit, result.data
-    return calibrate(result.study.name, data, fitted, result.floor, result.chosen.held_out.rms_mm,
+    made = calibrate(result.study.name, data, fitted, result.floor, result.chosen.held_out.rms_mm,
                      bool(result.study.robot.register_), result.provenance)
+    return replace(made, refits=refitted(data, fitted, result.ladder))
 
 
 def _details(result: Result | StoredResult) -> str:

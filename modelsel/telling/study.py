@@ -21,7 +21,7 @@ from ..machine.robotfile import load, read_robot
 from ..matrix.scene import scene
 from ..words.errors import DataError, StudyError
 from ..wrong.causes import parse
-from ..wrong.registry import BUILTIN, Registry, every, faults, mechanism, parts
+from ..wrong.registry import BUILTIN, Registry, counted_from, every, faults, mechanism, parts
 from ..wrong.screws import Mechanism, Screw, unstorable
 from .analysis import Question, analyse, provenance, with_sampling
 from .checkpoint import Checkpoint
@@ -105,6 +105,7 @@ def asked(study: Study, folder: Path, registry: Registry) -> tuple[Question, Mea
     source = data_of(study, folder)
     measured = read_measurements(source, robot.prismatic, study.measurements.columns)
     measured = with_known(measured, known_features(study))
+    registry = counted_from(registry, measured.reference_celsius)
     labels = None
     if study.split.column is not None:
         labels = read_labels(source, study.split.column)[measured.row]

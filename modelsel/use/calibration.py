@@ -28,6 +28,7 @@ from ..wrong.causes import Member
 from ..wrong.screws import Term
 from .agreement import contradiction
 from .records import CALIBRATION, mechanism_of, mechanism_record, numbers, robot_of, robot_record, rotation
+from .refit import Refits, part_of, refits_of, refits_record
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,7 +42,8 @@ MIDDLE = 0.5     # of the campaign: where a drift is taken on data of another da
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """A calibrated robot. theta (p,) in the terms' units; covariance = factor factorᵀ, factor (p, r); `kept` the estimable
-    terms; `ranges` of every joint reading, covariate and value that the model's causes looked at in estimation."""
+    terms; `ranges` of every joint reading, covariate and value that the model's causes looked at in estimation; `refits` for the
+    forms that carry less than all (None where there are none, as in files of earlier versions)."""
 
     study: str
     robot: Robot
@@ -60,6 +62,7 @@ class Calibration:
     held_out_rms_mm: float | None
     ranges: Mapping[str, tuple[float, float]]
     provenance: Mapping[str, str]
+    refits: Refits | None = None
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -134,7 +137,7 @@ def _matched(index: Index, names: tuple[str, ...], known: tuple[str, ...], what:
 
 def calibrate(study: str, data: Data, fitted: Fit, floor: Floor, held_out_rms_mm: float | None, registered: bool,
               provenance: Mapping[str, str]) -> Calibration:
-    """The calibration of a model fitted to the rows of a study that fit."""
+    """The calibration of a model fitted to the rows of a study that fit; its refits are another's to add."""
     scene, some = data.scene, data.training()
     names = {f"q{j}" for j in range(1, scene.robot.n + 1)} | set(scene.data.covariates)
     names |= {n for m in fitted.model.mechanisms for n in m.names()} - {"target", "group", "feature"}
@@ -152,10 +155,7 @@ def calibrate(study: str, data: Data, fitted: Fit, floor: Floor, held_out_rms_mm
 
 def _arm(model: Model) -> Model:
     """Without the terms that move features of the set-up."""
-    if not any(t.fixture for t in model.terms):
-        return model
-    own = (replace(m, terms=tuple(t for t in m.terms if not t.fixture)) for m in model.mechanisms)
-    return Model(tuple(m for m in own if m.terms))
+    return model if not any(t.fixture for t in model.terms) else part_of(model, lambda t: not t.fixture)
 
 
 def _triangle(factor: Array, kept: tuple[int, ...]) -> Array:
@@ -214,7 +214,8 @@ def _record(c: Calibration) -> dict[str, Any]:
         "noise_floor": {"coordinate_mm": c.floor.coordinate_mm, "source": c.floor.source,
                         "freedom": c.floor.freedom if np.isfinite(c.floor.freedom) else None},
         "held_out_rms_mm": c.held_out_rms_mm,
-        "ranges": {name: list(pair) for name, pair in c.ranges.items()}, "provenance": dict(c.provenance)}
+        "ranges": {name: list(pair) for name, pair in c.ranges.items()}, "provenance": dict(c.provenance),
+        **({} if c.refits is None else {"refits": refits_record(c.refits, [t.symbol for t in c.terms])})}
 
 
 def _restored(r: Mapping[str, Any]) -> Calibration:
@@ -238,7 +239,7 @@ def _restored(r: Mapping[str, Any]) -> Calibration:
         r["registered"], (x, y, z), model, np.array([float(e["value"]) for e in estimates]), factor, kept,
         Floor(float(floor["coordinate_mm"]), floor["source"], np.inf if floor["freedom"] is None else float(floor["freedom"])),
         None if held is None else float(held), {k: (float(v[0]), float(v[1])) for k, v in r["ranges"].items()},
-        dict(r["provenance"]))
+        dict(r["provenance"]), refits_of(r["refits"], model) if "refits" in r else None)
     if (what := contradiction(r, model, c.standard_errors)) is not None:
         raise ValueError(what)
     return c

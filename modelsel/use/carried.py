@@ -15,6 +15,7 @@ from ..words.rigid import Array, transform, turn
 from ..wrong.causes import Cause, Combined, Member, Number
 from ..wrong.screws import Screw, Term
 from .calibration import Calibration, pose_of
+from .refit import carries, part_of
 
 TRIED = 400     # configurations that a round trip is measured at
 
@@ -35,6 +36,36 @@ class Carried:
 
     robot: Robot
     targets: Mapping[str, Array]
+
+
+def enough(c: Calibration, form: str) -> str:
+    """"whole" where a form ("geometry", "table", "whole") carries all terms, else the form."""
+    return "whole" if all(map(carries(c.model, form), c.terms)) else form
+
+
+def alone(c: Calibration, form: str) -> Calibration:
+    """The calibration of what a form ("geometry", "table", "whole") carries: as refitted without the rest, or, where there is no
+    refit, as estimated with it."""
+    if enough(c, form) == "whole":
+        return c
+    found, keep = None if c.refits is None else c.refits.alone.get(form), carries(c.model, form)
+    some = [k for k, t in enumerate(c.terms) if keep(t)] if found is None else list(found.terms)
+    return _some(c, some, c.theta[some] if found is None else found.theta)
+
+
+def missing(c: Calibration, form: str) -> list[Part]:
+    """What a form cannot carry, for the first target and group."""
+    keep = carries(c.model, form)
+    some = [k for k, t in enumerate(c.terms) if not keep(t)]
+    constant, varying = parts(_some(c, some, c.theta[some]))
+    return constant + varying
+
+
+def _some(c: Calibration, some: Sequence[int], theta: Array) -> Calibration:
+    """The calibration of some of its terms, at other estimates."""
+    screws = {c.terms[k].screws for k in some}
+    return replace(c, model=part_of(c.model, lambda t: t.screws in screws), theta=theta, factor=c.factor[list(some)],
+                   kept=tuple(i for i, k in enumerate(some) if k in c.kept))
 
 
 def fixed(cause: Cause, target: int, group: int) -> Cause:

@@ -6,7 +6,7 @@ the screw field are the derivative; that causes change with the reading as well 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,9 +19,9 @@ from ..data.measurements import Measurements
 from ..data.table import Source
 from ..machine.robot import forward
 from ..matrix.scene import Scene
-from ..words.errors import DataError
+from ..words.errors import DataError, sentence_list
 from ..words.rigid import Array, rotation_vector
-from .calibration import Calibration, in_tracker, pose_of, predict, uncertainty
+from .calibration import Calibration, in_tracker, pose_of, uncertainty
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,13 +32,16 @@ SETTLED_MM = 1e-7
 LEVER_MM = 100.0            # what a radian of a wanted orientation weighs against a mm, and a slide's mm against a radian
 BOUND = (10e-3, 20.0)       # rad, mm: what a correction may change before it is more likely a mistake
 EDGE = 0.01                 # of a range: further beyond it is said
+AT_LIMIT = 1e-9             # rad, mm: a command at the limit, as it comes back from degrees
+READ_IN = {"rad": 1.0, "deg": 180 / np.pi, "mm": 1.0, "m": 1e-3}      # units of readings, in rad or mm
 
 
 @dataclass(frozen=True, eq=False)
 class Commands:
     """Corrected commands q (m, n) and where they lead: `wanted` (m, 3) in the tracker's frame; `before_mm` the error of the
     nominal command, `left_mm` what the corrected one leaves on the calibrated model, `model_mm` the standard uncertainty of
-    that model there (length), `expected_mm` the same with the measuring noise."""
+    that model there (length), `expected_mm` the root of the sum of squares of the two and of the measuring noise; `before_rad`
+    and `left_rad` the same of wanted orientations, None without; `beyond` (m, n) commands beyond a joint's limits."""
 
     q: Array
     change: Array
@@ -47,16 +50,28 @@ class Commands:
     left_mm: Array
     model_mm: Array
     expected_mm: Array
+    before_rad: Array | None = None
+    left_rad: Array | None = None
+    beyond: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
 
     @property
     def reached(self) -> NDArray[np.bool_]:
-        """(m,) rows that land on the wanted position to 1 µm of the model."""
-        return self.left_mm <= REACHED_MM
+        """(m,) rows that land on the wanted position to 1 µm of the model, and have the wanted orientation to 10 µrad."""
+        near = self.left_mm <= REACHED_MM
+        return near if self.left_rad is None else near & (self.left_rad <= REACHED_MM / LEVER_MM)
+
+    @property
+    def where_left(self) -> str:
+        """The columns that say how far from the wanted place a row ends."""
+        return "error_left_mm" if self.left_rad is None else "error_left_mm and orientation_left_mrad"
 
     def figures(self) -> dict[str, Array]:
         """What is expected of every row, by the names of a table's columns."""
-        return {"error_before_mm": self.before_mm, "error_left_mm": self.left_mm, "model_uncertainty_mm": self.model_mm,
-                "expected_error_mm": self.expected_mm}
+        out = {"error_before_mm": self.before_mm, "error_left_mm": self.left_mm, "model_uncertainty_mm": self.model_mm,
+               "expected_error_mm": self.expected_mm}
+        if self.before_rad is not None and self.left_rad is not None:
+            out |= {"orientation_before_mrad": self.before_rad * 1e3, "orientation_left_mrad": self.left_rad * 1e3}
+        return out
 
 
 def commanded(at: Scene, q: Array) -> Scene:
@@ -92,7 +107,7 @@ def compensate(c: Calibration, data: Measurements) -> Commands:
     scale = np.array([LEVER_MM if j.prismatic else 1.0 for j in c.robot.joints])
     q, damping = data.q.copy(), np.full(len(data), 1e-9)
     error, J = _error(c, start, wanted)
-    before, size = np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error, axis=1)
+    before, size = error, np.linalg.norm(error, axis=1)
     for _ in range(ITERATIONS):
         going = (size > SETTLED_MM) & (damping < 1e6)
         if not going.any():
@@ -107,12 +122,21 @@ def compensate(c: Calibration, data: Measurements) -> Commands:
         e, slope = _error(c, commanded(start, trial), wanted)
         new = np.linalg.norm(e, axis=1)
         better = going & (new < size)
-        q[better], error[better], J[better], size[better] = trial[better], e[better], slope[better], new[better]
+        error = np.where(better[:, None], e, error)
+        q[better], J[better], size[better] = trial[better], slope[better], new[better]
         damping = np.where(better, np.maximum(damping / 10, 1e-12), np.where(going, damping * 10, damping))
-    there = commanded(start, q)
-    left = np.linalg.norm(wanted - predict(c, there), axis=1)
-    model = np.sqrt(np.square(uncertainty(c, there)).sum((1, 2)))
-    return Commands(q, q - data.q, wanted, before, left, model, np.sqrt(model ** 2 + 3 * c.floor.coordinate_mm ** 2))
+    left, turned = np.linalg.norm(error[:, :3], axis=1), data.rotation is not None
+    model = np.sqrt(np.square(uncertainty(c, commanded(start, q))).sum((1, 2)))
+    return Commands(q, q - data.q, wanted, np.linalg.norm(before[:, :3], axis=1), left, model,
+                    np.sqrt(left ** 2 + model ** 2 + 3 * c.floor.coordinate_mm ** 2),
+                    np.linalg.norm(before[:, 3:], axis=1) / LEVER_MM if turned else None,
+                    np.linalg.norm(error[:, 3:], axis=1) / LEVER_MM if turned else None, past_limits(c, q))
+
+
+def past_limits(c: Calibration, q: Array) -> NDArray[np.bool_]:
+    """(m, n) readings beyond their joint's limits; none where these are not known."""
+    low, high = np.array([j.limits or (-np.inf, np.inf) for j in c.robot.joints]).T
+    return np.asarray((q < low - AT_LIMIT) | (q > high + AT_LIMIT))
 
 
 def correct(c: Calibration, targets: Source, *, bound: tuple[float, float] = BOUND) -> pd.DataFrame:
@@ -124,15 +148,18 @@ def correct(c: Calibration, targets: Source, *, bound: tuple[float, float] = BOU
     made = compensate(c, data)
     refuse(c, made, data, bound, Path(targets).name if isinstance(targets, (str, PathLike)) else "")
     missed = int((~made.reached).sum())
-    for said in (*outside(c, data), *([f"{missed} of {len(data)} rows are not reached: see error_left_mm."] if missed else [])):
+    for said in (*outside(c, data), *from_order(c, data), *at_limits(made),
+                 *([f"{missed} of {len(data)} rows are not reached: see {made.where_left}."] if missed else [])):
         warn(said, stacklevel=2)
     return commands_frame(c, data, made.q, made.wanted, made.figures())
 
 
 def commands_frame(c: Calibration, data: Measurements, q: Array, x: Array, more: Mapping[str, Array]) -> pd.DataFrame:
-    """Commands q (m, n) and positions x (m, 3) as a table in the form of a measurements file, with `more` columns."""
+    """Commands q (m, n) and positions x (m, 3) as a table in the form of a measurements file, the commands in the units of the
+    planned ones, with `more` columns."""
     import pandas as pd
-    columns: dict[str, object] = {f"q{j + 1}_{c.robot.unit(j + 1)}": q[:, j] for j in range(c.robot.n)}
+    units = data.units or [c.robot.unit(j) for j in range(1, c.robot.n + 1)]
+    columns: dict[str, object] = {f"q{j}_{unit}": q[:, j - 1] * READ_IN[unit] for j, unit in enumerate(units, 1)}
     columns |= dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
     columns["target"] = np.array(data.targets)[data.target]
     columns |= {f"approach{j + 1}": data.approach[:, j].astype(int) for j in range(c.robot.n)} | dict(data.covariates)
@@ -175,14 +202,31 @@ def outside(c: Calibration, data: Measurements) -> list[str]:
             known = f"{low * factor:.4g} to {high * factor:.4g}{unit}"
             out.append(f"{name}: {beyond} of {len(data)} rows lie beyond the {known} that the calibration has seen; there the "
                        "model is a guess.")
-    limits = [j.limits or (-np.inf, np.inf) for j in c.robot.joints]
-    out += [f"joint {j + 1}: {count} of {len(data)} rows lie beyond its limits." for j, (low, high) in enumerate(limits)
-            if (count := int(((data.q[:, j] < low) | (data.q[:, j] > high)).sum()))]
+    out += [f"joint {j}: {count} of {len(data)} rows lie beyond its limits."
+            for j, count in enumerate(past_limits(c, data.q).sum(0).tolist(), 1) if count]
     unknown = sorted(int(name.removeprefix("approach")) for name in c.needs() if name.startswith("approach")
                      and (data.approach[:, int(name.removeprefix("approach")) - 1] == 0).any())
     out += [f"joint {j}: the direction of approach of some rows is not known (0): its backlash is taken at the middle there."
             for j in unknown]
     return out
+
+
+def from_order(c: Calibration, data: Measurements) -> list[str]:
+    """That the model looks at motions which nobody gave but the order of the targets, in words."""
+    own, out = any(n.code == "approach-from-order" for n in data.notes), []
+    for stem, what in (("approach", "directions of approach"), ("move", "sizes of the moves")):
+        joints = sorted(int(n.removeprefix(stem)) for n in c.needs() if n.removeprefix(stem).isdigit() and n.startswith(stem))
+        if joints and (own or stem == "move"):
+            remedy = " or give approach columns" if stem == "approach" else ""
+            out.append(f"joint{'s' * (len(joints) > 1)} {sentence_list([str(j) for j in joints])}: the {what} are taken from the "
+                       f"order of the targets in the file. Run them in this order{remedy}.")
+    return out
+
+
+def at_limits(made: Commands) -> list[str]:
+    """Which corrected commands no joint can take, in words."""
+    return [f"joint {j}: {count} of {len(made.q)} corrected commands lie beyond its limits."
+            for j, count in enumerate(made.beyond.sum(0).tolist(), 1) if count]
 
 
 def _shown(c: Calibration, name: str) -> tuple[float, str]:

@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
+from itertools import chain
 from pprint import pformat
 from typing import Any
 
@@ -21,18 +22,20 @@ from ..machine.urdf import read_urdf_text, write_urdf
 from ..matrix.design import PLACE
 from ..matrix.scene import Scene
 from ..words.rigid import AXES, Array, inverse, transform
-from ..wrong.causes import Applied, Bump, Cause, Combined, Member, Named, Number, parse
+from ..wrong.causes import Applied, Bump, Cause, Combined, Named, Number, parse
 from ..wrong.screws import Screw, Term
 from .calibration import Calibration, in_tracker, pose_of
-from .carried import Carried, Part, carried, constants, parts, points, rms_and_most, workspace
-from .lookup import FINE_MM, read_table, tables, write_tables
+from .carried import Carried, Part, alone, carried, constants, enough, missing, parts, points, rms_and_most, workspace
+from .lookup import FINE_MM, read_table, still, tables, write_tables
+from .notes import notes_of
 from .records import cause_of, cause_record
 
 
 @dataclass(frozen=True)
 class Exported:
     """A file's text; `error_mm` largest difference between what is read back and the fit, in what the form can carry, over
-    `configurations`; `left_out` in words, and what it moves the target: (rms, largest) mm."""
+    `configurations`; `left_out` in words, and how far the whole model is from the file: (rms, largest) mm. `errors`: of which
+    rows, rms [mm] of the nominal arm, of the file, of the whole model (None where that is not known)."""
 
     text: str
     error_mm: float
@@ -40,11 +43,28 @@ class Exported:
     left_out: tuple[str, ...] = ()
     left_out_mm: tuple[float, float] = (0.0, 0.0)
     notes: tuple[str, ...] = ()
+    errors: tuple[str, float, float, float] | None = None
+
+    @property
+    def worse(self) -> str | None:
+        """That the file is worse than the nominal arm, in words; None where it is not, or nobody knows."""
+        if self.errors is None or self.errors[2] <= self.errors[1]:
+            return None
+        rows, nominal, own, _ = self.errors
+        return f"this file is worse than the nominal arm: {own:.3g} mm rms against {nominal:.3g} mm, {rows}"
 
 
 def export(c: Calibration, form: str) -> Exported:
-    """A calibration as "urdf", "dh", "mdh", "json", "csv", "python" or "table"."""
-    return FORMS[form](c)
+    """A calibration as "urdf", "dh", "mdh", "json", "csv", "python" or "table"; of a form that cannot carry all of it, the best
+    robot that it can carry, refitted."""
+    what = enough(c, CARRIES.get(form, "whole"))
+    own, notes = alone(c, what), notes_of(c, what, form in GEOMETRY)
+    made, difference = FORMS[form](own, notes), []
+    for t in range(len(c.targets) if form in GEOMETRY else 1):
+        at = workspace(c, t)
+        difference.append(points(at, [*chain(*parts(c, t))]) - points(at, [*chain(*parts(own, t))]))
+    return replace(made, left_out=_missing(missing(c, what)), left_out_mm=rms_and_most(np.concatenate(difference)),
+                   notes=(*notes, *made.notes), errors=None if c.refits is None else c.refits.errors(what))
 
 
 def _missing(some: Sequence[Part]) -> tuple[str, ...]:
@@ -59,35 +79,24 @@ def _missing(some: Sequence[Part]) -> tuple[str, ...]:
 def _geometry(c: Calibration, text: str, read: Callable[[str, int], Callable[[Array], Array]], notes: tuple[str, ...]
               ) -> Exported:
     """Measured as a chain: `read` gives, of the file's text, the target's position in frame 0 at joint readings."""
-    worst, rest = 0.0, (0.0, 0.0)
+    worst = 0.0
     for t in range(len(c.targets)):
         at = workspace(c, t)
-        constant, varying = parts(c, t)
-        worst = max(worst, float(np.linalg.norm(read(text, t)(at.data.q) - points(at, constant), axis=1).max()))
-        rest = max(rest, rms_and_most(points(at, constant + varying) - points(at, constant)))
-    return Exported(text, worst, len(at) * len(c.targets), _missing(parts(c)[1]), rest, notes)
+        worst = max(worst, float(np.linalg.norm(read(text, t)(at.data.q) - points(at, parts(c, t)[0]), axis=1).max()))
+    return Exported(text, worst, len(at) * len(c.targets), notes=notes)
 
 
-def _notes(c: Calibration) -> tuple[str, ...]:
-    causes = {s.cause for t in c.terms for s in t.screws}
-    out = ["frame 0 is the robot's base before any registration; lengths and angles are those of the calibrated geometry"]
-    if np.ptp(c.placement[1], axis=0).any() or any(Member("group", g) in causes for g in range(len(c.groups))):
-        out.append(f'the placement of the tracker is that of group "{c.groups[0]}"')
-    return tuple(out)
-
-
-def to_urdf(c: Calibration) -> Exported:
+def to_urdf(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     """The calibrated chain as a URDF: targets on the flange, the tracker on the base."""
-    made, notes = carried(c), _notes(c)
+    made = carried(c)
     tips = {_link(name): place for name, place in made.targets.items()}
     tracker = inverse(transform(c.placement[0][0], c.placement[1][0]))
     robot, bounded = _bounded(made.robot, c.ranges)
-    notes += bounded
-    text = write_urdf(robot, tips, {"tracker": tracker} if c.registered else {}, [made.robot.source, *notes])
+    text = write_urdf(robot, tips, {"tracker": tracker} if c.registered else {}, [made.robot.source, *notes, *bounded])
     def read(text: str, target: int) -> Callable[[Array], Array]:
-        back = read_urdf_text(text, "the export", tip=_link(c.targets[target]))
+        back = read_urdf_text(text, "the export", "base", _link(c.targets[target]))
         return lambda q: forward(back, q, np.zeros(3))
-    return _geometry(c, text, read, notes)
+    return _geometry(c, text, read, bounded)
 
 
 def _bounded(robot: Robot, ranges: Mapping[str, tuple[float, float]]) -> tuple[Robot, tuple[str, ...]]:
@@ -99,20 +108,20 @@ def _bounded(robot: Robot, ranges: Mapping[str, tuple[float, float]]) -> tuple[R
 
 
 def _link(name: str) -> str:
-    return name if name not in ("base", "flange", "tracker") and not name.startswith("link") else f"target_{name}"
+    return name if name not in ("world", "base", "flange", "tracker") and not name.startswith("link") else f"target_{name}"
 
 
-def _to_dh(c: Calibration, modified: bool) -> Exported:
+def _to_dh(c: Calibration, modified: bool, notes: Sequence[str]) -> Exported:
     made = carried(c)
     nearly = tuple(f"joints {a} and {b} are almost parallel: their rows have a large d; small changes of the angle change it much"
                    for a, b in rows_of(made.robot, modified).nearly)
     where = tuple(f"target {name} on the flange: x, y, z = {', '.join(repr(float(v)) for v in T[:3, 3])} mm"
                   for name, T in made.targets.items())
-    text = robot_file(made.robot, modified, [*_notes(c), *where, *nearly])
+    text = robot_file(made.robot, modified, [*notes, *where, *nearly])
     def read(text: str, target: int) -> Callable[[Array], Array]:
         back = robot_from_table(tomllib.loads(text), "the export")
         return lambda q: forward(back, q, _offset(made, c.targets[target]))
-    return _geometry(c, text, read, (*_notes(c), *nearly))
+    return _geometry(c, text, read, nearly)
 
 
 def _offset(made: Carried, target: str) -> Array:
@@ -122,7 +131,7 @@ def _offset(made: Carried, target: str) -> Array:
 # -- corrections: everything the model says, as rows ---------------------------------------------------------------------------
 
 
-def to_json(c: Calibration) -> Exported:
+def to_json(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     """Constant corrections of every frame and every other screw, with its cause as structure."""
     record = {"schema": 1, "kind": "corrections", "study": c.study, "robot": c.robot.name, "axes": list(AXES),
               "says": "H of a frame = constant entries + Σ estimate × cause; Trans(tx, ty, tz) Rx Ry Rz, mm and rad",
@@ -144,7 +153,7 @@ def _from_json(record: Mapping[str, Any], target: str) -> list[Part]:
 HEADER = ("target", "mechanism", "symbol", "frame", "axis", "cause", "knot", "knot_width", "value", "standard_error", "unit")
 
 
-def to_csv(c: Calibration) -> Exported:
+def to_csv(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     """A row a screw: place, cause, value. A free function has a row a knot: a cubic B-spline centred there."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
@@ -193,7 +202,7 @@ def _whole(c: Calibration, text: str, read: Callable[[str, int], list[Part]]) ->
         at = workspace(c, t)
         wanted = pose_of(at, c.terms, c.theta).target.T
         worst = max(worst, float(np.linalg.norm(points(at, read(text, t)) - wanted, axis=1).max()))
-    return Exported(text, worst, len(at) * len(c.targets), notes=_notes(c)[1:])
+    return Exported(text, worst, len(at) * len(c.targets))
 
 
 # -- a function and a table ----------------------------------------------------------------------------------------------------
@@ -235,7 +244,7 @@ def given(c: Calibration) -> list[str]:
                   or not RESERVED.fullmatch(n))
 
 
-def to_python(c: Calibration) -> Exported:
+def to_python(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     """A module of its own: numpy only, the numbers in it."""
     source = files(__package__).joinpath("exported.py").read_text(encoding="utf-8")
     needs = given(c)
@@ -252,30 +261,31 @@ def to_python(c: Calibration) -> Exported:
         at = workspace(c, t)
         wanted = in_tracker(at, pose_of(at, c.terms, c.theta).target.T)
         worst = max(worst, float(np.linalg.norm(run(t, at) - wanted, axis=1).max()))
-    return Exported(text, worst, len(at) * len(c.targets), notes=_notes(c)[1:])
+    return Exported(text, worst, len(at) * len(c.targets))
 
 
-def to_table(c: Calibration) -> Exported:
-    """Every varying correction of one or two values of the state, on a grid to interpolate in."""
-    varying = parts(c)[1]
-    at, constant = workspace(c), parts(c)[0]
+def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
+    """Every correction: the constant ones, and those of one or two values of the state on a grid to interpolate in."""
+    constant, varying = parts(c)
+    at = workspace(c)
     made, over = tables(c, varying, at)
-    text = write_tables(made)
-    inside = [p for p in varying if p not in over]
+    assert not over, "what no table holds was left out before"
+    text = write_tables([*still(constants(c)), *made])
     read = read_table(text, at)
     tabled = {f"table_{k}": values for k, (_, _, values) in enumerate(read)}
     bound = at.anew(data=replace(at.data, covariates={**at.data.covariates, **tabled}))
     again = [Part("table", Term("", (Screw(frame, axis, Named(f"table_{k}")),)), 1.0, 0.0) for k, (frame, axis, _) in
              enumerate(read)]
-    difference = points(bound, constant + again) - points(at, constant + inside)
-    rest = rms_and_most(points(at, constant + varying) - points(at, constant + inside))
-    rms, most = rms_and_most(difference)
-    return Exported(text, most, len(at), _missing(over), rest,
-                    (f"interpolated linearly: {rms * 1e3:.2g} µm rms, {most * 1e3:.2g} µm at most"
-                     + (", beside a jump" if most > 10 * FINE_MM else ""),))
+    rms, most = rms_and_most(points(bound, again) - points(at, constant + varying))
+    said = [f'the constant corrections are those of target "{c.targets[0]}"'] if len(c.targets) > 1 else []
+    return Exported(text, most, len(at), notes=(
+        *said, f"interpolated linearly: {rms * 1e3:.2g} µm rms, {most * 1e3:.2g} µm at most"
+        + (", beside a jump" if most > 10 * FINE_MM else "")))
 
 
-FORMS: dict[str, Callable[[Calibration], Exported]] = {
-    "urdf": to_urdf, "dh": lambda c: _to_dh(c, False), "mdh": lambda c: _to_dh(c, True), "json": to_json, "csv": to_csv,
-    "python": to_python, "table": to_table}
+FORMS: dict[str, Callable[[Calibration, Sequence[str]], Exported]] = {
+    "urdf": to_urdf, "dh": lambda c, notes: _to_dh(c, False, notes), "mdh": lambda c, notes: _to_dh(c, True, notes),
+    "json": to_json, "csv": to_csv, "python": to_python, "table": to_table}
+GEOMETRY = ("urdf", "dh", "mdh")
+CARRIES = {**dict.fromkeys(GEOMETRY, "geometry"), "table": "table"}      # others carry the whole model
 __all__ = ["FORMS", "Exported", "export"]

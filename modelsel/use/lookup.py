@@ -1,4 +1,4 @@
-"""Lookup tables: the part of a correction that hangs on one or two values of the state, on a grid to interpolate in."""
+"""Lookup tables: the part of a correction that hangs on at most two values of the state, on a grid to interpolate in."""
 from __future__ import annotations
 
 import csv
@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from ..matrix.scene import Scene
-from ..words.rigid import Array
+from ..words.rigid import AXES, Array
 from .calibration import Calibration
 from .carried import Part
 
@@ -57,6 +57,11 @@ def tables(c: Calibration, varying: Sequence[Part], at: Scene) -> tuple[list[Tab
     return [_table(ranges, *place, some, FINE_MM / (lever if place[1][0] == "r" else 1.0)) for place, some in own.items()], over
 
 
+def still(entries: Array) -> list[Table]:
+    """A table of no value for every constant correction that is not nought; entries (n+1, 6) mm and rad."""
+    return [Table(frame + 1, AXES[axis], (), (), entries[frame, axis]) for frame, axis in zip(*np.nonzero(entries), strict=True)]
+
+
 def _table(ranges: Mapping[str, tuple[float, float]], frame: int, axis: str, names: tuple[str, ...],
            some: list[tuple[Part, int]], fine: float) -> Table:
     def at(*grid: Array) -> Array:
@@ -79,7 +84,7 @@ def _table(ranges: Mapping[str, tuple[float, float]], frame: int, axis: str, nam
 
 
 def write_tables(made: Sequence[Table]) -> str:
-    """One CSV: table, frame, axis, name and value of one or two values of the state, correction (mm or rad)."""
+    """One CSV: table, frame, axis, name and value of at most two values of the state, correction (mm or rad)."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(["table", "frame", "axis", "name1", "value1", "name2", "value2", "correction"])
@@ -101,7 +106,8 @@ def read_table(text: str, at: Scene) -> list[tuple[int, str, Array]]:
         columns = [np.array([float(r[f"value{k}"]) for r in rows]) for k in range(1, len(names) + 1)]
         grid = [np.unique(column) for column in columns]
         values = np.array([float(r["correction"]) for r in rows]).reshape([len(g) for g in grid])
-        out.append((int(rows[0]["frame"]), rows[0]["axis"], between(grid, values, [at.value(n) for n in names])))
+        found = between(grid, values, [at.value(n) for n in names]) if names else np.full(len(at), float(values))
+        out.append((int(rows[0]["frame"]), rows[0]["axis"], found))
     return out
 
 

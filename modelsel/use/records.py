@@ -12,6 +12,7 @@ from ..words.rigid import AXES, LARGEST, Array
 from ..words.shape import Each, Maybe, misfit
 from ..wrong.causes import FUNCTIONS, RANK, Applied, Bump, Cause, Combined, Member, Named, Number
 from ..wrong.screws import Mechanism, Screw, Term, foreign
+from .refit import REFITS
 
 RIGID = 1e-6    # a stored rotation differs from one by less
 DEEPEST = 200   # a cause nested more deeply than this is no cause of ours
@@ -31,7 +32,7 @@ CALIBRATION = {
     "estimates": Each({"symbol": str, "value": float, "standard_error": float, "unit": str, "estimable": bool}),
     "covariance_factor": {"rows": Each(Each(float))},
     "noise_floor": {"coordinate_mm": float, "source": str, "freedom": Maybe(float)}, "held_out_rms_mm": Maybe(float),
-    "ranges": {str: PAIR}, "provenance": {str: str}}
+    "ranges": {str: PAIR}, "provenance": {str: str}, "refits?": REFITS}
 
 
 def cause_record(cause: Cause) -> dict[str, Any]:

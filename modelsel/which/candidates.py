@@ -13,12 +13,14 @@ from itertools import combinations
 
 import numpy as np
 
+from ..data.temperature import TEMPERATURE
 from ..machine.gravity import arm_pair, under_gravity
 from ..machine.robot import Robot
 from ..matrix.design import Model
 from ..matrix.scene import Scene
 from ..words.rigid import AXES
 from ..wrong.causes import Applied, Bump, Cause, Named, cos, q, sign, sin, torque
+from ..wrong.mechanisms.environment import warmth
 from ..wrong.mechanisms.gravity_effects import far, near
 from ..wrong.mechanisms.transmission import WAVES, wave
 from ..wrong.screws import Mechanism, Screw, Term
@@ -85,7 +87,7 @@ def cell_causes(scene: Scene) -> tuple[tuple[Cause, ...], ...]:
     for j in (j for j in range(1, robot.n + 1) if j not in turning):        # a bowed rail; a scale that grows with temperature
         along = q(j, "mm")
         out.append((along, along * along))
-        out += [(Named(name, "°C") * along, along) for name in scene.data.covariates if name == "temperature_C"]
+        out += [(warmth(scene.data.reference_celsius) * along, along)] if TEMPERATURE in scene.data.covariates else []
     for j, k in combinations(turning, 2):
         both, apart = (sin(q(j) + q(k)), cos(q(j) + q(k))), (sin(q(j) - q(k)), cos(q(j) - q(k)))
         out += [both, apart, both + apart]          # together: any product of a wave of the one and a wave of the other
@@ -97,7 +99,7 @@ def cell_causes(scene: Scene) -> tuple[tuple[Cause, ...], ...]:
     out += [(cause,) for cause in warming(scene)]
     units = scene.names()
     for name in scene.data.covariates:
-        out.append((Named(name, units[name]),))
+        out.append((warmth(scene.data.reference_celsius) if name == TEMPERATURE else Named(name, units[name]),))
         if name == "payload_kg" and pair is not None:
             out += [(Named(name, "kg") * far(pair),), (Named(name, "kg") * near(pair),)]
     return tuple(out)

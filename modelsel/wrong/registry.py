@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
+from ..data.temperature import REFERENCE
 from ..machine.robot import Robot
 from ..words.errors import StudyError, suggest
 from .mechanisms import compliance, couplings, environment, geometry, gravity_effects, motion, transmission
@@ -37,6 +39,14 @@ class Scanned:
 Entry = Callable[[Robot], Mechanism | None] | PerJoint | Scanned
 Registry = Mapping[str, Entry]
 
+
+def thermal(reference: float = REFERENCE) -> Registry:
+    """What temperature does, counted from the reference [°C]."""
+    return {"thermal-growth": PerJoint(partial(environment.thermal_growth, reference=reference), environment.growing_links),
+            "thermal-expansion": partial(environment.thermal_expansion, reference=reference),
+            "thermal-zero": PerJoint(partial(environment.thermal_zero, reference=reference), transmission.all_joints)}
+
+
 BUILTIN: Registry = {
     "geometric": geometry.geometric,
     "joint2-twist": gravity_effects.joint2_twist,
@@ -60,15 +70,19 @@ BUILTIN: Registry = {
     "approach-backlash": PerJoint(motion.approach_backlash, transmission.all_joints),
     "overshoot": PerJoint(motion.overshoot, transmission.all_joints),
     "settle": PerJoint(motion.settle, transmission.all_joints),
-    "thermal-growth": PerJoint(environment.thermal_growth, environment.growing_links),
-    "thermal-expansion": environment.thermal_expansion,
-    "thermal-zero": PerJoint(environment.thermal_zero, transmission.all_joints),
+    **thermal(),
     "tracker-drift": Scanned(environment.tracker_drift, lambda robot: (1.0, 0.25, 0.1)),
     "tracker-step": Scanned(environment.tracker_step, lambda robot: environment.STEPS, range=(0.0, 1.0)),
     "target-step": Scanned(environment.target_step, lambda robot: environment.STEPS, range=(0.0, 1.0)),
     "tracker-scale": environment.tracker_scale,
     "refraction": environment.refraction,
 }
+
+
+def counted_from(registry: Registry, reference: float) -> Registry:
+    """The registry with modelsel's own thermal mechanisms counted from a reference [°C]."""
+    own = thermal(reference)
+    return {name: own[name] if name in own and entry is BUILTIN[name] else entry for name, entry in registry.items()}
 
 
 def faults(robot: Robot) -> tuple[Mechanism, ...]:

@@ -3,12 +3,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...data.temperature import REFERENCE, TEMPERATURE
 from ...machine.robot import Robot
 from ...words.rigid import AXES, Array
-from ..causes import Bump, Cause, Named, Number, sign
+from ..causes import Applied, Bump, Cause, Combined, Named, Number, shifted, sign
 from ..screws import Mechanism, Screw, Term
 
-TEMPERATURE = Named("temperature_C", "°C")
 PROGRESS: Cause = Named("progress")   # place in the order of motion, 0 to 1: every file has it, clock or not
 DRIFT = {"t": (1e-3, 2.0), "r": (1e-6, 2e-3)}     # mm, rad
 STEP = {"t": (1e-3, 20.0), "r": (1e-6, 2e-2)}
@@ -20,10 +20,31 @@ def _along(robot: Robot, vector: Array, frame: int, cause: Cause) -> tuple[Screw
     return tuple(Screw(frame, AXES[a], Number(float(vector[a]), "mm") * cause) for a in range(3) if abs(vector[a]) > 1e-6)
 
 
-def growth_screws(robot: Robot, link: int) -> tuple[Screw, ...]:
+def warmth(reference: float = REFERENCE) -> Cause:
+    """Temperature, counted from the reference [°C]."""
+    return shifted(Named(TEMPERATURE, "°C"), -reference)
+
+
+def counted(cause: Cause) -> frozenset[float]:
+    """From which temperatures [°C] a cause counts: none where it does not look at any."""
+    match cause:
+        case Combined("-", Named(name), Number(reference)) if name == TEMPERATURE:
+            return frozenset((reference,))
+        case Combined("+", Named(name), Number(reference)) if name == TEMPERATURE:
+            return frozenset((-reference,))
+        case Combined(_, left, right):
+            return counted(left) | counted(right)
+        case Applied(_, argument):
+            return counted(argument)
+        case Named(name) if name == TEMPERATURE:
+            return frozenset((0.0,))
+    return frozenset()
+
+
+def growth_screws(robot: Robot, link: int, reference: float = REFERENCE) -> tuple[Screw, ...]:
     """Screws that lengthen link `link`: from joint `link` to the next frame (0: from frame 0 to joint 1)."""
     N = robot.joints[link].before if link < robot.n else robot.last
-    return _along(robot, N[:3, :3].T @ N[:3, 3], link + 1, TEMPERATURE)
+    return _along(robot, N[:3, :3].T @ N[:3, 3], link + 1, warmth(reference))
 
 
 def growing_links(robot: Robot) -> tuple[int, ...]:
@@ -31,28 +52,29 @@ def growing_links(robot: Robot) -> tuple[int, ...]:
     return tuple(k for k in range(1, robot.n + 1) if growth_screws(robot, k))
 
 
-def thermal_growth(robot: Robot, link: int) -> Mechanism:
+def thermal_growth(robot: Robot, link: int, reference: float = REFERENCE) -> Mechanism:
     """One link lengthens with temperature."""
-    return Mechanism(f"thermal-growth:{link}", (Term(f"g{link}", growth_screws(robot, link), (1e-6, 1e-4), 1),),
-                     f"Link {link} grows with temperature.", f"length of link {link} · (1 + g temperature_C)",
-                     "ISO 230-3, thermal effects")
+    return Mechanism(f"thermal-growth:{link}", (Term(f"g{link}", growth_screws(robot, link, reference), (1e-6, 1e-4), 1),),
+                     f"Link {link} grows with temperature, counted from {reference:g} °C.",
+                     f"length of link {link} · (1 + g ({warmth(reference)}))", "ISO 230-3, thermal effects; ISO 1, 20 °C")
 
 
-def thermal_expansion(robot: Robot) -> Mechanism | None:
+def thermal_expansion(robot: Robot, reference: float = REFERENCE) -> Mechanism | None:
     """The whole arm lengthens, one coefficient."""
-    screws = tuple(s for k in range(robot.n + 1) for s in growth_screws(robot, k))
+    screws = tuple(s for k in range(robot.n + 1) for s in growth_screws(robot, k, reference))
     if not screws:
         return None
-    return Mechanism("thermal-expansion", (Term("g", screws, (1e-6, 1e-4), 1),), "The whole arm grows with temperature.",
-                     "every length · (1 + g temperature_C)", "ISO 230-3, thermal effects")
+    return Mechanism("thermal-expansion", (Term("g", screws, (1e-6, 1e-4), 1),),
+                     f"The whole arm grows with temperature, counted from {reference:g} °C.",
+                     f"every length · (1 + g ({warmth(reference)}))", "ISO 230-3, thermal effects; ISO 1, 20 °C")
 
 
-def thermal_zero(robot: Robot, joint: int) -> Mechanism:
+def thermal_zero(robot: Robot, joint: int, reference: float = REFERENCE) -> Mechanism:
     """A joint's zero wanders with temperature."""
     axis = "tz" if robot.joints[joint - 1].prismatic else "rz"
-    return Mechanism(f"thermal-zero:{joint}", (Term(f"z{joint}", (Screw(joint, axis, TEMPERATURE),), (1e-7, 1e-3)),),
-                     f"The zero of joint {joint} wanders with temperature.", f"θ{joint} = q{joint} + z · temperature_C",
-                     "ISO 230-3, thermal effects")
+    return Mechanism(f"thermal-zero:{joint}", (Term(f"z{joint}", (Screw(joint, axis, warmth(reference)),), (1e-7, 1e-3)),),
+                     f"The zero of joint {joint} wanders with temperature, counted from {reference:g} °C.",
+                     f"θ{joint} = q{joint} + z ({warmth(reference)})", "ISO 230-3, thermal effects; ISO 1, 20 °C")
 
 
 def tracker_drift(robot: Robot, knots: float) -> Mechanism:
