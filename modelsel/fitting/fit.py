@@ -69,8 +69,8 @@ class Fit:
         return float(self.rows - np.square(self.reduction.R[:-1, kept] @ self.factor[kept]).sum())
 
     @property
-    def by_prior(self) -> float:
-        """Fitted terms that a prior determines, each as far as it does: they cost the noise no degree of freedom."""
+    def by_prior(self) -> int:
+        """Fitted terms that a prior has a say in, whose rows stand with the data's: they cost the noise no degree of freedom."""
         shrunk = 0 if self.precision is None else int((self.precision[list(self.found.kept)] > 0).sum())
         return shrunk + self.weak.count
 

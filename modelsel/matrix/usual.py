@@ -23,6 +23,7 @@ from .smooth import spline
 USUAL = {"t": 1.0, "r": 1e-3}      # mm, rad: standard deviation of an assembled arm's parameter about its drawing
 OPEN = {"t": 100.0, "r": 0.1}      # mm, rad: of a placement or a target that registration has found already
 PLENTY = 4.0                       # usual sizes over their standard error, beyond which least squares stands alone
+PRECISE = 1e-5                     # of the parameters' own effect: less noise would only lose digits
 ALIKE = 0.01                       # relative change of the prior that changes nothing
 FACTORS = 2.0 ** np.arange(-2, 4)  # that this arm's errors may be larger than usual, a factor of two being likely
 SURPRISING = 3.0                   # usual sizes: an estimate beyond is no usual one, and its own size is taken for it
@@ -31,11 +32,11 @@ SURPRISING = 3.0                   # usual sizes: an estimate beyond is no usual
 @dataclass(frozen=True, eq=False)
 class WeakPrior:
     """`rows` (k, p): their product with theta is normal about zero, in units of the noise (None: the data determine all well);
-    `count`: directions that the prior determines, each as far as it does; `held`: those of which it says more than the data;
+    `count`: directions that the prior has a say in; `held`: those of which it says more than the data;
     `sizes` (p,): usual sizes of this arm's parameters [mm, rad], infinite where there is none."""
 
     rows: Array | None = field(default=None, repr=False)
-    count: float = 0.0
+    count: int = 0
     held: int = 0
     sizes: Array | None = field(default=None, repr=False)
 
@@ -109,7 +110,7 @@ def weak_prior(reduction: Reduction, fitted: Sequence[int], model: Model, theta:
         return WeakPrior(sizes=sizes)
     rows = np.zeros((int(some.sum()), reduction.p))
     rows[:, sized] = sigma * np.sqrt(weight[some])[:, None] * Vt[some] / sizes[sized]
-    return WeakPrior(rows, float(weight.sum()), int((np.square(known) < weight).sum()), sizes)
+    return WeakPrior(rows, len(rows), int((np.square(known) < weight).sum()), sizes)
 
 
 def _beyond(reduction: Reduction, some: Sequence[int], others: Sequence[int], theta: Array) -> tuple[Array, Array]:
@@ -130,12 +131,14 @@ def _scales(reduction: Reduction, kept: Sequence[int], sizes: Array, theta: Arra
     if not some:
         return out
     inner, y = _beyond(reduction, some, [k for k in kept if k not in some], theta)
-    B = inner * sizes[some] / sigma
+    B = inner * sizes[some]
+    noise = max(sigma, PRECISE * float(np.linalg.norm(B)))
+    B = B / noise
     parts = B[:, :len(sane[0])], B[:, len(sane[0]):]
     covariance = (np.eye(len(some)) + np.square(FACTORS)[:, None, None, None] * (parts[0] @ parts[0].T)
                   + np.square(FACTORS)[:, None, None] * (parts[1] @ parts[1].T))
     root = np.linalg.cholesky(covariance)
-    z = np.linalg.solve(root, np.broadcast_to((y / sigma)[:, None], (*root.shape[:3], 1)))
+    z = np.linalg.solve(root, np.broadcast_to((y / noise)[:, None], (*root.shape[:3], 1)))
     exponents = np.log2(FACTORS)
     log_p = (-np.log(np.diagonal(root, 0, 2, 3)).sum(2) - 0.5 * np.square(z).sum((2, 3))
              - 0.5 * np.square(exponents)[:, None] - 0.5 * np.square(exponents))
