@@ -100,7 +100,7 @@ def test_linear_and_exact_densities_agree(scene: Scene, rng: np.random.Generator
     for fitted in (fit(scene, MODEL), fit(scene, MODEL, precision=precision)):
         for chosen in (named(fitted), named(fitted)[:1]):
             whole, reduced = (target(scene, fitted, chosen, exact=e) for e in (True, False))
-            walkers = whole.start(rng, 6)
+            walkers = rng.standard_normal((6, whole.size))                     # as far as the closed form's draws
             a, b = whole.log_density(walkers), reduced.log_density(walkers)
             assert np.allclose(a - a[0], b - b[0], atol=1e-3)
 
@@ -171,11 +171,10 @@ def test_tail_is_found(rng: np.random.Generator) -> None:
     """Noise with 3 degrees of freedom is told from normal noise."""
     at = drawn(ARM, rng, 80)
     tails = []
-    for heavy in (True, False):
-        noise = rng.normal(0, 0.1, (80, 3)) / (np.sqrt(rng.chisquare(3, (80, 1)) / 3) if heavy else 1.0)
+    for noise in (rng.normal(0, 0.1, (80, 3)) / np.sqrt(rng.chisquare(3, (80, 1)) / 3), rng.normal(0, 0.1, (80, 3))):
         scene = replace(at, data=replace(at.data, position=at.data.position + noise))
         fitted = fit(scene, MODEL)
-        tails.append(sample(target(scene, fitted, named(fitted), tail=True), NOTHING, "", rng).quantiles[-1])
+        tails.append(sample(target(scene, fitted, named(fitted), tail=True), NOTHING, "", np.random.default_rng(1)).quantiles[-1])
     assert tails[0][0] > 0.1
     assert tails[0][2] > 0.3
     assert tails[1][2] < 0.2

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..data.measurements import Index
 from ..machine.robot import Robot
 from ..matrix.design import PLACE, Model
 from ..matrix.scene import Scene
@@ -29,17 +30,17 @@ class Constant:
 
     def twist(self, theta: Array, value: Array, into: dict[tuple[int, int], Array]) -> None:
         """Add to `into` (place -> (W, m)) what the constant's values (W,) change at parameters theta (W, p)."""
-        at = (value - self.low) / (self.high - self.low) * (GRID - 1)
-        below = np.clip(at.astype(np.intp), 0, GRID - 2)
-        part = (at - below)[:, None]
+        below, share = self.between(value)
+        part = share[:, None]
         for place, k, table in self.tables:
             change = theta[:, k, None] * (table[below] * (1 - part) + table[below + 1] * part)
             into[place] = into.get(place, np.zeros((1, 1))) + change
 
-    def start(self, rng: np.random.Generator, count: int) -> Array:
-        """(count, 1) about the value held."""
-        width = 0.02 * (self.high - self.low)
-        return np.clip(self.held + width * rng.standard_normal((count, 1)), self.low + 1e-3 * width, self.high - 1e-3 * width)
+    def between(self, value: Array) -> tuple[Index, Array]:
+        """(grid point below each value (W,), share of the way to the next one)."""
+        at = (value - self.low) / (self.high - self.low) * (GRID - 1)
+        below = np.clip(at, 0, GRID - 2).astype(np.intp)
+        return below, at - below
 
 
 def constants(scene: Scene, model: Model, registry: Registry) -> tuple[Constant, ...]:
