@@ -59,7 +59,7 @@ def test_ensemble_is_the_exact_chain(rng: np.random.Generator, kind: str) -> Non
 def test_intervals_are_those_of_least_squares(rng: np.random.Generator) -> None:
     at = drawn(ARM, rng, 15)
     scene = planted(at, MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
-    fitted = fit(scene, MODEL)
+    fitted = fit(scene, MODEL, usual=False)
     kept = list(fitted.found.kept)
     X, r = design(scene, MODEL.terms, fitted.at())
     X = X.reshape(-1, len(MODEL.terms))[:, kept]
@@ -75,7 +75,7 @@ def test_shrunk_posterior_is_the_conjugate_one(rng: np.random.Generator) -> None
     scene = planted(at, MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
     precision = np.zeros(len(MODEL.terms))
     precision[-1] = 1e8
-    fitted = fit(scene, MODEL, precision=precision)
+    fitted = fit(scene, MODEL, precision=precision, usual=False)
     kept = list(fitted.found.kept)
     X, r = design(scene, MODEL.terms, fitted.at())
     X = X.reshape(-1, len(MODEL.terms))[:, kept]

@@ -119,7 +119,7 @@ def target_of(data: Data, fitted: Fit, request: Request) -> Target:
     dear = POSE if training.components == 6 else 1
     exact = dear * max(WALKERS, PER_NAME * (len(chosen) + 2)) * len(training) <= ROWS
     noise = components(training, request.instrument, request.stated)
-    if noise.count > 1 and (not exact or fitted.rank - len(chosen) > WIDE):
+    if noise.count > 1 and (not exact or fitted.found.rank - len(chosen) > WIDE):
         noise = single(noise)
     tail = bool(exact and request.over == "default" and named and training.data.gauges is None)     # rows have three numbers each
     inner = constants(training, fitted.model, request.registry) if tail else ()
@@ -132,7 +132,7 @@ def target_of(data: Data, fitted: Fit, request: Request) -> Target:
 
 def described(target: Target) -> str:
     """What was sampled and what was not, in a sentence or two."""
-    k, rest = len(target.sampled), target.fitted.rank - len(target.sampled)
+    k, rest = len(target.sampled), target.fitted.found.rank - len(target.sampled)
     parts = [f"{k} coefficient{'s' * (k != 1)}", *target.noise.names, *((TAIL,) if target.tail else ()),
              *(c.name for c in target.constants)]
     what = sentence_list(parts)

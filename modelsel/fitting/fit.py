@@ -2,17 +2,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..matrix.design import Model, residuals
-from ..matrix.identify import FAINT_MM, Identified, identify, solve, told, usual_sizes
+from ..matrix.identify import Identified, identify, solve, without
 from ..matrix.reduce import PROBE, Reduction, Source, reduce_scene
 from ..matrix.scene import Scene
 from ..matrix.size import as_drawn
 from ..matrix.smooth import penalty
+from ..matrix.usual import WeakPrior, faint, usual_sizes, weak_prior
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from ..wrong.screws import Term
@@ -20,12 +21,22 @@ from ..wrong.screws import Term
 STEP_MM = 1e-4     # 0.1 µm
 ITERATIONS = 60
 STUCK = 1e8        # damping at which no step lowers the cost: the minimum, to rounding
+ROUNDS = 8         # of judging again what is fitted, where the fit has gone
+FAR = 10.0         # usual sizes from the nominal arm, within which the nominal chain's dependences hold
+STILL = 1e-13      # of the largest column: a smaller one moves nothing
+QUIET_MM = 1e-6    # no measurement is better
+UNSEEN_MM = 0.01   # rms: combinations that move the target less at their usual sizes wait until the others have converged
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fitted model: theta (p,) in the terms' units, nought where a term is not estimable; `factor` (p, rank) with
-    covariance = sigma² factor factorᵀ; rss and rows in whitened coordinates; `reduction` linearised at theta."""
+    """A fitted model: theta (p,) in the terms' units, zero where a term is fixed; `factor` (p, fitted terms) with covariance =
+    sigma² factor factorᵀ; rss and rows in whitened coordinates; `reduction` linearised at theta; `precision` (p,) of shrunk
+    terms; `weak`: the prior on what the data hardly determine.
+
+    What is fitted and what is fixed, `found`, is judged at the solution; sentences, tables, exports and the posterior take it
+    from here.
+    """
 
     model: Model
     theta: Array
@@ -37,6 +48,7 @@ class Fit:
     step_mm: float
     reduction: Reduction = field(repr=False)
     precision: Array | None = field(default=None, repr=False)
+    weak: WeakPrior = field(default_factory=WeakPrior, repr=False)
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -45,16 +57,22 @@ class Fit:
 
     @property
     def rank(self) -> int:
-        """Estimable parameters."""
-        return self.found.rank
+        """Parameters that the data determine: those fitted, less the combinations of which the prior says more."""
+        return self.found.rank - self.weak.held
 
     @property
     def freedom(self) -> float:
-        """Rows minus what the fit has used: the rank, or the trace of the hat matrix where terms are shrunk."""
-        if self.precision is None:
-            return float(self.rows - self.rank)
-        inner = self.reduction.R[:-1, list(self.found.kept)] @ self.factor[list(self.found.kept)]
-        return float(self.rows - (inner ** 2).sum())
+        """Rows minus what the fit has used: the fitted terms, or the trace of the hat matrix where a prior holds some."""
+        kept = list(self.found.kept)
+        if self.prior is None:
+            return float(self.rows - len(kept))
+        return float(self.rows - np.square(self.reduction.R[:-1, kept] @ self.factor[kept]).sum())
+
+    @property
+    def by_prior(self) -> float:
+        """Fitted terms that a prior determines, each as far as it does: they cost the noise no degree of freedom."""
+        shrunk = 0 if self.precision is None else int((self.precision[list(self.found.kept)] > 0).sum())
+        return shrunk + self.weak.count
 
     @property
     def sigma(self) -> float:
@@ -73,14 +91,25 @@ class Fit:
 
     @cached_property
     def root(self) -> Array:
-        """(k, p) root of the prior's precision matrix, in whitened units: the shrunk terms' prior is root · theta ~ N(0, 1)
-        times the noise; no rows for a plain fit."""
-        return np.zeros((0, len(self.theta))) if self.precision is None else penalty(self.terms, self.precision)
+        """(k, p) root of the prior's precision matrix: root · theta ~ N(0, 1) times the noise, of shrunk terms and of what the
+        data hardly determine; no rows for plain least squares."""
+        return _root(self.terms, self.precision, self.weak)
+
+    @cached_property
+    def prior(self) -> Array | None:
+        """(k, p+1) rows [columns | response] of the prior at theta; None for plain least squares."""
+        return _rows(self.root, self.theta) if len(self.root) else None
 
     @property
-    def prior(self) -> Array | None:
-        """(k, p+1) rows [columns | response] of the prior at theta; None for a plain fit."""
-        return None if self.precision is None else _rows(self.root, self.theta)
+    def representatives(self) -> tuple[int, ...]:
+        """Fitted terms that do not depend on earlier ones."""
+        return tuple(k for k in self.found.exact if k in self.found.kept)
+
+    @cached_property
+    def leaning(self) -> tuple[int, ...]:
+        """Fitted terms whose standard error is above half of their usual size: the prior holds them as much as the data."""
+        sizes = self.weak.sizes if self.weak.sizes is not None else np.full(len(self.theta), np.inf)
+        return tuple(k for k in self.found.kept if self.standard_errors[k] > 0.5 * sizes[k])
 
     def at(self) -> tuple[Sequence[Term], Array]:
         """The point to linearise other models at."""
@@ -95,11 +124,14 @@ def _rows(root: Array, theta: Array) -> Array:
     return np.column_stack([root, -root @ theta])
 
 
-def _with_prior(reduction: Reduction, root: Array | None, theta: Array) -> Reduction:
+def _root(terms: Sequence[Term], precision: Array | None, weak: WeakPrior | None = None) -> Array:
+    shrunk = np.zeros((0, len(terms))) if precision is None else penalty(terms, precision)
+    return shrunk if weak is None or weak.rows is None else np.vstack([shrunk, weak.rows])
+
+
+def _with_prior(reduction: Reduction, root: Array, theta: Array) -> Reduction:
     """The reduction with the prior's rows, root · (theta + delta) = 0, stacked on; its count stays that of the data."""
-    if root is None or not len(root):
-        return reduction
-    return Reduction(reduction.add(_rows(root, theta)).R, reduction.rows)
+    return Reduction(reduction.add(_rows(root, theta)).R, reduction.rows) if len(root) else reduction
 
 
 def _damped(reduction: Reduction, damping: float) -> Reduction:
@@ -109,13 +141,6 @@ def _damped(reduction: Reduction, damping: float) -> Reduction:
     rows = np.diag(np.sqrt(damping) * np.linalg.norm(reduction.R, axis=0))
     rows[-1, -1] = 0.0
     return Reduction(reduction.add(rows).R, reduction.rows)
-
-
-def _linear_sigma(reduction: Reduction, found: Identified) -> float:
-    """Residual standard deviation of the linear fit: a combination whose standard error exceeds any usual size of its
-    parameters is not told by the data, only by their noise."""
-    free = reduction.rows - found.rank
-    return float(np.sqrt(solve(reduction, found.kept)[2] / free)) if free > 0 else 0.0
 
 
 def _cost(reduction: Reduction) -> float:
@@ -128,63 +153,138 @@ def typical_weight(scene: Scene | Source) -> float:
 
 
 def fit(scene: Scene | Source, model: Model, *, precision: Array | None = None, iterations: int = ITERATIONS,
-        start: Array | None = None, step_mm: float = STEP_MM) -> Fit:
+        start: Array | None = None, step_mm: float = STEP_MM, usual: bool = True) -> Fit:
     """Least squares of a model on a scene. precision (p,): prior 1/variance of each term in whitened units, about zero, the
-    terms of a free function correlated (`smooth`).
+    terms of a free function correlated (`smooth`). `usual=False`: without the prior of usual sizes, which holds what the data
+    hardly determine; terms that depend on earlier ones are fixed at zero then.
 
-    Gauss-Newton on the exact chain, until all rows together move less than `step_mm`; `iterations=1` is the linear fit at
-    `start` (zero). Raises NotEstimable where the data have no more coordinates than the model has estimable parameters, or
-    the iteration does not settle.
+    Gauss-Newton on the exact chain, until all rows together move less than `step_mm`; then what is fitted, what is fixed and
+    what the prior of usual sizes holds is judged at the solution, and the fit goes on until that stays. `iterations=1` is
+    one linear step. Raises NotEstimable where the data have no more coordinates than the model has estimable
+    parameters, or the iteration does not settle.
     """
-    terms = model.terms
-    theta = np.zeros(len(terms)) if start is None else start.copy()
-    weight = typical_weight(scene)
-    nominal = reduce_scene(scene, terms)
-    # rank is a property of the nominal chain: off it, exact dependences turn into directions that need radians to be seen
-    root = None if precision is None else penalty(terms, precision)
-    found = _estimable(_with_prior(nominal, root, theta), nominal, model, weight, scene, precision is None)
-    kept = list(found.kept)
-    lost = np.delete(np.arange(len(terms)), kept)
-    if theta[lost].any():               # another choice of representatives: the start's parts do not fit together
-        theta[:] = 0.0
-    only = kept if len(scene) > PROBE[1] else None
-    reduction = nominal if not theta.any() else reduce_scene(scene, terms, (terms, theta), only)
-    full, step, done, damping = _with_prior(reduction, root, theta), np.inf, 0, 0.0
-    while done < iterations and step >= step_mm and damping < STUCK:
-        delta = np.zeros(len(terms))
-        delta[kept] = solve(_damped(full, damping), kept)[0]
-        trial = theta + delta
-        step, done = float(np.linalg.norm(reduction.R[:-1, :-1] @ delta)) / weight, done + 1
-        ahead = reduce_scene(scene, terms, (terms, trial), only)
-        there = _with_prior(ahead, root, trial)
-        if _cost(there) <= _cost(full) * (1 + 1e-9) or step < step_mm or iterations == 1:
-            theta, reduction, full = trial, ahead, there
-            damping = damping / 10 if damping > 1e-8 else 0.0
-        else:                                   # overshot: Levenberg-Marquardt from the same point
-            damping, step = max(8 * damping, 1e-6), max(step, step_mm)
-    if step > 1e3 * step_mm and iterations == ITERATIONS and damping < STUCK:
-        raise NotEstimable(f"the fit of {' + '.join(model.names)} does not settle (last step {step:.3g} mm): the data hardly "
-                           "determine some parameters; measure more widely spread configurations.")
-    return Fit(model, theta, found, _factor(full, kept), _cost(reduction), reduction.rows, done, step, reduction, precision)
+    problem = _Problem(scene, model, precision, typical_weight(scene))
+    if not usual or start is None or not start.any():
+        theta = np.zeros(len(model.terms)) if start is None else start
+        state = problem.solve(problem.state(theta, problem.at_nominal(), WeakPrior()), iterations, step_mm)
+    else:
+        state = problem.state(start, problem.exact, WeakPrior())
+    for _ in range(ROUNDS if usual else 0):
+        found, weak = problem.judge(state)
+        if found.kept == state.found.kept and weak.like(state.weak) and state.step_mm < step_mm:
+            break
+        state = problem.solve(problem.state(state.theta, found, weak), iterations, step_mm)
+    problem.refuse(state, iterations == ITERATIONS, step_mm)
+    return Fit(model, state.theta, state.found, _factor(state.full, state.found.kept), _cost(state.reduction),
+               state.reduction.rows, state.iterations, state.step_mm, state.reduction, precision, state.weak)
 
 
-def _estimable(full: Reduction, nominal: Reduction, model: Model, weight: float, scene: Scene | Source,
-               plain: bool) -> Identified:
-    """What the data tell of a model at the nominal chain, `full` with its prior; `weight` [1/mm] of one coordinate."""
-    found = identify(full)
-    found = told(found, usual_sizes(model.terms), max(FAINT_MM * weight * np.sqrt(len(scene)), _linear_sigma(nominal, found)))
-    found = as_drawn(found, scene, model.terms)
-    if nominal.rows <= found.rank and plain:
-        raise NotEstimable(f"{nominal.rows} measured coordinates cannot determine the {found.rank} estimable parameters of "
-                           f"{' + '.join(model.names) or 'the model'}: measure more configurations.",
-                           parameters=[t.symbol for t in model.terms])
-    return found
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Where the iteration stands: reductions at theta, without and with the prior's rows; the last step, and its damping."""
+
+    theta: Array
+    found: Identified
+    weak: WeakPrior
+    reduction: Reduction
+    full: Reduction
+    iterations: int = 0
+    step_mm: float = np.inf
+    damping: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """What stays the same in a fit; `weight` [1/mm] of one coordinate."""
+
+    scene: Scene | Source
+    model: Model
+    precision: Array | None
+    weight: float
+
+    @cached_property
+    def nominal(self) -> Reduction:
+        """At the nominal chain."""
+        return reduce_scene(self.scene, self.model.terms)
+
+    @cached_property
+    def exact(self) -> Identified:
+        """What the data determine at the nominal chain, where dependences are exact."""
+        root = _root(self.model.terms, self.precision)
+        found = identify(_with_prior(self.nominal, root, np.zeros(len(self.model.terms))))
+        return as_drawn(found, self.scene, self.model.terms)
+
+    def at_nominal(self) -> Identified:
+        """`exact`, less what hardly moves the target at its usual size: it waits until the rest has converged."""
+        least = UNSEEN_MM * self.weight * np.sqrt(len(self.scene))
+        return without(self.exact, faint(self.exact.triangle, self.exact.kept, usual_sizes(self.model), least))
+
+    def sigma(self, rss: float, fitted: Sequence[int], by_prior: float = 0.0) -> float:
+        """Residual standard deviation of one whitened coordinate; terms that a prior holds cost no degree of freedom."""
+        free = sum(self.precision is None or self.precision[k] == 0 for k in fitted) - by_prior
+        return float(np.sqrt(rss / max(self.nominal.rows - free, 1.0)))
+
+    def state(self, theta: Array, found: Identified, weak: WeakPrior) -> _State:
+        """At a start, the fixed terms at zero."""
+        theta = np.where(np.isin(np.arange(len(theta)), found.kept), theta, 0.0)
+        return _State(theta, found, weak, *self.reduced(theta, found, weak))
+
+    def reduced(self, theta: Array, found: Identified, weak: WeakPrior) -> tuple[Reduction, Reduction]:
+        """(the reduction at theta, the same with the prior's rows)."""
+        only = list(found.kept) if len(self.scene) > PROBE[1] else None
+        here = self.nominal if not theta.any() else reduce_scene(self.scene, self.model.terms, (self.model.terms, theta), only)
+        return here, _with_prior(here, _root(self.model.terms, self.precision, weak), theta)
+
+    def solve(self, state: _State, iterations: int, step_mm: float) -> _State:
+        """Gauss-Newton over the kept terms, damped where it overshoots."""
+        kept, done = list(state.found.kept), 0
+        state = replace(state, step_mm=np.inf, damping=0.0)
+        while done < iterations and state.step_mm >= step_mm and state.damping < STUCK:
+            delta = np.zeros(len(state.theta))
+            delta[kept] = solve(_damped(state.full, state.damping), kept)[0]
+            trial, done = state.theta + delta, done + 1
+            step = float(np.linalg.norm(state.full.R[:-1, :-1] @ delta)) / self.weight
+            ahead, full = self.reduced(trial, state.found, state.weak)
+            if _cost(full) <= _cost(state.full) * (1 + 1e-9) or step < step_mm or iterations == 1:
+                damping = state.damping / 10 if state.damping > 1e-8 else 0.0
+                state = replace(state, theta=trial, reduction=ahead, full=full, step_mm=step, damping=damping)
+            else:                                   # overshot: Levenberg-Marquardt from the same point
+                state = replace(state, damping=max(8 * state.damping, 1e-6), step_mm=max(step, step_mm))
+        return replace(state, iterations=state.iterations + done)
+
+    def judge(self, state: _State) -> tuple[Identified, WeakPrior]:
+        """What is fitted and what the prior holds, at the solution and by the noise that it leaves. Every term of a usual size
+        that moves a measured coordinate is fitted; of the others, those that no earlier term represents."""
+        sizes, theta, terms, here = usual_sizes(self.model), state.theta, self.model.terms, state.reduction
+        if len(self.scene) > PROBE[1]:              # it holds the kept terms alone
+            here = reduce_scene(self.scene, terms, (terms, theta))
+        full, found = _with_prior(here, _root(terms, self.precision), theta), self.exact
+        if (np.abs(theta) > FAR * sizes).any():     # so far from the nominal chain other terms depend on one another
+            found = as_drawn(identify(full), self.scene, terms)
+        if found.held is None and not found.still:
+            moves = found.scale > STILL * found.scale.max(initial=0.0)
+            fitted = {*found.kept, *np.flatnonzero(moves & np.isfinite(sizes)).tolist()}
+            found = replace(found, kept=tuple(sorted(fitted)))
+        sigma = max(self.sigma(_cost(state.reduction), state.found.kept, state.weak.count), QUIET_MM * self.weight)
+        return found, weak_prior(full, found.kept, sizes, theta, sigma)
+
+    def refuse(self, state: _State, settled: bool, step_mm: float) -> None:
+        """Raise NotEstimable where the data have no more coordinates than the model has parameters, or where the iteration should
+        have `settled` and has not."""
+        names = " + ".join(self.model.names) or "the model"
+        rank = state.found.rank - state.weak.held
+        if self.nominal.rows <= rank and self.precision is None:
+            raise NotEstimable(f"{self.nominal.rows} measured coordinates cannot determine the {rank} estimable parameters of "
+                               f"{names}: measure more configurations.", parameters=[t.symbol for t in self.model.terms])
+        if settled and state.step_mm > 1e3 * step_mm and state.damping < STUCK:
+            raise NotEstimable(f"the fit of {names} does not settle (last step {state.step_mm:.3g} mm): the data hardly "
+                               "determine some parameters; measure more widely spread configurations.")
 
 
 def _factor(full: Reduction, kept: Sequence[int]) -> Array:
     """(p, rank) covariance factor of the kept terms, noughts for the others."""
     factor = np.zeros((full.p, len(kept)))
-    factor[kept] = solve(full, kept)[1]
+    factor[list(kept)] = solve(full, kept)[1]
     return factor
 
 
@@ -197,20 +297,41 @@ class Step:
     theta: Array
     found: Identified
     size_mm: float
+    weak: WeakPrior
 
     def fit(self, reduction: Reduction) -> Fit:
         """The fit, from the reduction at theta."""
-        factor, cost = _factor(reduction, list(self.found.kept)), _cost(reduction)
-        return Fit(self.model, self.theta, self.found, factor, cost, reduction.rows, 1, self.size_mm, reduction)
+        full = _with_prior(reduction, _root(self.model.terms, None, self.weak), self.theta)
+        return Fit(self.model, self.theta, self.found, _factor(full, self.found.kept), _cost(reduction), reduction.rows, 1,
+                   self.size_mm, reduction, None, self.weak)
 
 
-def one_step(model: Model, start: Array, nominal: Reduction, here: Reduction, weight: float, scene: Scene) -> Step:
-    """What `fit` with one iteration does from `start` (p,): `nominal` and `here` are the model's reductions at the nominal chain
-    and at the start, `weight` [1/mm] of one coordinate of the `scene`. Raises NotEstimable."""
-    found = _estimable(nominal, nominal, model, weight, scene, True)
-    kept, theta = list(found.kept), start.copy()
-    if theta[np.delete(np.arange(len(theta)), kept)].any():
-        theta, here = np.zeros(len(theta)), nominal
+def prior_rows(base: Fit, terms: Sequence[Term]) -> Array | None:
+    """(k, p+1) the rows of a base fit's prior among the terms (p,) of a larger model, at the base's fit; None without a prior."""
+    if base.prior is None:
+        return None
+    known = {t.screws: k for k, t in enumerate(base.terms)}
+    index = np.array([known.get(t.screws, -1) for t in terms])
+    return np.column_stack([np.where(index < 0, 0.0, base.prior[:, index]), base.prior[:, -1]])
+
+
+def one_step(model: Model, base: Fit, here: Reduction, weight: float) -> Step:
+    """The linear step of a model that extends a `base` from the base's fit: what is fitted of the base, and what the prior holds
+    of it, stays. `here`: the model's reduction at the base's fit; `weight` [1/mm] of one coordinate. Raises NotEstimable."""
+    known = {t.screws: k for k, t in enumerate(base.terms)}
+    place = [known.get(t.screws) for t in model.terms]
+    theta = np.array([0.0 if k is None else base.theta[k] for k in place])
+    old = [j for j, k in enumerate(place) if k in base.found.kept]
+    new = [j for j, k in enumerate(place) if k is None]
+    tried = [*old, *new]
+    represent = {tried[i] for i in identify(here.select(tried)).kept}
+    kept = tuple(sorted({*old, *(represent & {*new})}))
+    if here.rows <= len(kept) - base.weak.held:
+        raise NotEstimable(f"{here.rows} measured coordinates cannot determine the {len(kept) - base.weak.held} parameters of "
+                           f"{' + '.join(model.names)}: measure more configurations.")
+    weak = base.weak.placed([-1 if k is None else k for k in place])
+    full = _with_prior(here, _root(model.terms, None, weak), theta)
     delta = np.zeros(len(theta))
-    delta[kept] = solve(here, kept)[0]
-    return Step(model, theta + delta, found, float(np.linalg.norm(here.R[:-1, :-1] @ delta)) / weight)
+    delta[list(kept)] = solve(full, kept)[0]
+    found = Identified(kept, np.linalg.norm(here.R[:-1, :-1], axis=0), here.R[:-1, :-1], kept)
+    return Step(model, theta + delta, found, float(np.linalg.norm(here.R[:-1, :-1] @ delta)) / weight, weak)

@@ -36,6 +36,8 @@ def variances(fitted: Fit, groups: Sequence[Index]) -> Array:
     R: Array = fitted.reduction.R[:-1, kept]
     response = fitted.reduction.R[:-1, -1] + R @ fitted.theta[kept]
     gram, cross, rest = R.T @ R, R.T @ response, float(fitted.reduction.R[-1, -1] ** 2)
+    weak = np.zeros((0, len(kept))) if fitted.weak.rows is None else fitted.weak.rows[:, kept]
+    held = gram + weak.T @ weak                 # what the data hardly determine is held by its own prior
     precision: Array = np.zeros(len(kept))
     inverse: Array = np.eye(len(kept))                          # of the prior's correlation, by blocks
     for index, root in splines(fitted.terms):
@@ -47,7 +49,7 @@ def variances(fitted: Fit, groups: Sequence[Index]) -> Array:
         precision[i] = 1.0 if fitted.precision is None else fitted.precision[g[0]]
     for _ in range(ROUNDS):
         scale = np.sqrt(precision)
-        covariance: Array = np.asarray(np.linalg.inv(gram + scale[:, None] * inverse * scale), dtype=np.float64)
+        covariance: Array = np.asarray(np.linalg.inv(held + scale[:, None] * inverse * scale), dtype=np.float64)
         beta = covariance @ cross
         rss = float(np.square(response - R @ beta).sum()) + rest
         tight = inverse * covariance                # its sum over a group: the trace of the two blocks' product

@@ -12,15 +12,15 @@ from ..words.rigid import Array
 from ..wrong.screws import Term
 from .reduce import Reduction, independent
 
-FAINT_MM = 2e-3     # a direction that moves the target less than this (rms) at its largest usual size is lost in practice
 SHARE = 1e-4        # a smaller part of a combination is not worth a word
 
 
 @dataclass(frozen=True, eq=False)
 class Identified:
     """`kept`: indices of the representatives, in the columns' order; `scale` (p,) norms of the columns; `triangle` (p, p);
-    `exact`: the representatives before any was lost in practice (see `told`); `held`: the length that stays as drawn where the
-    data measure none, `still`: the base's turns where they do not say which way it looks (see `size`)."""
+    `exact`: the representatives before any was fixed because the data hardly tell it (see `without`); `held`: the length
+    that stays as drawn where the data measure none, `still`: the base's turns where they do not say which way it looks (see
+    `size`)."""
 
     kept: tuple[int, ...]
     scale: Array
@@ -51,12 +51,6 @@ class Identified:
         return float(singular[0] / singular[-1])
 
 
-def usual_sizes(terms: Sequence[Term]) -> Array:
-    """(p,) largest usual size of every geometric term; infinite for the others, which stand for themselves."""
-    return np.array([np.inf if t.size is None or any(s.cause.names() - {"target", "group"} for s in t.screws) else t.size[1]
-                     for t in terms])
-
-
 def identify(reduction: Reduction) -> Identified:
     """Rank by sequential orthogonalisation of the unit columns, in their order: an earlier column represents a later one
     that depends on it, so the choice does not hang on the data. A column below 1e-13 of the largest is zero."""
@@ -65,21 +59,9 @@ def identify(reduction: Reduction) -> Identified:
     return Identified(tuple(kept), scale, R, tuple(kept))
 
 
-def told(found: Identified, sizes: Array, least: float) -> Identified:
-    """Without what is lost in practice: a combination of geometric terms whose whitened norm at their usual `sizes` (p,)
-    stays below `least`.
-
-    A target 0.7 mm off the last axis makes combinations estimable on paper that need radians to move it by a micrometre,
-    and least squares would put such radians in. The last of the terms that dominate a combination gives way.
-    """
-    judged = [k for k in found.kept if np.isfinite(sizes[k])]
-    lost: set[int] = set()
-    while judged:
-        _, singular, Vt = np.linalg.svd(found.triangle[:, judged] * sizes[judged], full_matrices=False)
-        if singular[-1] > least:
-            break
-        share = np.abs(Vt[-1])
-        lost.add(judged.pop(int(np.flatnonzero(share > 0.5 * share.max())[-1])))
+def without(found: Identified, lost: set[int]) -> Identified:
+    """With some representatives fixed: a target 0.7 mm off the last axis makes combinations estimable on paper that need radians
+    to move it by a micrometre, and least squares would put such radians in."""
     return replace(found, kept=tuple(k for k in found.kept if k not in lost))
 
 
@@ -105,8 +87,9 @@ class Unidentifiable:
     parameters: tuple[str, ...]
 
 
-def unidentifiable(found: Identified, terms: Sequence[Term]) -> tuple[Unidentifiable, ...]:
-    """Parameters that move nothing, and groups of which only combinations are determined."""
+def unidentifiable(found: Identified, terms: Sequence[Term], leaning: Sequence[int] = ()) -> tuple[Unidentifiable, ...]:
+    """Parameters that move nothing, groups of which only combinations are determined, parameters that the data hardly tell;
+    `leaning`: fitted terms that the prior of usual sizes holds as much as the data."""
     symbols = [t.symbol for t in terms]
     biggest = found.scale.max(initial=0)
     still = [symbols[j] for j in range(len(terms)) if found.scale[j] <= 1e-13 * biggest]
@@ -123,8 +106,9 @@ def unidentifiable(found: Identified, terms: Sequence[Term]) -> tuple[Unidentifi
         dropped = [symbols[j] for j in sorted(group) if j in partners]
         free = len(group) - len(dropped)
         what = "only their sum effect is" if free == 1 else f"only {free} combinations of them are"
-        out.append(Unidentifiable(f"{sentence_list(names)} cannot be told apart: {what} determined; "
-                                  f"{_at_zero(dropped)}.", tuple(names)))
+        zero = [symbols[j] for j in sorted(group) if j in partners and j not in found.kept]
+        shared = f"{_at_zero(zero)}" if zero else "the usual size of each says how the fit shares it out"
+        out.append(Unidentifiable(f"{sentence_list(names)} cannot be told apart: {what} determined; {shared}.", tuple(names)))
     if found.still:
         turns = [symbols[j] for j in found.still]
         out.append(Unidentifiable(f"{_at_zero(turns)}: no row is measured in a frame of its own, and the whole may turn about "
@@ -135,8 +119,15 @@ def unidentifiable(found: Identified, terms: Sequence[Term]) -> tuple[Unidentifi
                                   f"all of them as well; every length is in proportion to the drawing's at {held}.", (held,)))
     faint = [symbols[j] for j in found.exact if j not in (*found.kept, *found.still, found.held)]
     if faint:
-        out.append(Unidentifiable(f"{_at_zero(faint)}: beside the others, what they add at their usual size drowns in the noise "
-                                  "of these configurations.", tuple(faint)))
+        whose = "its" if len(faint) == 1 else "their"
+        out.append(Unidentifiable(f"{_at_zero(faint)}: of the usual size, {whose} effect beyond that of the other parameters is "
+                                  "less than a third of the noise.", tuple(faint)))
+    said = {name for group in out for name in group.parameters}
+    weak = [symbols[j] for j in leaning if symbols[j] not in said]
+    if weak:
+        out.append(Unidentifiable(f"{sentence_list(weak)} {'is' if len(weak) == 1 else 'are'} hardly determined by these data: "
+                                  f"{'its estimate is' if len(weak) == 1 else 'their estimates are'} held near zero by the usual "
+                                  "size of such errors, and the standard error says how far.", tuple(weak)))
     return tuple(out)
 
 

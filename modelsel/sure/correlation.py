@@ -60,7 +60,7 @@ def free(model: Model) -> Array:
 def correlation(fitted: Fit) -> Correlation:
     """Of a fit."""
     inside = free(fitted.model)
-    index = [k for k in fitted.found.kept if not inside[k]]
+    index = [k for k in fitted.found.kept if not inside[k] and k not in fitted.leaning]     # the prior's own are said elsewhere
     factor = fitted.factor[index]
     unit = factor / np.linalg.norm(factor, axis=1)[:, None]
     matrix = np.clip(unit @ unit.T, -1, 1)

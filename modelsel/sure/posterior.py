@@ -1,8 +1,9 @@
 """The posterior in closed form: draws relinearised at the optimum, importance weights from the exact chain.
 
-Flat prior on the coefficients (a normal one, in units of the noise, on those that are shrunk) and 1/σ on the noise scale. With
-cost Q(θ) = |ρ(θ)|² + θᵀΛθ of the whitened residual ρ, linearised at its minimum θ̂ where it is Q₀,
-    σ² | y ~ Q₀ / χ²_ν,   θ | σ, y ~ N(θ̂, σ² (JᵀJ + Λ)⁻¹),   ν = rows − coefficients that are not shrunk
+Flat prior on the coefficients (a normal one, in units of the noise, on those that are shrunk or that the data hardly
+determine) and 1/σ on the noise scale. With cost Q(θ) = |ρ(θ)|² + θᵀΛθ of the whitened residual ρ, linearised at its minimum θ̂
+where it is Q₀,
+    σ² | y ~ Q₀ / χ²_ν,   θ | σ, y ~ N(θ̂, σ² (JᵀJ + Λ)⁻¹),   ν = rows − coefficients that no prior holds
 (Gelman et al. 2013, 14.2), so each θ is a t with ν degrees of freedom. A draw's weight is the exact posterior over this one; the
 effective number of draws, (Σw)²/Σw², says how good the linear posterior is.
 """
@@ -83,9 +84,8 @@ class Draws:
 
 def posterior(fitted: Fit) -> Posterior:
     """Of a fit at its optimum."""
-    shrunk = 0 if fitted.precision is None else int((fitted.precision[list(fitted.found.kept)] > 0).sum())
     cost = fitted.rss + float(np.square(fitted.root @ fitted.theta).sum())
-    return Posterior(fitted.theta, fitted.factor, cost, fitted.rows - (fitted.rank - shrunk))
+    return Posterior(fitted.theta, fitted.factor, cost, fitted.rows - (fitted.found.rank - fitted.by_prior))
 
 
 def weighted(scene: Scene, fitted: Fit, draws: Draws) -> Draws:

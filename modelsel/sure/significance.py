@@ -178,7 +178,7 @@ def stability(folded: Folded, fitted: Fit, groups: Sequence[Sequence[int]], rng:
     inside: list[Index] = [np.array([where[k] for k in g], dtype=np.intp) for g in groups]
     X = folded.blocks[:, :, kept]
     y = folded.blocks[:, :, -1] + X @ fitted.theta[kept]
-    scale = np.linalg.norm(X, axis=(0, 1))
+    scale = np.hypot(np.linalg.norm(X, axis=(0, 1)), np.linalg.norm(fitted.root[:, kept], axis=0))
     root = fitted.root[:, kept] / scale
     hits, judged = np.zeros(len(groups)), 0
     for half in halves(rng, count, len(X)):

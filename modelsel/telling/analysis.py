@@ -124,8 +124,8 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     return Result(study, question.robot, data, per_row(floor or estimated_floor(chosen, data), data), ladder, comparison,
                   remeasured(chosen, data), gained(nominal, chosen), findings, faults, extension, error_map(extension, found),
                   nothing_else(extension, found, data, steps[-1]), predictable_left(data, steps[-1],
-                  generator(study.seed, "flips")), within, unidentifiable(base_rung.fit.found, base.terms), notes, sure,
-                  provenance(study, data_sha256))
+                  generator(study.seed, "flips")), within, unidentifiable(chosen.fit.found, chosen.fit.terms, chosen.fit.leaning),
+                  notes, sure, provenance(study, data_sha256))
 
 
 def with_sampling(question: Question, result: Result, say: Say = lambda _: None, keeper: Keeper | None = None) -> Result:

@@ -13,10 +13,11 @@ from ..fitting.noise import from_repeats, from_target_pairs
 from ..fitting.register import register
 from ..machine.robot import Robot
 from ..matrix.design import Model, residuals
-from ..matrix.identify import FAINT_MM, identify, told, unidentifiable, usual_sizes
+from ..matrix.identify import identify, unidentifiable, without
 from ..matrix.reduce import reduce_scene
 from ..matrix.scene import scene
 from ..matrix.size import as_drawn
+from ..matrix.usual import faint, usual_sizes
 from ..words.errors import DataError, NotEstimable
 from ..wrong.mechanisms.geometry import geometric, setup
 from ..wrong.screws import Mechanism
@@ -34,6 +35,8 @@ def mechanism_card(mechanism: Mechanism) -> dict[str, Any]:
     return {"name": mechanism.name, "sentence": mechanism.sentence, "equation": mechanism.equation, "source": mechanism.source,
             "terms": [{"symbol": t.symbol, "unit": t.unit, "screws": [str(s) for s in t.screws], "size": t.size, "sign": t.sign,
                        "expected": expected(t.size, t.sign)} for t in mechanism.terms]}
+
+PRECISE_MM = 0.01    # of one coordinate: what a good laser tracker could tell of these configurations
 
 
 def robot_card(robot: Robot) -> dict[str, Any]:
@@ -56,8 +59,8 @@ def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
     features, gauges = data.gauges.features if data.gauges is not None else (), data.gauges
     bound = place(bound, np.ones(len(data), bool))
     model = Model((setup(robot, len(data.targets), 1, False, orientation, features), geometric(robot)))
-    found = told(identify(reduce_scene(bound, model.terms)), usual_sizes(model.terms), FAINT_MM * np.sqrt(len(data)))
-    found = as_drawn(found, bound, model.terms)
+    found = as_drawn(identify(reduce_scene(bound, model.terms)), bound, model.terms)
+    found = without(found, faint(found.triangle, found.kept, usual_sizes(model), PRECISE_MM))
     floor = None if gauges is not None else from_repeats(data) or from_target_pairs(data)
     kinds = {} if gauges is None else {"kinds": {k: int(gauges.of(k).sum()) for k in KINDS if gauges.of(k).any()}, "features": [
         {"name": f.name, "kind": f.kind, "rows": int((gauges.feature == k).sum())} for k, f in enumerate(features)]}

@@ -139,7 +139,7 @@ def plan(result: Result, c: Calibration, possible: Measurements, count: int, pur
     looked = [distinct(p, r) for r in sets]
     sets, twins = [r for r, _ in looked if r is not None], tuple(t for _, some in looked for t in some)
     purpose = purpose or ("rivals" if sets else "d")
-    kept = [fitted.terms[k] for k in fitted.found.kept]
+    kept = [fitted.terms[k] for k in fitted.representatives]
     random: float | None = None
     if purpose == "rivals":
         if not sets:

@@ -92,7 +92,7 @@ def described(data: Data, names: tuple[str, ...], fitted: Fit, both: tuple[Error
     lengths `left` [mm] under the fits without each row's fold, criteria."""
     n, note, density = fitted.rows, "", None
     if cv is not None:
-        density = finite(float(cv.density.sum())) if fitted.prior is None else None
+        density = finite(float(cv.density.sum())) if fitted.precision is None else None
     elif fitted.theta.size:
         left, note = np.full(1, np.nan), "not estimable without one of the folds"
     mean, rms = float(left.mean()), float(np.sqrt(np.square(left).mean()))

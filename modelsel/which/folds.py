@@ -40,20 +40,24 @@ def assign(data: Measurements, folds: int, rng: np.random.Generator, by: str = "
 
 @dataclass(frozen=True, eq=False)
 class Folded:
-    """K blocks (K, h, p+1) of [columns | response], zero-padded, and the whitened coordinates (K,) behind each."""
+    """K blocks (K, h, p+1) of [columns | response], zero-padded, and the whitened coordinates (K,) behind each; the `prior`'s
+    rows are in every fit."""
 
     blocks: Array
     rows: Index
+    prior: Array | None = field(default=None, repr=False)      # rows (k, p+1) that belong to no fold
 
     def select(self, columns: Sequence[int] | Index) -> Folded:
         """Of some columns; the response stays last."""
-        return Folded(self.blocks[:, :, [*columns, -1]], self.rows)
+        return Folded(self.blocks[:, :, [*columns, -1]], self.rows,
+                      None if self.prior is None else self.prior[:, [*columns, -1]])
 
     @cached_property
     def total(self) -> Reduction:
         """All folds as one triangle."""
         p1 = self.blocks.shape[2]
-        return Reduction(Reduction.empty(p1 - 1).add(self.blocks.reshape(-1, p1)).R, int(self.rows.sum()))
+        data = Reduction.empty(p1 - 1).add(self.blocks.reshape(-1, p1))
+        return Reduction((data if self.prior is None else data.add(self.prior)).R, int(self.rows.sum()))
 
 
 def pad(parts: Sequence[Array], rows: Sequence[int] | Index) -> Folded:

@@ -170,4 +170,4 @@ def fit_parts(source: Parts, model: Model, folds: int = 10) -> tuple[Fit, CrossV
     NotEstimable, and StudyError for a model that looks at what no piece knows alone."""
     _check(source, model)
     fitted = fit(source, model)
-    return fitted, cross_validate(source.stream(model.terms, fitted.theta, folds).folded(), fitted.found.kept)
+    return fitted, cross_validate(source.stream(model.terms, fitted.theta, folds).folded(), fitted.found.kept, fitted.prior)

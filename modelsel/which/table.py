@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.measurements import Index
-from ..fitting.fit import Fit, Step, one_step, typical_weight
+from ..fitting.fit import Fit, Step, one_step, prior_rows, typical_weight
 from ..matrix.design import Model
-from ..matrix.reduce import Reduction, reduce_scene
-from ..matrix.scene import Scene
+from ..matrix.reduce import Reduction
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from ..wrong.screws import Mechanism, Screw
@@ -71,8 +70,9 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
     training, folds_of = data.training(), data.training_folds()
     everything = base + tuple(candidates)
     terms = everything.terms
-    used = sorted({*base_fit.found.exact, *range(len(base.terms), len(terms))})
+    used = sorted({*base_fit.found.kept, *range(len(base.terms), len(terms))})
     folded = fold(training, terms, folds_of, base_fit.at(), used)
+    folded = replace(folded, prior=prior_rows(base_fit, terms))
     place = {t.screws: k for k, t in enumerate(terms)}
     kept_base = list(base_fit.found.kept)
     groups = [[place[t.screws] for t in c.terms if place[t.screws] >= len(base.terms)] for c in candidates]
@@ -167,36 +167,31 @@ def measured(data: Data, models: Sequence[tuple[str, ...]], steps: Sequence[Step
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Makes linear steps from a base's fit for any model of the terms of a larger one, on reduced data: triangles of the `whole`
-    model's terms at the nominal chain and `here`, at the fit."""
+    """Makes linear steps from a base's fit for any model of the terms of a larger one, on reduced data: `here` is the triangle of
+    the `whole` model's terms at the fit."""
 
     whole: Model
     base_fit: Fit
-    nominal: Reduction
     here: Reduction
     weight: float
-    training: Scene
 
     def to(self, model: Model) -> Step | None:
         """None where the data do not determine the model."""
         index = columns_of(self.whole, model)
-        known = dict(zip((t.screws for t in self.base_fit.terms), self.base_fit.theta, strict=True))
-        start = np.array([known.get(t.screws, 0.0) for t in model.terms])
         try:
-            return one_step(model, start, self.nominal.select(index), self.here.select(index), self.weight, self.training)
+            return one_step(model, self.base_fit, self.here.select(index), self.weight)
         except NotEstimable:
             return None
 
 
 def steps_from(data: Data, whole: Model, base_fit: Fit, folded: Folded) -> Steps:
     """From a base's fit; `folded`: the whole model's terms there."""
-    training = data.training()
-    return Steps(whole, base_fit, reduce_scene(training, whole.terms), folded.total, typical_weight(training), training)
+    return Steps(whole, base_fit, replace(folded, prior=None).total, typical_weight(data.training()))
 
 
 def _crossed(folded: Folded, fitted: Fit) -> CrossValidation | None:
     try:
-        return cross_validate(folded, fitted.found.kept)
+        return cross_validate(folded, fitted.found.kept, fitted.prior)
     except NotEstimable:
         return None
 

@@ -23,6 +23,8 @@ def projected(folded: Folded, base: Sequence[int], rest: Sequence[int]) -> tuple
     """(T (K+1, d, d), E: K of (h, d)), the response last: what the base leaves of the other folds' columns `rest`, as a triangle
     (entry K: of all rows), and of the fold's own rows under their fit."""
     blocks = folded.blocks[:, :, [*base, *rest, -1]]
+    prior = np.zeros((0, folded.blocks.shape[2])) if folded.prior is None else folded.prior
+    prior = prior[:, [*base, *rest, -1]]
     K, _, width = blocks.shape
     b, d = len(base), width - len(base)
     T, E = np.empty((K + 1, d, d)), []
@@ -33,7 +35,7 @@ def projected(folded: Folded, base: Sequence[int], rest: Sequence[int]) -> tuple
         gone = np.linalg.norm(train[:, :b], axis=0) <= 1e-12 * size        # a column that only this fold has stays as fitted
         if gone.any():
             train = train * np.r_[~gone, np.ones(d, bool)]
-        R = Reduction.empty(width - 1).add(train).R
+        R = Reduction.empty(width - 1).add(train).add(prior * np.r_[~gone, np.ones(d, bool)]).R
         T[k] = R[b:, b:]
         if k < K:
             unit = np.where(gone, np.inf, np.maximum(np.linalg.norm(R[:b, :b], axis=0), 1e-300))

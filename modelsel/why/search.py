@@ -18,7 +18,7 @@ from .errormap import Columns, columns, flat, unflat
 from .evidence import familywise, null
 from .flips import LOUD, SLANTED, adjusted, flipped, flipped_p, slanted, uneven, units
 from .naming import Named, name, name_again, own_evidence, with_candidate
-from .view import View, models, view
+from .view import View, absorbed, models, view
 
 LEVEL = 0.05            # family-wise
 BETTER = np.log(3)      # log odds at which a re-named effect changes its name
@@ -36,7 +36,7 @@ class Search:
         self.log_prior = np.log([c.prior for c in found])
         self.curves = curves(found, self.columns, self.log_prior)
         self.first = view(scene, self.columns, base, base_fit)
-        self.dead = np.flatnonzero(self.first.seen.sizes == 0)      # the base has them: what a refit leaks of them is no cause
+        self.dead = absorbed(scene, self.columns, self.first)       # the base has them: what a refit leaks of them is no cause
         self.null, self.least_p = null(self.first.seen, self.log_prior, DRAWS[self.columns.XT.size >= LARGE], rng)
         self.bound = float(np.quantile(self.null, 1 - LEVEL))
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..data.measurements import Index
 from ..fitting.fit import Fit
 from ..matrix.design import Model
 from ..matrix.scene import Scene
@@ -55,6 +56,14 @@ class View:
         """(the scan from the model without one effect, the residual with that effect put back)."""
         D, response = self.freed(candidate)
         return scan_without(self.seen, D), response
+
+
+def absorbed(scene: Scene, columns: Columns, first: View) -> Index:
+    """Candidates that the columns of a fitted model span, whatever a prior says of their sizes."""
+    seen = first.seen
+    if first.fitted.prior is not None:
+        seen = scan(columns, basis(stacked(scene, first.model.terms, first.fitted.at())[0]))
+    return np.flatnonzero(seen.sizes == 0)
 
 
 def view(scene: Scene, columns: Columns, model: Model, fitted: Fit) -> View:

@@ -89,7 +89,7 @@ def _slopes(result: Result, base_rung: Rung) -> list[Any]:
     some, every = data.scene.take(used), slice(0, len(used))
     fitted, white = base_rung.fit, some.whiten
     _, columns, residual = next(blocks(some, fitted.terms, fitted.at()))  # MOST rows are one block
-    Q, r = basis(columns[list(fitted.found.kept)].reshape(fitted.rank, residual.size).T), residual.reshape(-1)
+    Q, r = basis(columns[list(fitted.found.kept)].reshape(fitted.found.rank, residual.size).T), residual.reshape(-1)
     field = field_of(some, some.pose(every), every)
     causes = [[np.broadcast_to(np.asarray(some.cause(c), float), (len(used),)) for c in why] for why in whole.why]
     out: list[Any] = []
