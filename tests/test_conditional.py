@@ -59,12 +59,14 @@ def target(scene: Scene, fitted: Fit) -> Target:
 
 
 def dense(scene: Scene, fitted: Fit, moments: Array, ratio: float) -> Array:
-    """(T,) log density of the moment: base flat, the step's six normal of variance ratio · s² · S⁻¹, s² integrated out, from
-    whole design matrices of steps at the moments."""
+    """(T,) log density of the moment: base as the fit has it, the step's six normal of variance ratio · s² · S⁻¹, s² integrated
+    out, from whole design matrices of steps at the moments, the rows of the base's prior below them."""
     base = [k for k in fitted.found.kept if k < FIRST]
     X, left = (part.reshape(len(scene) * 3, -1) for part in design(scene, fitted.terms, fitted.at()))
-    y = left[:, 0] + X @ fitted.theta
-    W, steps = X[:, base], [design(scene, stepped(t).terms[FIRST:], fitted.at())[0].reshape(len(y), 6) for t in moments]
+    y = np.concatenate([left[:, 0] + X @ fitted.theta, np.zeros(len(fitted.root))])
+    W = np.vstack([X, fitted.root])[:, base]
+    steps = [np.pad(design(scene, stepped(t).terms[FIRST:], fitted.at())[0].reshape(-1, 6), ((0, len(fitted.root)), (0, 0)))
+             for t in moments]
     M = np.eye(len(y)) - W @ np.linalg.pinv(W)
     precision = np.mean([Z.T @ M @ Z for Z in steps], axis=0) / ratio
     out = []
@@ -74,7 +76,7 @@ def dense(scene: Scene, fitted: Fit, moments: Array, ratio: float) -> Array:
         inner[len(base):, len(base):] += precision
         rss = y @ y - y @ A @ np.linalg.solve(inner, A.T @ y)
         out.append(0.5 * np.linalg.slogdet(precision)[1] - 0.5 * np.linalg.slogdet(inner)[1]
-                   - 0.5 * (len(y) - len(base)) * np.log(rss))
+                   - 0.5 * (3 * len(scene) + fitted.by_prior - len(base)) * np.log(rss))
     return np.array(out)
 
 

@@ -106,7 +106,8 @@ def test_linear_and_exact_densities_agree(scene: Scene, rng: np.random.Generator
 
 
 def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) -> None:
-    """Against the formula with the whole covariance matrix written out (Patterson & Thompson 1971)."""
+    """Against the formula with the whole covariance matrix written out (Patterson & Thompson 1971), and the prior of what the data
+    hardly determine, in units of the first scale."""
     instrument = Instrument(0.05, 10.0, 60.0, (1500.0, -800.0, 400.0))
     at, _ = weigh(planted(drawn(ARM, rng, 9), MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1), instrument, None)
     fitted = fit(at, MODEL)
@@ -115,7 +116,8 @@ def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) 
     chosen = tuple(named(fitted))
     whole = Target(fitted, noise, chosen, (*map(str, chosen), *noise.names), ("1",) * (len(chosen) + 2))
     X, r = design(at, MODEL.terms, fitted.at())
-    X = X.reshape(-1, len(MODEL.terms))[:, [k for k in fitted.found.kept if k not in chosen]]
+    rest = [k for k in fitted.found.kept if k not in chosen]
+    X = X.reshape(-1, len(MODEL.terms))[:, rest]
     line = at.data.position - np.array(instrument.at)
     d = np.linalg.norm(line, axis=1)
     u = line / d[:, None]
@@ -133,9 +135,10 @@ def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) 
         plain = np.einsum("mij,mjp->mip", root, X.reshape(9, 3, -1)).reshape(27, -1)
         raw = np.einsum("mij,mj->mi", root, r).ravel()
         inverse = np.linalg.inv(S)
-        gram = plain.T @ inverse @ plain
-        left = raw @ inverse @ raw - raw @ inverse @ plain @ np.linalg.solve(gram, plain.T @ inverse @ raw)
-        expected.append(-0.5 * (np.linalg.slogdet(S)[1] + np.linalg.slogdet(gram)[1] + left))
+        held, pull = fitted.root[:, rest] / scales[0], -fitted.root @ fitted.theta / scales[0]
+        gram, cross = plain.T @ inverse @ plain + held.T @ held, plain.T @ inverse @ raw + held.T @ pull
+        left = raw @ inverse @ raw + pull @ pull - cross @ np.linalg.solve(gram, cross)
+        expected.append(-0.5 * (np.linalg.slogdet(S)[1] + np.linalg.slogdet(gram)[1] + left) - fitted.by_prior * np.log(scales[0]))
     found = whole.log_density(walkers)
     assert np.allclose(found - found[0], np.array(expected) - expected[0], atol=1e-6)
 

@@ -8,7 +8,7 @@ about that minimum is taken (Laplace; exact for normal noise up to the curvature
 information of a row, w (1 − 2 w d² / (ν + c) c) in units of s⁻² with w = (ν + c) / (ν + d²), is averaged over the rows; with 12
 coefficients integrated out of 25 points, tails of ν < 4 come out up to 0.4 too unlikely in ln p, and the noise scale too sure
 (89 % intervals for 95 %, benchmarks/calibration.py). With normal noise of one scale,
-    ln p(ψ, s | y) = −(rows + k − r_β) ln s − |(I − QQᵀ) ρ(ψ, β*)|² / 2s²,   Q an orthonormal basis of J_β, k shrunk coefficients,
+    ln p(ψ, s | y) = −(rows + k − r_β) ln s − |(I − QQᵀ) ρ(ψ, β*)|² / 2s²,   Q an orthonormal basis of J_β, k held by a prior,
 and with several scales ½ ln |Σ_t s_t⁻² Q_tᵀQ_t| stands in place of −r_β ln s (restricted likelihood; Patterson & Thompson 1971).
 Priors: flat on coefficients and constants, 1/s on every scale (within a factor of 1,000), 1/ν uniform below ½. Shrunk
 coefficients keep their normal prior, its variance held at the most probable one; those that a constant bears on have the scan's
@@ -249,7 +249,7 @@ class Target:
                 weight = (nu[:, None] + c) / (nu[:, None] + distance)
                 w = np.ones_like(e)
                 w[:, :N] = np.tile(weight, (1, c))
-        rows = np.bincount(of, minlength=noise.count)
+        rows = np.bincount(self._of, minlength=noise.count) + self.fitted.by_prior * (np.arange(noise.count) == 0)
         out = -log_s @ rows - 0.5 * np.square((e * inverse)[:, N:]).sum(1)
         curved = np.ones(W)
         if nu is None:
