@@ -113,7 +113,7 @@ def chains(count: int, rng: np.random.Generator) -> list[str]:
 def moments(count: int, rng: np.random.Generator, ratio: float) -> list[str]:
     """A step of the tracker, its moment and size drawn from their priors; every model is fitted with the step where a scan puts
     it. The prior's ratio v/s² is given, not found from the data."""
-    engine.LONG, engine.AGREE, conditional.RATIOS = 50, 1.05, np.array([ratio])
+    engine.LONG, engine.AGREE, conditional.RATIOS = 20, 1.1, np.array([ratio])
     m, k = 50, len(BASE.terms)
     q = ARM.draw(rng, m)
     at = scene(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
@@ -137,7 +137,7 @@ def moments(count: int, rng: np.random.Generator, ratio: float) -> list[str]:
         covered.append((low < planted_values) & (planted_values < high))
         converged, steps = converged + done.converged, [*steps, done.steps]
     share = np.mean(covered, axis=0)
-    return [(f"a step of the tracker, {count} studies, prior v/s² = {ratio:.3g}: {converged} chains converged, after {min(steps):,} "
+    return [(f"a step of the tracker, {count} studies, prior v/s² = {ratio:.3g}: {converged} chains of 20 autocorrelation times converged, after {min(steps):,} "
             f"to {max(steps):,} steps; 95 % intervals cover {share.mean():.1%} ({', '.join(f'{s:.0%}' for s in share)}; the last is "
             f"the moment's); ranks against uniform: smallest p {uniform(np.array(ranks)):.2f} (times their number)")]
 

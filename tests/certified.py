@@ -2,14 +2,16 @@
 
     python tests/certified.py [--out benchmarks/results/certified.txt]
 
-The linear sets are in MODELSEL_DATA/nist-strd; the nonlinear ones, taken from the files in lmfit's source archive, which are NIST's
-own (public domain), in nist_nonlinear.json. Nothing here solves: a regression is a `Source`, whose reduction `fit` asks for.
+The linear sets are in MODELSEL_DATA/nist-strd; the nonlinear ones in nist_nonlinear.json, taken by a script from NIST's own files
+(public domain), which lmfit 1.3.4 has in its source archive, folder NIST_STRD. Nothing here solves: a regression is a `Source`,
+whose reduction `fit` asks for.
 """
 from __future__ import annotations
 
 import argparse
 import json
 import os
+import sys
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -49,7 +51,7 @@ class Certified:
     digits: float
 
     def correct(self, estimate: Array) -> float:
-        """Correct digits of the worst coefficient: log relative error, capped at what is certified; nought where there are none."""
+        """Correct digits of the worst coefficient: log relative error, capped at what is certified; zero where there are none."""
         with np.errstate(invalid="ignore", over="ignore"):
             error = np.abs(estimate / self.coefficients - 1)
         return float(np.clip(-np.log10(np.maximum(np.nan_to_num(error, nan=1.0), 1e-16)), 0.0, self.digits).min())
@@ -157,7 +159,8 @@ def nonlinear(name: str, start: int) -> tuple[Regression, Certified]:
     """A nonlinear set and what is certified, from NIST's start 1 or 2."""
     entry = curves()[name]
     y, *x = np.array(entry["rows (y, x)"]).T
-    known = Certified(np.array(entry["certified"]), np.array(entry["standard deviations"]), entry["residual standard deviation"], 11.0)
+    known = Certified(np.array(entry["certified"]), np.array(entry["standard deviations"]),
+                      entry["residual standard deviation"], 11.0)
     return Regression(CURVES[name], x[0] if len(x) == 1 else np.array(x), np.log(y) if name == "Nelson" else y,
                       np.array(entry[f"start {start}"])), known
 
@@ -170,7 +173,7 @@ def fitted(problem: Regression) -> Fit:
 
 
 def shipped(X: Array, y: Array) -> Array:
-    """(p,) by one reduction and solve; noughts where the rank falls short."""
+    """(p,) by one reduction and solve; zero where the rank falls short."""
     reduction = reduce(X, y)
     kept = list(identify(reduction).kept)
     out = np.zeros(X.shape[1])
@@ -206,7 +209,7 @@ def in_any_order(name: str, solvers: Sequence[Callable[[Array, Array], Array]], 
 
 
 def tried(name: str, start: int) -> tuple[float, float]:
-    """Correct digits of `fit`, and of MINPACK's lmder by SciPy, both with the same derivatives; nought where refused."""
+    """Correct digits of `fit`, and of MINPACK's lmder by SciPy, both with the same derivatives; zero where refused."""
     problem, known = nonlinear(name, start)
     try:
         ours = known.correct(problem.start + fitted(problem).theta)
@@ -214,8 +217,9 @@ def tried(name: str, start: int) -> tuple[float, float]:
         ours = 0.0
     try:
         with np.errstate(all="ignore"):
-            found = scipy.optimize.least_squares(lambda t: -problem.at(t)[1], np.zeros(len(problem.start)), lambda t: problem.at(t)[0],
-                                                 method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15, max_nfev=20_000)
+            found = scipy.optimize.least_squares(
+                lambda t: -problem.at(t)[1], np.zeros(len(problem.start)), lambda t: problem.at(t)[0], method="lm", xtol=1e-15,
+                ftol=1e-15, gtol=1e-15, max_nfev=20_000)
         theirs = known.correct(problem.start + found.x)
     except ValueError:
         theirs = 0.0
@@ -230,7 +234,8 @@ def table(orders: int, rng: np.random.Generator) -> str:
              f"{'':10}" + "".join(f"{k:>16}" for k in solvers)]
     for name in LINEAR:
         digits = in_any_order(name, list(solvers.values()), orders, rng)
-        lines.append(f"{name:10}" + "".join(f"{a:9.1f} ({b:4.1f})" for a, b in zip(np.median(digits, 0), digits.min(0), strict=True)))
+        both = zip(np.median(digits, 0), digits.min(0), strict=True)
+        lines.append(f"{name:10}" + "".join(f"{median:9.1f} ({least:4.1f})" for median, least in both))
     lines += ["", "Nonlinear sets: correct digits, of 11 certified, from NIST's two starts.", "",
               f"{'':10}{'level':>10}{'fit, start 1':>16}{'start 2':>10}{'lmder, start 1':>18}{'start 2':>10}"]
     for name, entry in curves().items():
@@ -245,7 +250,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args()
     said = table(asked.orders, np.random.default_rng(1))
-    print(said, end="")
+    sys.stdout.write(said)
     if asked.out:
         asked.out.write_text(said)
 

@@ -106,7 +106,7 @@ def test_linear_and_exact_densities_agree(scene: Scene, rng: np.random.Generator
 
 
 def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) -> None:
-    """Against the formula with the whole covariance matrix written out (Patterson & Thompson 1971), and the prior of what the data
+    """Against the formula with the whole covariance matrix written out (Patterson & Thompson 1971), and the prior of what data
     hardly determine, in units of the first scale."""
     instrument = Instrument(0.05, 10.0, 60.0, (1500.0, -800.0, 400.0))
     at, _ = weigh(planted(drawn(ARM, rng, 9), MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1), instrument, None)
@@ -138,7 +138,8 @@ def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) 
         held, pull = fitted.root[:, rest] / scales[0], -fitted.root @ fitted.theta / scales[0]
         gram, cross = plain.T @ inverse @ plain + held.T @ held, plain.T @ inverse @ raw + held.T @ pull
         left = raw @ inverse @ raw + pull @ pull - cross @ np.linalg.solve(gram, cross)
-        expected.append(-0.5 * (np.linalg.slogdet(S)[1] + np.linalg.slogdet(gram)[1] + left) - fitted.by_prior * np.log(scales[0]))
+        left += np.linalg.slogdet(S)[1] + np.linalg.slogdet(gram)[1] + 2 * fitted.by_prior * np.log(scales[0])
+        expected.append(-0.5 * left)
     found = whole.log_density(walkers)
     assert np.allclose(found - found[0], np.array(expected) - expected[0], atol=1e-6)
 
