@@ -128,6 +128,7 @@ def test_two_steps_keep_their_order(rng: np.random.Generator) -> None:
     theta[FIRST:FIRST + 3], theta[FIRST + 6:FIRST + 9] = 0.3, -0.3
     scene = planted(drawn(ARM, rng, 40), truth.terms, theta, rng, 0.05)
     aim = target(scene, fit(scene, model))
+    assert [c.name for c in aim.constants] == ["constant of tracker-step (1)", "constant of tracker-step (2)"]
     later, earlier = aim.natural(aim.start(rng, 100))[:, -2:].T
     assert (earlier < later).all()
     assert len(aim._conditionals) == 2

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,10 +19,11 @@ GRID = 401     # values at which a cause is worked out; between them it is inter
 
 @dataclass(frozen=True, eq=False)
 class Constant:
-    """One constant: its range, the value the model holds, and, for every screw it bears on, (place, term index, table
-    (GRID, m) of how far the cause departs from the model's)."""
+    """One constant: its name and its mechanism's, its range, the value the model holds, and, for every screw it bears on, (place,
+    term index, table (GRID, m) of how far the cause departs from the model's)."""
 
     name: str
+    mechanism: str
     low: float
     high: float
     held: float
@@ -44,7 +45,8 @@ class Constant:
 
 
 def constants(scene: Scene, model: Model, registry: Registry) -> tuple[Constant, ...]:
-    """Of every mechanism of a model that the registry scans over a range of real numbers."""
+    """One for each mechanism of a model that the registry scans over a range of real numbers; numbered where a mechanism is in
+    the model several times, as the labels of its coefficients are."""
     place = {t.screws: k for k, t in enumerate(model.terms)}
     out = []
     for m in model.mechanisms:
@@ -55,8 +57,10 @@ def constants(scene: Scene, model: Model, registry: Registry) -> tuple[Constant,
             if held is not None:
                 low, high = entry.range
                 built = [entry.build(scene.robot, *map(int, joint), float(v)) for v in np.linspace(low, high, GRID)]
-                out.append(Constant(f"constant of {m.name}", low, high, held, _tables(scene, m, built, place)))
-    return tuple(out)
+                out.append(Constant(f"constant of {m.name}", m.name, low, high, held, _tables(scene, m, built, place)))
+    several = [[o for o in out if o.mechanism == c.mechanism] for c in out]
+    return tuple(c if len(alike) == 1 else replace(c, name=f"{c.name} ({alike.index(c) + 1})")
+                 for c, alike in zip(out, several, strict=True))
 
 
 def _held(entry: Scanned, robot: Robot, joint: Sequence[str], m: Mechanism) -> float | None:

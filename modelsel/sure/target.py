@@ -193,7 +193,7 @@ class Target:
             value = self._values(points, constant)
             inside &= (value > constant.low) & (value < constant.high)
             for other in self.constants:
-                if other.name == constant.name and other.held < constant.held:
+                if other.mechanism == constant.mechanism and other.held < constant.held:
                     inside &= self._values(points, other) < value
         out = np.full(len(points), -np.inf)
         if inside.any():
@@ -273,8 +273,8 @@ class Target:
             out[:, self._split[1]] = rng.uniform(LIGHTEST, HEAVIEST, walkers) / self._units[1][self._split[1], self._split[1]]
         for i, low, high in self.ranges:
             out[:, i] = rng.uniform(low, high, walkers)
-        for name in {c.name for c in self.constants}:
-            alike = sorted((c for c in self.constants if c.name == name), key=lambda c: c.held)
+        for name in {c.mechanism for c in self.constants}:
+            alike = sorted((c for c in self.constants if c.mechanism == name), key=lambda c: c.held)
             index = [self._at(c) for c in alike]
             out[:, index] = np.sort(out[:, index], axis=1)
         return out
