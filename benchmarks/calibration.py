@@ -3,8 +3,9 @@
     python -m benchmarks.calibration --studies 2000 --chains 100 --out benchmarks/results/calibration.txt
 
 Coverage and rank histograms of the closed form over simulated studies of a three-joint arm; the same of emcee with a Student-t
-tail, its 1/ν drawn from its prior (short chains: a rank needs no two thousand draws); what emcee 3.1.6's own snooker move does
-to a normal density; effective samples per second on the PUMA study.
+tail, its 1/ν drawn from its prior (short chains: a rank needs no two thousand draws); the same where a tracker was moved at a
+moment that is drawn, too, by little or by more (--steps); what emcee 3.1.6's own snooker move does to a normal density;
+effective samples per second on the PUMA study.
 """
 from __future__ import annotations
 
@@ -23,11 +24,15 @@ from modelsel.fitting.fit import Fit, fit
 from modelsel.machine.robot import Joint, Robot, forward
 from modelsel.matrix.design import residuals
 from modelsel.matrix.scene import Scene, scene
+from modelsel.sure import conditional
 from modelsel.sure.components import components
+from modelsel.sure.constants import constants
 from modelsel.sure.posterior import Importance, importance, posterior, weighted
 from modelsel.sure.target import TAIL, Target
 from modelsel.telling.analysis import Result
 from modelsel.telling.study import run
+from modelsel.wrong.mechanisms.environment import tracker_step
+from modelsel.wrong.registry import BUILTIN
 
 TOOL = np.array([40.0, -25.0, 100.0])
 BINS = 10
@@ -41,7 +46,8 @@ def arm() -> Robot:
 
 
 ARM = arm()
-MODEL = Model((mechanism("geometric", ARM), mechanism("joint-compliance:2", ARM)))
+BASE = Model((mechanism("geometric", ARM),))
+MODEL = Model((*BASE.mechanisms, mechanism("joint-compliance:2", ARM)))
 
 
 def simulated(at: Scene, rng: np.random.Generator, sigma: float, nu: float | None) -> tuple[Scene, Fit, np.ndarray]:
@@ -104,6 +110,51 @@ def chains(count: int, rng: np.random.Generator) -> list[str]:
             f"uniform: smallest p {uniform(np.array(ranks)):.2f} (times their number)")]
 
 
+def moments(count: int, rng: np.random.Generator, ratio: float) -> list[str]:
+    """A step of the tracker, its moment and size drawn from their priors; every model is fitted with the step where a scan puts
+    it. The prior's ratio v/s² is given, not found from the data."""
+    engine.LONG, engine.AGREE, conditional.RATIOS = 20, 1.1, np.array([ratio])
+    m, k = 50, len(BASE.terms)
+    q = ARM.draw(rng, m)
+    at = scene(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
+    quiet = replace(at, data=replace(at.data, position=at.data.position + rng.normal(0, 1.0, (m, 3))))
+    root = _target(quiet, fit(quiet, stepped(0.5)))._conditionals[0].prior       # of any step, the middle one as good as another
+    ranks, covered, converged, steps = [], [], 0, []
+    for _ in range(count):
+        sigma, tail, moment = float(np.exp(rng.normal(-2, 0.5))), rng.uniform(0, 0.5), rng.uniform(0, 1)
+        truth = stepped(moment)
+        theta = np.zeros(len(truth.terms))
+        kept = [j for j in fit(at, truth).found.kept if j < k]
+        theta[kept] = rng.normal(0, 0.3 * np.array([truth.terms[j].size[1] for j in kept]))
+        theta[k:] = sigma * np.linalg.solve(root, rng.standard_normal(6))
+        noise = rng.normal(0, sigma, (m, 3)) / np.sqrt(rng.chisquare(1 / tail, (m, 1)) * tail)
+        planted = replace(at, data=replace(at.data, position=at.data.position - residuals(at, truth.terms, theta) + noise))
+        fitted = min((fit(planted, stepped(round(x, 3))) for x in np.arange(0.1, 0.91, 0.05)), key=lambda f: f.rss)
+        done = engine.sample(_target(planted, fitted), Importance(1, 1.0, ""), "", rng)
+        planted_values = np.array([*theta[k:], sigma, tail, moment])
+        ranks.append((done.chain < planted_values).mean((0, 1)))
+        low, _, high = done.quantiles.T
+        covered.append((low < planted_values) & (planted_values < high))
+        converged, steps = converged + done.converged, [*steps, done.steps]
+    share = np.mean(covered, axis=0)
+    return [(f"a step of the tracker, {count} studies, prior v/s² = {ratio:.3g}: {converged} chains of 20 autocorrelation times converged, after {min(steps):,} "
+            f"to {max(steps):,} steps; 95 % intervals cover {share.mean():.1%} ({', '.join(f'{s:.0%}' for s in share)}; the last is "
+            f"the moment's); ranks against uniform: smallest p {uniform(np.array(ranks)):.2f} (times their number)")]
+
+
+def _target(at: Scene, fitted: Fit) -> Target:
+    """Of a step's size and moment, noise scale and tail."""
+    chosen = tuple(range(len(BASE.terms), len(fitted.terms)))
+    inner = constants(at, fitted.model, BUILTIN)
+    names = (*map(str, chosen), "noise scale", TAIL, "moment")
+    return Target(fitted, components(at), chosen, names, ("1",) * len(names), True, inner)
+
+
+def stepped(at: float) -> Model:
+    """The arm's geometry, and a tracker that was moved at a moment."""
+    return Model((*BASE.mechanisms, tracker_step(ARM, at)))
+
+
 def snookers(rng: np.random.Generator, d: int = 11) -> list[str]:
     import emcee
 
@@ -149,6 +200,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--studies", type=int, default=2000)
     parser.add_argument("--chains", type=int, default=100)
+    parser.add_argument("--steps", type=int, default=40)
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args()
     study = read_study("studies/puma760")
@@ -157,6 +209,8 @@ def main() -> None:
     lines = speed(both[0], both[1])
     lines += snookers(np.random.default_rng(3)) + closed(asked.studies, np.random.default_rng(4))
     lines += chains(asked.chains, np.random.default_rng(5))
+    for seed, ratio in enumerate((3.0, 100.0), 6):
+        lines += moments(asked.steps, np.random.default_rng(seed), ratio)
     print("\n".join(lines))
     if asked.out:
         asked.out.write_text("\n".join(lines) + "\n")

@@ -1,19 +1,14 @@
-"""The fit against certified numbers (NIST), another program (statsmodels) and closed forms; streamed as in one piece."""
+"""The fit against another program (statsmodels) and closed forms, streamed as in one piece; NIST's sets: test_nist.py."""
 from __future__ import annotations
 
-import json
-import os
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.linalg
 from builders import drawn, one, planted, seeds
 from hypothesis import given
 from hypothesis import strategies as st
-from regression import regress
 
 from modelsel.fitting.fit import fit
 from modelsel.machine.robotfile import load
@@ -24,71 +19,6 @@ from modelsel.matrix.scene import Scene
 from modelsel.words.errors import NotEstimable
 from modelsel.wrong.causes import Named
 from modelsel.wrong.registry import mechanism
-
-SETS = ("norris", "pontius", "noint1", "noint2", "filip", "longley", *(f"wampler{k}" for k in range(1, 6)))
-ENOUGH, HALF = 12.0, 0.5
-
-
-def nist(name: str) -> tuple[np.ndarray, np.ndarray, dict]:
-    """(matrix, response, certified). Absent data fail the test, unless MODELSEL_NO_DATA=1 says that this is meant."""
-    folder = Path(os.environ.get("MODELSEL_DATA") or Path(__file__).parents[2] / "shared" / "data") / "nist-strd"
-    if not folder.is_dir():
-        if os.environ.get("MODELSEL_NO_DATA") == "1":
-            pytest.skip("MODELSEL_NO_DATA=1")
-        pytest.fail(f"NIST's data are not at {folder}: set MODELSEL_DATA to the folder with nist-strd, or "
-                    "MODELSEL_NO_DATA=1 to go without")
-    certified = json.loads((folder / "certified.json").read_text())[name]
-    table = np.genfromtxt(folder / f"{name}.csv", delimiter=",", names=True)
-    if name == "longley":
-        return np.column_stack([np.ones(len(table)), *(table[f"x{k}"] for k in range(1, 7))]), table["y"], certified
-    degree = int(certified["model"].partition("degree ")[2].split()[0])
-    return np.vander(table["x"], degree + 1, increasing=True)[:, "no intercept" in certified["model"]:], table["y"], certified
-
-
-def digits(estimate: np.ndarray, certified: dict) -> float:
-    """Correct digits of the worst coefficient: log relative error, capped at what is certified."""
-    cap = certified.get("coefficient_digits", certified["digits"])
-    error = np.abs(estimate / np.array(certified["coefficients"]) - 1)
-    return float(np.minimum(-np.log10(np.maximum(error, 1e-16)), 15 if cap == "exact" else cap).min())
-
-
-@pytest.mark.parametrize("name", SETS)
-def test_nist(name) -> None:
-    """Within half a digit of the best of numpy, scipy and statsmodels, or at least twelve digits, or all that are certified."""
-    import statsmodels.api as sm
-    X, y, certified = nist(name)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")                                   # statsmodels on Filip's rank
-        peers = {"numpy": np.linalg.lstsq(X, y, rcond=None)[0], "statsmodels": sm.OLS(y, X).fit().params,
-                 "statsmodels qr": sm.OLS(y, X).fit(method="qr").params,
-                 **{d: scipy.linalg.lstsq(X, y, lapack_driver=d)[0] for d in ("gelsd", "gelsy", "gelss")}}
-    found = regress(X, y)
-    ours, best = digits(found.estimate, certified), max(digits(b, certified) for b in peers.values())
-    enough = min(ENOUGH, digits(np.array(certified["coefficients"]), certified))
-    assert found.rank == X.shape[1]
-    assert ours >= min(best - HALF, enough), f"{ours:.2f} digits; peers: " + ", ".join(
-        f"{k} {digits(b, certified):.2f}" for k, b in peers.items())
-
-
-# certified.json slips in two entries: NIST has 0.429796848199937E-03, and Wampler5's are a hundred times Wampler4's
-SLIPS = {("norris", 1): 4.29796848199937e-4, ("wampler5", 1): 23635517.35}
-
-
-@pytest.mark.parametrize("name", SETS)
-def test_nist_deviations(name) -> None:
-    """Residual standard deviation and standard errors, to the three digits and more that are printed."""
-    X, y, certified = nist(name)
-    found = regress(X, y)
-    want = [SLIPS.get((name, k), e) for k, e in enumerate(certified["standard_errors"])]
-    np.testing.assert_allclose(found.sigma, certified["residual_sd"], rtol=5e-3, atol=1e-9 * np.abs(y).max())
-    np.testing.assert_allclose(found.standard_errors, want, rtol=5e-3, atol=1e-9 * np.abs(y).max())
-
-
-def test_filip_keeps_its_rank() -> None:
-    """A tolerance that drops its smallest singular value gets no digit right; kept, about eight hold."""
-    X, y, certified = nist("filip")
-    assert digits(regress(X, y).estimate, certified) > 7
-
 
 # -- scenes -----------------------------------------------------------------------------------------------------------
 

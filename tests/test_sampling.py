@@ -100,13 +100,14 @@ def test_linear_and_exact_densities_agree(scene: Scene, rng: np.random.Generator
     for fitted in (fit(scene, MODEL), fit(scene, MODEL, precision=precision)):
         for chosen in (named(fitted), named(fitted)[:1]):
             whole, reduced = (target(scene, fitted, chosen, exact=e) for e in (True, False))
-            walkers = whole.start(rng, 6)
+            walkers = rng.standard_normal((6, whole.size))                     # as far as the closed form's draws
             a, b = whole.log_density(walkers), reduced.log_density(walkers)
             assert np.allclose(a - a[0], b - b[0], atol=1e-3)
 
 
 def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) -> None:
-    """Against the formula with the whole covariance matrix written out (Patterson & Thompson 1971)."""
+    """Against the formula with the whole covariance matrix written out (Patterson & Thompson 1971), and the prior of what data
+    hardly determine, in units of the first scale."""
     instrument = Instrument(0.05, 10.0, 60.0, (1500.0, -800.0, 400.0))
     at, _ = weigh(planted(drawn(ARM, rng, 9), MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1), instrument, None)
     fitted = fit(at, MODEL)
@@ -115,7 +116,8 @@ def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) 
     chosen = tuple(named(fitted))
     whole = Target(fitted, noise, chosen, (*map(str, chosen), *noise.names), ("1",) * (len(chosen) + 2))
     X, r = design(at, MODEL.terms, fitted.at())
-    X = X.reshape(-1, len(MODEL.terms))[:, [k for k in fitted.found.kept if k not in chosen]]
+    rest = [k for k in fitted.found.kept if k not in chosen]
+    X = X.reshape(-1, len(MODEL.terms))[:, rest]
     line = at.data.position - np.array(instrument.at)
     d = np.linalg.norm(line, axis=1)
     u = line / d[:, None]
@@ -133,9 +135,11 @@ def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) 
         plain = np.einsum("mij,mjp->mip", root, X.reshape(9, 3, -1)).reshape(27, -1)
         raw = np.einsum("mij,mj->mi", root, r).ravel()
         inverse = np.linalg.inv(S)
-        gram = plain.T @ inverse @ plain
-        left = raw @ inverse @ raw - raw @ inverse @ plain @ np.linalg.solve(gram, plain.T @ inverse @ raw)
-        expected.append(-0.5 * (np.linalg.slogdet(S)[1] + np.linalg.slogdet(gram)[1] + left))
+        held, pull = fitted.root[:, rest] / scales[0], -fitted.root @ fitted.theta / scales[0]
+        gram, cross = plain.T @ inverse @ plain + held.T @ held, plain.T @ inverse @ raw + held.T @ pull
+        left = raw @ inverse @ raw + pull @ pull - cross @ np.linalg.solve(gram, cross)
+        left += np.linalg.slogdet(S)[1] + np.linalg.slogdet(gram)[1] + 2 * fitted.by_prior * np.log(scales[0])
+        expected.append(-0.5 * left)
     found = whole.log_density(walkers)
     assert np.allclose(found - found[0], np.array(expected) - expected[0], atol=1e-6)
 
@@ -171,11 +175,10 @@ def test_tail_is_found(rng: np.random.Generator) -> None:
     """Noise with 3 degrees of freedom is told from normal noise."""
     at = drawn(ARM, rng, 80)
     tails = []
-    for heavy in (True, False):
-        noise = rng.normal(0, 0.1, (80, 3)) / (np.sqrt(rng.chisquare(3, (80, 1)) / 3) if heavy else 1.0)
+    for noise in (rng.normal(0, 0.1, (80, 3)) / np.sqrt(rng.chisquare(3, (80, 1)) / 3), rng.normal(0, 0.1, (80, 3))):
         scene = replace(at, data=replace(at.data, position=at.data.position + noise))
         fitted = fit(scene, MODEL)
-        tails.append(sample(target(scene, fitted, named(fitted), tail=True), NOTHING, "", rng).quantiles[-1])
+        tails.append(sample(target(scene, fitted, named(fitted), tail=True), NOTHING, "", np.random.default_rng(1)).quantiles[-1])
     assert tails[0][0] > 0.1
     assert tails[0][2] > 0.3
     assert tails[1][2] < 0.2

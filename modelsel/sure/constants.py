@@ -2,10 +2,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ..data.measurements import Index
 from ..machine.robot import Robot
 from ..matrix.design import PLACE, Model
 from ..matrix.scene import Scene
@@ -18,10 +19,11 @@ GRID = 401     # values at which a cause is worked out; between them it is inter
 
 @dataclass(frozen=True, eq=False)
 class Constant:
-    """One constant: its range, the value the model holds, and, for every screw it bears on, (place, term index, table
-    (GRID, m) of how far the cause departs from the model's)."""
+    """One constant: its name and its mechanism's, its range, the value the model holds, and, for every screw it bears on, (place,
+    term index, table (GRID, m) of how far the cause departs from the model's)."""
 
     name: str
+    mechanism: str
     low: float
     high: float
     held: float
@@ -29,21 +31,22 @@ class Constant:
 
     def twist(self, theta: Array, value: Array, into: dict[tuple[int, int], Array]) -> None:
         """Add to `into` (place -> (W, m)) what the constant's values (W,) change at parameters theta (W, p)."""
-        at = (value - self.low) / (self.high - self.low) * (GRID - 1)
-        below = np.clip(at.astype(np.intp), 0, GRID - 2)
-        part = (at - below)[:, None]
+        below, share = self.between(value)
+        part = share[:, None]
         for place, k, table in self.tables:
             change = theta[:, k, None] * (table[below] * (1 - part) + table[below + 1] * part)
             into[place] = into.get(place, np.zeros((1, 1))) + change
 
-    def start(self, rng: np.random.Generator, count: int) -> Array:
-        """(count, 1) about the value held."""
-        width = 0.02 * (self.high - self.low)
-        return np.clip(self.held + width * rng.standard_normal((count, 1)), self.low + 1e-3 * width, self.high - 1e-3 * width)
+    def between(self, value: Array) -> tuple[Index, Array]:
+        """(grid point below each value (W,), share of the way to the next one)."""
+        at = (value - self.low) / (self.high - self.low) * (GRID - 1)
+        below = np.clip(at, 0, GRID - 2).astype(np.intp)
+        return below, at - below
 
 
 def constants(scene: Scene, model: Model, registry: Registry) -> tuple[Constant, ...]:
-    """Of every mechanism of a model that the registry scans over a range of real numbers."""
+    """One for each mechanism of a model that the registry scans over a range of real numbers; numbered where a mechanism is in
+    the model several times, as the labels of its coefficients are."""
     place = {t.screws: k for k, t in enumerate(model.terms)}
     out = []
     for m in model.mechanisms:
@@ -54,8 +57,10 @@ def constants(scene: Scene, model: Model, registry: Registry) -> tuple[Constant,
             if held is not None:
                 low, high = entry.range
                 built = [entry.build(scene.robot, *map(int, joint), float(v)) for v in np.linspace(low, high, GRID)]
-                out.append(Constant(f"constant of {m.name}", low, high, held, _tables(scene, m, built, place)))
-    return tuple(out)
+                out.append(Constant(f"constant of {m.name}", m.name, low, high, held, _tables(scene, m, built, place)))
+    several = [[o for o in out if o.mechanism == c.mechanism] for c in out]
+    return tuple(c if len(alike) == 1 else replace(c, name=f"{c.name} ({alike.index(c) + 1})")
+                 for c, alike in zip(out, several, strict=True))
 
 
 def _held(entry: Scanned, robot: Robot, joint: Sequence[str], m: Mechanism) -> float | None:

@@ -1,6 +1,7 @@
 """emcee, wrapped: one seed and the same chain again, chunks that can be resumed, and no number from an unconverged chain.
 
-Moves: differential evolution 0.8, snooker 0.2 (ter Braak 2006; ter Braak & Vrugt 2008), from exact closed-form draws.
+Moves: differential evolution 0.8, snooker 0.2 (ter Braak 2006; ter Braak & Vrugt 2008), from walkers spread more widely than the
+posterior; a third of them draws an inner constant anew where there is one.
 The chain is done when it is longer than 50 autocorrelation times, these are stable, and R-hat is low.
 """
 from __future__ import annotations
@@ -181,7 +182,7 @@ def _times(chain: Array, thin: int) -> Array:
 
 
 def _burn(tau: Array, thin: int, stored: int) -> int:
-    """Stored steps left out at the start: two autocorrelation times (the walkers start from the closed form)."""
+    """Stored steps left out at the start: two autocorrelation times."""
     longest = float(tau.max())
     return stored // 2 if not np.isfinite(longest) else min(int(np.ceil(2 * longest / thin)), stored // 2)
 
@@ -212,7 +213,7 @@ class _Walk:
             self.parts, self.densities, self.accepted = [done.chain], [done.log_density], done.accepted
             self.here = emcee.State(done.chain[-1], log_prob=done.log_density[-1], random_state=done.random)
         self.thin = thin
-        self.sampler = emcee.EnsembleSampler(walkers, target.size, target.log_density, moves=moves(), vectorize=True)
+        self.sampler = emcee.EnsembleSampler(walkers, target.size, target.log_density, moves=moves(target.ranges), vectorize=True)
         self.sampler.log_prob_fn = target.log_density     # bare: emcee's wrapper prints a traceback, on Ctrl-C too
 
     @property

@@ -8,10 +8,11 @@ about that minimum is taken (Laplace; exact for normal noise up to the curvature
 information of a row, w (1 − 2 w d² / (ν + c) c) in units of s⁻² with w = (ν + c) / (ν + d²), is averaged over the rows; with 12
 coefficients integrated out of 25 points, tails of ν < 4 come out up to 0.4 too unlikely in ln p, and the noise scale too sure
 (89 % intervals for 95 %, benchmarks/calibration.py). With normal noise of one scale,
-    ln p(ψ, s | y) = −(rows + k − r_β) ln s − |(I − QQᵀ) ρ(ψ, β*)|² / 2s²,   Q an orthonormal basis of J_β, k shrunk coefficients,
+    ln p(ψ, s | y) = −(rows + k − r_β) ln s − |(I − QQᵀ) ρ(ψ, β*)|² / 2s²,   Q an orthonormal basis of J_β, k held by a prior,
 and with several scales ½ ln |Σ_t s_t⁻² Q_tᵀQ_t| stands in place of −r_β ln s (restricted likelihood; Patterson & Thompson 1971).
 Priors: flat on coefficients and constants, 1/s on every scale (within a factor of 1,000), 1/ν uniform below ½. Shrunk
-coefficients keep their normal prior, its variance held at the most probable one.
+coefficients keep their normal prior, its variance held at the most probable one; those that a constant bears on have the scan's
+(`conditional`). Constants of mechanisms of one name keep their order.
 """
 from __future__ import annotations
 
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 from ..fitting.fit import Fit
 from ..words.rigid import Array
 from .components import Components
+from .conditional import Conditional, conditionals
 from .constants import Constant
 from .ensemble import Ensemble
 from .posterior import posterior
@@ -32,6 +34,7 @@ from .posterior import posterior
 TAIL = "tail 1/ν"
 HEAVIEST, LIGHTEST = 0.5, 1e-6
 FARTHEST = np.log(1000)
+APART = 2.0       # spread of the first walkers over the closed form's: walkers that start together cannot show that they differ
 SCORING = 5       # steps of expectation-maximisation; each leaves about 2/(ν + 5) of the distance
 
 
@@ -68,14 +71,21 @@ class Target:
         return Ensemble(self.noise.scene, self.fitted.terms)
 
     @cached_property
+    def _tangent(self) -> tuple[Array, Array]:
+        """(columns (N + k, p), what is left (N + k,)) at the optimum; the N data rows in the order (coordinate, configuration),
+        then a row per shrunk coefficient."""
+        from ..matrix.design import design
+        fitted = self.fitted
+        X, left = design(self.noise.scene, fitted.terms, fitted.at())
+        return (np.vstack([X.transpose(1, 0, 2).reshape(-1, len(fitted.theta))[self._rows], fitted.root]),
+                np.concatenate([left.T.reshape(-1)[self._rows], -fitted.root @ fitted.theta]))
+
+    @cached_property
     def _basis(self) -> tuple[Array, Array, Array]:
         """(Q (N + k, r_β) turned so that the data's part of QᵀQ is diagonal, that diagonal h (r_β,), response B (r_β, ψ) of β
-        to ψ); the N data rows in the order (coordinate, configuration), then a row per shrunk coefficient."""
-        from ..matrix.design import design
-        fitted, beta, psi = self.fitted, self._integrated, list(self.sampled)
-        X = design(self.noise.scene, fitted.terms, fitted.at())[0].transpose(1, 0, 2).reshape(-1, len(fitted.theta))[self._rows]
-        N = len(X)
-        X = np.vstack([X, fitted.root])
+        to ψ), with the rows of `_tangent`."""
+        beta, psi = self._integrated, list(self.sampled)
+        X, N = self._tangent[0], len(self._of)
         Q, R = np.linalg.qr(X[:, beta])
         B = np.linalg.solve(R, Q.T @ X[:, psi]) if beta else np.zeros((0, len(psi)))
         h = np.ones(len(beta))
@@ -118,14 +128,28 @@ class Target:
         return reduction.select([*self._integrated, *self.sampled]).R[b:-1, b:-1]
 
     @cached_property
+    def _conditionals(self) -> tuple[Conditional, ...]:
+        """Of the constants that bear on a sampled coefficient."""
+        return conditionals(self.noise.scene, self.fitted.at(), self.sampled, self.constants, self._basis[0], self._tangent,
+                            posterior(self.fitted).freedom)
+
+    @cached_property
+    def _plain(self) -> list[int]:
+        """Positions of the sampled coefficients that no constant bears on."""
+        owned = {i for c in self._conditionals for i in c.own.tolist()}
+        return [i for i in range(len(self.sampled)) if i not in owned]
+
+    @cached_property
     def _units(self) -> tuple[Array, Array]:
         """(origin (d,), matrix (d, d)): walkers live in units of the closed form, in which the coefficients are uncorrelated;
         a snooker's lines have no meaning across millimetres and radians."""
         known, k = posterior(self.fitted), self._split[0]
-        origin, matrix = np.zeros(self.size), np.zeros((self.size, self.size))
-        index = list(self.sampled)
-        origin[:k] = known.theta[index]
-        matrix[:k, :k] = np.linalg.qr(known.factor[index].T)[1].T * known.scale
+        origin, matrix = np.zeros(self.size), np.eye(self.size)
+        plain = self._plain
+        index = [self.sampled[i] for i in plain]
+        origin[plain] = known.theta[index]
+        if plain:
+            matrix[np.ix_(plain, plain)] = np.linalg.qr(known.factor[index].T)[1].T * known.scale
         scales = slice(*self._split)
         origin[scales] = np.log(known.scale)
         wide = [1 / np.sqrt(2 * known.freedom / self.noise.count)] * self.noise.count + [0.05] * self.tail
@@ -140,7 +164,24 @@ class Target:
         out = np.asarray(origin + walkers @ matrix.T)
         if self.tail:
             out[..., self._split[1]] = np.abs(out[..., self._split[1]])
-        return out
+        flat = out.reshape(-1, self.size)
+        for c in self._conditionals:
+            c.place(flat, self._values(flat, c.constant), origin[self._plain], posterior(self.fitted).scale)
+        return flat.reshape(out.shape)
+
+    def _at(self, constant: Constant) -> int:
+        """Position of a constant."""
+        return self._split[1] + self.tail + [c is constant for c in self.constants].index(True)
+
+    def _values(self, points: Array, constant: Constant) -> Array:
+        return np.asarray(points[:, self._at(constant)])
+
+    @cached_property
+    def ranges(self) -> tuple[tuple[int, float, float], ...]:
+        """(position, lowest, highest) of every constant, in the walkers' own units."""
+        origin, matrix = self._units
+        return tuple((i, (c.low - origin[i]) / matrix[i, i], (c.high - origin[i]) / matrix[i, i])
+                     for c in self.constants for i in (self._at(c),))
 
     def log_density(self, walkers: Array) -> Array:
         """(W,) up to a constant, at walkers (W, d) in their own units; −inf outside the priors."""
@@ -148,12 +189,18 @@ class Target:
         inside = (np.abs(points[:, slice(*self._split)] - np.log(posterior(self.fitted).scale)) < FARTHEST).all(1)
         if self.tail:
             inside &= (points[:, self._split[1]] > LIGHTEST) & (points[:, self._split[1]] < HEAVIEST)
-        for i, constant in enumerate(self.constants):
-            value = points[:, self._split[1] + self.tail + i]
+        for constant in self.constants:
+            value = self._values(points, constant)
             inside &= (value > constant.low) & (value < constant.high)
+            for other in self.constants:
+                if other.mechanism == constant.mechanism and other.held < constant.held:
+                    inside &= self._values(points, other) < value
         out = np.full(len(points), -np.inf)
         if inside.any():
-            out[inside] = self._exact(points[inside]) if self.exact else self._linear(points[inside])
+            some = points[inside]
+            out[inside] = self._exact(some) if self.exact else self._linear(some)
+            for c in self._conditionals:
+                out[inside] += c.log_prior(some, some[:, self._split[0]]) + c.log_volume(self._values(some, c.constant))
         return out
 
     def _linear(self, points: Array) -> Array:
@@ -175,8 +222,8 @@ class Target:
     def _exact(self, points: Array) -> Array:
         theta, W = self._theta(points), len(points)
         more: dict[tuple[int, int], Array] = {}
-        for i, constant in enumerate(self.constants):
-            constant.twist(theta, points[:, self._split[1] + self.tail + i], more)
+        for constant in self.constants:
+            constant.twist(theta, self._values(points, constant), more)
         e = self._ensemble.residuals(theta, more).reshape(W, -1)[:, self._rows]
         e = np.hstack([e, -theta @ self.fitted.root.T])
         log_s = points[:, self._split[0]:self._split[1]]
@@ -202,7 +249,7 @@ class Target:
                 weight = (nu[:, None] + c) / (nu[:, None] + distance)
                 w = np.ones_like(e)
                 w[:, :N] = np.tile(weight, (1, c))
-        rows = np.bincount(of, minlength=noise.count)
+        rows = np.bincount(self._of, minlength=noise.count) + self.fitted.by_prior * (np.arange(noise.count) == 0)
         out = -log_s @ rows - 0.5 * np.square((e * inverse)[:, N:]).sum(1)
         curved = np.ones(W)
         if nu is None:
@@ -219,15 +266,18 @@ class Target:
         return np.asarray(out - 0.5 * np.linalg.slogdet(A)[1])
 
     def start(self, rng: np.random.Generator, walkers: int) -> Array:
-        """(walkers, d) from exact draws of the closed form; tails and constants over what is likely."""
-        draws = posterior(self.fitted).draw(rng, walkers)
-        parts = [draws.theta[:, list(self.sampled)],
-                 np.log(draws.sigma)[:, None] + 0.02 * rng.standard_normal((walkers, self.noise.count))]
+        """(walkers, d) more widely spread than the posterior: normal coefficients and log scales of APART times the closed
+        form's spread, tails over all that are allowed, constants over their whole range."""
+        out = APART * rng.standard_normal((walkers, self.size))
         if self.tail:
-            parts.append(rng.uniform(0.001, 0.1, (walkers, 1)))
-        parts += [constant.start(rng, walkers) for constant in self.constants]
-        origin, matrix = self._units
-        return np.asarray(np.linalg.solve(matrix, (np.hstack(parts) - origin).T).T)
+            out[:, self._split[1]] = rng.uniform(LIGHTEST, HEAVIEST, walkers) / self._units[1][self._split[1], self._split[1]]
+        for i, low, high in self.ranges:
+            out[:, i] = rng.uniform(low, high, walkers)
+        for name in {c.mechanism for c in self.constants}:
+            alike = sorted((c for c in self.constants if c.mechanism == name), key=lambda c: c.held)
+            index = [self._at(c) for c in alike]
+            out[:, index] = np.sort(out[:, index], axis=1)
+        return out
 
     def values(self, walkers: Array) -> Array:
         """Walkers (..., d) in the units of the report: scales not as logarithms."""
