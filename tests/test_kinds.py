@@ -104,7 +104,7 @@ def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> Non
     data = prepared(measured, round(0.7 * measured.configurations))
     assert data.scene.data.gauges is not None
     base = fit(data.training(), model(measured))            # points tell 27 numbers of this arm; six are where the base stands
-    assert sum(not base.terms[k].fixture for k in base.found.kept) == TELL.get(what, 21)
+    assert sum(not base.terms[k].fixture for k in base.representatives) == TELL.get(what, 21)
     assert all(k in base.found.kept for k, t in enumerate(base.terms) if t.fixture)
     data, extension, _ = explain(data, model(measured), OFFERED, 1, cells=False)
     assert [e.candidate.mechanism.name for e in extension.effects] == ["wrist-coupling:5"]
