@@ -7,8 +7,9 @@ of the flange: a weak prior, felt only where the rows do not tell.
 """
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +27,12 @@ NORMAL = 1.538      # median length of three standard normal coordinates
 ROUNDS, STEPS = 6, 40
 SUBSETS = 48        # of four rows each, of which rigid fits start
 USUAL = 2e-3        # error of an arm as a share of how far it moves,
+MISFIT = 0.01       # share of how far it moves above which what is left says nothing of how well it is known
 INDEPENDENT = 6     # and of how many rows it is alike
 NULL = 1e-14        # least eigenvalue of scaled normal equations: what nothing tells stays finite
 STILL = 1e-12       # relative fall of the cost at which a descent ends
+
+State = TypeVar("State")
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +147,7 @@ def normal_equations(sight: Sight, at: Placed, weight: Array) -> tuple[Array, Ar
         RF = at.R[group] @ sight.F[rows]
         arm = RF @ at.tools[target] + sight.o[rows] @ at.R[group].T
         J = np.zeros((len(rows), rest.shape[1], 12 if turns else 9))
-        J[:, :3, :3] = -_cross(arm - centre(sight, at, group))      # change of what is predicted
+        J[:, :3, :3] = -cross(arm - centre(sight, at, group))      # change of what is predicted
         J[:, :3, 3:6], J[:, :3, 6:9] = np.eye(3), RF
         if turns:
             J[:, 3:, :3], J[:, 3:, 9:] = LEVER_MM * np.eye(3), LEVER_MM * RF
@@ -161,8 +165,8 @@ def centre(sight: Sight, at: Placed, group: int) -> Array:
     return np.asarray(np.median(sight.x[sight.group == group], axis=0) - at.t[group])
 
 
-def _cross(v: Array) -> Array:
-    """(m, 3, 3) with _cross(v) w = v x w."""
+def cross(v: Array) -> Array:
+    """(m, 3, 3) with cross(v) w = v x w."""
     out = np.zeros((len(v), 3, 3))
     out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
     return out - out.transpose(0, 2, 1)
@@ -189,25 +193,35 @@ def _prior(sight: Sight, at: Placed, sigma: float) -> tuple[Array, Array]:
 
 def _descended(sight: Sight, at: Placed, scale: float | None, weight: Array, sigma: float) -> Placed:
     """Levenberg-Marquardt from `at` on the loss of the given scale [mm], on plain squares with the given weights without."""
-    tool = slice(6 * sight.groups, 6 * sight.groups + at.tools.size)
-
     def cost(p: Placed) -> float:
         square = np.square(left(sight, p)).sum(1)
         strength, away = _prior(sight, p, sigma)
         return float((weight * square if scale is None else square / (1 + square / scale ** 2)).sum() + strength @ away ** 2)
 
+    def equations(p: Placed) -> tuple[Array, Array]:
+        w = weight if scale is None else 1 / (1 + np.square(left(sight, p)).sum(1) / scale ** 2) ** 2
+        H, g = normal_equations(sight, p, w)
+        strength, away = _prior(sight, p, sigma)
+        tool = 6 * sight.groups + np.arange(len(away))
+        H[tool, tool] += strength
+        g[tool] -= strength * away
+        return H, g
+
+    return descend(at, cost, equations, lambda p, step: _moved(sight, p, step))
+
+
+def descend(at: State, cost: Callable[[State], float], equations: Callable[[State], tuple[Array, Array]],
+            moved: Callable[[State, Array], State]) -> State:
+    """Levenberg-Marquardt from a state to where its cost falls no more; `equations` are the normal equations (H (p, p), g (p,))
+    of a step (p,) that `moved` takes."""
     now, damping = cost(at), 1e-6
     for _ in range(STEPS):
-        w = weight if scale is None else 1 / (1 + np.square(left(sight, at)).sum(1) / scale ** 2) ** 2
-        H, g = normal_equations(sight, at, w)
-        strength, away = _prior(sight, at, sigma)
-        H[np.arange(len(H))[tool], np.arange(len(H))[tool]] += strength
-        g[tool] -= strength * away
+        H, g = equations(at)
         size = np.sqrt(np.maximum(np.diag(H), 1e-300))
         fallen = False
         while damping < 1e8 and not fallen:
             step = np.linalg.lstsq(H / np.outer(size, size) + damping * np.eye(len(H)), g / size, rcond=1e-15)[0] / size
-            there = _moved(sight, at, step)
+            there = moved(at, step)
             new = cost(there)
             fallen = new < now
             damping = max(damping / 10, 1e-12) if fallen else max(10 * damping, 1e-9)
@@ -245,8 +259,8 @@ def spread(sight: Sight, at: Placed, good: NDArray[np.bool_]) -> tuple[Array, Ar
     """Standard deviations that the good rows leave, targets expected as usual: ((G,) of the least certain turn of each
     placement [rad], (T,) of the least certain direction of each target [mm]). The arm's own errors, USUAL of how far it moves,
     are shared by rows: they count as if a few were measured."""
-    square = float(np.square(left(sight, at)[good]).mean())
     moves = max(float(np.sqrt(np.square(v - np.median(v, axis=0)).sum(1).mean())) for v in (sight.x[good], sight.o[good]))
+    square = min(float(np.square(left(sight, at)[good]).mean()), (MISFIT * moves) ** 2)      # beyond, the robot is wrong
     sigma = max(float(np.sqrt(square + (USUAL * moves) ** 2 * max(good.sum() / INDEPENDENT, 1.0))), LEAST_MM)
     H = normal_equations(sight, at, good.astype(float))[0] / sigma ** 2
     G, T = sight.groups, len(at.tools)
