@@ -60,8 +60,11 @@ def mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: b
     best = _best(tried, limit)
     poor = min((left for _, left in best), default=np.inf) > FAR * reach
     if far and poor and len(np.unique(some.data.block)) >= 2 * LEAST:
-        more = several(some, min(limit, BAD * reach), [arm for _, arm in offsets])
-        best = _best([*tried, *_tried(some, singles, 2), *((m, _sure(some, arm)) for m, arm in more)], limit)
+        tried += _tried(some, singles, 2)
+        best = _best(tried, limit)
+        if min((left for _, left in best), default=np.inf) > FAR * reach:
+            more = several(some, min(limit, BAD * reach), [arm for _, arm in offsets])
+            best = _best([*tried, *((m, _sure(some, arm)) for m, arm in more)], limit)
     return _sentence(before, best, also) if best else None
 
 

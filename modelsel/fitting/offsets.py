@@ -16,7 +16,7 @@ from ..machine.robot import Pose, Robot, pose
 from ..matrix.scene import Scene
 from ..words.errors import sentence_list
 from ..words.rigid import Array, nearest_rotation, transform
-from .placing import LOSS, NORMAL, ROUNDS, STATED_MM, USUAL_MM, cross, descend, kabsch
+from .placing import COARSE, LOSS, NORMAL, ROUNDS, STATED_MM, USUAL_MM, cross, descend, kabsch
 from .slips import Mistake, linear
 
 STEP = np.pi / 18          # of the angles that are tried of a joint's zero
@@ -24,7 +24,9 @@ PEAKS = 2                  # angles of each joint from which it is descended
 DEGREES, LINK_MM = 1.0, 5.0   # smallest zero and link that are called a mistake
 ZERO, LENGTH_MM = 1.0, 200.0  # prior standard deviations: rad (mm of a slide: the next), mm
 RIGHT = np.radians(5)      # nearness to a right angle, which has a sentence of its own
+FALL = 0.8                 # to which each more of them must bring what is left for a next to be looked for
 PARTS, FRAMES = 4, 2       # numbers of the arm that are wrong at once: zeros, links
+TIMES = 4                  # that the scale of the loss is taken anew
 RESTS = 2e-3               # rad or mm of motion below which a joint rests
 MOST_REST = 3              # such joints whose angles are looked for together,
 THIRDS = (-2 * np.pi / 3, 0.0, 2 * np.pi / 3)  # from these
@@ -104,9 +106,9 @@ def adjusted(some: Scene, arm: Arm, free: Sequence[int], set_up: bool) -> Arm:
     sd = np.concatenate([np.full(3, STATED_MM if usual.any() else USUAL_MM), np.where(some.robot.prismatic, LENGTH_MM, ZERO),
                          np.full(3 * n, LENGTH_MM)])
     before = np.inf
-    for _ in range(ROUNDS):
+    for _ in range(TIMES):
         median = max(arm.left(some), 1e-6)
-        if median > 0.99 * before:
+        if median > 0.95 * before:
             break
         before, scale, weight = median, LOSS * median, np.concatenate([np.zeros(6), (median / NORMAL / sd) ** 2])
 
@@ -129,7 +131,7 @@ def adjusted(some: Scene, arm: Arm, free: Sequence[int], set_up: bool) -> Arm:
             whole[use] = step
             return _moved(some, a, whole)
 
-        arm = descend(arm, cost, equations, moved)
+        arm = descend(arm, cost, equations, moved, COARSE)
     return arm
 
 
@@ -187,7 +189,9 @@ def several(some: Scene, good: float, first: Sequence[Arm]) -> Iterator[tuple[Mi
 def _extended(some: Scene, good: float, arm: Arm, groups: Sequence[list[int]]) -> Arm:
     wrong = np.concatenate([arm.zeros, arm.links.ravel()])
     taken = [g for g in groups if wrong[g].any()]
-    while len(taken) < PARTS and arm.left(some) > good:
+    before = np.inf
+    while len(taken) < PARTS and good < arm.left(some) < FALL * before:
+        before = arm.left(some)
         more = [(adjusted(some, arm, [k for each in [*taken, g] for k in each], True), g) for g in groups
                 if g not in taken and (len(g) == 1 or sum(len(each) > 1 for each in taken) < FRAMES)]
         arm, chosen = min(more, key=lambda each: each[0].left(some))

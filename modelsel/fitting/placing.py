@@ -30,7 +30,7 @@ USUAL = 2e-3        # error of an arm as a share of how far it moves,
 MISFIT = 0.01       # share of how far it moves above which what is left says nothing of how well it is known
 INDEPENDENT = 6     # and of how many rows it is alike
 NULL = 1e-14        # least eigenvalue of scaled normal equations: what nothing tells stays finite
-STILL = 1e-12       # relative fall of the cost at which a descent ends
+STILL, COARSE = 1e-12, 1e-5  # relative fall of the cost at which a descent ends; where only minima are compared
 
 State = TypeVar("State")
 
@@ -191,7 +191,7 @@ def _prior(sight: Sight, at: Placed, sigma: float) -> tuple[Array, Array]:
     return np.repeat((sigma / sight.trust) ** 2, 3), (at.tools - sight.usual).ravel()
 
 
-def _descended(sight: Sight, at: Placed, scale: float | None, weight: Array, sigma: float) -> Placed:
+def _descended(sight: Sight, at: Placed, scale: float | None, weight: Array, sigma: float, still: float = STILL) -> Placed:
     """Levenberg-Marquardt from `at` on the loss of the given scale [mm], on plain squares with the given weights without."""
     def cost(p: Placed) -> float:
         square = np.square(left(sight, p)).sum(1)
@@ -207,11 +207,11 @@ def _descended(sight: Sight, at: Placed, scale: float | None, weight: Array, sig
         g[tool] -= strength * away
         return H, g
 
-    return descend(at, cost, equations, lambda p, step: _moved(sight, p, step))
+    return descend(at, cost, equations, lambda p, step: _moved(sight, p, step), still)
 
 
 def descend(at: State, cost: Callable[[State], float], equations: Callable[[State], tuple[Array, Array]],
-            moved: Callable[[State, Array], State]) -> State:
+            moved: Callable[[State, Array], State], still: float = STILL) -> State:
     """Levenberg-Marquardt from a state to where its cost falls no more; `equations` are the normal equations (H (p, p), g (p,))
     of a step (p,) that `moved` takes."""
     now, damping = cost(at), 1e-6
@@ -228,7 +228,7 @@ def descend(at: State, cost: Callable[[State], float], equations: Callable[[Stat
         if not fallen:
             return at
         at, gain, now = there, now - new, new
-        if gain <= STILL * now:
+        if gain <= still * now:
             return at
     return at
 
@@ -240,7 +240,7 @@ def robust(sight: Sight, at: Placed) -> Placed:
         median = float(middle(lengths(sight, at), sight.open))
         if median > 0.99 * before:
             break
-        before, at = median, _descended(sight, at, LOSS * median, np.ones(len(sight.x)), median / NORMAL)
+        before, at = median, _descended(sight, at, LOSS * median, np.ones(len(sight.x)), median / NORMAL, COARSE)
     return at
 
 
