@@ -176,7 +176,7 @@ def several(some: Scene, good: float, first: Sequence[Arm]) -> Iterator[tuple[Mi
     n = some.robot.n
     zeros, links = [[j] for j in range(n)], [[n + 3 * j + a for a in range(3)] for j in range(1, n)]
     for groups in (zeros, [*zeros, *links]):
-        begun = [a for a in first if groups is not zeros or not a.links.any()]
+        begun = [a for a in first if groups is not zeros or not a.links.any()] or [start(some)]
         ends = [_extended(some, good, arm, groups) for arm in sorted(begun, key=lambda a: a.left(some))[:PEAKS]]
         if groups is zeros:
             ends += _resting(some)
