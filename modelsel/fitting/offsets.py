@@ -31,6 +31,8 @@ RESTS = 2e-3               # rad or mm of motion below which a joint rests
 MOST_REST = 3              # such joints whose angles are looked for together,
 THIRDS = (-2 * np.pi / 3, 0.0, 2 * np.pi / 3)  # from these
 
+WHOSE = "check the robot file, and whether it is this robot's"
+
 
 @dataclass(frozen=True, eq=False)
 class Arm:
@@ -227,7 +229,7 @@ def _named(some: Scene, arm: Arm) -> Iterator[tuple[Mistake, Arm]]:
         if far:
             words.append(f"the nominal arm's {' and '.join(far)}")
             links += 1
-    looks = [*_looks(some, wrong), *(["check the robot file"] if links else [])]
+    looks = [*_looks(some, wrong), *([WHOSE if len(words) > 1 else "check the robot file"] if links else [])]
     if words:
         yield Mistake(" and ".join(words), ", and ".join(looks), np.eye(robot.n), arm.zeros, np.eye(3), len(words)), arm
 
