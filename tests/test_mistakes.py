@@ -135,7 +135,7 @@ def test_what_the_study_says_of_tool_and_frame(rng) -> None:
 @pytest.mark.parametrize("registered", [True, False])
 @pytest.mark.parametrize("robot", ["ur5", "puma760", "iiwa14"])
 def test_no_false_alarm(robot, registered, rng) -> None:
-    """Geometric errors ten times the usual, gross points, another robot: no simple mistake explains any of it."""
+    """Geometric errors ten times the usual, gross points, another robot: no simple mistake explains any of it, but the links."""
     def same(q: Array, x: Array) -> tuple[Array, Array]:
         return q, x
 
@@ -148,7 +148,8 @@ def test_no_false_alarm(robot, registered, rng) -> None:
     gross = at.data.position + np.where(rng.random((60, 1)) < 0.1, 500.0, 0.0) * rng.normal(size=(60, 3))
     assert said(at, lambda q, x: (q, gross), registered) is None
     other = replace(drawn_arm("irb1600" if robot != "iiwa14" else "fr3", rng, 60, OFF_AXIS), robot=at.robot)
-    assert said(other, same, registered) is None
+    wrong_robot = said(other, same, registered)           # links and zeros may turn one arm into the other: then that is said
+    assert wrong_robot is None or "check the robot file, and whether it is this robot's" in wrong_robot
 
 
 def test_gross_points_do_not_hide_a_mistake(rng) -> None:

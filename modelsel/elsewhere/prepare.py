@@ -12,7 +12,7 @@ from ..data.measurements import Measurements, Note
 from ..fitting.fixtures import place, unseen
 from ..fitting.mistakes import mistake
 from ..fitting.noise import Floor, Instrument, weigh
-from ..fitting.register import register
+from ..fitting.register import register, undetermined
 from ..machine.robot import Robot
 from ..matrix.design import residuals
 from ..matrix.scene import scene
@@ -104,7 +104,9 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
     notes += more
     bound = replace(scene(robot, data, tools_of(data, plan.tools)), tracker=plan.tracker)
     if plan.register:
+        expected = bound.tools
         bound = register(bound, estimation, plan.per_group)
+        notes += undetermined(bound, estimation, plan.per_group, expected)
     why = mistake(bound, estimation, plan.register, plan.per_group)
     if why is not None:
         notes.insert(0, Note(MISTAKEN, why))

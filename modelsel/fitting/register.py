@@ -1,50 +1,92 @@
 """Registration from scratch: where the tracker stands and where the targets sit, without a start value.
 
-One linear solve for a free affine map tracker -> frame 0 per placement and every target's offset (12 G + 3 T unknowns),
-reweighted so that gross outliers do not matter; the affine maps are projected to rotations; Gauss-Newton on the exact
-set-up model then settles it (methods.md N). Where orientations are measured they give the tracker's rotation first: the
-affine map is lost where the target may sit at a point that no joint moves, as on a two-axis positioner.
+Several starts are descended on the exact model (`placing`) and the one with the least robust misfit is taken: a linear solve for
+a free affine map tracker -> frame 0 per placement and every target's offset (methods.md N), rigid fits with the targets where the
+study says, where the flange pivots and around, and the measured orientations where there are any: the affine map is lost where
+the points lie on a line or a plane, and where the target may sit at a point that no joint moves, as on a two-axis positioner.
+Groups that share no target are placed apart. What the rows leave open is refused, or said by `undetermined`.
 """
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Index
-from ..matrix.design import Model, residuals
+from ..data.measurements import Index, Note
 from ..matrix.scene import Scene
-from ..words.errors import DataError
-from ..words.rigid import AXES, Array, inverse, nearest_rotation, rotation_vector, transform, turn
-from ..wrong.mechanisms.geometry import setup
-from .fit import fit
+from ..words.errors import DataError, NotEstimable, sentence_list
+from ..words.rigid import Array
+from .placing import GROSS, NORMAL, Placed, Sight, lengths, middle, robust, settled, spread
+from .starts import THIN, about_lines, starts
 
-REWEIGHT = 12
-LEAST = 4  # configurations per placement
-FAR = 2.8  # rad between two orientations, beyond which the axis of their turn is not trusted
+LEAST = 4           # configurations per placement
+ROWS = 300          # rows on which starts are tried, spread over the data, or LEAST_ROWS of every group and target
+LEAST_ROWS = 30
+ALIKE = 1e-3        # relative difference of misfits that are one minimum
+WELL = 0.01         # share of the points' spread below which agreement of two starts ends the search
+LOST = 1.0          # rad: standard deviation of a placement's turn at which registration is refused,
+DOUBT = 0.035       # from which it is said,
+OPEN_MM = 100.0     # and that of a target's place from which it is
 
 
 def register(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
-    """The scene with placement(s) and tools found from the rows `use` (mask). Raises DataError with too few rows."""
+    """The scene with placement(s) and tools found from the rows `use` (mask). Raises DataError with too few rows,
+    NotEstimable where the rows do not tell how the tracker stands."""
     if scene.data.gauges is not None:
         return _by_points(scene, use & scene.data.gauges.of("point"), per_group)
     some = scene.take(use)
-    group = some.data.group if per_group else np.zeros(len(some), np.intp)
-    count = len(scene.data.groups) if per_group else 1
+    group, count = _groups(some, per_group)
     for g in range(count):
         seen = len(np.unique(some.data.configuration[group == g]))
         if seen < LEAST:
-            where = f"group {scene.data.groups[g]}" if per_group else "the data"
-            raise DataError(f"{where} has {seen} estimation configurations; registration needs {LEAST} per placement.",
-                            remedy="Measure more, or choose another [split].")
-    start = None if scene.tool_rotations is None else _oriented(some, group, count)
-    placement, tools = start or _affine(some, group, count)
-    rows = np.concatenate([[g] for g in (range(count) if per_group else [0] * len(scene.data.groups))]).astype(int)
-    scene = scene.anew(placement=(placement[0][rows], placement[1][rows]), tools=tools)
-    if scene.tool_rotations is not None:
-        scene = replace(scene, tool_rotations=_target_rotations(scene.take(use)))
-    return _settle(scene, use, count)
+            raise DataError(f"{_where(some, g, per_group)} has {seen} estimation configurations; registration needs {LEAST} per "
+                            "placement.", remedy="Measure more, or choose another [split].")
+    sight = _sight(some, group, count)
+    R, t = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
+    tools, turned = scene.tools.copy(), None if scene.tool_rotations is None else scene.tool_rotations.copy()
+    for part, groups, targets in _parts(sight):
+        at, good = _found(part)
+        sure = spread(part, at, good)[0]
+        if sure.max() > LOST:
+            raise _lost(part, at, int(sure.argmax()), _where(some, int(groups[sure.argmax()]), per_group), float(sure.max()))
+        R[groups], t[groups], tools[targets] = at.R, at.t, at.tools
+        if turned is not None:
+            turned[targets] = at.turned
+    rows = np.arange(count) if per_group else np.zeros(len(scene.data.groups), np.intp)
+    return scene.anew(placement=(R[rows], t[rows]), tools=tools, tool_rotations=turned)
+
+
+def undetermined(scene: Scene, use: NDArray[np.bool_], per_group: bool, usual: Array) -> tuple[Note, ...]:
+    """What the rows `use` (mask) of a registered scene tell poorly: a placement's turn, a target's place; `usual` (T, 3) where
+    the targets were expected."""
+    some = scene.take(use if scene.data.gauges is None else use & scene.data.gauges.of("point"))
+    group, count = _groups(some, per_group)
+    notes: list[Note] = []
+    whole = replace(_sight(some, group, count), usual=usual)
+    for part, groups, targets in _parts(whole):
+        first = np.array([np.flatnonzero(group == g)[0] for g in groups])
+        at = Placed(some.placement[0][some.data.group[first]], some.placement[1][some.data.group[first]], some.tools[targets],
+                    None if some.tool_rotations is None else some.tool_rotations[targets])
+        size = lengths(part, at)
+        turn, place = spread(part, at, size <= GROSS * middle(size, part.open))
+        notes += [_weak(part, at, int(g), float(turn[g]), _where(some, int(groups[g]), per_group))
+                  for g in np.flatnonzero(turn > DOUBT)]
+        if (place > OPEN_MM).any():
+            names = sentence_list([some.data.targets[k] for k in targets[place > OPEN_MM]])
+            notes.append(Note("target-weak", f"The rows do not determine in every direction where target {names} sits on the "
+                              "flange, and it is taken to be near it: give tool_mm, or measure it with the flange turned other "
+                              "ways."))
+    return tuple(notes)
+
+
+def _groups(some: Scene, per_group: bool) -> tuple[Index, int]:
+    return (some.data.group, len(some.data.groups)) if per_group else (np.zeros(len(some), np.intp), 1)
+
+
+def _where(some: Scene, g: int, per_group: bool) -> str:
+    return f"group {some.data.groups[g]}" if per_group else "the data"
 
 
 def _by_points(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
@@ -58,106 +100,82 @@ def _by_points(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
     return scene.anew(placement=found.placement, tools=found.tools, tool_rotations=found.tool_rotations)
 
 
-def _affine(some: Scene, group: Index, count: int) -> tuple[tuple[Array, Array], Array]:
-    """Linear start: A_g x + b_g − R_i t_i = o_i, with x the measured and o_i, R_i the flange's nominal position, rotation."""
+def _sight(some: Scene, group: Index, count: int) -> Sight:
     bare = some.anew(tools=np.zeros_like(some.tools)).pose(slice(None))
-    m, targets = len(some), len(some.tools)
-    flange = bare.axes[-1, :3].transpose(2, 1, 0)                    # (m, 3, 3): columns are the flange's axes
-    x = some.data.position
-    middle = np.array([np.median(x[group == g], axis=0) for g in range(count)])
-    span = max(float(np.abs(x - middle[group]).max()), 1.0)
-    row = np.concatenate([(x - middle[group]) / span, np.ones((m, 1))], 1)
-    M = np.zeros((m, 3, 12 * count + 3 * targets))
-    for a in range(3):
-        M[np.arange(m)[:, None], a, 12 * group[:, None] + 4 * a + np.arange(4)] = row
-    M[np.arange(m)[:, None, None], np.arange(3)[:, None], (12 * count + 3 * some.data.target)[:, None, None] + np.arange(3)
-      ] = -flange
-    y = bare.target.T + np.einsum("mij,mj->mi", flange, some.tool)   # deviations from the nominal tool stay small where lost
-    solution = _reweighted(M, y)
-    R, t = np.empty((count, 3, 3)), np.empty((count, 3))
-    for g in range(count):
-        part = solution[12 * g:12 * g + 12].reshape(3, 4)
-        to_base = nearest_rotation(part[:, :3] / span)
-        R[g] = to_base.T
-        t[g] = middle[g] - to_base.T @ part[:, 3]
-    return (R, t), some.tools + solution[12 * count:].reshape(targets, 3)
+    flange = np.ascontiguousarray(bare.axes[-1, :3].transpose(2, 1, 0))          # (m, 3, 3): columns are the flange's axes
+    seen = None if some.tool_rotations is None else np.asarray(some.data.rotation)
+    return Sight(some.data.position, bare.target.T, flange, group, some.data.target, count, some.tools, seen)
 
 
-def _oriented(some: Scene, group: Index, count: int) -> tuple[tuple[Array, Array], Array] | None:
-    """Start from measured orientations M_i = R F_i X: the turn from one row to another, seen by the tracker, is that of the
-    flange turned by R (hand-eye; Park & Martin 1994); then R F_i t + b = x_i − R o_i is linear. None where all turn about one
-    axis."""
-    bare = some.anew(tools=np.zeros_like(some.tools)).pose(slice(None))
-    flange, m, targets = bare.axes[-1, :3].transpose(2, 1, 0), len(some), len(some.tools)
-    seen = np.asarray(some.data.rotation)
-    R = np.empty((count, 3, 3))
-    for g in range(count):
-        pairs = [(i, j) for t in range(targets) for rows in [np.flatnonzero((group == g) & (some.data.target == t))]
-                 for shift in {1, len(rows) // 2} for i, j in zip(rows, np.roll(rows, shift), strict=True)]
-        i, j = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
-        a = rotation_vector(np.einsum("mij,mkj->mik", seen[i], seen[j]))
-        b = rotation_vector(np.einsum("mij,mkj->mik", flange[i], flange[j]))
-        weight = (np.linalg.norm(b, axis=1) < FAR).astype(float)      # near half a turn the axis may point either way
-        if np.linalg.matrix_rank(b[weight > 0], tol=1e-3 * np.sqrt(len(b))) < 2:
-            return None
-        for _ in range(REWEIGHT):
-            R[g] = nearest_rotation(np.einsum("m,mi,mj->ij", weight, a, b))
-            size = np.linalg.norm(a - b @ R[g].T, axis=1)
-            weight = (np.linalg.norm(b, axis=1) < FAR) / (1 + (size / max(3 * float(np.median(size)), 1e-9)) ** 2)
-    turned = R[group]
-    M = np.zeros((m, 3, 3 * count + 3 * targets))
-    for c in range(3):
-        M[np.arange(m), c, 3 * group + c] = 1.0
-    M[np.arange(m)[:, None, None], np.arange(3)[:, None], (3 * count + 3 * some.data.target)[:, None, None] + np.arange(3)
-      ] = turned @ flange
-    y = some.data.position - np.einsum("mij,mj->mi", turned, bare.target.T + np.einsum("mij,mj->mi", flange, some.tool))
-    solution = _reweighted(M, y)
-    return (R, solution[:3 * count].reshape(count, 3)), some.tools + solution[3 * count:].reshape(targets, 3)
+def _parts(sight: Sight) -> Iterator[tuple[Sight, Index, Index]]:
+    """(rows, their groups, their targets), numbered anew, of placements and targets that no row joins to others."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    G, T = sight.groups, len(sight.usual)
+    joined = coo_array((np.ones(len(sight.x)), (sight.group, G + sight.target)), shape=(G + T, G + T))
+    label = connected_components(joined, directed=False)[1]
+    for part in np.unique(label[sight.group]):
+        rows, groups, targets = (np.flatnonzero(label[own] == part) for own in (sight.group, np.arange(G), G + np.arange(T)))
+        some = sight.take(rows)
+        yield (replace(some, group=np.searchsorted(groups, some.group), groups=len(groups), usual=sight.usual[targets],
+                       target=np.searchsorted(targets, some.target)), groups, targets)
 
 
-def _reweighted(M: Array, y: Array) -> Array:
-    """Least squares of y (m, 3) on M (m, 3, p) with Cauchy weights per row: up to a third may be gross."""
-    weight = np.ones(len(y))
-    for _ in range(REWEIGHT):
-        W = weight[:, None, None]
-        solution = np.linalg.lstsq((M * W).reshape(-1, M.shape[2]), (y * W[:, 0]).ravel(), rcond=1e-9)[0]
-        size = np.linalg.norm(M @ solution - y, axis=1)
-        weight = 1 / (1 + (size / max(3 * float(np.median(size)), 1e-6)) ** 2)
-    return np.asarray(solution)
+def _found(sight: Sight) -> tuple[Placed, NDArray[np.bool_]]:
+    """(the placement with the least robust misfit over all starts, the rows that are not gross)."""
+    pairs = [rows for *_, rows in sight.pairs()]
+    most = max(ROWS // len(pairs), LEAST_ROWS)
+    some = sight.take(np.sort(np.concatenate([rows[np.linspace(0, len(rows) - 1, min(len(rows), most)).astype(int)]
+                                              for rows in pairs])))
+    extent = float(np.median(np.concatenate([np.linalg.norm(some.x[rows] - np.median(some.x[rows], axis=0), axis=1)
+                                             for rows in (np.flatnonzero(some.group == g) for g in range(some.groups))])))
+    tried: list[Placed] = []
+    for start in starts(some):
+        tried.append(robust(some, start))
+        if len(tried) > 1 and _agreed(some, tried, WELL * extent):
+            break
+    best = tried[_least(some, tried)]
+    tried = [best, *(robust(some, start) for start in about_lines(some, best))]
+    return settled(sight, robust(sight, tried[_least(some, tried)]))
 
 
-def _target_rotations(some: Scene) -> Array:
-    """Mean rotation of every target frame on the flange, from the measured orientations."""
-    flange = some.pose(slice(None)).axes[-1, :3].transpose(2, 1, 0)
-    R = some.placement[0][some.data.group]
-    each = np.einsum("mji,mkj,mkl->mil", flange, R, np.asarray(some.data.rotation))
-    return np.stack([nearest_rotation(each[some.data.target == t].mean(0)) for t in range(len(some.tools))])
+def _misfits(sight: Sight, tried: list[Placed]) -> Array:
+    """Squares cut off at a common length, and how far targets are from where they are expected."""
+    size = np.array([lengths(sight, at) for at in tried])
+    scale = float(middle(size, sight.open).min())
+    away = np.array([np.square((at.tools - sight.usual) / sight.trust).sum() for at in tried]) * (scale / NORMAL) ** 2
+    return np.asarray(np.minimum(np.square(size), (GROSS * scale) ** 2).sum(1) + away)
 
 
-def _settle(scene: Scene, use: NDArray[np.bool_], count: int) -> Scene:
-    """Gauss-Newton on the set-up alone, its result composed into placement and tools; gross rows left out."""
-    robot, targets = scene.robot, len(scene.tools)
-    model = Model((setup(robot, targets, count, True, scene.tool_rotations is not None),))
-    before = transform(robot.joints[0].before[:3, :3], robot.joints[0].before[:3, 3])
-    for _ in range(3):
-        some = scene.take(use)
-        size = np.linalg.norm(residuals(some)[:, :3], axis=1)
-        found = fit(some.take(size <= max(6 * float(np.median(size)), 1e-6)), model)
-        value = {(s.frame, s.axis, str(s.cause)): v for t, v in zip(model.terms, found.theta, strict=True) for s in t.screws}
-        tools, rotations = scene.tools.copy(), scene.tool_rotations
-        turned = None if rotations is None else rotations.copy()
-        for k in range(targets):
-            label = f"target_{k + 1}" if targets > 1 else "1"
-            H = [value.get((robot.n + 1, axis, label), 0.0) for axis in AXES]
-            tools[k] += H[:3]
-            if turned is not None:
-                turned[k] = turn(0, H[3]) @ turn(1, H[4]) @ turn(2, H[5]) @ turned[k]
-        R, t = scene.placement[0].copy(), scene.placement[1].copy()
-        for g in range(len(R)):
-            label = f"group_{g + 1}" if count > 1 else "1"
-            H = [value.get((1, axis, label), 0.0) for axis in AXES]
-            screw = transform(turn(0, H[3]) @ turn(1, H[4]) @ turn(2, H[5]), H[:3])
-            P = transform(R[g], t[g]) @ before @ screw @ inverse(before)
-            R[g], t[g] = nearest_rotation(P[:3, :3]), P[:3, 3]
-        scene = scene.anew(placement=(R, t), tools=tools, tool_rotations=turned)
-    return scene
+def _least(sight: Sight, tried: list[Placed]) -> int:
+    return int(_misfits(sight, tried).argmin())
+
+
+def _agreed(sight: Sight, tried: list[Placed], well: float) -> bool:
+    """Whether two starts have ended in the best minimum, and it explains the points."""
+    misfit = _misfits(sight, tried)
+    best = int(misfit.argmin())
+    return (int((misfit <= misfit[best] * (1 + ALIKE)).sum()) > 1
+            and float(np.median(lengths(sight, tried[best]))) < well)
+
+
+def _shape(sight: Sight, at: Placed, g: int) -> str:
+    """What keeps a placement from being told, of its points' extents."""
+    x = sight.x[sight.group == g]
+    extent = np.linalg.svd(x - np.median(x, axis=0), compute_uv=False) / np.sqrt(len(x))
+    off = float(np.median(lengths(sight, at)[sight.group == g]))
+    if extent[1] < THIN * extent[0]:
+        return f"the points lie along a line, {extent[1]:.2g} mm off it where {off:.2g} mm are left (rms, median)"
+    return f"the points lie within {extent[0]:.2g} mm of their middle where {off:.2g} mm are left (rms, median)"
+
+
+def _weak(sight: Sight, at: Placed, g: int, turn: float, where: str) -> Note:
+    return Note("registration-weak", f"How the tracker is turned is known to {np.degrees(turn):.2g} degrees only (one standard "
+                f"deviation, {where}): {_shape(sight, at, g)}. Measure points that spread in all directions of the room.")
+
+
+def _lost(sight: Sight, at: Placed, g: int, where: str, turn: float) -> NotEstimable:
+    free = "not at all" if turn > np.pi else f"to {np.degrees(turn):.0f} degrees only (one standard deviation)"
+    return NotEstimable(f"registration: how the tracker is turned is told {free} by {where}: {_shape(sight, at, g)}. Measure "
+                        "points that spread in all directions of the room, give tool_mm, or convert the positions to the robot's "
+                        "base and leave register out.")
