@@ -107,7 +107,7 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
     effects = []
     for g in chosen:
         (one, own), at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
-        p = max(p_value(own, search.null), p_value(own, nothing))
+        p = max(p_value(own, by_chance) for by_chance in nothing)
         effects.append(Effect(found[g], one, p, view.fitted.theta[at], view.fitted.standard_errors[at]))
     return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, held_back,
                      search.bound, single_f(search.first.seen, search.first.r), map_p)
