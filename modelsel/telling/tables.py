@@ -94,6 +94,10 @@ def show_map(result: Result, console: Console) -> None:
     console.print(table)
 
 
+NOMINAL = ("Nominal p and halves take the names as given: the search is not repeated for them; the p of a finding is that of "
+           "the whole search.")
+
+
 def show_significance(result: Result, console: Console) -> None:
     """What each mechanism of the chosen model matters, and what is lost without it."""
     from rich.table import Table
@@ -103,7 +107,8 @@ def show_significance(result: Result, console: Console) -> None:
     table = Table(title="How much each mechanism matters: displacement it causes, and errors without it, in mm",
                   title_justify="left", title_style="bold")
     table.add_column("mechanism", overflow="fold")
-    for column in ("mean", "worst", "F", "p", "log10 evidence", "CV rms without", "held-out rms without", "stays in halves"):
+    for column in ("mean", "worst", "F", "nominal p", "log10 evidence", "CV rms without", "held-out rms without",
+                   "stays in halves"):
         table.add_column(column, justify="right")
     table.add_column("catalogue", overflow="fold")
     for s in rows:
@@ -111,7 +116,7 @@ def show_significance(result: Result, console: Console) -> None:
                       mm(s.cv_rms_without_mm), mm(s.held_out_rms_without_mm),
                       "–" if s.stability is None else f"{s.stability:.0%}", s.catalogue)
     first = rows[0]
-    table.caption = f"with all of them: CV rms {mm(first.cv_rms_mm)}, held-out rms {mm(first.held_out_rms_mm)}"
+    table.caption = f"with all of them: CV rms {mm(first.cv_rms_mm)}, held-out rms {mm(first.held_out_rms_mm)}. {NOMINAL}"
     console.print(table)
 
 
