@@ -125,9 +125,9 @@ def take_equal_noise_for_granted() -> None:
     own = modelsel.sure.parameters.bootstrap
 
     def nothing(*given: object) -> modelsel.sure.bootstrap.Bootstrap:
-        """Errors of nought that rest on ever so many units: the larger ones are those of least squares."""
+        """Errors of nought on the degrees of freedom of least squares, whose errors are the larger then."""
         found = own(*given)
-        return replace(found, errors=np.zeros_like(found.errors), units=np.full_like(found.units, 1e9))
+        return replace(found, errors=np.zeros_like(found.errors), units=np.full_like(found.units, given[1].freedom + 1))
     modelsel.sure.parameters.bootstrap = nothing
 
 

@@ -137,7 +137,7 @@ def test_errors_that_a_posture_shares(kind, rng) -> None:
     """Nothing is named, and 95 % intervals of the geometry hold. By signs that a look at the loudness alone asked for, something
     was named in nine of ten of these studies, and intervals held 85 %."""
     found, covered, total = [], 0, 0
-    for k in range(STUDIES):
+    for k in range(STUDIES // 2):
         at, theta = shared(kind, rng)
         extension = said(at, k)[1]
         found += [[e.candidate.mechanism.name for e in extension.effects]] if extension.effects else []
@@ -146,7 +146,7 @@ def test_errors_that_a_posture_shares(kind, rng) -> None:
         table = intervals(at, fit(at, BASE), k)
         covered += sum(p.low < truth[p.symbol] < p.high for p in table)
         total += len(table)
-    assert not too_many(len(found), STUDIES), f"{len(found)} of {STUDIES}: {found}"
+    assert not too_many(len(found), STUDIES // 2), f"{len(found)} of {STUDIES // 2}: {found}"
     assert covered > 0.9 * total
 
 
