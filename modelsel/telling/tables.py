@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..elsewhere.prepare import MISTAKEN
+from ..sure.bootstrap import REPLICATES
 from ..which.validate import Errors
 from ..why.maps import strongest_causes
 from ..words.errors import sentence_list
@@ -112,7 +113,7 @@ def show_significance(result: Result, console: Console) -> None:
         table.add_column(column, justify="right")
     table.add_column("catalogue", overflow="fold")
     for s in rows:
-        table.add_row(s.mechanism, mm(s.mean_mm), mm(s.max_mm), *map(_figure, (s.f, s.p, s.log10_evidence)),
+        table.add_row(s.mechanism, mm(s.mean_mm), mm(s.max_mm), _figure(s.f), _nominal(s.p), _figure(s.log10_evidence),
                       mm(s.cv_rms_without_mm), mm(s.held_out_rms_without_mm),
                       "–" if s.stability is None else f"{s.stability:.0%}", s.catalogue)
     first = rows[0]
@@ -122,6 +123,11 @@ def show_significance(result: Result, console: Console) -> None:
 
 def _figure(value: float | None) -> str:
     return "–" if value is None else "< 1e-99" if 0 <= value < 1e-99 else f"{value:.3g}"
+
+
+def _nominal(p: float | None) -> str:
+    """A p that signs alone have made is a bound: they tell no smaller one."""
+    return _figure(p) if p is None or p > 1 / (REPLICATES + 1) else f"≤ {1 / (REPLICATES + 1):.3g}"
 
 
 def sure_sentences(result: Result) -> list[str]:

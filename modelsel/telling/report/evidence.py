@@ -127,7 +127,7 @@ def significance(source: Source) -> list[Block]:
 
 
 def _p(value: float | None) -> str:
-    return "–" if value is None else "<0.001" if value < 0.001 else f"{value:.3f}"
+    return "–" if value is None else "<0.001" if value < 0.001 else "≤0.001" if value == 0.001 else f"{value:.3f}"
 
 
 def _signed(value: float | None) -> str:
