@@ -184,6 +184,7 @@ def test_an_effect_under_uneven_noise_is_found(rng) -> None:
         effects = said(replace(at, data=replace(at.data, position=at.data.position + shift)), 1)[1].effects
         assert effects, noise.__name__
         assert min(e.p for e in effects) >= 1 / 1000, noise.__name__        # of 999 draws, of either null
+        assert max(e.p for e in effects) <= LEVEL, noise.__name__
         assert noise is not even or effects[0].p == 1 / 1000
 
 

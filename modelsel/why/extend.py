@@ -100,17 +100,30 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
         chosen, view, path = settled, after, path + steps
         tried |= {frozenset(trial), frozenset(settled)}
     chosen, view = pruned(search, chosen, view, path)
-    if chosen:
-        view = search.attempt(chosen, view.fitted, STEP_MM) or view       # to the last tenth of a micrometre, where it settles
-    nothing, map_p = search.by_chance(view)
+    known, map_p, view = _proven(search, chosen, view, path)
     place = {t.screws: k for k, t in enumerate(view.model.terms)}
     effects = []
-    for g in chosen:
-        (one, own), at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
-        p = max(p_value(own, by_chance) for by_chance in nothing)
+    for g, p in known.items():
+        (one, _), at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
         effects.append(Effect(found[g], one, p, view.fitted.theta[at], view.fitted.standard_errors[at]))
     return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, held_back,
                      search.bound, single_f(search.first.seen, search.first.r), map_p)
+
+
+def _proven(search: Search, chosen: list[int], view: View, path: list[str]) -> tuple[dict[int, float], Array, View]:
+    """(p of every effect that chance does not explain, given the others, by any null; the map's p; the model's view): an effect
+    that passed when it came may fail once the others stand, and goes, the weakest first."""
+    while True:
+        if chosen:
+            view = search.attempt(chosen, view.fitted, STEP_MM) or view   # to the last tenth of a micrometre, where it settles
+        nothing, map_p = search.by_chance(view)
+        known = {g: max(p_value(search.again(g, view)[1], some) for some in nothing) for g in chosen}
+        weakest = max(chosen, key=lambda g: known[g], default=-1)
+        if weakest < 0 or known[weakest] <= LEVEL or (
+                after := search.attempt([g for g in chosen if g != weakest], view.fitted)) is None:
+            return known, map_p, view
+        path.append(f"- {search.found[weakest].label}")
+        chosen, view = [g for g in chosen if g != weakest], after
 
 
 def _untried(search: Search, left: Named, view: View, chosen: Sequence[int], tried: set[frozenset[int]]) -> int | None:
