@@ -1,6 +1,7 @@
 """Errors that rows share: false names and intervals with nothing planted, and what finding something costs in power.
 
-    python -m benchmarks.shared --studies 200 --seed 71 --out benchmarks/results/shared.txt
+    python -m benchmarks.shared --studies 200 --seed 71 --conditions reflectors postures
+    python -m benchmarks.shared --studies 38 --seed 71 --conditions independent planted        # both in benchmarks/results/shared.txt
 
 Geometry alone is wrong but for the last condition. Three reflectors on one flange, half of their noise's variance shared by a
 configuration; postures measured four times in all, in four rounds, 30 % of the variance the posture's own; independent normal noise;
@@ -115,14 +116,14 @@ def study(condition: str, arm: str, seed: Sequence[int]) -> Study:
 
 
 def table(done: dict[str, list[Study]]) -> list[str]:
-    lines = [f"{'condition':<14}{'studies':>8}  {'something named':<23}{'a cell of the map':<23}{'95 % intervals hold':<22}s a study"]
+    lines = [f"{'condition':<14}{'studies':>8}  {'something named':<23}{'a cell of the map':<23}95 % intervals hold"]
     for name, all_ in done.items():
         n = len(all_)
         if n:
             share = np.array([s.covered / s.parameters for s in all_])
             lines.append(f"{name:<14}{n:>8}  {interval(sum(bool(s.names) for s in all_), n):<23}"
                          f"{interval(sum(s.map_p <= LEVEL for s in all_), n):<23}"
-                         f"{f'{share.mean():.3f} ± {share.std() / np.sqrt(n):.3f}':<22}{np.mean([s.seconds for s in all_]):.2f}")
+                         f"{share.mean():.3f} ± {share.std() / np.sqrt(n):.3f}")
     return lines
 
 

@@ -112,14 +112,15 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
 
 def _proven(search: Search, chosen: list[int], view: View, path: list[str]) -> tuple[dict[int, float], Array, View]:
     """(p of every effect that chance does not explain, given the others, by any null; the map's p; the model's view): an effect
-    that passed when it came may fail once the others stand, and goes, the weakest first."""
+    that passed when it came may fail once the others stand, and goes, the weakest first; one that
+    stands alone was asked when it came."""
     while True:
         if chosen:
             view = search.attempt(chosen, view.fitted, STEP_MM) or view   # to the last tenth of a micrometre, where it settles
         nothing, map_p = search.by_chance(view)
         known = {g: max(p_value(search.again(g, view)[1], some) for some in nothing) for g in chosen}
         weakest = max(chosen, key=lambda g: known[g], default=-1)
-        if weakest < 0 or known[weakest] <= LEVEL or (
+        if len(chosen) < 2 or known[weakest] <= LEVEL or (
                 after := search.attempt([g for g in chosen if g != weakest], view.fitted)) is None:
             return known, map_p, view
         path.append(f"- {search.found[weakest].label}")
