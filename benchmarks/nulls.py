@@ -22,7 +22,6 @@ from scipy.stats import beta, kstest
 
 import modelsel.sure.bootstrap
 import modelsel.sure.parameters
-import modelsel.why.flips
 import modelsel.why.predictor
 import modelsel.why.search
 from modelsel import Model, mechanism
@@ -118,13 +117,18 @@ class Study:
 
 
 def take_equal_noise_for_granted() -> None:
-    """The program as it would be without the signs of whole configurations and groups."""
-    for module in (modelsel.why.search, modelsel.sure.bootstrap):
-        module.LOUD = np.inf
-    for module in (modelsel.why.search, modelsel.sure.parameters):
-        module.SLANTED = 0.0
-    for module in (modelsel.why.flips, modelsel.why.predictor, modelsel.sure.parameters):
-        module.together = lambda *_: 1.0
+    """The program as it would be without the signs of whole postures and groups."""
+    modelsel.why.search.Search.in_units = lambda self, view: []
+    modelsel.why.search.Search.by_signs = lambda *_: 0.0
+    modelsel.why.predictor.together = lambda *_: 1.0
+    modelsel.sure.bootstrap.Bootstrap.p_value = lambda *_: 0.0
+    own = modelsel.sure.parameters.bootstrap
+
+    def nothing(*given: object) -> modelsel.sure.bootstrap.Bootstrap:
+        """Errors of nought on the degrees of freedom of least squares, whose errors are the larger then."""
+        found = own(*given)
+        return replace(found, errors=np.zeros_like(found.errors), units=np.full_like(found.units, given[1].freedom + 1))
+    modelsel.sure.parameters.bootstrap = nothing
 
 
 def study(condition: str, seed: Sequence[int]) -> Study:

@@ -36,11 +36,11 @@ def problem(rng: np.random.Generator, widths: list[int], base: int, alike: float
     return X * 10.0 ** rng.integers(-4, 5, p), y, list(range(base)), groups
 
 
-def walked(X, y, base, groups) -> tuple[np.ndarray, np.ndarray]:
+def walked(X, y, base, groups, sigma=None) -> tuple[np.ndarray, np.ndarray]:
     """(members, BIC) of every subset."""
     blocks = [np.column_stack([X, y])[k::4] for k in range(4)]
     found = all_subsets(pad(blocks, [len(b) for b in blocks]), base, groups)
-    return found.members, np.asarray(bic(found.rss, N, found.rank))
+    return found.members, np.asarray(bic(found.rss, N, found.rank, sigma))
 
 
 @pytest.mark.parametrize("alike", [0.0, 0.3, 0.6])
@@ -56,6 +56,20 @@ def test_best_of_every_subset(seed, alike) -> None:
     first = best_subset(reduce(X, y), base, groups, nodes=1)             # however early it stops, what it says holds
     assert first.bic - first.gap <= value.min() + 1e-6
     assert first.proven == (first.gap == 0)
+
+
+@pytest.mark.parametrize("sigma", [0.4, 1.0, 2.5])
+@pytest.mark.parametrize("alike", [0.0, 0.5])
+def test_best_of_every_subset_where_the_noise_is_known(sigma, alike, rng) -> None:
+    """The BIC of a known standard deviation has its own best subset: too small a one asks for more groups."""
+    X, y, base, groups = problem(rng, rng.integers(1, 4, 10).tolist(), 3, alike, {1: 0.3, 4: 0.15, 7: 0.08})
+    members, value = walked(X, y, base, groups, sigma)
+    found = best_subset(reduce(X, y), base, groups, sigma=sigma)
+    assert found.proven
+    assert found.members.tolist() == members[value.argmin()].tolist()
+    assert found.bic == pytest.approx(value.min(), rel=1e-9)
+    first = best_subset(reduce(X, y), base, groups, nodes=1, sigma=sigma)
+    assert first.bic - first.gap <= value.min() + 1e-6
 
 
 def test_forty_groups_are_proven(rng) -> None:

@@ -2,6 +2,8 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
+from math import comb
 
 import numpy as np
 import pytest
@@ -113,6 +115,35 @@ def test_table(rng) -> None:
         assert row.held_out.rms_mm == pytest.approx(again.held_out.rms_mm, rel=0.01)
         assert row.cv_rms_mm == pytest.approx(again.cv_rms_mm, rel=0.01)
     assert marked.held_out.rms_mm == pytest.approx(SIGMA * np.sqrt(3), rel=0.25)
+
+
+@seeds(1, 2)
+@pytest.mark.parametrize("known", [True, False])
+def test_one_definition_of_every_criterion(known, rng) -> None:
+    """Of known sigma or unknown, a row's criteria are of one kind, its own rung's; EBIC adds the price of the groups that were
+    scanned; the notes say which row has the lowest; weights are exp(evidence) by that sigma."""
+    offered = (*(mechanism(name, ARM) for name in TRUE), *(harmonics(k, rng, 3) for k in range(4)))
+    data = replace(study(rng, 0.3, estimation=60), known_sigma=known)
+    data = replace(data, scene=replace(data.scene, whiten=1 / SIGMA))
+    table = compare(data, BASE, fit(data.training(), BASE), offered, ("geometric",), (), 4860)
+    rows = {row.names[1:]: row for row in table.best}
+    for names, row in rows.items():
+        assert row.ebic - row.bic == pytest.approx(2 * np.log(comb(4860, len(names))), rel=1e-6)
+        again = rung(data, BASE + tuple(c for c in offered if c.name in names), row.names)
+        assert row.bic == pytest.approx(again.bic, abs=0.5)
+        assert row.aicc == pytest.approx(again.aicc, abs=0.5)
+    values = Table(data, offered)
+    every = bic(values.rss, values.n, values.rank, 1.0 if known else None)
+    lowest = values.names[int(np.argmin(every))]
+    assert "lowest BIC" in rows[lowest].note or "lowest CV" in rows[lowest].note
+    assert rows[lowest].bic == min(row.bic for row in table.best)
+    if known:
+        two = list(rows)[:2]
+        price = {s: np.log(comb(6, len(s))) for s in two}
+        n, rss = values.n, {s: values.rss[values.names.index(s)] for s in two}
+        rank = {s: values.rank[values.names.index(s)] for s in two}
+        score = {s: -n / (1 + n) * rss[s] / 2 - rank[s] / 2 * np.log(1 + n) - price[s] for s in two}
+        assert np.log(rows[two[0]].weight / rows[two[1]].weight) == pytest.approx(score[two[0]] - score[two[1]], rel=1e-4)
 
 
 def test_rung_cross_validates_like_refits(rng) -> None:

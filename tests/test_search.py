@@ -193,6 +193,18 @@ def test_evidence_is_the_integral(rng) -> None:
     assert criteria.log_evidence(rss_base, rss_base, n, 1, 0) == pytest.approx(0, abs=1e-12)
 
 
+def test_evidence_where_the_noise_is_known(rng) -> None:
+    """Against the two normal densities of what the base leaves, at one standard deviation."""
+    n, X, base = 9, rng.normal(size=(9, 2)), np.ones((9, 1))
+    y, sigma = X @ [0.7, -0.4] + rng.normal(size=9), 0.8
+    U = np.linalg.svd(base)[0][:, 1:]
+    left, Z = U.T @ y, U.T @ X
+    hat = Z @ np.linalg.inv(Z.T @ Z) @ Z.T
+    logs = [stats.multivariate_normal(np.zeros(8), sigma ** 2 * (np.eye(8) + g * hat)).logpdf(left) for g in (n, 0)]
+    found = criteria.log_evidence(left @ left - left @ hat @ left, left @ left, n, 1, 2, sigma)
+    assert found == pytest.approx(logs[0] - logs[1], rel=1e-10)
+
+
 def test_weights() -> None:
     want = np.array([1, np.exp(-1), 0]) / (1 + np.exp(-1))
     np.testing.assert_allclose(criteria.weights([10.0, 12.0, np.inf]), want, rtol=1e-14)

@@ -80,11 +80,12 @@ def test_a_parameters_quantiles_have_one_unit() -> None:
 def test_a_column_of_nothing_but_dashes_is_not_shown() -> None:
     one = {"mechanism": "geometric", "mean_mm": 6.0, "max_mm": 9.8, "p": 0.0, "log10_evidence": None, "stability": None,
            "held_out_rms_without_mm": 5.6, "held_out_rms_mm": 0.07, "catalogue": "as expected"}
-    for known, names in (({}, ["mean mm", "worst mm", "p", "held-out rms mm"]),
-                         ({"stability": 0.5}, ["mean mm", "worst mm", "p", "held-out rms mm", "stable"])):
+    for known, names in (({}, ["mean mm", "worst mm", "nominal p", "held-out rms mm"]),
+                         ({"stability": 0.5}, ["mean mm", "worst mm", "nominal p", "held-out rms mm", "stable"])):
         table = next(b for b in significance(Source({"significance": [one | known]}, {})) if b["kind"] == "table")
         assert [c["name"] for c in table["columns"]] == ["mechanism", *names]
         assert ("Stable" in table["caption"]) == bool(known)
+        assert "take the names as given" in table["caption"]
 
 
 def test_the_set_up_alone_has_a_name_in_every_table() -> None:

@@ -1,8 +1,9 @@
-"""The configuration bootstrap: standard errors that believe in no common noise, from whole configurations.
+"""The posture bootstrap: standard errors that believe in no common noise and no independent rows, from whole postures.
 
-The configurations are a design, not a sample: they stay, and the residuals of a configuration change sign together (wild cluster
-bootstrap; Cameron, Gelbach & Miller 2008). Each configuration's residuals are first divided by what its leverage takes from them,
-(I − H_kk)^(−1/2) (Bell & McCaffrey 2002), so that equal noise gives the analytic errors back. Linear about the optimum.
+The postures are a design, not a sample: they stay, and the residuals of a posture, of all its targets and repeats, change sign
+together (wild cluster bootstrap; Cameron, Gelbach & Miller 2008). Each posture's residuals are first divided by what its leverage
+takes from them, (I − H_kk)^(−1/2) (Bell & McCaffrey 2002), so that equal noise gives the analytic errors back. Linear about the
+optimum.
 """
 from __future__ import annotations
 
@@ -16,7 +17,6 @@ from ..fitting.fit import Fit
 from ..matrix.identify import solve
 from ..matrix.reduce import Reduction
 from ..which.folds import Folded
-from ..why.flips import LOUD, uneven
 from ..words.rigid import Array
 
 REPLICATES = 999
@@ -27,13 +27,11 @@ LEAST = 1e-6     # of a direction that a configuration alone decides: its residu
 @dataclass(frozen=True, eq=False)
 class Bootstrap:
     """Standard errors (p,), nought where a parameter is not estimable, the draws (REPLICATES, p) that they are of, how many units
-    (p,) each rests on, whether their noise is alike (least squares' errors are to be believed then), and whether they are groups,
-    else configurations."""
+    (p,) each rests on, and whether these are groups, else postures."""
 
     errors: Array
     draws: Array = field(repr=False)
     units: Array
-    alike: bool
     grouped: bool = False
 
     def p_value(self, fitted: Fit, some: Sequence[int]) -> float:
@@ -54,12 +52,10 @@ def bootstrap(parts: Iterable[Folded], fitted: Fit, rng: np.random.Generator) ->
     if prior is not None:
         total = Reduction(total.add(prior).R, total.rows)
     beta, factor, _ = solve(total, kept)
-    found, size, rows, share, squared = [], [], [], np.zeros(len(kept)), np.zeros(len(kept))
+    found, share, squared = [], np.zeros(len(kept)), np.zeros(len(kept))
     for part in parts:
         Q, residual = _made_good(part, kept, beta, factor)
         found.append(np.einsum("kar,ka->kr", Q, residual))
-        size.append(np.square(residual).sum(1))
-        rows.append(part.rows)
         own = np.square(Q @ factor.T).sum(1)                # (K, r) of a parameter's variance that each unit brings
         share, squared = share + own.sum(0), squared + np.square(own).sum(0)
     scores = np.concatenate(found)
@@ -71,7 +67,7 @@ def bootstrap(parts: Iterable[Folded], fitted: Fit, rng: np.random.Generator) ->
     draws, rests = np.zeros((REPLICATES, len(fitted.theta))), np.ones(len(fitted.theta))
     draws[:, kept] = moved @ factor.T
     rests[kept] = np.square(share) / squared
-    return Bootstrap(np.sqrt(np.square(draws).mean(0)), draws, rests, uneven(np.concatenate(size), np.concatenate(rows)) < LOUD)
+    return Bootstrap(np.sqrt(np.square(draws).mean(0)), draws, rests)
 
 
 def _made_good(folded: Folded, kept: Sequence[int], beta: Array, factor: Array) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Every estimable parameter with three answers side by side: analytic, configuration bootstrap, posterior."""
+"""Every estimable parameter with three answers side by side: analytic, posture bootstrap, posterior."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -8,14 +8,14 @@ import numpy as np
 
 from ..data.measurements import Note
 from ..fitting.fit import Fit
-from ..matrix.design import blocks, whitened
+from ..matrix.design import blocks
 from ..which.compare import Data
 from ..which.folds import by_unit
-from ..why.flips import LASTING, SLANTED, slanted, together
+from ..why.flips import LASTING, together
 from ..words.rigid import Array
 from .bootstrap import Bootstrap, bootstrap
 from .correlation import labels, owners
-from .posterior import Draws, posterior
+from .posterior import Draws
 from .sampling import Sampling
 
 RATIO = 1.5      # between two of the three answers
@@ -46,14 +46,13 @@ class Parameter:
 def parameters(data: Data, fitted: Fit, boot: Bootstrap) -> tuple[Parameter, ...]:
     """Every estimable parameter of a fit, in the model's order; the posterior's answers come later (`with_posterior`).
 
-    Where the noise is not alike everywhere, or errors last within groups, an interval is a t of the larger standard error, of as
-    many degrees of freedom as configurations or groups bear the estimate, less one (Carter, Schnepel & Steigerwald 2017).
+    An interval is a t of the larger of least squares' and the bootstrap's standard error, of as many degrees of freedom as
+    postures (groups, where errors last within them) bear the estimate, less one (Carter, Schnepel & Steigerwald 2017): rows of a
+    posture may share an error, and no test of the residual would see it.
     """
     from scipy.special import stdtrit
-    low, high = posterior(fitted).quantile(np.array([0.025, 0.975])).T
-    if not boot.alike:
-        half = stdtrit(np.maximum(boot.units - 1, 1), 0.975) * np.maximum(boot.errors, fitted.standard_errors)
-        low, high = fitted.theta - half, fitted.theta + half
+    half = stdtrit(np.maximum(boot.units - 1, 1), 0.975) * np.maximum(boot.errors, fitted.standard_errors)
+    low, high = fitted.theta - half, fitted.theta + half
     mean, worst = displacement(data, fitted)
     error, names, owner = fitted.standard_errors, labels(fitted.model), owners(fitted.model)
     out = []
@@ -70,10 +69,9 @@ def resampled(data: Data, fitted: Fit, rng: np.random.Generator) -> Bootstrap:
     training = data.training()
     residual = fitted.residuals(training)
     grouped = together(training.data, residual[:, :3], rng) <= LASTING
-    slant = training.measured is None and slanted(whitened(training, residual).T, fitted.freedom / training.components) <= SLANTED
     unit = training.data.group if grouped else training.data.block
     boot = bootstrap(by_unit(training, fitted.terms, unit, fitted.at()), fitted, rng)
-    return replace(boot, alike=boot.alike and not (grouped or slant), grouped=grouped)
+    return replace(boot, grouped=grouped)
 
 
 def _differ(errors: Sequence[float], configurations: float) -> bool:

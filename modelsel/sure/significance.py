@@ -15,6 +15,7 @@ from ..fitting.fit import Fit
 from ..matrix.design import Model
 from ..matrix.identify import identify, solve
 from ..matrix.reduce import Reduction, reduce_scene
+from ..matrix.smooth import spline
 from ..which.compare import Data
 from ..which.criteria import log_evidence
 from ..which.folds import Folded, cross_validate, fold
@@ -31,10 +32,11 @@ BUNDLES = 2000        # of configurations, of which halves are drawn; fewer conf
 
 @dataclass(frozen=True)
 class Significance:
-    """One mechanism: displacement it causes over the measured configurations; nested F, p (no smaller than the bootstrap's where
-    the noise is not alike everywhere) and the evidence for it given all others; cross-validated and held-out rms with and
-    without it; what the catalogue says of sign and size; the share of half-samples in which it stays significant. None where
-    undefined."""
+    """One mechanism: displacement it causes over the measured configurations; nested F, its nominal p (no smaller than the
+    posture bootstrap's) and the evidence for it given all others; cross-validated and held-out rms with and without it; what the
+    catalogue says of sign and size; the share of half-samples in which it stays significant. The p and the share take the model's
+    names as given: the search that found them is not repeated. None where undefined, as F and p of free functions, which are
+    shrunk."""
 
     mechanism: str
     parameters: tuple[str, ...]
@@ -64,7 +66,7 @@ def significance(data: Data, fitted: Fit, names: Sequence[str], boot: Bootstrap,
     out = []
     for m, (mean, worst), share in zip(judged, moved, stable, strict=True):
         own = _own(model, m, fitted)
-        f, p, evidence = nested(fitted, own, boot)
+        f, p, evidence = nested(fitted, own, boot, 1.0 if data.known_sigma else None)
         cv_without, held_without = without.rms(own) if own else (None, None)
         terms = _terms(model, m)
         symbols = tuple(model.terms[k].symbol for k in terms if k in fitted.found.kept)
@@ -102,20 +104,21 @@ def _displaced(data: Data, fitted: Fit, groups: Sequence[Sequence[int]]) -> list
     return [(float(t / len(scene)), float(w)) for t, w in zip(total, worst, strict=True)]
 
 
-def nested(fitted: Fit, own: Sequence[int], boot: Bootstrap) -> tuple[float | None, float | None, float | None]:
+def nested(fitted: Fit, own: Sequence[int], boot: Bootstrap, known: float | None = None
+           ) -> tuple[float | None, float | None, float | None]:
     """(F, its p, log10 of the Bayes factor with a unit-information prior) of the model against itself without some terms:
-    RSS grows by θᵀ C⁻¹ θ, C their unscaled covariance. The p is no smaller than the bootstrap's where it is to be believed."""
+    RSS grows by θᵀ C⁻¹ θ, C their unscaled covariance. The p is no smaller than the bootstrap's, to which the rows of a posture
+    are one. Shrunk terms have no F. `known`: the standard deviation of whitened rows, where it is known."""
     from scipy.special import fdtrc
-    if not own or fitted.freedom <= 0:
+    if not own or fitted.freedom <= 0 or any(spline(fitted.terms[k]) is not None for k in own):
         return None, None, None
     factor, theta = fitted.factor[list(own)], fitted.theta[list(own)]
     more = float(theta @ np.linalg.solve(factor @ factor.T, theta))
     f = more / len(own) / fitted.sigma ** 2
     rank = round(fitted.rows - fitted.freedom)
-    evidence = log_evidence(fitted.rss, fitted.rss + more, fitted.rows, rank - len(own), len(own))
+    evidence = log_evidence(fitted.rss, fitted.rss + more, fitted.rows, rank - len(own), len(own), known)
     p = float(fdtrc(len(own), fitted.freedom, f))
-    if not boot.alike:
-        p = max(p, boot.p_value(fitted, own))
+    p = max(p, boot.p_value(fitted, own))
     return f, p, float(evidence / np.log(10)) if fitted.precision is None else None
 
 
@@ -171,11 +174,13 @@ class _Without:
 
 def stability(folded: Folded, fitted: Fit, groups: Sequence[Sequence[int]], rng: np.random.Generator, count: int = HALVES
               ) -> list[float | None]:
-    """Share of half-samples of the configurations in which each group of terms stays significant (nested F, p below 0.05)."""
+    """Share of half-samples of the postures in which each group of terms stays significant (nested F, p below 0.05); None for
+    shrunk terms. The names are taken as given: the search is not repeated in the halves."""
     from scipy.special import fdtrc
     kept = list(fitted.found.kept)
     where = {k: i for i, k in enumerate(kept)}
-    inside: list[Index] = [np.array([where[k] for k in g], dtype=np.intp) for g in groups]
+    plain = [all(spline(fitted.terms[k]) is None for k in g) for g in groups]
+    inside: list[Index] = [np.array([where[k] for k in g if fine], dtype=np.intp) for g, fine in zip(groups, plain, strict=True)]
     X = folded.blocks[:, :, kept]
     y = folded.blocks[:, :, -1] + X @ fitted.theta[kept]
     scale = np.hypot(np.linalg.norm(X, axis=(0, 1)), np.linalg.norm(fitted.root[:, kept], axis=0))

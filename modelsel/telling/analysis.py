@@ -30,11 +30,13 @@ from ..wrong.registry import Registry, mechanism
 from ..wrong.screws import Mechanism, Screw
 from .cautions import restricted, worse_than_nominal
 from .config import Study
-from .findings import Finding, beside, surprised, uneven
+from .findings import Finding, beside, opposed, surprised, uneven
 from .finished import Result
 from .left import (
     estimated_floor,
     held_out_outliers,
+    lack_of_fit,
+    lacking,
     nothing_else,
     per_row,
     predictable_left,
@@ -88,7 +90,7 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     say("comparing all subsets of the candidates")
     offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects],
                                study.comparison.mechanisms or MOST)
-    comparison = compare(data, base, base_rung.fit, offered, base_names, aside) if offered else None
+    comparison = compare(data, base, base_rung.fit, offered, base_names, aside, len(found)) if offered else None
     say("measuring the gain")
     steps = _steps(data, base_rung, extension)
     rungs = [nominal, *_ladder(question, data, measured, base_rung, best_constants(found, extension.single_f))]
@@ -108,7 +110,8 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
     if comparison is not None and set(comparison.choice) != set(chosen.names):
         notes = (*notes, Note("table-differs", "The one-standard-error choice of the table of subsets is "
                               f"{' + '.join(comparison.choice)}; the chosen model follows what was named."))
-    notes = (*notes, *worse_than_nominal(base_names, gained(nominal, base_rung)), *surprised(data, chosen))
+    notes = (*notes, *worse_than_nominal(base_names, gained(nominal, base_rung)), *opposed(findings), *surprised(data, chosen),
+             *lacking(lack_of_fit(chosen, floor, data)))
     if comparison is not None and comparison.certified is not None and not comparison.certified.proven:
         notes = (*notes, Note("search-unproven", f"Of 2^{len(comparison.considered)} subsets of the candidates the best by BIC "
                               f"that was found is not proven: another may have up to {comparison.certified.gap:.3g} less."))

@@ -35,8 +35,16 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """In a metrologist's words."""
-        return sentence(self.effect)
+        """In a metrologist's words, and whether held-out configurations speak against it."""
+        return sentence(self.effect) + (f" Held-out configurations speak against it: {self.against}." if self.against else "")
+
+    @property
+    def against(self) -> str:
+        """What it adds to the held-out error, where the whole interval of its gain is negative; else nothing."""
+        interval = self.gain.interval_mm
+        if interval is None or interval[1] >= 0:
+            return ""
+        return f"their error grows by {display(-interval[1])} to {display(-interval[0])} rms with it (95 %)"
 
 
 def derived(names: frozenset[str], scene: Scene) -> bool:
@@ -100,7 +108,7 @@ def finding_dict(finding: Finding, scene: Scene) -> dict[str, Any]:
 def fault_dict(fault: Fault) -> dict[str, Any]:
     """The contract's finding of a data fault."""
     return {"sentence": fault.sentence, "verdict": "found", "p_value": fault.p, "rows": fault.rows,
-            "credible_set": [{"mechanism": f"fault:{fault.name}", "probability": 1 - fault.p, "screws": [], "alike": True}],
+            "credible_set": [{"mechanism": f"fault:{fault.name}", "probability": fault.probability, "screws": [], "alike": True}],
             "more_entries": 0, "estimate": [], "gain": asdict(Gain(None, None, None))}
 
 
@@ -125,14 +133,22 @@ def detection_limit(extension: Extension, priors: Sequence[float], configuration
 
 
 def uneven(extension: Extension) -> tuple[Note, ...]:
-    """What equal normal noise would have named and the residual's own signs do not."""
+    """What independent normal noise would have named and the residual's own signs do not."""
     if extension.held_back is None or extension.left is None:
         return ()
     first = extension.left.entries[0].candidate.label
-    return (Note("uneven-noise", f"{first} is not named: were the noise normal and alike everywhere, chance would explain it "
-                 f"with probability {extension.held_back:.2g}, but the residuals as they are, with the signs of whole "
-                 f"configurations changed, do as well with probability {extension.left_p:.2g}. A few rows are loud, "
-                 "the noise is larger one way than another, or errors last from one configuration to the next."),)
+    return (Note("uneven-noise", f"{first} is not named: if the noise were normal, independent and alike everywhere, chance "
+                 f"would explain it with probability {extension.held_back:.2g}, but the residuals as they are, with the signs of "
+                 f"whole postures (or groups) changed, do as well with probability {extension.left_p:.2g}. Rows of one posture "
+                 "may share an error, a few rows may be loud, the noise may be larger in one direction, or errors may last from "
+                 "one configuration to the next."),)
+
+
+def opposed(findings: Sequence[Finding]) -> tuple[Note, ...]:
+    """Findings that make the held-out error larger, by the whole interval of their gain."""
+    return tuple(Note("held-out-against", f"{f.effect.candidate.label} was named, but held-out configurations speak against it: "
+                      f"{f.against}. Do not compensate for it before further measurements confirm it.")
+                 for f in findings if f.against)
 
 
 def surprised(data: Data, chosen: Rung) -> tuple[Note, ...]:

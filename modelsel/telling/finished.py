@@ -23,7 +23,7 @@ from ..why.maps import ErrorMap
 from ..why.predictor import Predictable
 from .config import Study
 from .findings import Finding, fault_dict, finding_dict, screws_of
-from .left import Placed, features, noise_dict
+from .left import Placed, features, lack_of_fit, noise_dict
 from .result import candidates_dict, plain, rung_dict
 from .standing import standing
 from .verdict import verdict
@@ -80,6 +80,7 @@ class Result(Views):
         """The contract's result."""
         data = self.data.scene.data
         estimation = self.data.estimation
+        lack = lack_of_fit(self.chosen, self.floor, self.data)
         extending = [] if self.study.model.candidates == [] else [e.candidate for e in self.extension.effects]
         return {
             "schema": 1, "study": self.study.name, "robot": self.robot.name, "seed": self.study.seed,
@@ -97,7 +98,8 @@ class Result(Views):
             "findings": [*(fault_dict(f) for f in self.faults),
                          *(finding_dict(f, self.data.scene.take(estimation)) for f in self.findings)],
             "nothing_else": {"sentence": self.nothing_else[0], "detection_limit_mm": self.nothing_else[1],
-                             "predictable": None if self.predictable is None else asdict(self.predictable)},
+                             "predictable": None if self.predictable is None else asdict(self.predictable),
+                             "lack_of_fit": None if lack is None else asdict(lack)},
             "nested_cv": None if self.nested is None else {
                 "folds": self.nested.folds, "geometric": asdict(self.nested.base), "chosen": asdict(self.nested.chosen),
                 "named_in_folds": self.nested.named},

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Measurements
+from ..data.measurements import SAME_READING, Measurements, Note
 from ..fitting.fit import Fit
 from ..fitting.noise import Floor
 from ..matrix.design import fixture_values, whitened
@@ -24,7 +24,11 @@ from ..why.search import LEVEL
 from ..why.words import display
 from ..words.rigid import Array, turn
 from ..wrong.causes import Member
-from .findings import detection_limit
+from .findings import CLEARLY, RARELY, detection_limit
+
+ENOUGH = 10         # degrees of freedom of a floor before a model is held against it
+MEDIAN = 0.37       # degrees of freedom of a standard deviation by the median, against one by the mean square
+VERY_MANY = 1e9     # degrees of freedom of a floor that is stated
 
 
 def thinned(extension: Extension, data: Data) -> bool:
@@ -69,7 +73,8 @@ def nothing_else(extension: Extension, found: tuple[Candidate, ...], data: Data,
     left = f" The strongest of what is left would come by chance with probability {extension.left_p:.2g}."
     if limit is None:
         return f"Nothing {more}was found; the data are too few for any further effect to be found, however large.{left}", None
-    return f"Nothing {more}was found; an effect above {display(limit)} rms would have been found with 90 %.{left}", limit
+    return (f"Nothing {more}was found; an effect above {display(limit)} rms beyond what the geometry absorbs would have been "
+            f"found with 90 %.{left}"), limit
 
 
 def estimated_floor(rung_: Rung, data: Data) -> Floor:
@@ -78,6 +83,68 @@ def estimated_floor(rung_: Rung, data: Data) -> Floor:
     square = np.square(rung_.residual[data.used][:, :3])
     mean = square.mean() if data.scene.measured is None else square.sum() / data.scene.measured[data.used][:, :3].sum()
     return Floor(float(np.sqrt(mean * fitted.rows / fitted.freedom)), "estimated", fitted.freedom)
+
+
+@dataclass(frozen=True)
+class LackOfFit:
+    """A model compared with the noise floor (methods.md A.8): F of what it leaves over the floor's variance, its p, the floor
+    [mm], and the standard deviation of one coordinate [mm] that the floor does not explain, with a 95 % interval."""
+
+    f: float
+    p: float
+    floor_mm: float
+    unexplained_mm: float
+    low_mm: float
+    high_mm: float
+
+
+def lack_of_fit(chosen: Rung, floor: Floor | None, data: Data) -> LackOfFit | None:
+    """Whether a model leaves more on the rows that fit than a floor that is known without it; None where it is estimated from the
+    residuals. Of repeats: the classical test of lack of fit against the pure error of these rows; of target pairs, whose floor
+    rests on a median, on MEDIAN of their degrees of freedom."""
+    from scipy.special import fdtrc, fdtri
+    if floor is None or floor.source == "estimated" or data.scene.data.gauges is not None:
+        return None
+    training = data.training()
+    left = whitened(training, chosen.fit.residuals(training))[:, :3]
+    total, freedom = float(np.square(left).sum()), chosen.fit.freedom * 3 / training.components
+    pure, each, known = 1.0, 1.0, float(np.where(np.isfinite(floor.freedom), MEDIAN * floor.freedom, VERY_MANY))
+    if floor.source == "repeats":
+        within, known = pure_error(training)
+        total, freedom, pure = total - within, freedom - known, within / max(known, 1)
+        each = 3 * len(training) / (3 * len(training) - known)          # rows of a posture, all with what is unexplained
+    if freedom < 1 or known < ENOUGH or pure <= 0:
+        return None
+    f = max(total / freedom / pure, 0.0)
+    sigma = floor.coordinate_mm * np.sqrt(pure)
+    ratios = np.array([f, f / fdtri(freedom, known, 0.975), f / fdtri(freedom, known, 0.025)])
+    unexplained = sigma * np.sqrt(np.maximum(ratios - 1, 0.0) / each)
+    return LackOfFit(f, float(fdtrc(freedom, known, f)), float(sigma), *unexplained.tolist())
+
+
+def pure_error(scene: Scene) -> tuple[float, float]:
+    """(sum of squares, degrees of freedom) of whitened positions at equal readings of one target, about their means."""
+    data = scene.data
+    position = whitened(scene, np.pad(data.position, ((0, 0), (0, scene.components - 3))))[:, :3]
+    key = np.unique(data.block * len(data.targets) + data.target, return_inverse=True)[1].reshape(-1)
+    count = np.bincount(key)
+    low, high = (np.full((len(count), data.q.shape[1]), sign * np.inf) for sign in (1, -1))
+    np.minimum.at(low, key, data.q)
+    np.maximum.at(high, key, data.q)
+    still = (high - low).max(1) <= SAME_READING         # an arm read anew has moved its target, too: no repeat
+    mean = np.stack([np.bincount(key, position[:, a]) / count for a in range(3)], 1)
+    return float(np.square(position - mean[key])[still[key]].sum()), 3.0 * float((count - 1)[still].sum())
+
+
+def lacking(found: LackOfFit | None) -> tuple[Note, ...]:
+    """Where a model leaves clearly more than the noise floor."""
+    if found is None or found.p > RARELY or np.hypot(found.unexplained_mm, found.floor_mm) < CLEARLY * found.floor_mm:
+        return ()
+    return (Note("lack-of-fit", "The chosen model leaves more than the noise floor explains (lack-of-fit test: F = "
+                 f"{found.f:.3g}, by chance with probability {found.p:.1g}): beyond the floor of {display(found.floor_mm)} per "
+                 f"coordinate, {display(found.unexplained_mm)} (95 %: {display(found.low_mm)} to {display(found.high_mm)}) is "
+                 "unexplained. Either the model lacks something, or the floor leaves out a part of the noise: what rows measured "
+                 "together share, or what changes from one approach to the next."),)
 
 
 def per_row(floor: Floor, data: Data) -> Floor:

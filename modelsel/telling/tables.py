@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..elsewhere.prepare import MISTAKEN
+from ..sure.bootstrap import REPLICATES
 from ..which.validate import Errors
 from ..why.maps import strongest_causes
 from ..words.errors import sentence_list
@@ -94,6 +95,10 @@ def show_map(result: Result, console: Console) -> None:
     console.print(table)
 
 
+NOMINAL = ("Nominal p and halves take the names as given: the search is not repeated for them; the p of a finding is that of "
+           "the whole search.")
+
+
 def show_significance(result: Result, console: Console) -> None:
     """What each mechanism of the chosen model matters, and what is lost without it."""
     from rich.table import Table
@@ -103,20 +108,26 @@ def show_significance(result: Result, console: Console) -> None:
     table = Table(title="How much each mechanism matters: displacement it causes, and errors without it, in mm",
                   title_justify="left", title_style="bold")
     table.add_column("mechanism", overflow="fold")
-    for column in ("mean", "worst", "F", "p", "log10 evidence", "CV rms without", "held-out rms without", "stays in halves"):
+    for column in ("mean", "worst", "F", "nominal p", "log10 evidence", "CV rms without", "held-out rms without",
+                   "stays in halves"):
         table.add_column(column, justify="right")
     table.add_column("catalogue", overflow="fold")
     for s in rows:
-        table.add_row(s.mechanism, mm(s.mean_mm), mm(s.max_mm), *map(_figure, (s.f, s.p, s.log10_evidence)),
+        table.add_row(s.mechanism, mm(s.mean_mm), mm(s.max_mm), _figure(s.f), _nominal(s.p), _figure(s.log10_evidence),
                       mm(s.cv_rms_without_mm), mm(s.held_out_rms_without_mm),
                       "–" if s.stability is None else f"{s.stability:.0%}", s.catalogue)
     first = rows[0]
-    table.caption = f"with all of them: CV rms {mm(first.cv_rms_mm)}, held-out rms {mm(first.held_out_rms_mm)}"
+    table.caption = f"with all of them: CV rms {mm(first.cv_rms_mm)}, held-out rms {mm(first.held_out_rms_mm)}. {NOMINAL}"
     console.print(table)
 
 
 def _figure(value: float | None) -> str:
     return "–" if value is None else "< 1e-99" if 0 <= value < 1e-99 else f"{value:.3g}"
+
+
+def _nominal(p: float | None) -> str:
+    """A p that signs alone have made is a bound: they tell no smaller one."""
+    return _figure(p) if p is None or p > 1 / (REPLICATES + 1) else f"≤ {1 / (REPLICATES + 1):.3g}"
 
 
 def sure_sentences(result: Result) -> list[str]:

@@ -5,7 +5,8 @@ it that is diagonal by groups, every subset S of coefficients β obeys, for any 
     βᵀAβ − 2bᵀβ + Σ_{g in S} w_g  ≥  −uᵀ(A − D)u − Σ_g max(0, |c_g|²/D_g − w_g),    c = b − (A − D)u,
 the perspective relaxation of l0 regression (Xie & Deng 2020; Hazimeh, Mazumder & Saab 2022). At u the least squares of a subset
 whose effects are clear, both sides are equal: mostly the first node is the proof. ln RSS is concave, so it lies above its chord
-over the values that could still beat the best known, and w_g is what BIC charges for the group in units of that chord.
+over the values that could still beat the best known, and w_g is what BIC charges for the group in units of that chord. With a
+known σ BIC is linear in RSS, and its slope 1/σ² takes the chord's place.
 """
 from __future__ import annotations
 
@@ -53,6 +54,7 @@ class _Problem:
     groups: int
     rank: int
     rows: int
+    sigma: float | None
     known: dict[bytes, float] = field(default_factory=dict)
 
     def columns(self, members: Mask) -> NDArray[np.intp]:
@@ -78,11 +80,11 @@ class _Problem:
         """BIC of a subset, its columns counted; remembered."""
         key = members.tobytes()
         if key not in self.known:
-            self.known[key] = float(bic(self.rss(members), self.rows, self.rank + len(self.columns(members))))
+            self.known[key] = float(bic(self.rss(members), self.rows, self.rank + len(self.columns(members)), self.sigma))
         return self.known[key]
 
 
-def _problem(total: Reduction, base: Sequence[int], groups: Sequence[Sequence[int]]) -> _Problem:
+def _problem(total: Reduction, base: Sequence[int], groups: Sequence[Sequence[int]], sigma: float | None) -> _Problem:
     """Beyond the base; a group's columns that its other columns or the base span are left out, and a group that moves the target
     as an earlier one does is left to that."""
     b = len(base)
@@ -104,7 +106,7 @@ def _problem(total: Reduction, base: Sequence[int], groups: Sequence[Sequence[in
         bases.append(Q[:, :0] if twin else Q)
         of += [g] * bases[-1].shape[1]
     Q, y = np.concatenate([*bases, np.zeros((len(inner), 0))], axis=1), inner[:, -1]
-    return _Problem(Q.T @ Q, Q.T @ y, float(y @ y), np.array(of, dtype=np.intp), len(groups), b, total.rows)
+    return _Problem(Q.T @ Q, Q.T @ y, float(y @ y), np.array(of, dtype=np.intp), len(groups), b, total.rows, sigma)
 
 
 def _stepwise(problem: _Problem, members: Mask) -> Mask:
@@ -170,12 +172,14 @@ def _bounded(problem: _Problem, node: _Node, best: Mask) -> tuple[float, Mask, i
     """(a bound from below on the BIC of every subset of a node, a subset worth trying, the group to branch on or −1)."""
     n, everything = problem.rows, node.inside | node.open
     least, c_best, paid = problem.rss(everything), problem.value(best), problem.price(node.inside)
-    offset = float(bic(n, n, problem.rank))                                   # BIC less n ln(RSS/n)
-    most = n * np.exp((c_best - offset - paid) / n)
-    floor = n * np.log(least / n) + offset + paid
-    if most <= least or not node.open.any():
+    floor = float(bic(least, n, problem.rank, problem.sigma)) + paid
+    if floor >= c_best or not node.open.any():
         return floor, node.inside, -1
-    slope = n * np.log(most / least) / (most - least)
+    if problem.sigma is None:
+        most = least * np.exp((c_best - floor) / n)                           # RSS with which a subset would be as good
+        slope = n * np.log(most / least) / (most - least)
+    else:
+        slope = 1 / problem.sigma ** 2
     inner, outer = problem.columns(node.inside), problem.columns(node.open)
     cross = problem.A[np.ix_(inner, outer)]
     value, vector = np.linalg.eigh(problem.A[np.ix_(inner, inner)])
@@ -188,16 +192,18 @@ def _bounded(problem: _Problem, node: _Node, best: Mask) -> tuple[float, Mask, i
     first = np.zeros(len(outer))
     first[own] = np.linalg.lstsq(A[np.ix_(own, own)], b[own], rcond=ROUNDING)[0] if len(own) else 0.0
     bound, taken, clear = _relaxed(A, b, of, weight, first)
-    low = n * np.log(least / n) + slope * (problem.rss(node.inside) + bound - least) + offset + paid
+    low = floor + slope * (problem.rss(node.inside) + bound - least)
     trial = node.inside.copy()
     trial[taken] = True
     return max(floor, low), trial, int(of[np.argmin(np.abs(np.log(np.maximum(clear, 1e-300))))])
 
 
-def best_subset(total: Reduction, base: Sequence[int], groups: Sequence[Sequence[int]], nodes: int = NODES) -> Certified:
+def best_subset(total: Reduction, base: Sequence[int], groups: Sequence[Sequence[int]], nodes: int = NODES,
+                *, sigma: float | None = None) -> Certified:
     """The subset of `groups` (lists of column indices) with the lowest BIC on top of the independent base columns, from the
-    triangle of all rows. After `nodes` nodes the search stops, and says by how much its best may be beaten."""
-    problem = _problem(total, base, groups)
+    triangle of all rows; `sigma`: the standard deviation of these, where it is known. After `nodes` nodes the search stops, and
+    says by how much its best may be beaten."""
+    problem = _problem(total, base, groups, sigma)
     real = np.bincount(problem.of, minlength=problem.groups) > 0
     best = min((_stepwise(problem, start) for start in (np.zeros(problem.groups, bool), real.copy())), key=problem.value)
     root = _Node(np.zeros(problem.groups, bool), real)

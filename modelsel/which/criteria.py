@@ -38,15 +38,23 @@ def gcv(rss: ArrayLike, n: int, rank: ArrayLike) -> Array:
 def ebic(rss: ArrayLike, n: int, rank: ArrayLike, chosen: ArrayLike, groups: int, gamma: float = 1.0,
          sigma: float | None = None) -> Array:
     """BIC + 2γ ln C(groups, chosen). Chen & Chen 2008."""
+    return np.asarray(bic(rss, n, rank, sigma) + gamma * scan_price(chosen, groups))
+
+
+def scan_price(chosen: ArrayLike, groups: int) -> Array:
+    """2 ln C(groups, chosen): what EBIC charges beyond BIC for having chosen among so many groups."""
     from scipy.special import gammaln
     s = np.asarray(chosen)
-    return np.asarray(bic(rss, n, rank, sigma) + 2 * gamma * (gammaln(groups + 1) - gammaln(s + 1) - gammaln(groups - s + 1)))
+    return np.asarray(2 * (gammaln(groups + 1) - gammaln(s + 1) - gammaln(groups - s + 1)))
 
 
-def log_evidence(rss: ArrayLike, rss_base: float, n: int, rank_base: int, extra: ArrayLike) -> Array:
-    """ln Bayes factor against the base, unit-information g-prior (g = n) on the extra columns. Zellner 1986; Liang 2008."""
-    unexplained = np.asarray(rss) / rss_base
+def log_evidence(rss: ArrayLike, rss_base: float, n: int, rank_base: int, extra: ArrayLike, sigma: float | None = None) -> Array:
+    """ln Bayes factor against the base, unit-information g-prior (g = n) on the extra columns; σ integrated out, or known.
+    Zellner 1986; Liang 2008."""
     p = np.asarray(extra)
+    if sigma is not None:
+        return np.asarray(n / (1 + n) * (rss_base - np.asarray(rss)) / (2 * sigma ** 2) - p / 2 * np.log1p(n))
+    unexplained = np.asarray(rss) / rss_base
     return np.asarray((n - rank_base - p) / 2 * np.log1p(n) - (n - rank_base) / 2 * np.log1p(n * unexplained))
 
 

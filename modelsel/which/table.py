@@ -21,8 +21,8 @@ from ..words.rigid import Array
 from ..wrong.screws import Mechanism, Screw
 from .bound import Certified, best_subset
 from .candidates import Candidate
-from .compare import Data, Rung, described, finite
-from .criteria import aicc, bic, ebic, log_evidence, weights
+from .compare import Data, Rung, described
+from .criteria import aicc, bic, log_evidence, scan_price, weights
 from .folds import CrossValidation, Folded, cross_validate, fold, folds, held_out_residuals
 from .search import Subsets, all_subsets, some_subsets
 from .validate import errors_of
@@ -65,9 +65,11 @@ def strongest(found: Sequence[Candidate], single_f: Array, named: Sequence[Candi
 
 
 def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechanism], base_names: Sequence[str],
-            set_aside: Sequence[str] = ()) -> Comparison:
+            set_aside: Sequence[str] = (), scanned: int = 0) -> Comparison:
     """All subsets of the candidates (see `strongest`) on the base, linear about the base's fit; of more than WALKED the best by
-    BIC, certified or not, and what stands round it."""
+    BIC, certified or not, and what stands round it. Every criterion is that of the rungs, of a known σ where the study states
+    it. `scanned`: of how many groups the candidates are the strongest; EBIC counts these."""
+    sigma = 1.0 if data.known_sigma else None
     training, folds_of = data.training(), data.training_folds()
     everything = base + tuple(candidates)
     terms = everything.terms
@@ -79,7 +81,7 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
     kept_base = list(base_fit.found.kept)
     groups = [[place[t.screws] for t in c.terms if place[t.screws] >= len(base.terms)] for c in candidates]
     chosen = [g for g, columns in enumerate(groups) if columns]
-    subsets, certified = _searched(folded, kept_base, _disjoint([groups[g] for g in chosen]))
+    subsets, certified = _searched(folded, kept_base, _disjoint([groups[g] for g in chosen]), sigma)
     subsets = replace(subsets, rank=subsets.rank - held)
     total, n = subsets.held_out.sum(1), int(folded.rows.sum())
     saturated = n - subsets.rank < 2
@@ -91,9 +93,9 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
     within = (total - total[best] <= deviation) & listed
     least = np.flatnonzero(within & (subsets.rank == subsets.rank[within].min()))
     pick = int(least[np.argmin(total[least])])
-    evidence = log_evidence(subsets.rss, float(subsets.rss[0]), n, int(subsets.rank[0]), subsets.rank - subsets.rank[0])
+    evidence = log_evidence(subsets.rss, float(subsets.rss[0]), n, int(subsets.rank[0]), subsets.rank - subsets.rank[0], sigma)
     weight = weights(np.where(listed, -2 * (evidence + _multiplicity(subsets.members)), np.inf))
-    by_bic, by_aicc = (int(np.argmin(np.where(listed, c(subsets.rss, n, subsets.rank), np.inf))) for c in (bic, aicc))
+    by_bic, by_aicc = (int(np.argmin(np.where(listed, c(subsets.rss, n, subsets.rank, sigma), np.inf))) for c in (bic, aicc))
     ranking = np.argsort(np.where(listed, total, np.inf), kind="stable")[:min(SHOWN, int(listed.sum()))]
     searched = [] if certified is None else np.flatnonzero((subsets.members == certified.members).all(1)).tolist()
     rows = list(dict.fromkeys([pick, by_bic, by_aicc, *searched, *ranking.tolist()]))[:SHOWN]
@@ -108,10 +110,11 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
             ("one-standard-error choice", s == pick), ("lowest CV", s == best),
             ("not distinguishable from the lowest CV", s != best and total[s] - total[best] < 2 * deviation[s]),
             ("lowest BIC: criteria disagree", s == by_bic != best), ("lowest AICc: criteria disagree", s == by_aicc != best),
-            ("saturated: AICc undefined", n - subsets.rank[s] < 3),
+            ("saturated: AICc undefined", sigma is None and n - subsets.rank[s] < 3),
             (_proof(certified), s in searched)) if true]
-        extended = float(ebic(subsets.rss[s], n, subsets.rank[s], int(subsets.members[s].sum()), len(chosen)))
-        out.append(replace(one, ebic=finite(extended), weight=float(weight[s]) if certified is None else None,
+        price = float(scan_price(int(subsets.members[s].sum()), max(scanned, len(chosen))))
+        extended = None if one.bic is None else one.bic + price
+        out.append(replace(one, ebic=extended, weight=float(weight[s]) if certified is None else None,
                            note="; ".join([*notes, *([one.note] if one.note else [])])))
     choice = tuple(candidates[chosen[g]].name for g in np.flatnonzero(subsets.members[pick]))
     considered = tuple(candidates[g].name for g in chosen)
@@ -127,12 +130,13 @@ def _with_prior(folded: Folded, everything: Model, step: Step | None) -> tuple[F
     return replace(folded, prior=spread(step.prior, columns, len(everything.terms) + 1)), step.weak.held
 
 
-def _searched(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]]) -> tuple[Subsets, Certified | None]:
+def _searched(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]], sigma: float | None
+              ) -> tuple[Subsets, Certified | None]:
     """All subsets of up to WALKED groups; of more, none, the best by BIC, each group alone, and the best's neighbours by a group,
     with the best's certificate."""
     if len(groups) <= WALKED:
         return all_subsets(folded, base, groups), None
-    found = best_subset(folded.total, base, groups)
+    found = best_subset(folded.total, base, groups, sigma=sigma)
     single = np.eye(len(groups), dtype=bool)
     every = np.concatenate([[single[0] & False, found.members], single, found.members ^ single])
     members = np.array(list(dict.fromkeys(map(tuple, every.tolist()))), dtype=bool)

@@ -135,12 +135,6 @@ def flat(scene: Scene, rows: slice, values: NDArray[Any]) -> NDArray[Any]:
     return every if scene.measured is None else every[:, scene.measured[rows].T.reshape(-1)]
 
 
-def unflat(scene: Scene, values: Array) -> Array:
-    """(c, m) values (N + k,) in the order of `columns`, of rows whose every coordinate is measured."""
-    c = scene.components
-    return np.concatenate([values[c * rows.start:c * rows.stop].reshape(c, -1) for rows in scene.blocks()], axis=1)
-
-
 def _most(scene: Scene, term: Term, rms: dict[int, float]) -> float:
     """Largest coefficient with which every screw of a term is small, root mean square over the rows; `rms` remembers."""
     for s in term.screws:

@@ -104,16 +104,14 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
         tried |= {frozenset(trial), frozenset(settled)}
     before = list(chosen)
     chosen, view = pruned(search, chosen, view, path)
+    known, map_p, view = _proven(search, chosen, view, path)
+    chosen = list(known)
     if chosen != before:                     # what the dropped ones explained is left
         left, left_p, held_back = *_left(search, view, chosen), None
-    if chosen:
-        view = search.attempt(chosen, view.fitted, STEP_MM) or view       # to the last tenth of a micrometre, where it settles
-    nothing, map_p = search.by_chance(view)
     place = {t.screws: k for k, t in enumerate(view.model.terms)}
     effects, undone = [], _undone(search, chosen, view)
-    for g in chosen:
-        (one, own), at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
-        p = max(p_value(own, search.null), p_value(own, nothing))
+    for g, p in known.items():
+        (one, _), at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
         effects.append(Effect(found[g], one, p, view.fitted.theta[at], view.fitted.standard_errors[at], undone.get(g)))
     return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, held_back,
                      search.bound, single_f(search.first.seen, search.first.r), map_p)
@@ -138,6 +136,23 @@ def _undone(search: Search, chosen: Sequence[int], view: View) -> dict[int, tupl
             share, other = min(rest)
             out[g] = (search.found[other].label, share)
     return out
+
+
+def _proven(search: Search, chosen: list[int], view: View, path: list[str]) -> tuple[dict[int, float], Array, View]:
+    """(p of every effect that chance does not explain, given the others, by any null; the map's p; the model's view): an effect
+    that passed when it came may fail once the others stand, and goes, the weakest first; one that
+    stands alone was asked when it came."""
+    while True:
+        if chosen:
+            view = search.attempt(chosen, view.fitted, STEP_MM) or view   # to the last tenth of a micrometre, where it settles
+        nothing, map_p = search.by_chance(view)
+        known = {g: max(p_value(search.again(g, view)[1], some) for some in nothing) for g in chosen}
+        weakest = max(chosen, key=lambda g: known[g], default=-1)
+        if len(chosen) < 2 or known[weakest] <= LEVEL or (
+                after := search.attempt([g for g in chosen if g != weakest], view.fitted)) is None:
+            return known, map_p, view
+        path.append(f"- {search.found[weakest].label}")
+        chosen, view = [g for g in chosen if g != weakest], after
 
 
 def _untried(search: Search, left: Named, view: View, chosen: Sequence[int], tried: set[frozenset[int]]) -> int | None:

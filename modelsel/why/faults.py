@@ -14,29 +14,35 @@ from .robust import Mask, scale_of
 MATCH = 8.0        # robust standard deviations within which a position fits another row
 DRAWS = 1999
 CERTAIN = 0.05
+CREDIBLE = 0.95    # posterior probability from which a fault is told
+TAIL = 4           # degrees of freedom of a good position about its prediction
 MOST_ROWS = 1000   # outlying rows: among more, every position finds a reading that it fits
 
 
 @dataclass(frozen=True, eq=False)
 class Fault:
-    """A data fault: its name, the rows of the file it concerns (0-based), a sentence, and how often chance does as well."""
+    """A data fault: its name, the rows of the file it concerns (0-based), a sentence, how often chance does as well, and its
+    posterior `probability` against gross errors that have nothing to do with each other."""
 
     name: str
     rows: Index
     sentence: str
     p: float
+    probability: float
 
 
 def misplaced(scene: Scene, outlying: Mask, fitted: Fit, rng: np.random.Generator) -> tuple[Fault, ...]:
     """Outlying rows whose positions fit each other's joint readings or targets: swapped reflectors where they share a
-    configuration, a wrong order of rows elsewhere. Chance: the same distances in random directions."""
+    configuration, a wrong order of rows elsewhere. Chance: the same distances in random directions. Told where both that p and
+    the posterior probability (`_probability`) are clear."""
     gauges = scene.data.gauges
     points = np.ones(len(outlying), bool) if gauges is None else gauges.of("point")
     at = np.flatnonzero(outlying & points)
     if not 2 <= len(at) <= MOST_ROWS:
         return ()
     residual = fitted.residuals(scene)[:, :3]
-    near = MATCH * scale_of(np.linalg.norm(residual[~outlying & points], axis=1))
+    scale = scale_of(np.linalg.norm(residual[~outlying & points], axis=1))
+    near = MATCH * scale
     measured = scene.data.position[at]
     predicted = measured - residual[at]
     fits = _fits(measured, predicted, near)
@@ -50,17 +56,43 @@ def misplaced(scene: Scene, outlying: Mask, fitted: Fit, rng: np.random.Generato
     if p > CERTAIN:
         return ()
     rows, data = at[fits], scene.data
-    partner = _partner(measured, predicted)[fits]
+    every = _partner(measured, predicted)
+    partner = every[fits]
+    reach = scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
+    ratio = _log_ratio(np.linalg.norm(measured - predicted[every], axis=1), np.linalg.norm(residual[at], axis=1), scale, reach)
     together = data.configuration[rows] == data.configuration[at[partner]]
     out = []
     for name, mask, words in (
             ("swapped-reflectors", together, "the reflectors of these rows are swapped: each position fits the other target"),
             ("row-order", ~together, "these rows stand in the wrong order: each position fits another row's joint readings")):
-        if mask.sum() >= 2:
+        concerned = np.zeros(len(at), bool)
+        concerned[np.flatnonzero(fits)[mask]] = True
+        probability = _probability(ratio, concerned)
+        if mask.sum() >= 2 and probability >= CREDIBLE:
             index = data.row[rows[mask]]
             lines = ", ".join(str(int(r) + 2) for r in index[:10]) + (" …" if len(index) > 10 else "")
-            out.append(Fault(name, index, f"A fault of the data: {words} (lines {lines}).", p))
+            out.append(Fault(name, index, f"A fault of the data: {words} (lines {lines}).", p, probability))
     return tuple(out)
+
+
+def _log_ratio(distance: Array, length: Array, scale: float, reach: float) -> Array:
+    """(k,) log ratio of a measured position's density if it belongs to another outlying row to that if it is any gross error.
+    There: a t of TAIL degrees of freedom and the good rows' `scale` [mm] about the prediction of that row, one of k - 1 equally
+    likely; `distance` (k,) to it. Any gross error: every direction alike, the logarithm of its `length` (k,) spread evenly from
+    where rows count as outlying to the arm's `reach`."""
+    from scipy.special import gammaln
+    k, length = len(distance), np.maximum(length, MATCH * scale)
+    there = (gammaln((TAIL + 3) / 2) - gammaln(TAIL / 2) - 1.5 * np.log(TAIL * np.pi) - 3 * np.log(scale)
+             - (TAIL + 3) / 2 * np.log1p(np.square(distance / scale) / TAIL) - np.log(k - 1))
+    spread = np.log(max(reach / (MATCH * scale), np.e))
+    return np.asarray(there + np.log(4 * np.pi * spread) + 3 * np.log(length))
+
+
+def _probability(log_ratio: Array, concerned: Mask) -> float:
+    """Posterior probability that rows were exchanged, as likely before as not, and then every outlying row as likely as not among
+    them: Bayes factor = product over the rows of (1 + ratio) / 2, ratio nought for a row that is not `concerned`."""
+    from scipy.special import expit
+    return float(expit((np.logaddexp(0.0, np.where(concerned, log_ratio, -np.inf)) - np.log(2)).sum()))
 
 
 def _partner(measured: Array, predicted: Array) -> Index:

@@ -1,10 +1,11 @@
-"""What chance gives where noise is not alike everywhere: the residual's own, with the signs of whole configurations changed.
+"""What chance gives in the residual's own rows: the same residual with the signs of whole postures changed.
 
-The null of `evidence.null` is exact for equal normal noise. Heavy tails, noise that grows with the reach or is larger one way
-than another (a camera's depth) and errors that last from one configuration to the next are none: a few loud rows, or a run of
-alike ones, look like an effect. Under signs drawn for
-whole configurations (for whole groups where their rows go together) the loud rows stay where they are and only what is
-systematic about them is lost (Freedman & Lane 1983; Winkler et al. 2014; Cameron, Gelbach & Miller 2008).
+The null of `evidence.null` is exact for independent, equal normal noise only. Heavy tails, noise that grows with the reach or is
+larger in one direction (a camera's depth), errors that the targets or the repeats of a posture share, and errors that last from
+one configuration to the next all look like an effect to it, and no test of the residual alone sees every one of them. So the
+residual's own rows are always asked too: with signs drawn for whole postures (for whole groups where their rows go together),
+whatever rows of a posture share stays, and only what is systematic across postures is lost (Freedman & Lane 1983; Winkler et al.
+2014; Cameron, Gelbach & Miller 2008).
 """
 from __future__ import annotations
 
@@ -17,41 +18,26 @@ from ..words.rigid import Array
 from .errormap import Scan
 from .evidence import by_size, least_p, null_evidence, shares
 
-DRAWS = 99
-CHUNK = 33          # draws after which a clear answer stops
+DRAWS = (999, 185)  # of a small study and of a large one
+CHUNK = 37          # draws after which a clear answer stops
 CLEAR = 10.0        # log evidence beyond every draw so far: clear
 LEAST_GROUPS = 8    # of which signs can be drawn
-LOUD = 1.35         # `uneven` from which the noise is not alike everywhere; 48 configurations of equal noise have 1.26 in 99 %
-SLANTED = 1e-3      # p below which the noise is said to be larger one way than another
 LASTING = 0.01      # p below which rows of one group are said to go together
 SHUFFLES = 999
 LEAST = 1e-6        # of a direction that a unit alone decides: its residual is nought and stays so
 
 
-def units(data: Measurements, residual: Array, rng: np.random.Generator) -> tuple[Index, bool]:
-    """((m,) which rows change sign together, whether they are groups): those of a configuration, or of a group where residuals
-    (m, 3) of different configurations of a group go together (p at most LASTING) and there are enough groups."""
-    grouped = together(data, residual, rng) <= LASTING
-    return np.unique(data.group if grouped else data.configuration, return_inverse=True)[1], grouped
-
-
-def uneven(total: Array, count: Index) -> float:
-    """Mean fourth power of the units' residual lengths over the square of their mean square, over what equal normal noise has: 1
-    there, whatever its level. `total` (K,): sums of squares of units of `count` (K,) coordinates."""
-    mean = total / count
-    return float(np.square(mean).mean() / mean.mean() ** 2 / (1 + 2 / count).mean())
-
-
-def slanted(e: Array, freedom: float) -> float:
-    """p of the coordinates e (c, m) of rows, as noise alike in every direction has them: the likelihood ratio of an ellipsoid
-    to a sphere, with Bartlett's factor (Mauchly 1940), on so many degrees of `freedom` a coordinate; 1 with too few."""
-    from scipy.special import chdtrc
-    c = len(e)
-    value = np.linalg.eigvalsh(e @ e.T)
-    if freedom <= c or value[0] <= 0:
-        return 1.0
-    ratio = c * np.log(value.mean()) - np.log(value).sum()
-    return float(chdtrc(c * (c + 1) / 2 - 1, (freedom - (2 * c * c + c + 2) / (6 * c)) * ratio))
+def units(data: Measurements, residual: Array, rng: np.random.Generator) -> tuple[Index, ...]:
+    """Partitions (m,) of the rows into those that change sign together, each of which must be beaten: by posture (equal readings,
+    however often and through however many targets they were measured); by group where residuals (m, 3) of different
+    configurations of a group go together (p at most LASTING) and there are enough groups. Postures that lie within one group
+    each need no partition of their own then."""
+    posture = np.unique(data.block, return_inverse=True)[1].reshape(-1)
+    if together(data, residual, rng) > LASTING:
+        return (posture,)
+    group = np.unique(data.group, return_inverse=True)[1].reshape(-1)
+    torn = len(np.unique(np.stack([posture, group]), axis=1)[0]) > posture.max() + 1
+    return (group, posture) if torn else (group,)
 
 
 def together(data: Measurements, residual: Array, rng: np.random.Generator) -> float:
@@ -88,13 +74,18 @@ def adjusted(Q: Array, residual: Array, unit: Index) -> Array:
     return out
 
 
-def flipped(seen: Scan, log_prior: Array, e: Array, unit: Index, rng: np.random.Generator) -> Iterator[tuple[Array, Array]]:
-    """CHUNK after CHUNK of DRAWS flips of an adjusted residual e (N,): their evidences (CHUNK,), and the smallest p (CHUNK,) of
-    their single candidates; `unit` (N,) which rows go together, -1 where a row keeps its sign (a prior's)."""
+def flipped(seen: Scan, log_prior: Array, e: Array, unit: Index, draws: int, rng: np.random.Generator
+            ) -> Iterator[tuple[Array, Array]]:
+    """CHUNK after CHUNK of `draws` flips of an adjusted residual e (N,): their evidences (CHUNK,), and the smallest p (CHUNK,) of
+    their single candidates; `unit` (N,) which rows go together, -1 where a row keeps its sign (a prior's). No candidate left
+    has no evidence."""
     count = int(unit.max()) + 1
     at = np.where(unit < 0, count, unit)
     alike = by_size(seen)
-    for _ in range(DRAWS // CHUNK):
+    for _ in range(draws // CHUNK):
+        if not alike:
+            yield np.full(CHUNK, -np.inf), np.ones(CHUNK)
+            continue
         sign = np.ones((count + 1, CHUNK))
         sign[:count] = 2.0 * rng.integers(0, 2, (count, CHUNK)) - 1.0
         u = sign[at] * e[:, None]
@@ -104,11 +95,12 @@ def flipped(seen: Scan, log_prior: Array, e: Array, unit: Index, rng: np.random.
         yield null_evidence(seen, log_prior, share, top), least_p(top, seen.freedom)
 
 
-def flipped_p(draws: Iterable[tuple[Array, Array]], observed: float) -> float:
-    """(1 + #{flips whose evidence is at least `observed`}) / (draws + 1); a clear answer stops early."""
+def flipped_p(chunks: Iterable[tuple[Array, Array]], observed: float, draws: int, level: float) -> float:
+    """(1 + #{flips whose evidence is at least `observed`}) / (draws + 1); a clear answer stops early, and so does one that
+    will be above the `level`."""
     above = done = 0
-    for some, _ in draws:
+    for some, _ in chunks:
         above, done = above + int((some >= observed).sum()), done + CHUNK
-        if above > 0.05 * (DRAWS + 1) - 1 or observed > some.max() + CLEAR:
+        if above > level * (draws + 1) - 1 or observed > some.max() + CLEAR:
             break
     return (1 + above) / (done + 1)

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -14,9 +15,10 @@ from ..which.candidates import Candidate
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from .curves import better, curves
-from .errormap import Columns, columns, flat, unflat
+from .errormap import Columns, basis, columns, flat
 from .evidence import familywise, null
-from .flips import LOUD, SLANTED, adjusted, flipped, flipped_p, slanted, uneven, units
+from .flips import DRAWS as FLIPS
+from .flips import adjusted, flipped, flipped_p, units
 from .naming import Named, name, name_again, own_evidence, with_candidate
 from .view import View, absorbed, models, view
 
@@ -37,7 +39,9 @@ class Search:
         self.curves = curves(found, self.columns, self.log_prior)
         self.first = view(scene, self.columns, base, base_fit)
         self.dead = absorbed(scene, self.columns, self.first)       # the base has them: what a refit leaks of them is no cause
-        self.null, self.least_p = null(self.first.seen, self.log_prior, DRAWS[self.columns.XT.size >= LARGE], rng)
+        large = self.columns.XT.size >= LARGE
+        self.flips = FLIPS[large]
+        self.null, self.least_p = null(self.first.seen, self.log_prior, DRAWS[large], rng)
         self.bound = float(np.quantile(self.null, 1 - LEVEL))
 
     def fit(self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM) -> View:
@@ -61,48 +65,51 @@ class Search:
 
     def displacement(self, g: int, view: View) -> Array:
         """(N,) what an effect, as fitted, does to the target beyond the base; whitened."""
-        own, rows = view.own(self.found[g]), len(self.first.Q)
+        own, rows = view.own(self.found[g]), self.columns.XT.shape[1]              # a prior's rows stand below the data's
         moved = view.A[:rows, own] @ view.fitted.theta[own]
-        return np.asarray(moved - self.first.Q @ (self.first.Q.T @ moved))
+        return np.asarray(moved - self._spanned @ (self._spanned.T @ moved))
+
+    @cached_property
+    def _spanned(self) -> Array:
+        """(N, r) orthonormal basis of what the base can do to the target, whatever a prior says of its sizes."""
+        return basis(self.first.A[:self.columns.XT.shape[1]])
 
     def next(self, view: View, known: Sequence[int]) -> Named:
         """What explains most of the rest; `known` candidates have had their turn (what the fit drops of theirs is no cause)."""
         return name(view.seen, self.found, view.r, np.union1d(self.dead, np.array(known, dtype=np.intp)))
 
     def by_signs(self, view: View, known: Sequence[int], observed: float) -> float:
-        """How often the residual's own rows, signs of whole configurations changed, have as much evidence beyond the model; 0
-        where they are as equal normal noise has them: the null of the first scan is exact then, and stronger."""
+        """How often the residual's own rows, signs of whole postures (and of whole groups, where their rows go together) changed,
+        have as much evidence beyond the model; the largest of these p."""
         log_prior = self.log_prior.copy()
         log_prior[np.union1d(self.dead, np.array(known, dtype=np.intp))] = -np.inf
-        unit, e, alike = self.in_units(view)
-        return 0.0 if alike else flipped_p(flipped(view.seen, log_prior, e, unit, self.rng), observed)
+        return max(flipped_p(flipped(view.seen, log_prior, adjusted(view.seen.Q, view.r, unit), unit, self.flips, self.rng),
+                             observed, self.flips, LEVEL) for unit in self.in_units(view))
 
-    def in_units(self, view: View) -> tuple[Index, Array, bool]:
-        """(which rows change sign together, -1 where a row is the prior's; the adjusted residual; whether equal normal noise has
-        such rows)."""
-        scene = self.scene
-        own, grouped = units(scene.data, view.fitted.residuals(scene)[:, :3], self.rng)
-        every = np.tile(own, (1, scene.components, 1))
-        measured = np.concatenate([flat(scene, rows, every[:, :, rows])[0] for rows in scene.blocks()])
-        unit = np.append(measured, np.full(len(view.r) - len(measured), -1))
-        e = adjusted(view.seen.Q, view.r, unit)
-        total = np.bincount(measured, np.square(e[:len(measured)])).astype(float)
-        alike = uneven(total, np.bincount(measured)) < LOUD and (
-            scene.measured is not None or slanted(unflat(scene, e), view.seen.freedom / scene.components) > SLANTED)
-        return unit, e, alike and not grouped
+    def in_units(self, view: View) -> list[Index]:
+        """Which coordinates (N,) change sign together, -1 where a row is the prior's: a partition of every kind that `units`
+        asks for."""
+        scene, out = self.scene, []
+        for own in units(scene.data, view.fitted.residuals(scene)[:, :3], self.rng):
+            every = np.tile(own, (1, scene.components, 1))
+            measured = np.concatenate([flat(scene, rows, every[:, :, rows])[0] for rows in scene.blocks()])
+            out.append(np.append(measured, np.full(len(view.r) - len(measured), -1)))
+        return out
 
-    def by_chance(self, view: View) -> tuple[Array, Array]:
-        """(sorted evidences where nothing is, (G,) family-wise p of every candidate alone on the base), by equal normal noise;
-        where what the model of `view` leaves is none, by the signs of its residual, and no p smaller than by the base's."""
-        first = self.first
-        p = familywise(first.seen, first.r, self.least_p)
-        unit, e, alike = self.in_units(view)
-        if alike:
-            return self.null, p
-        signed = [some for some, _ in flipped(view.seen, self.log_prior, e, unit, self.rng)]
-        own = unit[:len(first.r)]
-        least = [few for _, few in flipped(first.seen, self.log_prior, adjusted(first.seen.Q, first.r, own), own, self.rng)]
-        return np.sort(np.concatenate(signed)), np.maximum(p, familywise(first.seen, first.r, np.sort(np.concatenate(least))))
+    def by_chance(self, view: View) -> tuple[list[Array], Array]:
+        """(sorted evidences where nothing is: by equal normal noise, and by the signs of what `view` leaves; (G,) family-wise p
+        of every candidate alone on the base, the largest by any of these). Where the model of `view` has every candidate already,
+        evidences beyond the base are taken."""
+        first, rows = self.first, len(self.first.r)
+        nothing, p = [self.null], familywise(first.seen, first.r, self.least_p)
+        for unit in self.in_units(view):
+            e = adjusted(view.seen.Q, view.r, unit)
+            base = list(flipped(first.seen, self.log_prior, e[:rows], unit[:rows], self.flips, self.rng))
+            own = flipped(view.seen, self.log_prior, e, unit, self.flips, self.rng)
+            after = base if view is first or not view.seen.sizes.any() else own
+            nothing.append(np.sort(np.concatenate([some for some, _ in after])))
+            p = np.maximum(p, familywise(first.seen, first.r, np.sort(np.concatenate([few for _, few in base]))))
+        return nothing, p
 
     def again(self, g: int, view: View) -> tuple[Named, float]:
         """Effect g given the others: (named again, the evidence for itself or its like)."""

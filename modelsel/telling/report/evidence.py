@@ -100,7 +100,7 @@ def significance(source: Source) -> list[Block]:
         numbers = {
             "mean mm": [mm(s["mean_mm"]) for s in weighed],
             "worst mm": [mm(s["max_mm"]) for s in weighed],
-            "p": [_p(s["p"]) for s in weighed],
+            "nominal p": [_p(s["p"]) for s in weighed],
             "log10 evidence": [_signed(s["log10_evidence"]) for s in weighed],
             "held-out rms mm": [f"{mm(s['held_out_rms_without_mm'])} → {mm(s['held_out_rms_mm'])}" for s in weighed],
             "stable": ["–" if s["stability"] is None else f"{s['stability']:.0%}" for s in weighed],
@@ -109,6 +109,8 @@ def significance(source: Source) -> list[Block]:
         said = "Mean and worst displacement of the target by each mechanism. Held-out: rms without it and with it."
         if "stable" in numbers:
             said += " Stable: share of half-samples in which it stays significant."
+        if {"nominal p", "stable"} & set(numbers):
+            said += " Nominal p and stable take the names as given: the search is not repeated for them."
         odd = [f"{s['mechanism']}: {s['catalogue']}" for s in weighed if s["catalogue"] != "as expected"]
         blocks += [
             heading("By mechanism", 2),
@@ -125,7 +127,7 @@ def significance(source: Source) -> list[Block]:
 
 
 def _p(value: float | None) -> str:
-    return "–" if value is None else "<0.001" if value < 0.001 else f"{value:.3f}"
+    return "–" if value is None else "<0.001" if value < 0.001 else "≤0.001" if value == 0.001 else f"{value:.3f}"
 
 
 def _signed(value: float | None) -> str:
