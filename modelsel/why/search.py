@@ -100,11 +100,13 @@ class Search:
         """(sorted evidences where nothing is: by equal normal noise, and by the signs of what `view` leaves; (G,) family-wise p
         of every candidate alone on the base, the largest by any of these). Where the model of `view` has every candidate already,
         evidences beyond the base are taken."""
-        first, rows = self.first, len(self.first.r)
+        first, data = self.first, self.columns.XT.shape[1]         # a prior's rows stand below the data's
+        prior = first.r[data:]
         nothing, p = [self.null], familywise(first.seen, first.r, self.least_p)
         for unit in self.in_units(view):
             e = adjusted(view.seen.Q, view.r, unit)
-            base = list(flipped(first.seen, self.log_prior, e[:rows], unit[:rows], self.flips, self.rng))
+            rows, whose = np.append(e[:data], prior), np.append(unit[:data], np.full(len(prior), -1))
+            base = list(flipped(first.seen, self.log_prior, rows, whose, self.flips, self.rng))
             own = flipped(view.seen, self.log_prior, e, unit, self.flips, self.rng)
             after = base if view is first or not view.seen.sizes.any() else own
             nothing.append(np.sort(np.concatenate([some for some, _ in after])))
