@@ -33,6 +33,7 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
     written in rad (mm where a joint slides).
     """
     from ..data.io import read_measurements
+    from ..telling.write import write_frame
     from ..use.calibration import load_calibration, predict
     from ..use.compensate import commands_frame, outside, refuse
     from ..use.compensate import compensate as corrected
@@ -44,7 +45,7 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
     else:
         refuse(c, made, data, (bound[0] / 1e3, bound[1]), targets.name)
         frame = commands_frame(c, data, made.q, made.wanted, made.figures())
-    _write(frame, out)
+    write_frame(frame, out, "%.10g")
     if as_json:
         print_json({"written": out.name, "rows": len(data), "warnings": said, **({} if forward else _figures(made))})
     else:
@@ -52,9 +53,9 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
         for line in said:
             click.echo(f"Note: {line}")
     if not forward and not made.reached.all():
-        lines = ", ".join(str(int(k) + 2) for k in data.row[~made.reached][:10])
+        places = data.where.listed(data.row[~made.reached])
         click.echo(f"modelsel: {int((~made.reached).sum())} rows are not reached, beside a jump of the model or at the edge of "
-                   f"the workspace (line {lines}); error_left_mm says what is left.", err=True)
+                   f"the workspace ({places}); error_left_mm says what is left.", err=True)
         raise SystemExit(CHECK_FAILED)
 
 
@@ -72,11 +73,3 @@ def _sentence(made: Commands, slides: NDArray[np.bool_]) -> str:
     bounds = [f"{most[some].max() * 1e3:.3g} {unit}" for some, unit in ((~slides, "mrad"), (slides, "µm")) if some.any()]
     return (f" Without correction the target is off by {before}; with it, {after}. No joint changes by more than "
             f"{' or '.join(bounds)}.")
-
-
-def _write(frame: Any, out: Path) -> None:
-    from ..telling.write import write_beside
-    if out.suffix.lower() in (".parquet", ".pq"):
-        write_beside(out, frame.to_parquet(index=False))
-    else:
-        write_beside(out, frame.to_csv(index=False, float_format="%.10g", lineterminator="\n").encode())

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..words.errors import DataError
 from ..words.rigid import Array, to_quaternion
 from .features import COORDINATES, KINDS, Feature, features_of, framed
+from .table import Where
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -78,6 +79,7 @@ class Measurements:
     notes: tuple[Note, ...] = ()
     prismatic: tuple[bool, ...] = ()           # joints that slide; empty: none does
     gauges: Gauges | None = None               # None: every row is a point; else what is not measured is nan
+    where: Where = field(default_factory=Where)   # what a `row` is called: a line of a file, a row of a table
     units: tuple[str, ...] = ()                # rad, deg, mm or m: of the readings as they were given; empty: rad, mm
 
     def __len__(self) -> int:

@@ -28,7 +28,7 @@ from .report.fleet import summary
 from .result import dumps
 from .stored import WRITES, save
 from .study import run
-from .write import claimed, write_beside
+from .write import claimed, csv_bytes, write_beside
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -180,7 +180,7 @@ def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> lis
     buffer = io.BytesIO()
     frame.to_parquet(buffer, index=False)
     paths = [out / "summary.csv", out / "summary.parquet"]
-    write_beside(paths[0], frame.to_csv(index=False, float_format="%.10g", lineterminator="\n").encode())
+    write_beside(paths[0], csv_bytes(frame, "%.10g"))
     write_beside(paths[1], buffer.getvalue())
     if name is not None:
         paths.append(out / "summary.pdf")

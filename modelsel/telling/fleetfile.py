@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..words.errors import StudyError, suggest
 from ..words.text import read_text, toml
-from .config import FileName, Study, Vector, find_data, read_study
+from .config import FileName, Name, Study, Vector, find_data, read_study
 from .wording import plain_values, wording
 
 FOLDER = re.compile(r"(?!\.+$)[^\x00-\x1f/\\:]{1,200}")        # one part of a path, and not . or ..
@@ -25,7 +25,7 @@ class StudyTable(_Table):
     """[[study]]: a study file, and what is different here: a robot, a day, a what-if."""
 
     file: FileName
-    name: str | None = None
+    name: Name | None = None
     measurements: FileName | None = None
     estimation: Annotated[int, Field(ge=1)] | None = None
     candidates: list[str] | None = None
@@ -35,7 +35,7 @@ class StudyTable(_Table):
 class PartsTable(_Table):
     """[[parts]]: one measurement set in many Parquet files, fitted without ever being held whole."""
 
-    name: str
+    name: Name
     files: Annotated[list[FileName], Field(min_length=1)]
     robot: FileName
     tool_mm: Vector
@@ -46,7 +46,7 @@ class PartsTable(_Table):
 class FleetFile(_Table):
     """A fleet file, checked."""
 
-    name: str
+    name: Name
     studies: list[FileName] = []
     study: list[StudyTable] = []
     parts: list[PartsTable] = []

@@ -169,8 +169,9 @@ def sentences(result: Result) -> list[str]:
         out.append(f"Some smooth function of the configuration would still predict {share:.0%} of what is left (p = {p:.2g})."
                    if p <= 0.05 and share > 0.01 else "No smooth function of the configuration predicts what is left.")
     if result.data.outlying.any():
-        rows = ", ".join(str(int(r) + 2) for r in result.data.scene.data.row[result.data.outlying][:20])
-        out.append(f"Outliers left out: {int(result.data.outlying.sum())} rows (lines {rows}).")
+        data = result.data.scene.data
+        rows = data.row[result.data.outlying]
+        out.append(f"Outliers left out: {len(rows)} row{'s' * (len(rows) != 1)} ({data.where.listed(rows, 20)}).")
     gain = result.gain
     if gain.held_out_rms_before_mm is not None:
         interval = "" if gain.interval_mm is None else (f", a gain of {gain.interval_mm[0]:.3g} to {gain.interval_mm[1]:.3g} mm "

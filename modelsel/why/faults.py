@@ -58,8 +58,7 @@ def misplaced(scene: Scene, outlying: Mask, fitted: Fit, rng: np.random.Generato
             ("row-order", ~together, "these rows stand in the wrong order: each position fits another row's joint readings")):
         if mask.sum() >= 2:
             index = data.row[rows[mask]]
-            lines = ", ".join(str(int(r) + 2) for r in index[:10]) + (" …" if len(index) > 10 else "")
-            out.append(Fault(name, index, f"A fault of the data: {words} (lines {lines}).", p))
+            out.append(Fault(name, index, f"A fault of the data: {words} ({data.where.listed(index)}).", p))
     return tuple(out)
 
 
