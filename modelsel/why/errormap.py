@@ -292,9 +292,10 @@ def _whitener(value: Array, vector: Array, good: NDArray[np.bool_]) -> Array:
 
 
 def single_f(seen: Scan, response: Array) -> Array:
-    """(G,) F statistic of every candidate alone beyond the model; nought for one that adds nothing."""
-    strength = seen.strength(response[:, None]).whole[:, 0]
-    rest = float(response @ response) - strength
+    """(G,) F statistic of every candidate alone beyond the model; nought for one that adds nothing. What a candidate leaves is
+    known to the rounding of the whole: where it explains all, F is as large as that says, and finite."""
+    strength, whole = seen.strength(response[:, None]).whole[:, 0], float(response @ response)
+    rest = np.maximum(whole - strength, max(np.finfo(float).eps * whole, 1e-300))
     k = seen.sizes
     room = (k > 0) & (seen.freedom > k)
-    return np.where(room, strength / np.maximum(k, 1) / np.maximum(rest, 1e-300) * np.maximum(seen.freedom - k, 1), 0.0)
+    return np.where(room, strength / np.maximum(k, 1) / rest * np.maximum(seen.freedom - k, 1), 0.0)
