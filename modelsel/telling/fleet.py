@@ -191,6 +191,7 @@ def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> lis
 def show(rows: Sequence[Row], console: Console) -> None:
     """The summary on a terminal: a line a study, mean held-out errors in mm; then what failed and why."""
     from rich.table import Table
+    from rich.text import Text
 
     from .tables import mm
     table = Table(title="Mean held-out error [mm]")
@@ -198,9 +199,9 @@ def show(rows: Sequence[Row], console: Console) -> None:
         table.add_column(name, justify=side)  # type: ignore[arg-type]
     for row in rows:
         if row["state"] == "done":
-            table.add_row(row["name"], f"{row['estimation'] + row['held_out']:,}", *(mm(row[f"{what}_mm"]) for what in ERRORS),
-                          row["found"] or "–")
+            table.add_row(Text(row["name"]), f"{row['estimation'] + row['held_out']:,}",
+                          *(mm(row[f"{what}_mm"]) for what in ERRORS), Text(row["found"] or "–"))
     console.print(table)
     for row in rows:
         if row["state"] != "done":
-            console.print(f"{row['name']} failed: {row['why']}", markup=False)
+            console.print(f"{row['name']} failed: {row['why']}", markup=False, emoji=False)
