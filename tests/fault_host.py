@@ -41,9 +41,9 @@ class Steps:
         os.fdopen = self.opened                                     # type: ignore[assignment]
 
     def hook(self, event: str, given: tuple[Any, ...]) -> None:
-        if event in ON_DISK or event == "open" and isinstance(given[2], int) and given[2] & WRITING:
-            if any(str(path).startswith(self.below) for path in given[:2]):
-                self.step()
+        writes = event in ON_DISK or event == "open" and isinstance(given[2], int) and given[2] & WRITING
+        if writes and any(str(path).startswith(self.below) for path in given[:2]):
+            self.step()
 
     def step(self) -> None:
         self.count += 1
@@ -80,8 +80,8 @@ class _Halved:
 
 
 def child(words: list[str], last: int | None = None, count: Path | None = None) -> int:
-    """Process id of a fork that runs a command, its output folder the last word, and says nothing; killed at step `last`. `count`:
-    the file that its number of steps is written into."""
+    """Process id of a fork that runs a command and says nothing; killed at step `last`. `count`: the file that its number of
+    steps is written into."""
     pid = os.fork()
     if pid:
         return pid

@@ -51,8 +51,8 @@ def everything(folder: Path) -> set[str]:
 
 @pytest.mark.parametrize(("kills", "more"), [(60, []), (4, ["sampling"])], ids=["study", "chain"])
 def test_killed_at_any_step(kills, more, tmp_path) -> None:
-    """SIGKILL at every step on the disk (drawn ones of a chain): every file left is whole, old or new; files of two runs are never
-    read as one; run again, the bytes are those of an unbroken run."""
+    """SIGKILL at every step on the disk (drawn ones of a chain): every file left is whole, old or new; files of two runs are
+    never read as one; run again, the bytes are those of an unbroken run."""
     seed = os.environ.get("MODELSEL_SEED", "7")
     ran = subprocess.run([sys.executable, str(HERE / "fault_host.py"), str(tmp_path), str(kills), seed, *more],
                          capture_output=True, text=True, check=False, timeout=600)

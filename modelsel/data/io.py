@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..words.errors import StudyError, suggest
+from ..words.errors import StudyError, one_line, suggest
 from ..words.names import plain_word
 from ..words.rigid import Array, from_quaternion
 from .cells import READINGS, as_numbers, labels, measured, numbers, together
@@ -57,12 +57,14 @@ def _covariates(table: Table, used: set[str]) -> tuple[dict[str, Array], list[No
             unusable.append(name)
         else:
             out[name] = values
+    def shown(names: list[str]) -> str:          # a column may be called anything: what cannot be seen is escaped
+        return ", ".join(map(one_line, names))
     notes = []
     if ignored:
-        notes.append(Note("columns-ignored", f"Columns that hold no numbers are ignored: {', '.join(ignored)}."))
+        notes.append(Note("columns-ignored", f"Columns that hold no numbers are ignored: {shown(ignored)}."))
     if unusable:
         notes.append(Note("covariates-ignored", "Columns that cannot serve as causes are ignored (empty cells, numbers above "
-                                                f"1e30, or a name that is not a plain word): {', '.join(unusable)}."))
+                                                f"1e30, or a name that is not a plain word): {shown(unusable)}."))
     return out, notes
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..machine.robot import Joint, Robot
 from ..words.errors import StudyError
-from ..words.names import plain_word
+from ..words.names import TEXT, plain_word, unfit
 from ..words.rigid import AXES, LARGEST, Array
 from ..words.shape import Each, Maybe, misfit
 from ..wrong.causes import FUNCTIONS, RANK, Applied, Bump, Cause, Combined, Member, Named, Number
@@ -113,6 +113,8 @@ def mechanism_of(record: Mapping[str, Any]) -> Mechanism:
             raise ValueError(f"what {term.symbol} of {record['name']} prints is not what its screws say")
         if term.sign not in (-1, 0, 1) or term.size is not None and not 0 <= term.size[0] <= term.size[1]:
             raise ValueError(f"the usual size or sign of {term.symbol} of {record['name']} is none")
+    if (why := unfit(record["name"], TEXT)) is not None:
+        raise ValueError(f"the name of a mechanism is not one: {why}")
     return Mechanism(record["name"], terms, record["sentence"], record["equation"], record["source"])
 
 

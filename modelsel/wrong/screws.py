@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..words.hashing import hashed_once
-from ..words.names import unfit, unseen
+from ..words.names import TEXT, unfit, unseen
 from ..words.rigid import AXES
 from .causes import FUNCTIONS, ONE, Applied, Bump, Cause, Combined, Member, Named, Number
 
@@ -111,7 +111,7 @@ def foreign(cause: Cause) -> str | None:
 
 def unstorable(mechanism: Mechanism) -> str | None:
     """Why no calibration could store a mechanism, in a sentence; None where one can."""
-    if (why := unfit(mechanism.name)) is not None:
+    if (why := unfit(mechanism.name, TEXT)) is not None:
         return f"its name is not one: {why}."
     texts = (mechanism.sentence, mechanism.equation, mechanism.source, *(t.symbol for t in mechanism.terms))
     if (c := unseen("".join(texts))) is not None:
