@@ -292,8 +292,7 @@ def _whitener(value: Array, vector: Array, good: NDArray[np.bool_]) -> Array:
 
 
 def single_f(seen: Scan, response: Array) -> Array:
-    """(G,) F statistic of every candidate alone beyond the model; nought for one that adds nothing. What a candidate leaves is
-    known to the rounding of the whole: where it explains all, F is as large as that says, and finite."""
+    """(G,) F statistic of every candidate alone beyond the model; 0 for one that adds nothing, finite for one that explains all."""
     strength, whole = seen.strength(response[:, None]).whole[:, 0], float(response @ response)
     rest = np.maximum(whole - strength, max(np.finfo(float).eps * whole, 1e-300))
     k = seen.sizes
