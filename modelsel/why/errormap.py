@@ -292,7 +292,7 @@ def _whitener(value: Array, vector: Array, good: NDArray[np.bool_]) -> Array:
 
 
 def single_f(seen: Scan, response: Array) -> Array:
-    """(G,) F statistic of every candidate alone beyond the model; 0 for one that adds nothing, finite for one that explains all."""
+    """(G,) F statistic of every candidate alone beyond the model; 0 for one that adds nothing, finite where one explains all."""
     strength, whole = seen.strength(response[:, None]).whole[:, 0], float(response @ response)
     rest = np.maximum(whole - strength, max(np.finfo(float).eps * whole, 1e-300))
     k = seen.sizes
