@@ -89,6 +89,21 @@ def test_doubtful_columns(rng) -> None:
     assert np.flatnonzero(found.members).tolist() == [1]
 
 
+@pytest.mark.parametrize("near", [1e-1, 1e-2, 1e-3, 1e-4])
+def test_groups_that_are_nearly_alike(near, rng) -> None:
+    """Columns that differ by a little from those of another group: no tangent runs away (a warning is an error here), and the
+    subset is the best of all."""
+    X, y, base, groups = problem(rng, rng.integers(1, 4, 8).tolist(), 2, 0.0, {})
+    for g in range(1, 8, 2):
+        k = min(len(groups[g]), len(groups[g - 1]))
+        X[:, groups[g][:k]] = X[:, groups[g - 1][:k]] * (1 + near * rng.normal(size=(N, k)))
+    y = (y + X[:, groups[0]].sum(1) / np.abs(X[:, groups[0]]).max()) * 10.0 ** rng.uniform(-8, 8)
+    _, value = walked(X, y, base, groups)
+    found = best_subset(reduce(X, y), base, groups)
+    assert found.bic == pytest.approx(value.min(), rel=1e-6)
+    assert found.bic - found.gap <= value.min() + 1e-6 * abs(value.min())
+
+
 def test_table_of_more_mechanisms_than_can_be_walked(rng, monkeypatch) -> None:
     """Eighteen mechanisms, two of them real: the table says that the two are the best of all subsets, or by how much they may be
     beaten."""

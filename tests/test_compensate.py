@@ -94,7 +94,7 @@ def test_refuses_beyond_the_bound(made) -> None:
     c, at = made
     data = plan(at, slice(1, 9), position=predict(c, at)[1:9])
     data.position[4] += 30.0
-    with pytest.raises(DataError, match=r"line 6: .* beyond the bound of 10 mrad and 20 mm"):
+    with pytest.raises(DataError, match=r"row 4: .* beyond the bound of 10 mrad and 20 mm"):
         refuse(c, compensate(c, data), data, BOUND, "t.csv")
     refuse(c, compensate(c, data), data, (10.0, 1e3), "t.csv")
 

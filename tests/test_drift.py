@@ -137,7 +137,7 @@ def test_which_configurations(rng) -> None:
     assert said[0].startswith("The calibration has drifted")
     assert "most of it where q2 is above" in said[0]
     assert set(found.worst) <= set(np.flatnonzero(far))
-    assert f"line {found.worst[0] + 2} (" in said[1]
+    assert f"row {found.worst[0]} (" in said[1]
 
 
 def test_estimated_noise_is_no_certainty(rng) -> None:

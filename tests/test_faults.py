@@ -18,7 +18,7 @@ from fuzz_clean import WRITTEN
 from fuzz_judge import guarded
 
 from modelsel.cli import main
-from modelsel.telling.write import claimed, write_all
+from modelsel.telling.write import claimed, write_all, write_beside
 from modelsel.words.errors import StudyError
 
 HERE = Path(__file__).parent
@@ -49,19 +49,23 @@ def everything(folder: Path) -> set[str]:
 # -- killed, interrupted ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("kills", "more"), [(50, []), (2, ["sampling"])], ids=["study", "chain"])
-def test_killed_at_any_moment(kills, more, tmp_path) -> None:
-    """SIGKILL at drawn moments: every file left is whole, old or new; run again, the bytes are those of an unbroken run."""
+@pytest.mark.parametrize(("kills", "more"), [(60, []), (4, ["sampling"])], ids=["study", "chain"])
+def test_killed_at_any_step(kills, more, tmp_path) -> None:
+    """SIGKILL at every step on the disk (drawn ones of a chain): every file left is whole, old or new; files of two runs are
+    never read as one; run again, the bytes are those of an unbroken run."""
     seed = os.environ.get("MODELSEL_SEED", "7")
     ran = subprocess.run([sys.executable, str(HERE / "fault_host.py"), str(tmp_path), str(kills), seed, *more],
                          capture_output=True, text=True, check=False, timeout=600)
     assert not ran.returncode, ran.stderr
     found = json.loads(ran.stdout)
     said = f"MODELSEL_SEED={seed}: {found}"
-    assert found["killed"] == kills, said
+    assert found["killed"] == min(kills, found["steps"]), said
+    assert not found.get("not killed"), said
     assert not found["broken"], said
-    assert not found.get("left new and old"), said         # files of two runs side by side
+    assert not found["taken for one run"], said
     assert found["resumed"] == found["resumed to the same bytes"] > 0, said
+    if not more:
+        assert found["left old"] > 0 < found["left new"], said
 
 
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
@@ -187,11 +191,48 @@ def test_a_claim_ends_with_its_process(tmp_path) -> None:
             "with claimed(pathlib.Path(sys.argv[1])): os._exit(9)")
     assert subprocess.run([sys.executable, "-c", code, str(tmp_path / "out")], check=False).returncode == 9
     hidden = tmp_path / "out" / ".modelsel"
-    (hidden / ".result.json.abc").write_text("{")
+    (hidden / ".modelsel-part-0a1b2c3d-result.json").write_text("{")
     (hidden / "sampling.npz").write_text("chain")
+    (hidden / ".mine").write_text("somebody else's")
     with claimed(tmp_path / "out"):
-        assert everything(hidden) == {"lock", "sampling.npz"}
-    assert everything(tmp_path / "out") == {".modelsel", ".modelsel/sampling.npz"}
+        assert everything(hidden) == {"lock", "sampling.npz", ".mine"}
+    assert everything(tmp_path / "out") == {".modelsel", ".modelsel/sampling.npz", ".modelsel/.mine"}
+
+
+def test_a_linked_hidden_folder_is_left_alone(study, tmp_path) -> None:
+    """The output folder's hidden folder leads elsewhere: nothing there is removed, written or opened, and the link is said."""
+    home, out = tmp_path / "home", tmp_path / "out"
+    home.mkdir()
+    out.mkdir()
+    for name in (".bashrc", ".modelsel-part-0a1b2c3d-x", "notes"):
+        (home / name).write_text("mine")
+    (out / ".modelsel").symlink_to(home)
+    status, said = invoked(*words(study, out))
+    assert status == 2
+    assert "link to another folder" in said
+    with pytest.raises(StudyError, match="link to another folder"):
+        write_all(out, {"a": b"new"})
+    assert everything(home) == {".bashrc", ".modelsel-part-0a1b2c3d-x", "notes"}
+    assert everything(out) == {".modelsel"}
+    (out / ".modelsel").unlink()
+    (out / ".modelsel").mkdir()
+    (out / ".modelsel" / "lock").symlink_to(home / "notes")
+    assert invoked(*words(study, out))[0] == 2
+    assert (home / "notes").read_text() == "mine"
+
+
+@pytest.mark.parametrize("mask", [0o077, 0o027, 0o022, 0o002])
+def test_the_umask_holds(mask, tmp_path) -> None:
+    """Files are readable to whom this user's other files are; no more, no less."""
+    before = os.umask(mask)
+    try:
+        write_all(tmp_path / "run", {"a": b"new"})
+        write_beside(tmp_path / "b", b"new")
+        with claimed(tmp_path / "held"):
+            modes = [(tmp_path / name).stat().st_mode & 0o777 for name in ("run/a", "b", "held/.modelsel/lock")]
+    finally:
+        os.umask(before)
+    assert modes == [0o666 & ~mask] * 3
 
 
 def test_files_of_a_run_come_together(tmp_path) -> None:

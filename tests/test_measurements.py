@@ -290,9 +290,9 @@ def test_refused_files(tmp_path) -> None:
 
 
 def test_parquet_refusals_say_the_row(tmp_path) -> None:
-    """Line: as if it were a CSV, the header is 1."""
+    """Row, counted from 0, as every reader of Parquet counts: the file has no lines."""
     path = parquet(tmp_path, q1_rad=[0.0, 1.0], q2_rad=[0.0, None], x_mm=[1.0, 2], y_mm=[1.0, 2], z_mm=[1.0, 2])
-    with pytest.raises(DataError, match=r"data\.parquet, line 3, column q2_rad"):
+    with pytest.raises(DataError, match=r"data\.parquet, row 1, column q2_rad"):
         read_measurements(path, ARM)
 
 

@@ -144,6 +144,23 @@ def test_single_f_is_the_nested_f_test(rng) -> None:
     np.testing.assert_allclose(found, [*want, 0.0], rtol=1e-7)
 
 
+@pytest.mark.parametrize("size", [1e-100, 1e-9, 1.0, 1e12, 1e100])
+def test_single_f_of_a_candidate_that_explains_all(size, rng) -> None:
+    """What it leaves is rounding, whatever the unit: F is huge and finite, largest there, and no warning (an error here)."""
+    at = drawn("puma760", rng, 30)
+    fitted = fit(at, Model((mechanism("geometric", at.robot),)))
+    offered = [Candidate(m, True, 0.5) for m in (mechanism("wrist-coupling:5", at.robot), mechanism("backlash:3", at.robot))]
+    cols = columns(at, offered, fitted.at())
+    A, _ = stacked(at, fitted.terms, fitted.at())
+    Q = basis(A)
+    r = cols.XT[cols.slices[1][0]]
+    r = r - Q @ (Q.T @ r)
+    f = single_f(scan(cols, Q), size * r / np.linalg.norm(r))
+    assert np.isfinite(f).all()
+    assert f.argmax() == 1
+    assert f[1] > 1e10
+
+
 # -- criteria ---------------------------------------------------------------------------------------------------------
 
 

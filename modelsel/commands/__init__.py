@@ -30,7 +30,7 @@ def print_json(value: Any) -> None:
 def console() -> Any:
     """Where tables are printed: as wide as the terminal, 160 in a log."""
     from rich.console import Console
-    return Console(width=None if sys.stdout.isatty() else 160)
+    return Console(width=None if sys.stdout.isatty() else 160, markup=False, emoji=False)
 
 
 def progress() -> Callable[[str], None]:

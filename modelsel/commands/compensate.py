@@ -33,6 +33,7 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
     the units that they were given in.
     """
     from ..data.io import read_measurements
+    from ..telling.write import write_frame
     from ..use.calibration import load_calibration, predict
     from ..use.compensate import at_limits, commands_frame, from_order, outside, refuse
     from ..use.compensate import compensate as corrected
@@ -45,7 +46,7 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
         refuse(c, made, data, (bound[0] / 1e3, bound[1]), targets.name)
         said += at_limits(made)
         frame = commands_frame(c, data, made.q, made.wanted, made.figures())
-    _write(frame, out)
+    write_frame(frame, out, "%.10g")
     if as_json:
         print_json({"written": out.name, "rows": len(data), "warnings": said, **({} if forward else _figures(made))})
     else:
@@ -56,11 +57,12 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
         return
     stuck = made.beyond.any(1)
     if not made.reached.all():
-        click.echo(f"modelsel: {int((~made.reached).sum())} rows are not reached, beside a jump of the model or at the edge of "
-                   f"the workspace ({_lines(data.row[~made.reached])}); {made.where_left} says what is left.", err=True)
+        missed = data.where.listed(data.row[~made.reached])
+        click.echo(f"modelsel: {int((~made.reached).sum())} rows are not reached, next to a jump of the model or at the edge of "
+                   f"the workspace ({missed}); {made.where_left} says what is left.", err=True)
     if stuck.any():
-        click.echo(f"modelsel: {int(stuck.sum())} corrected commands lie beyond a joint's limits ({_lines(data.row[stuck])}): "
-                   "the arm cannot take them. Choose other postures.", err=True)
+        click.echo(f"modelsel: {int(stuck.sum())} corrected commands lie beyond a joint's limits "
+                   f"({data.where.listed(data.row[stuck])}): the arm cannot take them. Choose other postures.", err=True)
     if stuck.any() or not made.reached.all():
         raise SystemExit(CHECK_FAILED)
 
@@ -93,11 +95,3 @@ def _sentence(made: Commands, slides: NDArray[np.bool_]) -> str:
     bounds = [f"{most[some].max() * 1e3:.3g} {unit}" for some, unit in ((~slides, "mrad"), (slides, "µm")) if some.any()]
     return (f" Without correction the target is off by {before}; with it, {after}. No joint changes by more than "
             f"{' or '.join(bounds)}.{turned}")
-
-
-def _write(frame: Any, out: Path) -> None:
-    from ..telling.write import write_beside
-    if out.suffix.lower() in (".parquet", ".pq"):
-        write_beside(out, frame.to_parquet(index=False))
-    else:
-        write_beside(out, frame.to_csv(index=False, float_format="%.10g", lineterminator="\n").encode())

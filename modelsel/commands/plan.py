@@ -26,7 +26,7 @@ def plan(study: Path, pool_file: Path | None, limits: bool, joints: tuple[str, .
     from ..telling.config import read_study
     from ..telling.planning import plan_next, sentences
     from ..telling.study import robot_of, run
-    from ..telling.write import write_beside
+    from ..telling.write import csv_bytes, write_beside
     from ..use.plan import more_needed
     from ..wrong.registry import with_plugins
     own = dict(map(_range, joints))
@@ -40,7 +40,7 @@ def plan(study: Path, pool_file: Path | None, limits: bool, joints: tuple[str, .
     table, known, limit = found.to_frame(), found.configurations, result.nothing_else[1]
     more = None if size is None or limit is None else more_needed(limit, known, size)
     if out is not None:
-        write_beside(out, table.to_csv(index=False, float_format="%.6f", lineterminator="\n").encode())
+        write_beside(out, csv_bytes(table, "%.6f"))
     if as_json:
         print_json({"purpose": found.purpose, "pool_rows": found.rows, "configurations": table.to_dict("records"),
                     "rivals": found.rivals, "alike": found.twins, "told_apart": found.told, "told_apart_random": found.random,

@@ -16,13 +16,10 @@ def simulate(study: Path, out: Path, as_json: bool) -> None:
     """Make data with planted effects: [simulate] and [[simulate.effect]] of a study file."""
     from ..telling.config import read_study
     from ..telling.study import simulate_study
-    from ..telling.write import write_beside
+    from ..telling.write import write_frame
     path = study / "study.toml" if study.is_dir() else study
     frame = simulate_study(read_study(path), path.parent)
-    if out.suffix.lower() in (".parquet", ".pq"):
-        write_beside(out, frame.to_parquet(index=False))
-    else:
-        write_beside(out, frame.to_csv(index=False, float_format="%.9f", lineterminator="\n").encode())
+    write_frame(frame, out, "%.9f")
     if as_json:
         print_json({"written": out.name, "rows": len(frame), "columns": list(frame.columns)})
     else:

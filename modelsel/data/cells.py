@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..words.errors import suggest
+from ..words.names import quoted, unfit, unguarded
 from ..words.rigid import LARGEST, Array
 from .table import Table
 
@@ -102,9 +103,20 @@ def together(table: Table, names: Sequence[str], refuse: str = "", rows: Mask | 
 
 
 def labels(table: Table, name: str) -> list[str]:
-    """A text column without blanks about it; refuses an empty cell."""
+    """A text column without blanks about it, as it was before it was `guarded`; refuses an empty cell, and what is no name."""
     out = ["" if cell is None else str(cell).strip() for cell in table.columns[name]]
     if "" in out:
         raise table.where.refuse("an empty cell.", row=out.index(""), column=name,
                                  remedy=f"Give every row its {name}, or leave the column out.")
-    return out
+    return named(table, name, out)
+
+
+def named(table: Table, column: str, cells: list[str]) -> list[str]:
+    """Cells of a text column ("" for none) as names, each looked at once. Raises DataError for one that cannot be a name."""
+    known: dict[str, str] = {"": ""}
+    for row, cell in enumerate(cells):
+        if cell not in known:
+            if (why := unfit(cell)) is not None:
+                raise table.where.refuse(f"{quoted(cell)} is not a name: {why}.", row=row, column=column)
+            known[cell] = unguarded(cell) if table.where.is_text else cell
+    return [known[cell] for cell in cells]

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..words.errors import StudyError, suggest
+from ..words.errors import StudyError, one_line, suggest
+from ..words.names import plain_word
 from ..words.rigid import Array, from_quaternion
 from .cells import READINGS, as_numbers, labels, measured, numbers, together
 from .copies import copies, duplicates
@@ -52,16 +53,18 @@ def _covariates(table: Table, used: set[str]) -> tuple[dict[str, Array], list[No
         values = numbers(table, name, -1e12, 1e12) if name in KNOWN else as_numbers(table.columns[name])
         if not np.isfinite(values).any():
             ignored.append(name)
-        elif not (np.abs(values) <= 1e30).all() or not name.isidentifier() or name in FUNCTIONS or RESERVED.fullmatch(name):
+        elif not (np.abs(values) <= 1e30).all() or not plain_word(name) or name in FUNCTIONS or RESERVED.fullmatch(name):
             unusable.append(name)
         else:
             out[name] = values
+    def shown(names: list[str]) -> str:          # a column may be called anything: what cannot be seen is escaped
+        return ", ".join(map(one_line, names))
     notes = []
     if ignored:
-        notes.append(Note("columns-ignored", f"Columns that hold no numbers are ignored: {', '.join(ignored)}."))
+        notes.append(Note("columns-ignored", f"Columns that hold no numbers are ignored: {shown(ignored)}."))
     if unusable:
         notes.append(Note("covariates-ignored", "Columns that cannot serve as causes are ignored (empty cells, numbers above "
-                                                f"1e30, or a name that is not a plain word): {', '.join(unusable)}."))
+                                                f"1e30, or a name that is not a plain word): {shown(unusable)}."))
     return out, notes
 
 
@@ -113,7 +116,7 @@ def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mappin
         rotation=None if quaternion is None else from_quaternion(quaternion[keep]), sigma_rotation=kept(sigma_rotation),
         notes=tuple(notes), prismatic=prismatic, **({} if kinds is None else {
             "kind": kept(kinds.kind).tolist(), "feature": kept(kinds.feature).tolist(), "length": kinds.length[keep]}))
-    return replace(made, units=tuple(next(u for u in READINGS[slides] if f"q{j}_{u}" in table)
+    return replace(made, where=where, units=tuple(next(u for u in READINGS[slides] if f"q{j}_{u}" in table)
                                      for j, slides in enumerate(prismatic, 1)))
 
 

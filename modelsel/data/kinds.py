@@ -11,7 +11,7 @@ import numpy as np
 
 from ..words.errors import StudyError, suggest
 from ..words.rigid import LARGEST, Array
-from .cells import SMALLEST, Mask, blank, measured, numbers, together
+from .cells import SMALLEST, Mask, blank, measured, named, numbers, together
 from .copies import duplicates
 from .features import KINDS, UNKNOWN
 from .measurements import Measurements
@@ -51,7 +51,7 @@ def read_kinds(table: Table) -> Kinds | None:
         if word not in KINDS:
             raise where.refuse(f'"{word}" is no kind of measurement. {suggest(word, KINDS)}', row=row, column="kind",
                                remedy=f"Kinds are {', '.join(KINDS)}.")
-    feature = _words(table, "feature")
+    feature = named(table, "feature", _words(table, "feature"))
     first: dict[str, int] = {}
     for row, (word, name) in enumerate(zip(kind, feature, strict=True)):
         if bool(name) != (word in NAMED):

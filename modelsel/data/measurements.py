@@ -12,6 +12,7 @@ from ..words.errors import DataError
 from ..words.rigid import Array, to_quaternion
 from .features import COORDINATES, KINDS, Feature, features_of, framed
 from .rest import resting, said
+from .table import Where
 from .temperature import REFERENCE, reference
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ class Measurements:
     notes: tuple[Note, ...] = ()
     prismatic: tuple[bool, ...] = ()           # joints that slide; empty: none does
     gauges: Gauges | None = None               # None: every row is a point; else what is not measured is nan
+    where: Where = field(default_factory=Where)   # what a `row` is called: a line of a file, a row of a table
     units: tuple[str, ...] = ()                # rad, deg, mm or m: of the readings as they were given; empty: rad, mm
     reference_celsius: float = REFERENCE             # °C from which thermal effects are counted, of the whole campaign
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,30 +22,57 @@ if TYPE_CHECKING:
     import pandas as pd
 
 CHUNK = 50_000
+BREAK = re.compile(r"\r\n|\r|\n")
 Columns = Mapping[str, "NDArray[Any]"]
 Source: TypeAlias = Union[str, "os.PathLike[str]", "pd.DataFrame"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Where:
-    """Where a table comes from, in the words of its user: a file has lines, the header line 1; a DataFrame has rows from 0."""
+    """Where a table comes from and what its user calls its rows: a text file has `lines`, the header line 1; a DataFrame and a
+    Parquet file have rows, counted from 0. `first`: the number of the table's first row, where it is a piece of a file; `at`
+    (m,): the line of every row, where cells with line breaks in them put rows further down."""
 
-    file: str
+    file: str = ""
+    lines: bool = True
+    first: int = 0
+    at: Mapping[int, int] | NDArray[np.intp] | None = None
 
     @property
     def is_file(self) -> bool:
         """Whether it is a file."""
         return bool(self.file)
 
+    @property
+    def is_text(self) -> bool:
+        """Whether it is a file of lines."""
+        return self.is_file and self.lines
+
+    def number(self, row: int) -> int:
+        """What the 0-based `row` is counted as by the user."""
+        return int(self.at[row]) if self.at is not None else row + 2 if self.is_text else row + self.first
+
     def refuse(self, what: str, *, row: int | None = None, column: str | None = None, remedy: str = "") -> DataError:
         """The error to raise, with its place: 0-based `row`, without it the header's."""
-        if not self.is_file:
-            return DataError(what, file="DataFrame", row=row, column=column, remedy=remedy)
-        return DataError(what, file=self.file, line=1 if row is None else row + 2, column=column, remedy=remedy)
+        count = None if row is None else self.number(row)
+        if not self.is_text:
+            return DataError(what, file=self.file or "DataFrame", row=count, column=column, remedy=remedy)
+        return DataError(what, file=self.file, line=1 if count is None else count, column=column, remedy=remedy)
 
     def named(self, row: int) -> str:
         """A row in words."""
-        return f"line {row + 2}" if self.is_file else f"row {row}"
+        return f"{'line' if self.is_text else 'row'} {self.number(row)}"
+
+    def listed(self, rows: Sequence[int] | NDArray[np.intp], most: int = 10) -> str:
+        """Rows in words, the first so many of them: lines 3, 4, 9 … or rows 1, 2, 7 …, counted from 0."""
+        shown = ", ".join(str(self.number(int(row))) for row in rows[:most]) + (" …" if len(rows) > most else "")
+        several = "s" * (len(rows) != 1)
+        return f"line{several} {shown}" if self.is_text else f"row{several} {shown}, counted from 0"
+
+    def record(self, rows: NDArray[np.intp]) -> dict[str, Any]:
+        """As plain values that say of the `rows` what they are called; `where_of` reads it."""
+        at = None if self.at is None else {str(row): self.number(row) for row in rows.tolist()}
+        return {"word": "line" if self.is_text else "row", "first": 2 if self.is_text else self.first, "at": at}
 
     def mapping(self, wanted: str, given: str) -> str:
         """How to say that a column has another name."""
@@ -67,13 +95,21 @@ class Table:
         return len(next(iter(self.columns.values()), ()))
 
 
+def where_of(record: Mapping[str, Any] | None) -> Where:
+    """What rows are called, of a record of it; lines of a text file where there is none."""
+    if record is None:
+        return Where("the file")
+    at = None if record["at"] is None else {int(row): number for row, number in record["at"].items()}
+    return Where("the file", record["word"] == "line", 0 if record["word"] == "line" else record["first"], at)
+
+
 def read_table(source: Source, group: int | None = None) -> Table:
     """A CSV or Parquet file (`group`: one row group of it alone) or a DataFrame. Raises DataError."""
     if isinstance(source, (str, os.PathLike)):
         path = Path(source)
         if path.suffix.lower() in (".parquet", ".pq"):
-            return _parquet(path, Where(path.name), group)
-        return _csv(path, Where(path.name))
+            return _parquet(path, group)
+        return _csv(path)
     import pandas as pd
     if not isinstance(source, pd.DataFrame):
         raise DataError(f"measurements are a file's path or a pandas DataFrame, found {type(source).__name__}.")
@@ -89,7 +125,7 @@ def digest(source: Source) -> str:
         except OSError as error:
             raise DataError(f"cannot be read any more: {error.strerror}.", file=Path(source).name,
                             remedy="Run again when it is there.") from None
-    return hashlib.sha256(source.to_csv(index=False, lineterminator="\n").encode()).hexdigest()
+    return hashlib.sha256(source.to_csv(index=False, lineterminator="\n").encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def _frame(frame: pd.DataFrame, where: Where) -> Table:
@@ -111,8 +147,9 @@ def _frame(frame: pd.DataFrame, where: Where) -> Table:
     return Table(out, where)
 
 
-def _rows(path: Path) -> Iterator[list[list[str]]]:
-    """Chunks of CSV rows, the header first as a chunk of its own; refuses ragged rows with their line."""
+def _rows(path: Path) -> Iterator[tuple[list[list[str]], NDArray[np.intp] | None]]:
+    """Chunks of CSV rows, the header first as a chunk of its own, and the lines they begin on where some have several; refuses
+    ragged rows with their line."""
     _there(path)
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -122,9 +159,13 @@ def _rows(path: Path) -> Iterator[list[list[str]]]:
                 raise DataError("the file is empty or not text.", file=path.name,
                                 remedy="A CSV with a header line and a row per measured point is expected.")
             _separated(header, path)
-            yield [[name.strip() for name in header]]
-            line = 2
+            yield [[name.strip() for name in header]], None
+            line = reader.line_num + 1
+            plain = line == 2                   # so far a row was a line
             while chunk := list(islice(reader, CHUNK)):
+                plain = plain and reader.line_num == line + len(chunk) - 1
+                starts = np.arange(line, line + len(chunk)) if plain else _starts(chunk, line)
+                line = reader.line_num + 1
                 for k, row in enumerate(chunk):
                     if len(row) != len(header):
                         if not row and all(not later for later in chunk[k:]):
@@ -132,13 +173,18 @@ def _rows(path: Path) -> Iterator[list[list[str]]]:
                             break
                         comma = " Numbers need a decimal point: a comma parts cells." if len(row) > len(header) else ""
                         raise DataError(f"{len(row)} cells, but the header has {len(header)}.", file=path.name,
-                                        line=line + k, remedy=f"Every row needs as many cells as the header.{comma}")
+                                        line=int(starts[k]), remedy=f"Every row needs as many cells as the header.{comma}")
                 if chunk:
-                    yield chunk
-                line += len(chunk)
+                    yield chunk, None if plain else starts[:len(chunk)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or ("it is not UTF-8 text" if isinstance(error, ValueError) else str(error))
         raise DataError(f"the file cannot be read: {reason}.", file=path.name, remedy="Save it as CSV in UTF-8.") from None
+
+
+def _starts(chunk: list[list[str]], line: int) -> NDArray[np.intp]:
+    """(m,) the lines on which rows begin, the first on `line`: a cell between quotes may have several."""
+    spans = [1 + sum(len(BREAK.findall(cell)) for cell in row) for row in chunk]
+    return np.asarray(line + np.cumsum([0, *spans[:-1]]), dtype=np.intp)
 
 
 def _there(path: Path) -> None:
@@ -156,21 +202,29 @@ def _separated(header: Sequence[str], path: Path) -> None:
                             remedy="Save it with commas between the cells and points in the numbers (1.5, not 1,5).")
 
 
-def _csv(path: Path, where: Where) -> Table:
+def _csv(path: Path) -> Table:
     chunks = _rows(path)
-    header = next(chunks)[0]
-    _distinct(header, where)
-    parts: list[list[NDArray[Any]]] = [[np.array(column, dtype=object) for column in zip(*chunk, strict=True)]
-                                       for chunk in chunks]
+    header = next(chunks)[0][0]
+    _distinct(header, Where(path.name))
+    parts: list[list[NDArray[Any]]] = []
+    starts: list[NDArray[np.intp]] = []
+    plain = True
+    for chunk, at in chunks:
+        first = 2 + sum(len(some) for some in starts)
+        starts.append(np.arange(first, first + len(chunk)) if at is None else at)
+        plain = plain and at is None
+        parts.append([np.array(column, dtype=object) for column in zip(*chunk, strict=True)])
+    where = Where(path.name, at=None if plain else np.concatenate(starts))
     return Table({name: np.concatenate([part[k] for part in parts]) if parts else np.zeros(0, object)
                   for k, name in enumerate(header)}, where)
 
 
-def _parquet(path: Path, where: Where, group: int | None) -> Table:
+def _parquet(path: Path, group: int | None) -> Table:
     """All of a file, or one of its row groups."""
     import pyarrow as pa
     with _opened(path) as file:
         names = file.schema_arrow.names
+        where = Where(path.name, lines=False, first=sum(file.metadata.row_group(k).num_rows for k in range(group or 0)))
         _distinct(names, where)
         table = file.read(use_threads=False) if group is None else file.read_row_group(group, use_threads=False)
         if not names:

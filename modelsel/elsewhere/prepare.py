@@ -75,8 +75,8 @@ def split(data: Measurements, labels: NDArray[np.object_] | None, plan: Plan, pr
                              "estimation.")
         torn = np.intersect1d(data.block[held], data.block[~held])
         if len(torn):
-            line = int(data.row[np.flatnonzero(data.block == torn[0])[0]]) + 2
-            raise StudyError(f"split.column: equal joint readings stand on both sides of the split (line {line}, for one): "
+            place = data.where.named(int(data.row[np.flatnonzero(data.block == torn[0])[0]]))
+            raise StudyError(f"split.column: equal joint readings stand on both sides of the split ({place}, for one): "
                              "held-out configurations must not have been seen.")
         return np.asarray(~held)
     count = data.configurations

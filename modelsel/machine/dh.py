@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..words.errors import one_line
 from ..words.rigid import Array, inverse, transform, turn
 from .robot import Robot
 
@@ -68,7 +69,7 @@ def rows_of(robot: Robot, modified: bool) -> Rows:
 def robot_file(robot: Robot, modified: bool, notes: Sequence[str] = ()) -> str:
     """A robot file (TOML) of DH rows; numbers in full, masses and limits move along."""
     found = rows_of(robot, modified)
-    lines = [*(f"# {note}" for note in notes), f"name = {_text(robot.name)}", f"source = {_text(robot.source)}"]
+    lines = [*(f"# {one_line(note)}" for note in notes), f"name = {_text(robot.name)}", f"source = {_text(robot.source)}"]
     if robot.gravity is not None:
         lines.append(f"gravity = {list(robot.gravity)}")
     lines += [f'convention = "{"modified" if modified else "standard"}"', f"base_mm = {found.base[:3].tolist()}"]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..words.errors import StudyError, suggest
+from ..words.names import TEXT, unfit
 from ..words.rigid import LARGEST, Array, align_z, inverse, rpy, transform, turn
 from ..words.text import read_text, toml
 from .robot import Joint, Robot
@@ -131,10 +132,21 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
             gravity = (float(g[0] / size), float(g[1] / size), float(g[2] / size))
         else:
             read.say("gravity", "the direction has no length; leave the key out where it is not known")
+    source = " ".join(str(table.get("source", "not stated")).split())
+    robot = Robot(str(table.get("name", Path(where).stem)), source, tuple(joints), end, gravity)
+    try:
+        named(robot)
+    except ValueError as error:
+        read.problems.append(f"{where}: {error}.")
     if read.problems:
         raise StudyError(*read.problems)
-    return Robot(str(table.get("name", Path(where).stem)), str(table.get("source", "not stated")), tuple(joints), end,
-                 gravity)
+    return robot
+
+
+def named(robot: Robot) -> None:
+    """Raises ValueError where a robot's name or source cannot be one."""
+    if (why := unfit(robot.name)) is not None or (why := unfit(robot.source or "none", TEXT)) is not None:
+        raise ValueError(f"the robot's {'source' if unfit(robot.name) is None else 'name'} is not one: {why}")
 
 
 def read_robot(path: Path, base: str | None = None, tip: str | None = None) -> Robot:

@@ -1,13 +1,17 @@
 """URDF -> Robot: the one serial chain of moving joints in a file, base to tip."""
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
+from xml.sax.saxutils import escape
 
 import numpy as np
 
-from ..words.errors import StudyError, suggest
+from ..words.errors import StudyError, one_line, suggest
+from ..words.names import unfit
 from ..words.rigid import LARGEST, Array, align_z, inverse, rpy, to_rpy, transform
 from ..words.text import read_text
 from .robot import Joint, Robot
@@ -224,8 +228,11 @@ def _robot(root: ET.Element, where: str, base: str | None, tip: str | None) -> R
             mass, com = carried[0], B[:3, :3].T @ carried[1]
         joints.append(Joint(pending @ B, kind == "prismatic", limits, mass, (float(com[0]), float(com[1]), float(com[2]))))
         pending = inverse(B)
+    name = str(root.get("name", Path(where).stem))
+    if (why := unfit(name)) is not None:
+        raise StudyError(f"{where}: the robot's name is not one: {why}.")
     gravity = _gravity(root, str(_end(chain[0], "parent")), where)
-    return Robot(str(root.get("name", Path(where).stem)), f"URDF {where}", tuple(joints), pending, gravity)
+    return Robot(name, f"URDF {one_line(where)}", tuple(joints), pending, gravity)
 
 
 def _fixed(root: ET.Element, parent: str, child: str, place: Array) -> None:
@@ -241,6 +248,11 @@ def _place(joint: ET.Element, place: Array) -> None:
                   rpy=" ".join(repr(v) for v in to_rpy(place[:3, :3])))
 
 
+def _comment(note: str) -> Any:
+    """A comment that its words cannot close: ElementTree writes them as they are, and -- ends one for some readers."""
+    return ET.Comment(f" {re.sub('-(?=-)', '- ', escape(one_line(note)))} ")
+
+
 def write_urdf(robot: Robot, tips: Mapping[str, Array], frames: Mapping[str, Array], notes: Sequence[str] = ()) -> str:
     """A URDF of a chain: links base, link1 … flange; `tips` (4, 4) hang on the flange, `frames` (4, 4) on the base [mm]. Where
     the base does not stand upright it hangs on a link world that does.
@@ -248,7 +260,7 @@ def write_urdf(robot: Robot, tips: Mapping[str, Array], frames: Mapping[str, Arr
     Inertias are nought and efforts and velocities are 0: they are not known here.
     """
     root = ET.Element("robot", name=robot.name)
-    root.extend(ET.Comment(f" {note.replace('--', '- -')} ") for note in notes)
+    root.extend(_comment(note) for note in notes)
     if robot.gravity is None or robot.gravity == (0.0, 0.0, -1.0):
         ET.SubElement(root, "link", name="base")
     else:

@@ -7,13 +7,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_serializer, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_serializer, model_validator
 from pydantic import SerializerFunctionWrapHandler as Plain
 
 from ..data.table import Source, digest
 from ..machine.robot import Robot
+from ..machine.robotfile import named
 from ..use.records import robot_record
 from ..words.errors import StudyError, suggest
+from ..words.names import as_name
 from ..words.rigid import LARGEST
 from ..words.text import read_text, toml
 from .wording import plain_values, wording
@@ -23,6 +25,7 @@ Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 Positive = Annotated[float, Field(ge=1e-9, le=LARGEST, allow_inf_nan=False)]
 Nought = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1, le=10_000_000)]       # of configurations: what a computer holds
+Name = Annotated[str, AfterValidator(as_name)]
 FileName = Annotated[str, Field(min_length=1, max_length=4000, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 
@@ -40,7 +43,7 @@ class RobotTable(_Table):
     base: str | None = None
     tip: str | None = None
     tool_mm: Vector | None = None
-    tools_mm: dict[str, Vector] | None = None
+    tools_mm: dict[Name, Vector] | None = None
     register_: bool | Literal["per group"] = Field(False, alias="register")
 
     @model_validator(mode="before")
@@ -53,6 +56,8 @@ class RobotTable(_Table):
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotTable:
+        if self.nominal is not None:
+            named(self.nominal)
         if [self.nominal, self.name, self.file].count(None) != 2:
             raise ValueError('give either name = "…" (built in) or file = "robot.toml"')
         if self.file is None and (self.base or self.tip):
@@ -96,7 +101,7 @@ class MeasurementsTable(_Table):
     file: FileName
     frame: Held | None = Field(None, exclude=True)     # its hash is that of the data
     columns: dict[str, str] = {}
-    features: dict[str, FeatureTable] = {}
+    features: dict[Name, FeatureTable] = {}
 
     @model_serializer(mode="wrap")
     def _since(self, plain: Plain) -> dict[str, Any]:
@@ -200,7 +205,7 @@ class Study(_Table):
     """A study, checked. From Python its tables are those of the file, as keyword arguments: `Study(name="…", robot={…}, …)`.
     Raises StudyError with every problem."""
 
-    name: str
+    name: Name
     seed: Annotated[int, Field(ge=0)] = 0
     robot: RobotTable
     measurements: MeasurementsTable
@@ -238,7 +243,7 @@ def _known(location: tuple[Any, ...]) -> list[str]:
         inner = None if field is None else field.annotation
         if inner == list[EffectTable]:
             inner = EffectTable
-        if inner == dict[str, FeatureTable]:
+        if inner == dict[Name, FeatureTable]:
             return list(FeatureTable.model_fields)
         if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
             return []

@@ -28,7 +28,7 @@ from .report.fleet import summary
 from .result import dumps
 from .stored import WRITES, save
 from .study import run
-from .write import claimed, write_beside
+from .write import claimed, csv_bytes, write_beside
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -180,7 +180,7 @@ def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> lis
     buffer = io.BytesIO()
     frame.to_parquet(buffer, index=False)
     paths = [out / "summary.csv", out / "summary.parquet"]
-    write_beside(paths[0], frame.to_csv(index=False, float_format="%.10g", lineterminator="\n").encode())
+    write_beside(paths[0], csv_bytes(frame, "%.10g"))
     write_beside(paths[1], buffer.getvalue())
     if name is not None:
         paths.append(out / "summary.pdf")
@@ -191,6 +191,7 @@ def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> lis
 def show(rows: Sequence[Row], console: Console) -> None:
     """The summary on a terminal: a line a study, mean held-out errors in mm; then what failed and why."""
     from rich.table import Table
+    from rich.text import Text
 
     from .tables import mm
     table = Table(title="Mean held-out error [mm]")
@@ -198,9 +199,9 @@ def show(rows: Sequence[Row], console: Console) -> None:
         table.add_column(name, justify=side)  # type: ignore[arg-type]
     for row in rows:
         if row["state"] == "done":
-            table.add_row(row["name"], f"{row['estimation'] + row['held_out']:,}", *(mm(row[f"{what}_mm"]) for what in ERRORS),
-                          row["found"] or "–")
+            table.add_row(Text(row["name"]), f"{row['estimation'] + row['held_out']:,}",
+                          *(mm(row[f"{what}_mm"]) for what in ERRORS), Text(row["found"] or "–"))
     console.print(table)
     for row in rows:
         if row["state"] != "done":
-            console.print(f"{row['name']} failed: {row['why']}", markup=False)
+            console.print(f"{row['name']} failed: {row['why']}", markup=False, emoji=False)

@@ -6,15 +6,19 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
+from unicodedata import normalize
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..words.errors import StudyError, suggest
+from ..words.names import unfit
 from ..words.text import read_text, toml
-from .config import FileName, Study, Vector, find_data, read_study
+from .config import FileName, Name, Study, Vector, find_data, read_study
 from .wording import plain_values, wording
 
-FOLDER = re.compile(r"(?!\.+$)[^\x00-\x1f/\\:]{1,200}")        # one part of a path, and not . or ..
+# One part of a path on any system, not hidden, and not a name that Windows keeps for a device or the summary has.
+FOLDER = re.compile(r"(?!(?:con|prn|aux|nul|(?:com|lpt)[0-9\xb9\xb2\xb3]|summary)(?:\.|$))"
+                    r"(?![. ])[^\x00-\x1f/\\:*?\"<>|]{1,200}(?<![. ])", re.IGNORECASE)
 
 
 class _Table(BaseModel):
@@ -25,7 +29,7 @@ class StudyTable(_Table):
     """[[study]]: a study file, and what is different here: a robot, a day, a what-if."""
 
     file: FileName
-    name: str | None = None
+    name: Name | None = None
     measurements: FileName | None = None
     estimation: Annotated[int, Field(ge=1)] | None = None
     candidates: list[str] | None = None
@@ -35,7 +39,7 @@ class StudyTable(_Table):
 class PartsTable(_Table):
     """[[parts]]: one measurement set in many Parquet files, fitted without ever being held whole."""
 
-    name: str
+    name: Name
     files: Annotated[list[FileName], Field(min_length=1)]
     robot: FileName
     tool_mm: Vector
@@ -46,7 +50,7 @@ class PartsTable(_Table):
 class FleetFile(_Table):
     """A fleet file, checked."""
 
-    name: str
+    name: Name
     studies: list[FileName] = []
     study: list[StudyTable] = []
     parts: list[PartsTable] = []
@@ -83,9 +87,11 @@ def read_fleet(path: Path) -> Fleet:
                for file in matching(path.parent, pattern, problems)]
     tasks = [task for entry in (*entries, *found.study) if (task := _task(entry, path.parent, problems)) is not None]
     names = [task.name for task in tasks] + [part.name for part in found.parts]
-    problems += [f'"{name}" stands twice: give [[study]] name = "…".' for name in dict.fromkeys(names) if names.count(name) > 1]
+    folders = [normalize("NFC", name).casefold() for name in names]          # as file systems may take them for one
+    problems += [f'"{name}" stands twice: give [[study]] name = "…".'
+                 for name, folder in dict(zip(names, folders, strict=True)).items() if folders.count(folder) > 1]
     problems += [f'"{name}" is no name for a folder: give another name, of letters and digits.' for name in names
-                 if not FOLDER.fullmatch(name)]
+                 if not FOLDER.fullmatch(name) or unfit(name) is not None]
     if not names and not problems:
         problems.append('no studies: give studies = ["*/study.toml"], [[study]] or [[parts]].')
     if problems:

@@ -68,6 +68,7 @@ DETAILS = {
     **RUN,
     "rows": {"of": int, "row": Each(int), "estimation": Each(int), "outlying": Each(int), "q": Each(Each(float, least=1)),
              "measured_mm": Each(THREE)},
+    "places?": {"word": frozenset(["line", "row"]), "first": int, "at": Maybe({str: int})},
     "joints": Each({"unit": frozenset(["mm", "rad"]), "limits": Maybe(PAIR)}), "arm_mm": Each(THREE), "base": int,
     "rungs": Each({"residual_mm": Each(THREE), "rotation_rad": Maybe(Each(THREE))}),
     "map": {"places": Each({"frame": int, "axis": frozenset(AXES), "turns_only": bool, "d": Each(THREE)}),

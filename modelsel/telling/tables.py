@@ -37,15 +37,17 @@ def _errors(e: Errors) -> list[str]:
 def show(result: Result, console: Console) -> None:
     """The whole study on a terminal: what is wrong, the ladder, what is gained, what the data cannot tell."""
     from rich.table import Table
+    from rich.text import Text
     data, estimation = result.data.scene.data, result.data.estimation
-    console.print(f"\n[bold]{result.study.name}[/bold]: {result.robot.name}, {data.take(estimation).configurations:,} "
-                  f"configurations estimate, {data.take(~estimation).configurations:,} are held out")
+    console.print(Text.assemble("\n", (result.study.name, "bold"), f": {result.robot.name}, "       # Text: no name is markup
+                                f"{data.take(estimation).configurations:,} configurations estimate, "
+                                f"{data.take(~estimation).configurations:,} are held out"))
     table = Table(title="Ladder: errors in mm, lengths of the residual vectors", title_justify="left", title_style="bold")
     table.add_column("model", overflow="fold")
     for column in ("parameters", "rank", "mean", "worst", "held-out mean", "worst", "CV rms", "AICc"):
         table.add_column(column, justify="right")
     for model, r in zip(adds([r.names for r in result.ladder]), result.ladder, strict=True):
-        table.add_row(model, str(r.parameters), str(r.rank), *_errors(r.estimation), *_errors(r.held_out), mm(r.cv_rms_mm),
+        table.add_row(Text(model), str(r.parameters), str(r.rank), *_errors(r.estimation), *_errors(r.held_out), mm(r.cv_rms_mm),
                       "–" if r.aicc is None else f"{r.aicc:.0f}")
     console.print(table)
     if result.comparison is not None:
@@ -58,14 +60,14 @@ def show(result: Result, console: Console) -> None:
         shown.add_column("note", overflow="fold")
         base = len(result.study.model.base)
         for r in result.comparison.best:
-            shown.add_row(" + ".join(r.names[base:]) or "nothing", str(r.rank), mm(r.cv_rms_mm), mm(r.held_out.mean_mm),
-                          "–" if r.weight is None else f"{r.weight:.3f}", r.note)
+            shown.add_row(Text(" + ".join(r.names[base:]) or "nothing"), str(r.rank), mm(r.cv_rms_mm), mm(r.held_out.mean_mm),
+                          "–" if r.weight is None else f"{r.weight:.3f}", Text(r.note))
         shown.caption = TABLE_FOR
         console.print(shown)
     show_map(result, console)
     show_significance(result, console)
     for sentence in sentences(result):
-        console.print(sentence, highlight=False)
+        console.print(sentence, highlight=False, markup=False, emoji=False)
 
 
 SHADES = ((3.0, "·"), (10.0, "░"), (30.0, "▒"), (100.0, "▓"), (np.inf, "█"))
@@ -84,7 +86,7 @@ def show_map(result: Result, console: Console) -> None:
     table.add_column("place")
     columns = strongest_causes(whole, MAP_COLUMNS)
     for j in columns:
-        table.add_column(whole.causes[j].replace(" & ", "\n"), justify="center", overflow="fold")
+        table.add_column(Text(whole.causes[j].replace(" & ", "\n")), justify="center", overflow="fold")
     for i, place in enumerate(whole.places):
         cells = []
         for j in columns:
@@ -102,6 +104,7 @@ NOMINAL = ("Nominal p and halves take the names as given: the search is not repe
 def show_significance(result: Result, console: Console) -> None:
     """What each mechanism of the chosen model matters, and what is lost without it."""
     from rich.table import Table
+    from rich.text import Text
     rows = result.confidence.significance
     if not rows:
         return
@@ -113,9 +116,9 @@ def show_significance(result: Result, console: Console) -> None:
         table.add_column(column, justify="right")
     table.add_column("catalogue", overflow="fold")
     for s in rows:
-        table.add_row(s.mechanism, mm(s.mean_mm), mm(s.max_mm), _figure(s.f), _nominal(s.p), _figure(s.log10_evidence),
+        table.add_row(Text(s.mechanism), mm(s.mean_mm), mm(s.max_mm), _figure(s.f), _nominal(s.p), _figure(s.log10_evidence),
                       mm(s.cv_rms_without_mm), mm(s.held_out_rms_without_mm),
-                      "–" if s.stability is None else f"{s.stability:.0%}", s.catalogue)
+                      "–" if s.stability is None else f"{s.stability:.0%}", Text(s.catalogue))
     first = rows[0]
     table.caption = f"with all of them: CV rms {mm(first.cv_rms_mm)}, held-out rms {mm(first.held_out_rms_mm)}. {NOMINAL}"
     console.print(table)
@@ -180,8 +183,9 @@ def sentences(result: Result) -> list[str]:
         out.append(f"Some smooth function of the configuration would still predict {share:.0%} of what is left (p = {p:.2g})."
                    if p <= 0.05 and share > 0.01 else "No smooth function of the configuration predicts what is left.")
     if result.data.outlying.any():
-        rows = ", ".join(str(int(r) + 2) for r in result.data.scene.data.row[result.data.outlying][:20])
-        out.append(f"Outliers left out: {int(result.data.outlying.sum())} rows (lines {rows}).")
+        data = result.data.scene.data
+        rows = data.row[result.data.outlying]
+        out.append(f"Outliers left out: {len(rows)} row{'s' * (len(rows) != 1)} ({data.where.listed(rows, 20)}).")
     gain = result.gain
     if gain.held_out_rms_before_mm is not None:
         interval = "" if gain.interval_mm is None else (f", a gain of {gain.interval_mm[0]:.3g} to {gain.interval_mm[1]:.3g} mm "

@@ -2,15 +2,24 @@
 from __future__ import annotations
 
 import os
-import tempfile
+import secrets
+import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..words.errors import StudyError
+from ..words.names import guarded
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 HIDDEN = ".modelsel"      # in an output folder while a run works there: its lock, files not yet in place, an unfinished chain
 LOCK = "lock"
+UNFINISHED = ".modelsel-part-"      # begins the name of a file that is not yet in place
+NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 
 
 def write_beside(path: Path, content: bytes) -> None:
@@ -33,15 +42,15 @@ def _write(files: Mapping[Path, bytes], beside: Path) -> None:
     path = beside
     try:
         try:
-            beside.mkdir(parents=True, exist_ok=True)
+            _folder(beside)
             for path, content in files.items():
-                handle, name = tempfile.mkstemp(dir=beside, prefix=f".{path.name}.")
-                ready[path] = Path(name)
+                temporary = beside / f"{UNFINISHED}{secrets.token_hex(4)}-{path.name}"
+                handle = os.open(temporary, NEW, 0o666)       # less what the umask takes away, as any file of this user
+                ready[path] = temporary
                 with os.fdopen(handle, "wb") as file:
                     file.write(content)
                     file.flush()
                     os.fsync(file.fileno())
-                ready[path].chmod(0o644)
             for path, temporary in ready.items():
                 temporary.replace(path)
         finally:
@@ -49,6 +58,31 @@ def _write(files: Mapping[Path, bytes], beside: Path) -> None:
                 temporary.unlink(missing_ok=True)
     except OSError as error:
         raise StudyError(f"{path}: cannot be written: {error.strerror or error}. Give another folder with --out.") from None
+
+
+def _folder(path: Path) -> None:
+    """A folder, made where it is not there. Raises OSError; for the hidden one also where it is a link: what it leads to is not
+    this program's to write or to clear."""
+    if path.name == HIDDEN and path.is_symlink():
+        raise OSError(f"{HIDDEN} is a link to another folder; remove the link")
+    path.mkdir(parents=True, exist_ok=True)
+
+
+def csv_bytes(frame: pd.DataFrame, digits: str) -> bytes:
+    """A table as CSV, its numbers as `digits` says ("%.10g"); text that a spreadsheet would run as a formula is guarded."""
+    safe = frame.copy()
+    for k in (k for k in range(safe.shape[1]) if safe.dtypes.iloc[k].kind not in "fiub"):
+        safe.isetitem(k, [guarded(cell) if isinstance(cell, str) else cell for cell in safe.iloc[:, k]])
+    text: str = safe.to_csv(index=False, float_format=digits, lineterminator="\n")
+    return text.encode()
+
+
+def write_frame(frame: pd.DataFrame, path: Path, digits: str) -> None:
+    """A table as Parquet where the path says so, else as CSV. Raises StudyError."""
+    if path.suffix.lower() in (".parquet", ".pq"):
+        write_beside(path, frame.to_parquet(index=False))
+    else:
+        write_beside(path, csv_bytes(frame, digits))
 
 
 def check_writable(folder: Path) -> None:
@@ -69,15 +103,14 @@ def claimed(folder: Path) -> Iterator[None]:
     handle = None
     try:
         try:
-            hidden.mkdir(parents=True, exist_ok=True)
+            _folder(hidden)
             handle = _locked(hidden / LOCK)
         except BlockingIOError:
             raise StudyError(f"{folder}: another run of modelsel works in this folder. Wait for it, or give another folder with "
                              "--out.") from None
         except OSError as error:
             raise StudyError(f"{folder}: cannot be written: {error.strerror or error}. Give another folder with --out.") from None
-        for left in hidden.glob(".*"):
-            left.unlink(missing_ok=True)
+        _clear(hidden)
         yield
     finally:
         if handle is not None:
@@ -89,10 +122,17 @@ def claimed(folder: Path) -> Iterator[None]:
                 place.rmdir()
 
 
+def _clear(hidden: Path) -> None:
+    """Remove what a killed run left unfinished: files of this program's own naming, nothing else."""
+    for left in hidden.glob(f"{UNFINISHED}*"):
+        if stat.S_ISREG(left.lstat().st_mode):
+            left.unlink(missing_ok=True)
+
+
 def _locked(path: Path) -> int:
     """An open file that this process alone has locked, until it ends however it ends. Raises BlockingIOError."""
     while True:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
         try:
             import fcntl
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

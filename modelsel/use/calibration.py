@@ -230,6 +230,9 @@ def _restored(r: Mapping[str, Any]) -> Calibration:
     factor = np.zeros((len(estimates), len(kept)))
     for i, (k, row) in enumerate(zip(kept, rows, strict=True)):
         factor[k, i:] = row
+    for kind in ("targets", "groups"):
+        if len({each["name"] for each in r[kind]}) < len(r[kind]):
+            raise ValueError(f"two {kind} have one name")
     turned = [None if t["rotation"] is None else rotation(t["rotation"]) for t in r["targets"]]
     floor, held, (x, y, z) = r["noise_floor"], r["held_out_rms_mm"], numbers(r["tracker_mm"]).tolist()
     c = Calibration(

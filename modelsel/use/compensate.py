@@ -19,7 +19,7 @@ from ..data.measurements import Measurements
 from ..data.table import Source
 from ..machine.robot import forward
 from ..matrix.scene import Scene
-from ..words.errors import DataError, sentence_list
+from ..words.errors import sentence_list
 from ..words.rigid import Array, rotation_vector
 from .calibration import Calibration, in_tracker, pose_of, uncertainty
 
@@ -180,11 +180,10 @@ def refuse(c: Calibration, made: Commands, data: Measurements, bound: tuple[floa
     what = (f"the target would be moved by {made.before_mm[row]:.3g} mm" if k == c.robot.n else
             f"joint {k + 1} would be changed by " + (f"{made.change[row, k]:.3g} mm" if slides[k] else
                                                      f"{made.change[row, k] * 1e3:.3g} mrad"))
-    raise DataError(f"{what}, beyond the bound of {bound[0] * 1e3:g} mrad and {bound[1]:g} mm"
-                    + (f" ({len(bad)} such rows)." if len(bad) > 1 else "."), file=file or "DataFrame",
-                    line=int(data.row[row]) + 2 if file else None, row=None if file else int(data.row[row]),
-                    remedy=f"Nothing was {'written' if file else 'changed'}. Check that the wanted position belongs to the "
-                           f"command, or raise {'--bound' if file else 'the bound'}.")
+    raise data.where.refuse(f"{what}, beyond the bound of {bound[0] * 1e3:g} mrad and {bound[1]:g} mm"
+                    + (f" ({len(bad)} such rows)." if len(bad) > 1 else "."), row=int(data.row[row]),
+                            remedy=f"Nothing was {'written' if file else 'changed'}. Check that the wanted position belongs "
+                                   f"to the command, or raise {'--bound' if file else 'the bound'}.")
 
 
 def outside(c: Calibration, data: Measurements) -> list[str]:

@@ -147,7 +147,7 @@ def sentences(data: Measurements, found: Verdict) -> list[str]:
     out = [f"The calibration has drifted: {about}; {shown}{_where(data, found)}.{anew}" if found.drifted else
            f"The calibration is still valid within noise: {about}."]
     if found.worst:
-        lines = ", ".join(f"line {int(data.row[k]) + 2} ({found.size[k]:.1f} sd)" for k in found.worst[:LISTED])
+        lines = ", ".join(f"{data.where.named(int(data.row[k]))} ({found.size[k]:.1f} sd)" for k in found.worst[:LISTED])
         out.append(f"Beyond noise: {lines}{' …' if len(found.worst) > LISTED else ''}.")
     if found.moved is not None:
         shift, turn, offset = found.moved

@@ -7,9 +7,7 @@ import json
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.resources import files
 from itertools import chain
-from pprint import pformat
 from typing import Any
 
 import numpy as np
@@ -21,12 +19,16 @@ from ..machine.robotfile import robot_from_table
 from ..machine.urdf import read_urdf_text, write_urdf
 from ..matrix.design import PLACE
 from ..matrix.scene import Scene
+from ..words.errors import StudyError
+from ..words.names import guarded, quoted, unfit, unguarded
 from ..words.rigid import AXES, Array, inverse, transform
 from ..wrong.causes import Applied, Bump, Cause, Combined, Named, Number, parse
 from ..wrong.screws import Screw, Term
 from .calibration import Calibration, in_tracker, pose_of
 from .carried import Carried, Part, alone, carried, constants, enough, missing, parts, points, rms_and_most, workspace
+from .exported import predicted
 from .lookup import FINE_MM, read_table, still, tables, write_tables
+from .module import data_in, module_of
 from .notes import notes_of
 from .records import cause_of, cause_record
 
@@ -56,7 +58,10 @@ class Exported:
 
 def export(c: Calibration, form: str) -> Exported:
     """A calibration as "urdf", "dh", "mdh", "json", "csv", "python" or "table"; of a form that cannot carry all of it, the best
-    robot that it can carry, refitted."""
+    robot that it can carry, refitted. Raises StudyError where a name cannot be one."""
+    named = [("study", c.study), ("robot", c.robot.name), *(("target", t) for t in c.targets), *(("group", g) for g in c.groups)]
+    if wrong := [f"{what} {quoted(name)}: not a name: {why}." for what, name in named if (why := unfit(name)) is not None]:
+        raise StudyError(*wrong)
     what = enough(c, CARRIES.get(form, "whole"))
     own, notes = alone(c, what), notes_of(c, what, form in GEOMETRY)
     made, difference = FORMS[form](own, notes), []
@@ -88,13 +93,13 @@ def _geometry(c: Calibration, text: str, read: Callable[[str, int], Callable[[Ar
 
 def to_urdf(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     """The calibrated chain as a URDF: targets on the flange, the tracker on the base."""
-    made = carried(c)
-    tips = {_link(name): place for name, place in made.targets.items()}
+    made, links = carried(c), _links(c.targets)
+    tips = {links[name]: place for name, place in made.targets.items()}
     tracker = inverse(transform(c.placement[0][0], c.placement[1][0]))
     robot, bounded = _bounded(made.robot, c.ranges)
     text = write_urdf(robot, tips, {"tracker": tracker} if c.registered else {}, [made.robot.source, *notes, *bounded])
     def read(text: str, target: int) -> Callable[[Array], Array]:
-        back = read_urdf_text(text, "the export", "base", _link(c.targets[target]))
+        back = read_urdf_text(text, "the export", "base", links[c.targets[target]])
         return lambda q: forward(back, q, np.zeros(3))
     return _geometry(c, text, read, bounded)
 
@@ -107,8 +112,19 @@ def _bounded(robot: Robot, ranges: Mapping[str, tuple[float, float]]) -> tuple[R
         f"joint {j} slides, and a URDF wants its limits: they are those of the readings the calibration has seen" for j in bare)
 
 
-def _link(name: str) -> str:
-    return name if name not in ("world", "base", "flange", "tracker") and not name.startswith("link") else f"target_{name}"
+def _links(targets: Sequence[str]) -> dict[str, str]:
+    """Target -> the name of its link: its own, unless a link of the arm or another target's has it."""
+    out: dict[str, str] = {}
+    for name in sorted(targets, key=lambda name: (_taken(name), targets.index(name))):     # who may keep its name does
+        link = name
+        while _taken(link) or link in out.values():
+            link = f"target_{link}"
+        out[name] = link
+    return out
+
+
+def _taken(name: str) -> bool:
+    return name in ("world", "base", "flange", "tracker") or name.startswith("link")
 
 
 def _to_dh(c: Calibration, modified: bool, notes: Sequence[str]) -> Exported:
@@ -163,8 +179,9 @@ def to_csv(c: Calibration, notes: Sequence[str] = ()) -> Exported:
             for s in p.term.screws:
                 bump = _bump(s.cause)
                 knot = ("", "") if bump is None else (repr(bump.centre), repr(bump.width))
-                writer.writerow([name, p.mechanism, p.term.symbol, s.frame, s.axis, str(s.cause), *knot, repr(p.value),
-                                 repr(p.error), p.term.unit])
+                texts = map(guarded, (name, p.mechanism, p.term.symbol))
+                writer.writerow([*texts, s.frame, s.axis, guarded(str(s.cause)), *knot, repr(p.value), repr(p.error),
+                                 guarded(p.term.unit)])
     return _whole(c, stream.getvalue(), lambda text, t: _from_csv(text, c, c.targets[t]))
 
 
@@ -185,10 +202,11 @@ def _from_csv(text: str, c: Calibration, target: str) -> list[Part]:
     units = dict.fromkeys([*c.needs(), *c.ranges, "free"], "1")
     out = []
     for row in csv.DictReader(io.StringIO(text)):
-        if row["target"] != target:
+        if unguarded(row["target"]) != target:
             continue
-        name = row["cause"].partition("free(")[2].partition(")")[0]
-        cause = parse(row["cause"].replace(f"free({name})", "free"), units)
+        printed = unguarded(row["cause"])
+        name = printed.partition("free(")[2].partition(")")[0]
+        cause = parse(printed.replace(f"free({name})", "free"), units)
         if row["knot"]:
             cause = _swapped(cause, Bump(name, float(row["knot"]), float(row["knot_width"])))
         out.append(Part("", Term(row["symbol"], (Screw(int(row["frame"]), row["axis"], cause),)), float(row["value"]), 0.0))
@@ -209,33 +227,34 @@ def _whole(c: Calibration, text: str, read: Callable[[str, int], list[Part]]) ->
 
 
 def tree(cause: Cause) -> Any:
-    """A cause as the nested tuples that `exported.cause` reads."""
+    """A cause as the nested lists that `exported.cause` reads."""
     match cause:
         case Number(number):
             return float(number)
         case Named(name):
-            return (name,)
+            return ["name", name]
         case Applied(function, argument):
-            return (function, tree(argument))
+            return [function, tree(argument)]
         case Combined(operator, left, right):
-            return (operator, tree(left), tree(right))
+            return [operator, tree(left), tree(right)]
         case Bump(name, centre, width):
-            return ("spline", (name,), float(centre), float(width))
+            return ["spline", ["name", name], float(centre), float(width)]
     raise TypeError(f"{cause} is no function of the state")
 
 
 def data_of(c: Calibration) -> dict[str, Any]:
     """The numbers of `exported.DATA`, for the first group."""
     R, t = c.placement[0][0], c.placement[1][0]
-    return {"robot": c.robot.name, "targets": list(c.targets), "prismatic": list(c.robot.prismatic),
+    return {"study": c.study, "robot": c.robot.name, "needs": given(c), "targets": list(c.targets),
+            "prismatic": list(c.robot.prismatic),
             "before": [j.before[:3].tolist() for j in c.robot.joints], "last": c.robot.last[:3].tolist(),
             "gravity": None if c.robot.gravity is None else list(c.robot.gravity),
             "masses": [float(j.mass or 0.0) for j in c.robot.joints], "coms": [list(j.com) for j in c.robot.joints],
             "tools": {name: c.tools[k].tolist() for k, name in enumerate(c.targets)},
             "placement": np.column_stack([R, t]).tolist(), "tracker": list(c.tracker),
             "constants": {name: constants(c, k).tolist() for k, name in enumerate(c.targets)},
-            "terms": {name: [(s.frame, PLACE[s.axis], p.value, tree(s.cause)) for p in parts(c, k)[1] for s in p.term.screws]
-                      for k, name in enumerate(c.targets)}}
+            "terms": {name: [[s.frame, PLACE[s.axis], float(p.value), tree(s.cause)] for p in parts(c, k)[1]
+                             for s in p.term.screws] for k, name in enumerate(c.targets)}}
 
 
 def given(c: Calibration) -> list[str]:
@@ -246,16 +265,10 @@ def given(c: Calibration) -> list[str]:
 
 def to_python(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     """A module of its own: numpy only, the numbers in it."""
-    source = files(__package__).joinpath("exported.py").read_text(encoding="utf-8")
-    needs = given(c)
-    head = f'"""{c.robot.name}, calibrated by modelsel in the study "{c.study}". Generated; edit nothing.\n\n'
-    asks = f"It looks at {', '.join(needs)}: give them by name.\n\n" if needs else ""
-    text = source.replace('"""', head + asks, 1).replace(
-        "DATA: dict[str, Any] = {}", f"DATA: dict[str, Any] = {pformat(data_of(c), width=130, sort_dicts=False)}", 1)
+    text = module_of(data_of(c))
+    there = data_in(text)
     def run(t: int, at: Scene) -> Array:
-        names: dict[str, Any] = {}
-        exec(compile(text, "the export", "exec"), names)  # noqa: S102  our own text, run to hold it against the fit
-        return np.asarray(names["position"](at.data.q, c.targets[t], **{n: at.value(n) for n in needs}))
+        return predicted(there, at.data.q, c.targets[t], {n: at.value(n) for n in there["needs"]})[1]
     worst = 0.0
     for t in range(len(c.targets)):
         at = workspace(c, t)

@@ -1,7 +1,9 @@
 """A calibrated robot arm: where its target really is, at joint readings q. Plain numpy; nothing else is needed.
 
 Lengths are mm, angles rad. `position(q)` is the calibrated model, `correction(q)` what it adds to the nominal one, both in the
-tracker's frame; q is (m, joints). What else the model looks at (payload_kg=…, approach2=…) is given by name, one number or m.
+tracker's frame; q is (m, joints). What else the model looks at (payload_kg=..., approach2=...) is given by name, one number or m;
+DATA["needs"] has the names, DATA["targets"] those of the targets. Made by modelsel export --format python: the program is the
+same for every arm, and all that it knows of this one stands in DATA, at the end. Edit nothing.
 """
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ from typing import Any
 import numpy as np
 
 Array = np.ndarray
-DATA: dict[str, Any] = {}
+Data = dict[str, Any]
 G = 9.81
 FUNCTIONS = {"sin": np.sin, "cos": np.cos, "sign": np.sign, "abs": np.abs, "exp": np.exp, "tanh": np.tanh}
 OPERATORS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide}
@@ -26,14 +28,14 @@ def turn(axis: int, angle: Array) -> Array:
     return out
 
 
-def chain(q: Array, tool: Array, H: Array) -> tuple[Array, Array]:
+def chain(data: Data, q: Array, tool: Array, H: Array) -> tuple[Array, Array]:
     """(origins (n+1, m, 3), rotations (n+1, m, 3, 3)) of every joint's frame before it turns, and of the target, in frame 0;
     H (n+1, 6, m): the small shifts and turns in every frame."""
     m, n = q.shape
     o, R = np.zeros((m, 3)), np.tile(np.eye(3), (m, 1, 1))
     origins, rotations = [], []
     for k in range(n + 1):
-        N = np.array(DATA["before"][k] if k < n else DATA["last"])
+        N = np.array(data["before"][k] if k < n else data["last"])
         o, R = o + R @ N[:, 3], R @ N[:, :3]
         o = o if k < n else o + R @ tool
         o = o + np.einsum("mij,jm->mi", R, H[k, :3])
@@ -41,30 +43,30 @@ def chain(q: Array, tool: Array, H: Array) -> tuple[Array, Array]:
             R = R @ turn(a, H[k, 3 + a])
         origins.append(o)
         rotations.append(R)
-        if k < n and DATA["prismatic"][k]:
+        if k < n and data["prismatic"][k]:
             o = o + R[:, :, 2] * q[:, k, None]
         elif k < n:
             R = R @ turn(2, q[:, k])
     return np.array(origins), np.array(rotations)
 
 
-def state(q: Array, tool: Array) -> dict[str, Array]:
+def state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     """What follows from the readings on the nominal arm: torques and moments [N m] of gravity, where the target is [mm]."""
     m, n = q.shape
-    o, R = chain(q, tool, np.zeros((n + 1, 6, m)))
+    o, R = chain(data, q, tool, np.zeros((n + 1, 6, m)))
     x = o[n]
-    far = x @ np.array(DATA["placement"])[:, :3].T + np.array(DATA["placement"])[:, 3] - np.array(DATA["tracker"])
+    far = x @ np.array(data["placement"])[:, :3].T + np.array(data["placement"])[:, 3] - np.array(data["tracker"])
     out = {f"q{j + 1}": q[:, j] for j in range(n)} | dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
     out["range_mm"] = np.linalg.norm(far, axis=1)
-    if DATA["gravity"] is None:
+    if data["gravity"] is None:
         return out
-    g = np.array(DATA["gravity"])
-    if any(DATA["masses"]):
+    g = np.array(data["gravity"])
+    if any(data["masses"]):
         bodies = []
         for k in range(n):
-            moved = R[k] if DATA["prismatic"][k] else R[k] @ turn(2, q[:, k])
-            slide = R[k][:, :, 2] * q[:, k, None] if DATA["prismatic"][k] else 0.0
-            bodies.append((DATA["masses"][k], o[k] + slide + moved @ np.array(DATA["coms"][k])))
+            moved = R[k] if data["prismatic"][k] else R[k] @ turn(2, q[:, k])
+            slide = R[k][:, :, 2] * q[:, k, None] if data["prismatic"][k] else 0.0
+            bodies.append((data["masses"][k], o[k] + slide + moved @ np.array(data["coms"][k])))
     else:
         bodies = [(1.0, p) for p in (*o[1:n], x)]
     out |= dict(zip(("down_x", "down_y", "down_z"), (R[n].transpose(0, 2, 1) @ g).T, strict=True))
@@ -74,7 +76,7 @@ def state(q: Array, tool: Array) -> dict[str, Array]:
     for j in range(n):
         def about(p: Array, mass: float, j: int = j) -> Array:
             here = np.einsum("mij,mi->mj", R[j], np.cross((p - o[j]) / 1e3, mass * G * g))
-            if DATA["prismatic"][j]:
+            if data["prismatic"][j]:
                 here[:, 2] = mass * G * R[j][:, :, 2] @ g
             return np.asarray(here)
         for name, row in zip((f"moment{j + 1}_x", f"moment{j + 1}_y", f"torque{j + 1}"),
@@ -87,44 +89,47 @@ def state(q: Array, tool: Array) -> dict[str, Array]:
 
 
 def cause(tree: Any, values: dict[str, Array]) -> Any:
-    """The value of a cause: a number, ("q4",) a name, ("sin", cause), ("+", cause, cause), ("spline", cause, centre, width)."""
+    """The value of a cause: a number, ["name", "q4"], ["sin", cause], ["+", cause, cause], ["spline", cause, centre, width]."""
     if isinstance(tree, float):
         return tree
     head, *parts = tree
+    if head == "name":
+        if parts[0] not in values:
+            raise KeyError(f"the calibrated model needs {parts[0]}: give it by name")
+        return values[parts[0]]
     if head == "spline":
         u = np.abs(cause(parts[0], values) - parts[1]) / parts[2]
         return np.where(u < 1, (4 - 6 * u ** 2 + 3 * u ** 3) / 6, np.maximum(2 - u, 0) ** 3 / 6)
     if head in OPERATORS:
         return OPERATORS[head](cause(parts[0], values), cause(parts[1], values))
-    if head in FUNCTIONS:
-        return FUNCTIONS[head](cause(parts[0], values))
-    if head not in values:
-        raise KeyError(f"the calibrated model needs {head}: give it by name")
-    return values[head]
+    return FUNCTIONS[head](cause(parts[0], values))
 
 
-def predicted(q: Any, target: str | None, given: dict[str, Any]) -> tuple[Array, Array]:
+def predicted(data: Data, q: Any, target: str | None, given: dict[str, Any]) -> tuple[Array, Array]:
     """(nominal, calibrated) positions (m, 3) in the tracker's frame."""
     q = np.atleast_2d(np.asarray(q, float))
     m, n = q.shape
-    name = DATA["targets"][0] if target is None else target
-    tool, H = np.array(DATA["tools"][name]), np.zeros((n + 1, 6, m))
-    nominal = chain(q, tool, H)[0][n]
-    values = state(q, tool) | {key: np.broadcast_to(np.asarray(v, float), (m,)) for key, v in given.items()}
-    H += np.array(DATA["constants"][name])[:, :, None]
-    for frame, axis, size, tree in DATA["terms"][name]:
+    name = data["targets"][0] if target is None else target
+    tool, H = np.array(data["tools"][name]), np.zeros((n + 1, 6, m))
+    nominal = chain(data, q, tool, H)[0][n]
+    values = state(data, q, tool) | {key: np.broadcast_to(np.asarray(v, float), (m,)) for key, v in given.items()}
+    H += np.array(data["constants"][name])[:, :, None]
+    for frame, axis, size, tree in data["terms"][name]:
         H[frame - 1, axis] += size * cause(tree, values)
-    real = chain(q, tool, H)[0][n]
-    P = np.array(DATA["placement"])
+    real = chain(data, q, tool, H)[0][n]
+    P = np.array(data["placement"])
     return np.asarray(nominal @ P[:, :3].T + P[:, 3]), np.asarray(real @ P[:, :3].T + P[:, 3])
 
 
-def position(q: Any, target: str | None = None, **given: Any) -> Array:
+def position(q: Any, /, target: str | None = None, **given: Any) -> Array:
     """(m, 3) mm: where the calibrated arm has the target."""
-    return predicted(q, target, given)[1]
+    return predicted(DATA, q, target, given)[1]
 
 
-def correction(q: Any, target: str | None = None, **given: Any) -> Array:
+def correction(q: Any, /, target: str | None = None, **given: Any) -> Array:
     """(m, 3) mm: calibrated minus nominal position."""
-    nominal, real = predicted(q, target, given)
+    nominal, real = predicted(DATA, q, target, given)
     return np.asarray(real - nominal)
+
+
+DATA: Data = {}

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..machine.robot import Joint, Robot
 from ..words.errors import StudyError
+from ..words.names import TEXT, plain_word, unfit
 from ..words.rigid import AXES, LARGEST, Array
 from ..words.shape import Each, Maybe, misfit
 from ..wrong.causes import FUNCTIONS, RANK, Applied, Bump, Cause, Combined, Member, Named, Number
@@ -65,14 +66,22 @@ def cause_of(record: Any, depth: int = 0) -> Cause:
     return found[0](record, depth + 1)
 
 
+def _word(name: str) -> str:
+    """A name of the state. Raises ValueError for a text that is no plain word."""
+    if not plain_word(name):
+        raise ValueError(f'"{name[:40]}" is not a name of the state')
+    return name
+
+
 CAUSES: tuple[tuple[dict[str, Any], Callable[[Mapping[str, Any], int], Cause]], ...] = (
     ({"number": float, "unit": str}, lambda r, _: Number(float(r["number"]), r["unit"])),
-    ({"name": str, "unit": str}, lambda r, _: Named(r["name"], r["unit"])),
+    ({"name": str, "unit": str}, lambda r, _: Named(_word(r["name"]), r["unit"])),
     ({"function": frozenset(FUNCTIONS), "of": {}}, lambda r, deep: Applied(r["function"], cause_of(r["of"], deep))),
     ({"operator": frozenset(RANK), "left": {}, "right": {}},
      lambda r, deep: Combined(r["operator"], cause_of(r["left"], deep), cause_of(r["right"], deep))),
     ({"member": frozenset(["target", "group"]), "index": int}, lambda r, _: Member(r["member"], r["index"])),
-    ({"spline": str, "centre": float, "width": float}, lambda r, _: Bump(r["spline"], float(r["centre"]), float(r["width"]))))
+    ({"spline": str, "centre": float, "width": float},
+     lambda r, _: Bump(_word(r["spline"]), float(r["centre"]), float(r["width"]))))
 
 
 def members(cause: Cause) -> list[Member]:
@@ -107,6 +116,8 @@ def mechanism_of(record: Mapping[str, Any]) -> Mechanism:
             raise ValueError(f"what {term.symbol} of {record['name']} prints is not what its screws say")
         if term.sign not in (-1, 0, 1) or term.size is not None and not 0 <= term.size[0] <= term.size[1]:
             raise ValueError(f"the usual size or sign of {term.symbol} of {record['name']} is none")
+    if (why := unfit(record["name"], TEXT)) is not None:
+        raise ValueError(f"the name of a mechanism is not one: {why}")
     return Mechanism(record["name"], terms, record["sentence"], record["equation"], record["source"],
                      record.get("contrary", ""))
 

@@ -1,10 +1,12 @@
 """A package of one's own with a mechanism in it: the files of `modelsel mechanisms --new`, and what `--test` tries."""
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
+from keyword import iskeyword
 from pathlib import Path
 from types import ModuleType
 
@@ -64,7 +66,7 @@ A mechanism for modelsel. Edit `{module}.py`, then:
 
 def skeleton(name: str) -> dict[str, str]:
     """File name -> text of a new package. Raises StudyError for a name that cannot be one."""
-    if not name.replace("-", "_").isidentifier() or not name.isascii() or name != name.lower():
+    if not re.fullmatch("[a-z][a-z0-9_-]{0,99}", name) or iskeyword(name):
         raise StudyError(f'"{name}" cannot name a mechanism: lower-case letters, digits and -, a letter first: "hose-twist".')
     words = {"name": name, "module": name.replace("-", "_")}
     return {"pyproject.toml": PYPROJECT.format(**words), f"{words['module']}.py": MODULE.format(**words),

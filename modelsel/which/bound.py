@@ -149,14 +149,18 @@ def _relaxed(A: Array, b: Array, of: NDArray[np.intp], weight: Array, first: Arr
         value = 0.0 if not len(A) else -float(b @ np.linalg.lstsq(A, b, rcond=ROUNDING)[0])
         return value, np.unique(of), np.ones(len(A))
     M, best, u, found = A - np.diag(D), -np.inf, first, (of[:0], np.ones(len(A)))
+    at, toward, step = first, np.zeros(len(A)), 0.7          # the best point so far, and the way up from it
     groups, inverse = np.unique(of, return_inverse=True)
-    for k in range(TANGENTS):
+    for _ in range(TANGENTS):
         c = b - M @ u
         gain = np.bincount(inverse, np.square(c) / D) - weight[groups]
         bound = -float(u @ M @ u) - float(np.maximum(gain, 0).sum())
         if bound > best:
             best, found = bound, (groups[gain > 0], np.abs(gain / weight[groups])[inverse])
-        u = u + (np.where((gain > 0)[inverse], c / D, 0.0) - u) * (0.7 / (1 + 0.3 * k))
+            at, toward = u, np.where((gain > 0)[inverse], c / D, 0.0) - u
+        else:                                                # too far: where columns are nearly alike D is small and c / D huge
+            step /= 2
+        u = at + step * toward
     return best, *found
 
 

@@ -177,12 +177,12 @@ def familywise(seen: Scan, response: Array, least: Array) -> Array:
 
 
 def single_f(seen: Scan, response: Array) -> Array:
-    """(G,) F statistic of every candidate alone beyond the model; nought for one that adds nothing."""
-    strength = seen.strength(response[:, None]).whole[:, 0]
-    rest = float(response @ response) - strength
+    """(G,) F statistic of every candidate alone beyond the model; 0 for one that adds nothing, finite where one explains all."""
+    strength, whole = seen.strength(response[:, None]).whole[:, 0], float(response @ response)
+    rest = np.maximum(whole - strength, max(np.finfo(float).eps * whole, 1e-300))
     k = seen.sizes
     room = (k > 0) & (seen.freedom > k)
-    return np.where(room, strength / np.maximum(k, 1) / np.maximum(rest, 1e-300) * np.maximum(seen.freedom - k, 1), 0.0)
+    return np.where(room, strength / np.maximum(k, 1) / rest * np.maximum(seen.freedom - k, 1), 0.0)
 
 
 def p_value(observed: float, sorted_null: Array) -> float:

@@ -70,8 +70,7 @@ def misplaced(scene: Scene, outlying: Mask, fitted: Fit, rng: np.random.Generato
         probability = _probability(ratio, concerned)
         if mask.sum() >= 2 and probability >= CREDIBLE:
             index = data.row[rows[mask]]
-            lines = ", ".join(str(int(r) + 2) for r in index[:10]) + (" …" if len(index) > 10 else "")
-            out.append(Fault(name, index, f"A fault of the data: {words} (lines {lines}).", p, probability))
+            out.append(Fault(name, index, f"A fault of the data: {words} ({data.where.listed(index)}).", p, probability))
     return tuple(out)
 
 

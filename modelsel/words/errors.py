@@ -32,10 +32,11 @@ class DataError(ModelselError):
 
     def __init__(self, what: str, *, file: str = "", line: int | None = None, row: int | None = None, column: str | None = None,
                  remedy: str = ""):
-        what, column = one_line(what), None if column is None else one_line(column)
+        what, column, remedy = one_line(what), None if column is None else one_line(column), one_line(remedy)
         self.file, self.line, self.row, self.column, self.remedy = file, line, row, column, remedy
-        place = ", ".join(part for part in (file, f"line {line}" if line else "", f"row {row}" if row is not None else "",
-                                            f"column {column}" if column else "") if part)
+        places = (one_line(file), f"line {line}" if line else "", f"row {row}" if row is not None else "",
+                  f"column {column}" if column else "")
+        place = ", ".join(part for part in places if part)
         super().__init__(f"{place}: {what}" + (f" {remedy}" if remedy else "") if place else f"{what} {remedy}".strip())
 
 

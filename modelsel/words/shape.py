@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from .names import unseen
 from .text import unreadable
 
 BIGGEST = 1e100     # of a number: its square and its cube can be computed with
-NAMES = {float: "a finite number", int: "a whole number", str: "text", bool: "true or false"}
+NAMES = {float: "a finite number", int: "a whole number", str: "text that can be seen", bool: "true or false"}
 TYPES = {float: (float, int), int: (int,), str: (str,), bool: (bool,)}
 
 
@@ -52,7 +53,7 @@ def misfit(value: Any, shape: Any, place: str = "") -> str | None:
     if good and shape in (float, int):
         good = -BIGGEST <= value <= BIGGEST
     elif good and shape is str:
-        good = not any("\ud800" <= c <= "\udfff" for c in value)
+        good = unseen(value) is None
     return None if good else _not(place, NAMES[shape], value)
 
 
@@ -74,6 +75,8 @@ def _table(value: Any, shape: Mapping[Any, Any], place: str) -> str | None:
     if not isinstance(value, dict):
         return _not(place, "a table", value)
     shapes = dict.fromkeys(value, shape[str]) if str in shape else shape
+    if (odd := next((key for key in value if unseen(key) is not None), None)) is not None:
+        return f"{place or 'the file'}: the key {json.dumps(odd)[:80]} holds a character that nobody sees"
     for key, inner in shapes.items():
         name = key if str in shape else key.removesuffix("?")
         if name in value:

@@ -11,7 +11,7 @@ from functools import partial
 
 from ..data.temperature import REFERENCE
 from ..machine.robot import Robot
-from ..words.errors import StudyError, suggest
+from ..words.errors import StudyError, one_line, suggest
 from .mechanisms import compliance, couplings, environment, geometry, gravity_effects, motion, transmission
 from .screws import Mechanism, unstorable
 
@@ -152,14 +152,14 @@ def with_plugins(registry: Registry = BUILTIN, robot: Robot | None = None) -> tu
         try:
             offered = dict(point.load()())
         except Exception as error:  # noqa: BLE001  a stranger's code may fail in any way; it is listed and stops nothing
-            broken[point.name] = f"{type(error).__name__}: {error}"
+            broken[point.name] = one_line(f"{type(error).__name__}: {error}")
             continue
         for name, entry in offered.items():
             wrong = f'the name "{name}" is taken' if name in table else None if robot is None else unsound(name, entry, robot)
             if wrong is None:
                 table[name] = entry
             else:
-                broken[f"{point.name}, {name}"] = wrong
+                broken[one_line(f"{point.name}, {name}")] = one_line(wrong)
     return table, broken
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ..words.hashing import hashed_once
+from ..words.names import TEXT, unfit, unseen
 from ..words.rigid import AXES
 from .causes import FUNCTIONS, ONE, Applied, Bump, Cause, Combined, Member, Named, Number
 
@@ -119,6 +120,11 @@ def foreign(cause: Cause) -> str | None:
 
 def unstorable(mechanism: Mechanism) -> str | None:
     """Why no calibration could store a mechanism, in a sentence; None where one can."""
+    if (why := unfit(mechanism.name, TEXT)) is not None:
+        return f"its name is not one: {why}."
+    texts = (mechanism.sentence, mechanism.equation, mechanism.source, *(t.symbol for t in mechanism.terms))
+    if (c := unseen("".join(texts))) is not None:
+        return f"its texts hold U+{ord(c):04X}, which nobody sees and no report can show: write them without, each on one line."
     found = next((what for t in mechanism.terms for s in t.screws if (what := foreign(s.cause))), None)
     return None if found is None else f"{found}, which no calibration can store: build it of those in modelsel.wrong.causes."
 

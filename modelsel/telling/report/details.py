@@ -86,6 +86,7 @@ def details(result: Result) -> dict[str, Any]:
             "q": rounded(measured.q, 5),
             "measured_mm": rounded(placed, 2),
         },
+        "places": data.scene.data.where.record(data.scene.data.row),
         "joints": [
             {"unit": "mm" if j.prismatic else "rad", "limits": None if j.limits is None else rounded(np.array(j.limits), 5)}
             for j in result.robot.joints

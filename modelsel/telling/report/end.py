@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ...data.table import where_of
 from ..views import name_of
 from .document import Block, Source, heading, points, table, text
 
@@ -28,11 +29,12 @@ def outliers(source: Source) -> list[Block]:
     """Rows left out, faults of the data, warnings."""
     result = source.result
     rows = result["outliers"]
-    shown = ", ".join(str(r + 2) for r in rows[:ROWS]) + (" …" if len(rows) > ROWS else "")
+    where = where_of(source.details.get("places"))
+    shown = where.listed(rows, ROWS) + (" of the file; the header is line 1" if where.is_text else "")
     blocks = [
         heading("Outliers and warnings", opens=False),
         text(
-            f"Left out: {len(rows)} rows (lines {shown} of the file; the header is line 1)." if rows else "No row was left out."
+            f"Left out: {len(rows)} row{'s' * (len(rows) != 1)} ({shown})." if rows else "No row was left out."
         ),
     ]
     faults = [

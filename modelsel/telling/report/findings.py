@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...data.table import Where, where_of
 from ...why.words import quantity
 from ..tables import mm
 from ..views import name_of
@@ -32,7 +33,8 @@ def findings(source: Source) -> list[Block]:
 
 
 def _one(source: Source, k: int, found: dict[str, Any], said: dict[str, Any]) -> list[Block]:
-    blocks = [heading(f"Finding {k}: {said['label']}"), text(found["sentence"]), text(_verdict(found), "quiet")]
+    where = where_of(source.details.get("places"))
+    blocks = [heading(f"Finding {k}: {said['label']}"), text(found["sentence"]), text(_verdict(found, where), "quiet")]
     if said["panels"]:
         blocks.append(_residuals(source, k, said))
     if found["estimate"]:
@@ -74,7 +76,7 @@ def _estimates(estimate: list[dict[str, Any]]) -> Block:
     )
 
 
-def _verdict(found: dict[str, Any]) -> str:
+def _verdict(found: dict[str, Any], where: Where) -> str:
     """p-value and gain in one line."""
     gain = found["gain"]
     chance = f"{found['p_value']:.2g} over the whole search"
@@ -84,10 +86,7 @@ def _verdict(found: dict[str, Any]) -> str:
         words.append(f"held-out error when it joins the ladder: {before} to {after} mm rms{_change(gain['interval_mm'])}")
     if found.get("rows"):
         rows = found["rows"]
-        words.append(
-            f"it concerns {len(rows)} rows of the file (lines "
-            f"{', '.join(str(r + 2) for r in rows[:12])}{' …' if len(rows) > 12 else ''})"
-        )
+        words.append(f"it concerns {len(rows)} row{'s' * (len(rows) != 1)} of the measurements ({where.listed(rows, 12)})")
     return ". ".join(w[0].upper() + w[1:] for w in words) + "."
 
 

@@ -40,6 +40,7 @@ STYLE: dict[Any, Any] = {
     "axes.axisbelow": True,
     "figure.dpi": 72,
     "mathtext.default": "regular",
+    "text.parse_math": False,  # a $ in a name is a $
     "axes.unicode_minus": True,
     "path.simplify": True,
     "savefig.pad_inches": 0.02,

@@ -1,0 +1,74 @@
+"""Names that people give to studies, robots, targets, groups and columns: what they may hold, and how a CSV for people has them.
+
+A name is data: it is never run, nor pasted into code, markup or a path. Every printable character is allowed, in any writing.
+Refused are those that nobody sees but that change what is read: control and direction-changing characters, zero-width ones, half
+of a surrogate pair. So no output has to escape, cut or isolate a name in a way of its own.
+"""
+from __future__ import annotations
+
+import keyword
+import re
+import unicodedata
+
+LONGEST = 200       # characters of a name
+TEXT = 4000         # characters of a source or a sentence
+UNSEEN = frozenset(("Cc", "Cf", "Cs", "Zl", "Zp"))      # categories of Unicode
+JOINERS = "\u200c\u200d"                                # of Persian and Indic letters, and of emoji: they are part of a word
+FORMULA = re.compile(r"[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")      # starts one in a spreadsheet; full-width signs do too
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+def unseen(text: str) -> str | None:
+    """The first character that no name may hold; None where there is none."""
+    if text.isascii() and text.isprintable():
+        return None
+    return next((c for c in text if c not in JOINERS and (unicodedata.category(c) in UNSEEN or _none(c))), None)
+
+
+def _none(c: str) -> bool:
+    """Whether Unicode says that this is no character, and never will be one."""
+    return ord(c) & 0xFFFE == 0xFFFE or 0xFDD0 <= ord(c) <= 0xFDEF
+
+
+def unfit(name: str, longest: int = LONGEST) -> str | None:
+    """Why a text cannot be a name (or, with `longest` = TEXT, a sentence of a file), in words; None where it can."""
+    if (c := unseen(name)) is not None:
+        called = unicodedata.name(c, "a control character").lower()
+        return f"it holds U+{ord(c):04X} ({called}), which nobody sees. Write it without"
+    if len(name) > longest:
+        return f"it has {len(name):,} characters, and {longest:,} are the most. Write a shorter one"
+    if all(unicodedata.category(c)[0] in "ZMC" for c in name):
+        return "it has no letter, digit or sign. Write one that people can see"
+    return None
+
+
+def as_name(text: str) -> str:
+    """The text itself. Raises ValueError for one that cannot be a name."""
+    if (why := unfit(text)) is not None:
+        raise ValueError(f"not a name: {why}")
+    return text
+
+
+def plain_word(name: str) -> bool:
+    """Whether a name can stand in a formula: a word of one spelling that no formula takes for its own."""
+    return name.isidentifier() and not keyword.iskeyword(name) and unicodedata.normalize("NFKC", name) == name
+
+
+def quoted(name: str) -> str:
+    """A name between quotes, short enough for a message."""
+    return f'"{name if len(name) <= 40 else name[:39] + "…"}"'
+
+
+# -- cells of a CSV ------------------------------------------------------------------------------------------------------------
+
+
+def guarded(cell: str) -> str:
+    """A text cell as it is written to a CSV: an apostrophe goes before what a spreadsheet would run as a formula (OWASP, CSV
+    injection). A plain number stays as it is. `unguarded` gives the cell back."""
+    bare = cell.lstrip("'")
+    return f"'{cell}" if FORMULA.match(bare) and (bare != cell or not NUMBER.fullmatch(cell)) else cell
+
+
+def unguarded(cell: str) -> str:
+    """A text cell as it was before `guarded`."""
+    return cell[1:] if cell[:1] == "'" and FORMULA.match(cell.lstrip("'")) else cell

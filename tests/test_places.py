@@ -1,0 +1,82 @@
+"""The place of every value: lines of a file, rows of a DataFrame or of Parquet, from reading to the last message."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from modelsel.data.io import read_measurements
+from modelsel.data.measurements import measurements
+from modelsel.elsewhere.simulate import simulate
+from modelsel.machine.robotfile import load
+from modelsel.telling import tables
+from modelsel.telling.config import Study
+from modelsel.telling.report import drawing
+from modelsel.telling.report.document import book
+from modelsel.telling.stored import save
+from modelsel.telling.study import run
+from modelsel.words.errors import DataError
+
+
+def spoilt(tmp_path, kind: str, rng: np.random.Generator) -> tuple[object, np.ndarray, str]:
+    """(source, rows whose positions are exchanged in pairs, how its user calls them) of an arm of three joints."""
+    robot = load("ur5")
+    frame = simulate(robot, np.array([30.0, 0, 90]), [], at=measurements(robot.draw(rng, 60), np.zeros((60, 3))), noise_mm=0.02,
+                     rng=rng)
+    frame["operator"] = "Ann"
+    bad = np.sort(rng.choice(60, 4, replace=False))
+    place = [frame.columns.get_loc(f"{axis}_mm") for axis in "xyz"]
+    frame.iloc[bad, place] = frame.iloc[bad[::-1], place].to_numpy()
+    if kind == "frame":
+        return frame.set_index(np.arange(1000, 1060)), bad, f"rows {', '.join(map(str, bad))}, counted from 0"
+    if kind == "parquet":
+        frame.to_parquet(tmp_path / "data.parquet")
+        return tmp_path / "data.parquet", bad, f"rows {', '.join(map(str, bad))}, counted from 0"
+    lines = bad + 2
+    if kind == "csv with line breaks in cells":
+        above = int(rng.integers(0, bad[1]))
+        frame.loc[above, "operator"] = 'Ann,\nthen "Bob"\r\nand Carol'
+        lines = lines + 2 * (bad > above)
+    frame.to_csv(tmp_path / "data.csv", index=False, lineterminator="\n")
+    text = (tmp_path / "data.csv").read_bytes().decode().replace("\r\n", "\n").split("\n")      # as an editor counts
+    for row, line in zip(bad, lines, strict=True):
+        assert text[line - 1].startswith(f"{frame.iloc[row, 0]:.6f}"[:6])
+    return tmp_path / "data.csv", bad, f"lines {', '.join(map(str, lines))}"
+
+
+@pytest.mark.parametrize("kind", ["frame", "parquet", "csv", "csv with line breaks in cells"])
+def test_rows_are_called_as_their_user_counts(kind, rng, tmp_path) -> None:
+    """A fault of the data, from reading to the last message: terminal, result, report of the run and of its folder."""
+    source, bad, words = spoilt(tmp_path, kind, rng)
+    study = Study(name="x", robot={"name": "ur5", "tool_mm": [30.0, 0.0, 90.0]}, measurements=source, split={"estimation": 60},
+                  model={"candidates": ["wrist-coupling"]})
+    result = run(study, tmp_path, sampling=False)
+    assert result.record["outliers"] == bad.tolist()
+    assert f"({words})" in " ".join(f.sentence for f in result.faults)
+    assert any(f"Outliers left out: 4 rows ({words})." in sentence for sentence in tables.sentences(result))
+    save(result, tmp_path / "out")
+    pages = book(drawing.read(tmp_path / "out"), {"outliers": drawing.PAGES["outliers"], "findings": drawing.PAGES["findings"]})
+    shown = [block["text"] for block in pages if block["kind"] == "text"]
+    assert any(f"Left out: 4 rows ({words}" in text for text in shown)
+    assert any(f"4 rows of the measurements ({words})" in text for text in shown)
+
+
+def test_a_row_group_counts_from_the_start_of_its_file(tmp_path, rng) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+    columns = {f"q{j}_rad": rng.uniform(-1, 1, 30) for j in (1, 2)} | {f"{axis}_mm": rng.uniform(1, 2, 30) for axis in "xyz"}
+    columns["x_mm"][23] = np.nan
+    pq.write_table(pa.table(columns), tmp_path / "data.parquet", row_group_size=10)
+    with pytest.raises(DataError, match=r"data\.parquet, row 23, column x_mm"):
+        read_measurements(tmp_path / "data.parquet", (False, False), group=2)
+    read_measurements(tmp_path / "data.parquet", (False, False), group=1)
+
+
+def test_a_refusal_counts_lines_as_an_editor_does(tmp_path) -> None:
+    """A cell of several lines, in the header or above the place."""
+    text = '"q1_rad",q2_rad,x_mm,y_mm,z_mm,"note\nof two lines"\n0,0,1,1,1,"a\n\nb"\n0,1,1,1,1,c\n0,2,1,1,wrong,d\n'
+    (tmp_path / "data.csv").write_text(text)
+    with pytest.raises(DataError, match=r"data\.csv, line 7, column z_mm"):
+        read_measurements(tmp_path / "data.csv", (False, False))
+    (tmp_path / "data.csv").write_text(text.replace("wrong,d", "1"))
+    with pytest.raises(DataError, match=r"data\.csv, line 7: 5 cells, but the header has 6"):
+        read_measurements(tmp_path / "data.csv", (False, False))
