@@ -16,6 +16,7 @@ from .copies import copies, duplicates
 from .kinds import COLUMNS, Kinds, read_kinds, read_positions, read_quaternions, read_uncertainties
 from .measurements import Measurements, Note, measurements, numbered
 from .table import Source, Table, Where, read_table, renamed
+from .units import other_units
 
 JOINT = re.compile(r"q([0-9]{1,9})_(?:rad|deg|mm|m)")
 TEXT = ("target", "configuration", "group")
@@ -77,6 +78,8 @@ def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mappin
     _known(columns or {}, prismatic)
     table = renamed(read_table(source, group), columns or {})
     where, n, m = table.where, len(prismatic), len(table)
+    gauged = "kind" in table and "feature" in table
+    other_units(table, _names(prismatic) - set(() if gauged else COLUMNS), prismatic, gauged)
     q = _joints(table, prismatic)
     there = positions or any(name in table for axis in "xyz" for name in (axis, f"{axis}_mm", f"{axis}_m"))
     kinds = read_kinds(table)
