@@ -1,7 +1,8 @@
 """What is asked of the data before anything is believed, and of the result before it is told: warnings, each with its code."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -17,14 +18,12 @@ from ..fitting.orientations import orientation_mistake
 from ..fitting.otherarm import other_robot, shifted_rows
 from ..machine.robot import Robot
 from ..machine.robotfile import builtin_names, load
-from ..matrix.design import residuals, whitened
+from ..matrix.design import whitened
 from ..matrix.identify import Unidentifiable
 from ..matrix.scene import Scene
 from ..which.compare import Data, Rung
-from ..why.faults import MATCH
-from ..why.robust import scale_of
-from ..why.slips import FAR, slipped
-from ..words.errors import sentence_list
+from ..why.slips import slipped, slipped_before
+from ..words.errors import NotEstimable, sentence_list
 from ..words.rigid import Array
 from ..wrong.causes import ONE
 
@@ -36,7 +35,7 @@ ALARMS = {MISTAKEN: "Check the set-up", "orientation-mistake": "Check the orient
           "stated-uncertainty": "Check the uncertainties", "floor-unlike": "Check the noise floor",
           "beyond-tolerance": "Check the robot", HOPELESS: "Check the fit"}
 TOLERANCE = {"mm": 5.0, "rad": np.pi / 180}     # what makers allow a link or an axis at most
-SURE = 3.0                  # standard errors beyond it, before it is said
+SURE = 10.0                 # standard errors beyond it, before it is said: those of a misfit are too small
 LISTED = 6
 THOUSANDTH = 1e-3           # of the reach: what a calibrated arm leaves at most
 HOPELESS_TIMES = 5.0        # that, or
@@ -53,16 +52,26 @@ def alarms(notes: Sequence[Note]) -> list[str]:
 
 def setup_notes(bound: Scene, use: NDArray[np.bool_], registered: bool, per_group: bool) -> tuple[Note, ...]:
     """What simple mistake explains how the positions of the rows `use` (mask) lie, of a scene at its placement and tools."""
-    size = np.linalg.norm(residuals(bound)[:, :3], axis=1)
     found = [(MISTAKEN, mistake(bound, use, registered, per_group)),
              ("orientation-mistake", orientation_mistake(bound, use, registered)),
-             ("labels-swapped", labels_mistake(bound, use, registered, per_group)),
+             ("labels-swapped", labels_mistake(bound, np.ones(len(bound), bool), registered, per_group)),
              ("other-robot", other_robot(bound, use, builtin))]
     if not any(said for _, said in found):
-        points = np.ones(len(size), bool) if bound.data.gauges is None else bound.data.gauges.of("point")
-        far = size > FAR * MATCH * scale_of(size[points & use]) if (points & use).any() else np.zeros(len(size), bool)
-        found += [(ROWS, said) for said in slipped(bound, residuals, far)]
+        found += [(ROWS, slipped_before(bound, registered, per_group)),
+                  ("rows-shifted", shifted_rows(bound, np.ones(len(bound), bool)))]
     return tuple(Note(code, said) for code, said in found if said)
+
+
+@contextmanager
+def told_with(notes: Sequence[Note]) -> Iterator[None]:
+    """Whatever cannot be estimated is refused together with what looks wrong in the set-up or the data."""
+    try:
+        yield
+    except NotEstimable as error:
+        said = alarms(notes)
+        if not said:
+            raise
+        raise NotEstimable(f"{error} {' '.join(said)}", parameters=error.parameters) from None
 
 
 def builtin() -> dict[str, Robot]:
@@ -151,16 +160,12 @@ def outcome(data: Data, chosen: Rung, floor: Floor, limit: float | None, notes: 
     if (said := _beyond(data, chosen.fit, "other-robot" in codes)) is not None:
         more.append(Note("beyond-tolerance", said))
     if (said := _hopeless(data, chosen, floor, more, per_group)) is not None:
-        shifted = shifted_rows(data.scene, data.used)
-        if shifted is not None:
-            more.append(Note("rows-shifted", shifted))
-            said = _hopeless(data, chosen, floor, more, per_group) or said
         return (*more, Note(HOPELESS, said))
     left, noise = chosen.estimation.rms_mm or 0.0, floor.coordinate_mm * float(np.sqrt(floor.coordinates))
     if limit is not None and left > FAINT * noise and limit < left / BELOW:
         more.append(Note("limit-below-left", f"The detection limit of {limit:.2g} mm rms is that of one single cause: "
-                         f"{left:.2g} mm rms are left where noise would leave {noise:.2g} mm, so larger errors of another form are "
-                         "in the data."))
+                         f"{left:.2g} mm rms are left where noise would leave {noise:.2g} mm, so larger errors of another form "
+                         "are in the data."))
     return tuple(more)
 
 

@@ -70,9 +70,9 @@ def likeliest(ratio: float, where: str, scale: str = "mm") -> str:
             "give the uncertainty of one coordinate as repeats show it.")
 
 
-def against(what: str, floor: float, left: float, found: Lack, scale: str = "mm") -> str:
+def against(what: str, floor: float, left: float, found: Lack, scale: str = "mm", model: str = "the model leaves") -> str:
     """The comparison in words: `what` is stated to be `floor`, and `left` is left [`scale`, of one coordinate]."""
     times = f"{1 / found.factor:.3g} times" if found.factor < 1 else f"1/{found.factor:.3g} of"
-    return (f"{what} gives {floor:.3g} {scale} as standard uncertainty of one coordinate, {times} what the model leaves "
+    return (f"{what} gives {floor:.3g} {scale} as standard uncertainty of one coordinate, {times} what {model} "
             f"({left:.3g} {scale}; chi-square over its degrees of freedom {found.factor ** 2:.3g}, where {found.low ** 2:.3g} to "
             f"{found.high ** 2:.3g} holds 99.9 % of chance).")

@@ -2,17 +2,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..matrix.scene import Scene
+from ..words.errors import DataError, NotEstimable
 from ..words.rigid import Array, from_quaternion, nearest_rotation, rotation_vector, to_quaternion
+from .register import register
 
 ROWS = 200      # that are looked at, spread over the file
 LEAST = 10      # configurations
 BAD = 0.1       # rad, median: below it the orientations are as the arm has them, give or take its errors
 FACTOR = 4.0    # a mistake explains the orientations if without it they fit so much better
+ALIKE = 1.5     # mistakes that fit as well as the best, within this factor, are told with it
 FAR = 2.8       # rad of a turn, beyond which its axis is not trusted
 ROUNDS = 12
 INVERTED = "inverted (the turn from target to tracker, not from tracker to target)"
@@ -35,18 +39,31 @@ def orientation_mistake(scene: Scene, use: NDArray[np.bool_], registered: bool) 
         return None
     some = scene.take(rows)
     flange = some.pose(slice(None)).axes[-1, :3].transpose(2, 1, 0)
-    placed = None if registered else some.placement[0][some.data.group[0]]
     seen = np.asarray(some.data.rotation)
-    before = _left(seen, flange, placed)
-    if before is None or before < BAD:
+    for placed in ((_by_positions(some), None) if registered else (some.placement[0][some.data.group[0]],)):
+        before = _left(seen, flange, placed)
+        if before is None or before < BAD:
+            continue
+        tried = [(left, words, look) for other, words, look in _others(seen)
+                 if (left := _left(other, flange, placed)) is not None and left < min(BAD, before / FACTOR)]
+        if tried:
+            after = min(tried)[0]
+            best = [(words, look) for left, words, look in sorted(tried) if left <= ALIKE * after]
+            return (f"The orientations fit {before / after:.0f} times better ({np.degrees(after):.2g}° in place of "
+                    f"{np.degrees(before):.3g}°, median) if the quaternions are {', or '.join(words for words, _ in best)}: "
+                    f"{', or '.join(look for _, look in best)}.")
+    return None
+
+
+def _by_positions(some: Scene) -> Array | None:
+    """The tracker's rotation (3, 3) from positions alone, which no mistaken quaternion has touched: with a free one the inverse
+    and the other orders are the same motion (a map of quaternions with determinant -1); None where positions do not tell it."""
+    data = replace(some.data, rotation=None, sigma_rotation=None, gauges=None)
+    bare = some.anew(data=data, tool_rotations=None, whiten=1.0)
+    try:
+        return np.asarray(register(bare, np.ones(len(bare), bool), per_group=False).placement[0][some.data.group[0]])
+    except (DataError, NotEstimable):
         return None
-    tried = [(left, words, look) for other, words, look in _others(seen)
-             if (left := _left(other, flange, placed)) is not None and left < min(BAD, before / FACTOR)]
-    if not tried:
-        return None
-    after, words, look = min(tried)
-    return (f"The orientations fit {before / after:.0f} times better ({np.degrees(after):.2g}° in place of "
-            f"{np.degrees(before):.3g}°, median) if the quaternions are {words}: {look}.")
 
 
 def _others(seen: Array) -> Iterator[tuple[Array, str, str]]:

@@ -89,7 +89,9 @@ def shifted_rows(scene: Scene, use: NDArray[np.bool_], shifts: Iterable[int] = S
     if len(np.unique(scene.data.block[rows])) < LEAST:
         return None
     whole = _plain(scene.take(rows))
-    before = left_of(whole)
+    before, reach = left_of(whole), scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
+    if before < BAD * reach:
+        return None
     tried = []
     for k in shifts:
         keep = np.ones(len(rows), bool)

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.measurements import Measurements, Note
-from ..elsewhere.checks import believed, misfit_not_noise, outcome
+from ..elsewhere.checks import believed, misfit_not_noise, outcome, told_with
 from ..elsewhere.confidence import Request, confidence, sampled
 from ..elsewhere.explain import Say, explain, nested
 from ..elsewhere.prepare import Plan, generator, prepare, reweigh_rotation
+from ..fitting.noise import Floor
 from ..machine.robot import Robot
 from ..matrix.design import Model
 from ..matrix.identify import unidentifiable
@@ -71,9 +72,16 @@ class Question:
 def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.object_] | None = None,
             say: Say = lambda _: None, data_sha256: str = "") -> Result:
     """The study of measurements already read. Raises StudyError, DataError or NotEstimable."""
-    study, plan = question.study, question.plan
+    plan = question.plan
     say("registering and splitting" if plan.register else "splitting")
     data, floor, notes = prepare(question.robot, measured, plan, labels)
+    with told_with(notes):
+        return _analysed(question, data, floor, notes, say, data_sha256)
+
+
+def _analysed(question: Question, data: Data, floor: Floor | None, notes: tuple[Note, ...], say: Say, data_sha256: str) -> Result:
+    """The study of data that are registered, weighed and split."""
+    study, plan = question.study, question.plan
     measured = data.scene.data                          # without the rows that nothing can be said of
     base, base_names = question.model(study.model.base, measured), tuple(study.model.base)
     data = _weighed(question, data, base)
