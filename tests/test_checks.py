@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from modelsel.cli import main
 from modelsel.data.io import read_measurements
 from modelsel.data.measurements import Note, measurements
-from modelsel.elsewhere.checks import ALARMS, HOPELESS, alarms, told_with
+from modelsel.elsewhere.checks import ALARMS, HOPELESS, alarms, outcome, told_with
 from modelsel.fitting.believed import lack, likeliest
 from modelsel.fitting.labels import labels_mistake
 from modelsel.fitting.noise import Floor, from_target_pairs
@@ -187,7 +187,8 @@ def turned(rng: np.random.Generator, m: int = 60, registered: bool = True) -> pd
     data = frame(rng, m, errors=0.0, registered=registered)
     q = data[[f"q{j}_rad" for j in range(1, 7)]].to_numpy()
     flange = pose(load("ur5"), q, np.zeros(3)).axes[-1, :3].transpose(2, 1, 0)
-    seen = (Rotation.from_matrix(R if registered else np.eye(3)) * Rotation.from_matrix(flange) * Rotation.from_euler("xyz", [0.4, 1.0, -2.0])
+    placed, fixed = Rotation.from_matrix(R if registered else np.eye(3)), Rotation.from_euler("xyz", [0.4, 1.0, -2.0])
+    seen = (placed * Rotation.from_matrix(flange) * fixed
             * Rotation.from_rotvec(rng.normal(0, 5e-4, (m, 3))))
     return data.assign(**dict(zip(("qx", "qy", "qz", "qw"), seen.as_quat().T, strict=True)))
 
@@ -210,6 +211,14 @@ def test_mistaken_quaternions_are_said(name, rng, tmp_path) -> None:
     assert words in said(result, "orientation-mistake")
     assert "of orientation are left" in result.record["verdict"][0]
     assert " The orientation error " in result.record["verdict"][1]
+
+
+def test_check_says_it_too(rng, tmp_path) -> None:
+    data = turned(rng)
+    data.assign(qw=-data.qw).to_csv(tmp_path / "d.csv", index=False)
+    ran = CliRunner().invoke(main, ["check", str(tmp_path / "d.csv"), "--robot", "ur5"])
+    assert ran.exit_code == 0, ran.output
+    assert "Check the orientations: The orientations fit " in ran.output
 
 
 def test_orientations_as_they_are(rng, tmp_path) -> None:
@@ -244,6 +253,18 @@ def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:
     assert sum(first in line for line in sentences(result)) == 1
     assert not any("Nothing" in line for line in result.record["verdict"])
     assert not any("drowns in the noise" in u["sentence"] for u in result.record["unidentifiable"])
+
+
+def test_a_detection_limit_far_below_what_is_left_is_no_comfort(rng, tmp_path) -> None:
+    """0.024 mm beside 0.2 mm left, where noise leaves less: said; where the noise is what is left, not."""
+    result = studied(tmp_path, frame(rng))
+    left = result.chosen.estimation.rms_mm
+    known, estimated = Floor(left / 10, "repeats", 100), Floor(left / np.sqrt(3), "estimated", 100)
+    (note,) = outcome(result.data, result.chosen, known, left / 8, (), False)
+    assert note.code == "limit-below-left"
+    assert f"The detection limit of {left / 8:.2g} mm rms is that of one single cause: {left:.2g} mm rms are" in note.sentence
+    assert outcome(result.data, result.chosen, estimated, left / 8, (), False) == ()
+    assert outcome(result.data, result.chosen, known, left / 2, (), False) == ()
 
 
 @pytest.mark.parametrize("by", [1, -2])

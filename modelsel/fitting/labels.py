@@ -93,9 +93,11 @@ def _mean(some: Scene, label: Index) -> float:
 
 def _distances(some: Scene) -> Array:
     """(m, T) mm from every measured position to where each target would be."""
-    at = pose(some.robot, some.data.q, np.zeros(3))
-    flange = at.axes[-1, :3].transpose(2, 1, 0)
-    R, t = some.placement[0][some.data.group], some.placement[1][some.data.group]
-    base = np.einsum("mji,mj->mi", R, some.data.position - t)
-    place = at.target.T[:, None] + np.einsum("mij,tj->mti", flange, some.tools)
-    return np.asarray(np.linalg.norm(base[:, None] - place, axis=2))
+    out = np.empty((len(some), len(some.tools)))
+    for rows in some.blocks():
+        at = pose(some.robot, some.data.q[rows], np.zeros(3))
+        flange, group = at.axes[-1, :3].transpose(2, 1, 0), some.data.group[rows]
+        base = np.einsum("mji,mj->mi", some.placement[0][group], some.data.position[rows] - some.placement[1][group])
+        place = at.target.T[:, None] + np.einsum("mij,tj->mti", flange, some.tools)
+        out[rows] = np.linalg.norm(base[:, None] - place, axis=2)
+    return out

@@ -19,6 +19,7 @@ LEAST = 10          # configurations
 BAD = 3e-3          # of the reach: a median residual from which other robots are tried
 FACTOR = 4.0        # another robot explains the positions if with it they fit so much better,
 GOOD = 0.02         # and to this share of the reach (median)
+MOST = 2000         # rows in their order, when positions are held against other rows' readings
 SHIFTS = (1, -1, 2, -2)
 
 
@@ -88,9 +89,9 @@ def shifted_rows(scene: Scene, use: NDArray[np.bool_], shifts: Iterable[int] = S
     rows = _rows(scene, use)
     if len(np.unique(scene.data.block[rows])) < LEAST:
         return None
-    whole = _plain(scene.take(rows))
-    before, reach = left_of(whole), scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
-    if before < BAD * reach:
+    whole = _plain(scene.take(rows[:MOST]))
+    reach = scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
+    if float(np.median(np.linalg.norm(residuals(whole), axis=1))) < BAD * reach or (before := left_of(whole)) < BAD * reach:
         return None
     tried = []
     for k in shifts:
