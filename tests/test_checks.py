@@ -109,13 +109,13 @@ def test_clean_studies_raise_none(robot, rng, tmp_path) -> None:
 @pytest.mark.parametrize(("stated", "words"), [
     (1e3, "micrometres stand where millimetres are expected: divide sx_mm, sy_mm, sz_mm by 1000"),
     (1e-3, "metres stand where millimetres are expected: multiply sx_mm, sy_mm, sz_mm by 1000"),
-    (2.0, "expanded uncertainty (k = 2 or 3)"), (20.0, "a tolerance, or another unit")])
+    (2.0, "expanded uncertainty (k = 2 or 3)"), (20.0, "a tolerance, or in another unit")])
 def test_stated_uncertainties_are_held_against_what_is_left(stated, words, rng, tmp_path) -> None:
     data = frame(rng).assign(**dict.fromkeys(("sx_mm", "sy_mm", "sz_mm"), stated * NOISE))
     result = studied(tmp_path, data)
     sentence = said(result, "stated-uncertainty")
     assert words in sentence
-    assert f"sx_mm, sy_mm, sz_mm gives {stated * NOISE:.3g} mm as standard uncertainty of one coordinate" in sentence
+    assert f"sx_mm, sy_mm, sz_mm: the standard uncertainty of one coordinate is stated as {stated * NOISE:.3g} mm" in sentence
     assert "holds 99.9 % of chance" in sentence
     assert result.floor.source == "estimated"                          # not believed, in figures or criteria
     assert result.floor.coordinate_mm == pytest.approx(NOISE, rel=0.25)
@@ -125,7 +125,8 @@ def test_stated_uncertainties_are_held_against_what_is_left(stated, words, rng, 
 @pytest.mark.parametrize("times", [2.4, 0.1])
 def test_a_stated_floor_far_from_what_is_left_is_said(times, rng, tmp_path) -> None:
     sentence = said(studied(tmp_path, frame(rng), more=f"[noise]\nfloor_mm = {times * NOISE}\n"), "stated-uncertainty")
-    assert sentence.startswith(f"[noise] floor_mm gives {times * NOISE:.3g} mm")
+    stated = f"{times * NOISE:.3g} mm"
+    assert sentence.startswith(f"[noise] floor_mm: the standard uncertainty of one coordinate is stated as {stated}")
 
 
 def test_a_little_outside_is_a_note_and_no_alarm(rng, tmp_path) -> None:
@@ -171,6 +172,15 @@ def test_other_units_are_no_covariates(name, right, remedy, rng, tmp_path) -> No
     frame(rng, 5).assign(**{name: 1.0}).to_csv(tmp_path / "d.csv", index=False)
     with pytest.raises(DataError, match=rf"d\.csv, line 1, column {name}: .*\"{right}\".*{remedy}"):
         read_measurements(tmp_path / "d.csv", load("ur5").prismatic)
+
+
+@pytest.mark.parametrize(("wanted", "given"), [("q1_rad", "J1_deg"), ("q1_rad", "A1 [deg]"), ("sx_mm", "u_um"),
+                                               ("x_mm", "X (cm)")])
+def test_a_mapping_to_another_unit_is_refused(wanted, given, rng) -> None:
+    data = frame(rng, 5).assign(sx_mm=0.1, sy_mm=0.1, sz_mm=0.1).rename(columns={wanted: given})
+    with pytest.raises(DataError, match=rf'the study maps {wanted} to it, but its name says "\w+", not "(rad|mm)"'):
+        read_measurements(data, load("ur5").prismatic, {wanted: given})
+    read_measurements(data.rename(columns={given: "J1"}), load("ur5").prismatic, {wanted: "J1"})
 
 
 def test_columns_of_other_names_stay_covariates(rng) -> None:

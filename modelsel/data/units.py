@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from ..words.errors import DataError
 from .cells import READINGS
-from .table import Table
+from .table import Table, Where
 
 # one of a unit in those that the contract reads
 LENGTHS = {"nm": 1e-6, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "micron": 1e-3, "mil": 0.0254, "mm": 1.0, "cm": 10.0, "in": 25.4,
@@ -18,6 +18,7 @@ MASSES = {"mg": 1e-6, "g": 1e-3, "lb": 0.45359237, "lbs": 0.45359237, "kg": 1.0,
 TIMES = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}            # s
 JOINT = re.compile(r"q[0-9]{1,9}")
 DEGREE = 0.017453292519943295                                                                                       # rad
+WORDS = ("in", "turn", "turns", "rev", "min", "h", "s", "t", "g", "m")       # that a name may end with for other reasons
 SPREADS, TURNS = ("sx", "sy", "sz"), ("srx", "sry", "srz")
 
 
@@ -35,6 +36,20 @@ def other_units(table: Table, known: set[str], prismatic: Sequence[bool], gauged
             right, factor = wanted, "1"
         if right is not None and not (right in table and factor == "1"):
             raise _refused(table, name, right, factor)
+
+
+def mapped_units(columns: Mapping[str, str], prismatic: Sequence[bool], where: Where) -> None:
+    """Refuses a mapping of a contract's name to a column whose own name says another unit (`q1_rad = "J1_deg"`). Raises
+    DataError."""
+    for wanted, given in columns.items():
+        stem, _, unit = wanted.rpartition("_")
+        said = re.split(r"[^a-zµμ]+", given.strip("])} ").lower())[-1]
+        units = _units_of(stem, said, prismatic, True)[0]
+        if JOINT.fullmatch(stem):
+            units = {**LENGTHS} if unit in ("mm", "m") else {**ANGLES, **DEGREES}
+        if said in units and said not in (unit, *WORDS):
+            raise where.refuse(f'the study maps {wanted} to it, but its name says "{said}", not "{unit}".', column=given,
+                               remedy=f"Map the contract's name of that unit; where there is none, convert it to {unit}.")
 
 
 def _refused(table: Table, name: str, right: str, factor: str) -> DataError:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..data.cells import SMALLEST
 from ..data.measurements import Note
 from ..fitting.believed import Lack, against, lack, likeliest
 from ..fitting.fit import Fit
@@ -34,6 +35,7 @@ ALARMS = {MISTAKEN: "Check the set-up", "orientation-mistake": "Check the orient
           "other-robot": "Check the robot", "rows-shifted": "Check the rows", ROWS: "Check the rows",
           "stated-uncertainty": "Check the uncertainties", "floor-unlike": "Check the noise floor",
           "beyond-tolerance": "Check the robot", HOPELESS: "Check the fit"}
+NOISE = {"stated-uncertainty", "floor-unlike"}   # of these, which say nothing of why a fit is bad
 TOLERANCE = {"mm": 5.0, "rad": np.pi / 180}     # what makers allow a link or an axis at most
 SURE = 10.0                 # standard errors beyond it, before it is said: those of a misfit are too small
 LISTED = 6
@@ -115,9 +117,11 @@ def _lack(some: Scene, residual: Array, floor: Floor | None, part: slice, used: 
     freedom = count * (1 - used / int(seen.sum()))
     if floor is None or freedom < 1:
         return None
-    square = np.where(seen, np.square(whitened(some, residual)), 0.0)[:, part].sum()
-    left = np.where(seen, np.square(residual), 0.0)[:, part].sum()
-    return lack(floor, float(np.sqrt(square / freedom)), freedom), float(np.sqrt(left / freedom))
+    left = float(np.sqrt(np.where(seen, np.square(residual), 0.0)[:, part].sum() / freedom))
+    factor = left / max(floor.coordinate_mm, SMALLEST)
+    if np.isinf(floor.freedom):                         # stated, row by row
+        factor = float(np.sqrt(np.where(seen, np.square(whitened(some, residual)), 0.0)[:, part].sum() / freedom))
+    return lack(floor, factor, freedom), left
 
 
 def _floor_note(data: Data, floor: Floor, asked: Lack, left: float) -> Note:
@@ -209,7 +213,7 @@ def _hopeless(data: Data, chosen: Rung, floor: Floor, notes: Sequence[Note], per
     what = (f"{left:.3g} mm rms are left, {left / reach:.2%} of the arm's reach, where a calibrated arm leaves less than a "
             f"thousandth ({THOUSANDTH * reach:.2g} mm)" + (f" and the noise ({floor.source}) {noise:.2g} mm" if known else "")
             if far else f"{np.degrees(angle):.3g}° rms of orientation are left, where a calibrated arm leaves less than 1°")
-    leads = [lead.removeprefix("Check ") for code, lead in ALARMS.items() if code in {n.code for n in notes}]
+    leads = [lead.removeprefix("Check ") for code, lead in ALARMS.items() if code in {n.code for n in notes} - NOISE]
     reasons = (f"Likeliest reason: what the warnings say of {sentence_list(list(dict.fromkeys(leads)))}" if leads else
                "Likeliest reasons: the wrong robot file; positions that belong to other readings; "
                + ("a tracker's frame that is not the robot's base ([robot] register = true)" if per_group is None else

@@ -62,17 +62,17 @@ def likeliest(ratio: float, where: str, scale: str = "mm") -> str:
     if near:
         return f"Most likely {min(near)[1].format(where)}."
     if ratio > NEAR_UNIT:
-        return f"Most likely {where} states a tolerance, or another unit: give one standard deviation in {scale}."
+        return f"Most likely this is a tolerance, or in another unit: give one standard deviation in {scale}."
     if ratio > 1:
-        return (f"Most likely {where} states an expanded uncertainty (k = 2 or 3), or that of a whole length: give one standard "
+        return ("Most likely this is an expanded uncertainty (k = 2 or 3), or that of a whole length: give one standard "
                 "deviation of one coordinate.")
-    return (f"Most likely {where} leaves out how well the arm itself repeats, or an error is left that no candidate explains: "
-            "give the uncertainty of one coordinate as repeats show it.")
+    return ("Most likely it leaves out how well the arm itself repeats, or an error remains that no candidate explains: give the "
+            "uncertainty of one coordinate as repeats show it.")
 
 
 def against(what: str, floor: float, left: float, found: Lack, scale: str = "mm", model: str = "the model leaves") -> str:
     """The comparison in words: `what` is stated to be `floor`, and `left` is left [`scale`, of one coordinate]."""
     times = f"{1 / found.factor:.3g} times" if found.factor < 1 else f"1/{found.factor:.3g} of"
-    return (f"{what} gives {floor:.3g} {scale} as standard uncertainty of one coordinate, {times} what {model} "
+    return (f"{what}: the standard uncertainty of one coordinate is stated as {floor:.3g} {scale}, {times} what {model} "
             f"({left:.3g} {scale}; chi-square over its degrees of freedom {found.factor ** 2:.3g}, where {found.low ** 2:.3g} to "
             f"{found.high ** 2:.3g} holds 99.9 % of chance).")
