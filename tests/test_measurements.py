@@ -303,7 +303,8 @@ def test_labels_of_the_split(tmp_path) -> None:
         read_labels(path, "rolle")
 
 
-@pytest.mark.parametrize(("scale", "robot", "words"), [(1e-3, "ur5", "looks? like metres"), (1.0, "irb1600", "wrong robot")])
+@pytest.mark.parametrize(("scale", "robot", "words"), [(1e-3, "ur5", "looks? like metres"),
+                                                       (1.0, "irb1600", 'The readings fit robot "ur5" far better')])
 def test_far_from_nominal(scale, robot, words, rng) -> None:
     """The median nominal residual above a quarter of the arm's reach."""
     data = drawn("ur5", rng, 60).data

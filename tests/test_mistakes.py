@@ -15,7 +15,8 @@ from click.testing import CliRunner
 
 from modelsel.cli import main
 from modelsel.data.measurements import measurements
-from modelsel.elsewhere.prepare import MISTAKEN, Plan, prepare
+from modelsel.elsewhere.checks import MISTAKEN
+from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.fitting.mistakes import mistake
 from modelsel.fitting.register import register
 from modelsel.machine.robotfile import load

@@ -25,13 +25,16 @@ def validate(result: Path, data: Path, register: bool, columns: dict[str, str], 
     measured = read_measurements(data, c.robot.prismatic, columns)
     found = judge(c, measured, register)
     said, beyond = sentences(measured, found), outside(c, measured)
+    warnings = [*found.doubts, *beyond]
     if as_json:
         print_json({"sentence": said[0], "drifted": found.drifted, "factor": found.factor, "p_value": found.p,
                     "rms_mm": found.rms_mm, "expected_rms_mm": found.expected_rms_mm, "rows": len(measured),
                     "beyond_noise": [{"row": int(measured.row[k]), "standardised": found.size[k]} for k in found.worst],
                     "registered": None if found.moved is None else dict(zip(("tracker_mm", "tracker_rad", "target_mm"),
-                                                                            found.moved, strict=True)), "warnings": beyond})
+                                                                            found.moved, strict=True)), "warnings": warnings})
     else:
+        for line in found.doubts:
+            click.echo(f"Check the data: {line}")
         for line in said:
             click.echo(line)
         for line in beyond:

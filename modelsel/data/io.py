@@ -17,6 +17,7 @@ from .copies import copies, duplicates
 from .kinds import COLUMNS, Kinds, read_kinds, read_positions, read_quaternions, read_uncertainties
 from .measurements import Measurements, Note, measurements, numbered
 from .table import Source, Table, Where, read_table, renamed
+from .units import mapped_units, other_units
 
 JOINT = re.compile(r"q([0-9]{1,9})_(?:rad|deg|mm|m)")
 TEXT = ("target", "configuration", "group")
@@ -78,8 +79,12 @@ def read_measurements(source: Source, prismatic: Sequence[bool], columns: Mappin
     and column, or row (from 0) and column of the DataFrame; StudyError for a contract name that is none.
     """
     _known(columns or {}, prismatic)
-    table = renamed(read_table(source, group), columns or {})
+    table = read_table(source, group)
+    mapped_units(columns or {}, prismatic, table.where)
+    table = renamed(table, columns or {})
     where, n, m = table.where, len(prismatic), len(table)
+    gauged = "kind" in table and "feature" in table
+    other_units(table, _names(prismatic) - set(() if gauged else COLUMNS), prismatic, gauged)
     q = _joints(table, prismatic)
     there = positions or any(name in table for axis in "xyz" for name in (axis, f"{axis}_mm", f"{axis}_m"))
     kinds = read_kinds(table)

@@ -69,6 +69,15 @@ class Where:
         several = "s" * (len(rows) != 1)
         return f"line{several} {shown}" if self.is_text else f"row{several} {shown}, counted from 0"
 
+    def spans(self, rows: NDArray[np.intp], most: int = 8) -> str:
+        """Many rows in words, neighbours together: lines 12 to 40, 52, 60."""
+        numbers = np.unique([self.number(int(row)) for row in rows])
+        runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+        words = [str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs[:most]]
+        shown = ", ".join(words) + (" …" if len(runs) > most else "")
+        several = "s" * (len(numbers) != 1)
+        return f"line{several} {shown}" if self.is_text else f"row{several} {shown}, counted from 0"
+
     def record(self, rows: NDArray[np.intp]) -> dict[str, Any]:
         """As plain values that say of the `rows` what they are called; `where_of` reads it."""
         at = None if self.at is None else {str(row): self.number(row) for row in rows.tolist()}

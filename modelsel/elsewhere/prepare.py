@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from ..data.features import KINDS
 from ..data.measurements import Measurements, Note
 from ..fitting.fixtures import place, unseen
-from ..fitting.mistakes import mistake
 from ..fitting.noise import Floor, Instrument, weigh
 from ..fitting.register import register, undetermined
 from ..machine.robot import Robot
@@ -19,8 +18,9 @@ from ..matrix.scene import scene
 from ..which.compare import Data
 from ..which.folds import assign
 from ..which.split import choose
-from ..words.errors import DataError, NotEstimable, StudyError, suggest
+from ..words.errors import DataError, NotEstimable, StudyError, sentence_list, suggest
 from ..words.rigid import Array
+from .checks import setup_notes
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,6 @@ class Plan:
     tracker: tuple[float, float, float] = (0.0, 0.0, 0.0)       # where the instrument stands, in the data's frame
 
 
-MISTAKEN = "setup-mistake"     # code of the warning that the set-up looks wrong: told before everything else
 PURPOSES = ("split", "folds", "gain", "naming", "simulate", "sampling", "null", "nested", "flips", "bootstrap", "halves", "scan")
 
 
@@ -100,16 +99,16 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
     if unseen:
         notes.append(Note("other-session", f"No estimation configuration is of {', '.join(unseen)}: the model does not know when "
                                            "in the campaign that was measured, and takes drift at the campaign's middle there."))
-    data, estimation, more = _seen(data, estimation, plan)
+    data, estimation, more = _seen(*_known_targets(data, estimation, plan, notes), plan)
     notes += more
     bound = replace(scene(robot, data, tools_of(data, plan.tools)), tracker=plan.tracker)
     if plan.register:
         expected = bound.tools
         bound = register(bound, estimation, plan.per_group)
         notes += undetermined(bound, estimation, plan.per_group, expected)
-    why = mistake(bound, estimation, plan.register, plan.per_group)
-    if why is not None:
-        notes.insert(0, Note(MISTAKEN, why))
+    doubts = setup_notes(bound, estimation, plan.register, plan.per_group)
+    notes[:0] = doubts
+    why = " ".join(n.sentence for n in doubts)
     bound = place(bound, estimation)
     size = np.linalg.norm(residuals(bound)[:, :3], axis=1)
     reach = robot.reach + float(np.linalg.norm(bound.tools, axis=1).max(initial=0))
@@ -139,6 +138,28 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
         notes.append(Note("nothing-held-out", "All configurations estimate: nothing is held out, and no gain can be measured."))
     known = floor is not None and floor.source == "stated"
     return Data(bound, estimation, np.zeros(len(data), bool), fold, known), floor, tuple(notes)
+
+
+def _known_targets(data: Measurements, estimation: NDArray[np.bool_], plan: Plan, notes: list[Note]
+                   ) -> tuple[Measurements, NDArray[np.bool_]]:
+    """Where targets are found from the estimation rows: without the held-out rows of targets that none of these measures, which
+    is said in `notes`."""
+    origin = None if data.gauges is None else data.gauges.origin
+    seen = np.unique(data.target[estimation] if origin is None else [*data.target[estimation], *origin.target[estimation]])
+    gone = ~np.isin(data.target, seen)
+    if not plan.register or not gone.any():
+        return data, estimation
+    names = sentence_list([f'"{data.targets[k]}"' for k in np.unique(data.target[gone])])
+    notes.append(Note("target-unseen", f"{int(gone.sum())} held-out rows are left out: no estimation row measures target {names},"
+                                       " and where it sits is found from estimation rows. Let some of its configurations "
+                                       "estimate, or give [robot.tools_mm] without register."))
+
+    def named(some: Measurements) -> Measurements:
+        return replace(some, target=np.searchsorted(seen, some.target), targets=tuple(data.targets[k] for k in seen))
+    kept = named(data.take(~gone))
+    if origin is not None and kept.gauges is not None:
+        kept = replace(kept, gauges=replace(kept.gauges, origin=named(origin.take(~gone))))
+    return kept, estimation[~gone]
 
 
 def _seen(data: Measurements, estimation: NDArray[np.bool_], plan: Plan

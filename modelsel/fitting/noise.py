@@ -11,7 +11,9 @@ from ..words.errors import StudyError
 from ..words.rigid import Array
 
 NORMAL = 1.4826   # standard deviation over median absolute deviation: a swapped reflector must not set the floor
+LACKING = "lack-of-fit"     # code of the warning that a model leaves another noise than is known
 ENOUGH = 10  # degrees of freedom before repeats or target pairs are believed
+FINEST = 1e-7  # of its size: no instrument tells a distance better; where pairs agree so well, one was computed from the other
 
 
 @dataclass(frozen=True)
@@ -69,8 +71,9 @@ def from_repeats(data: Measurements) -> Floor | None:
 
 
 def from_target_pairs(data: Measurements) -> Floor | None:
-    """From the scatter of the distance between two reflectors on one flange: its variance is 2 σ²; None with too few."""
-    deviations, freedom = [], 0
+    """From the scatter of the distance between two reflectors on one flange: its variance is 2 σ²; None with too few, or where
+    the distance is always the same to FINEST: a rigid body fitted to the markers keeps it, and shows no noise."""
+    deviations, freedom, size = [], 0, [0.0]
     for a in range(len(data.targets)):
         for b in range(a + 1, len(data.targets)):
             first, second = (np.flatnonzero(data.target == t) for t in (a, b))
@@ -79,7 +82,11 @@ def from_target_pairs(data: Measurements) -> Floor | None:
                 d = np.linalg.norm(data.position[first[i]] - data.position[second[j]], axis=1)
                 deviations.append(np.abs(d - np.median(d)) / np.sqrt(2))
                 freedom += len(i) - 1
-    return Floor(NORMAL * float(np.median(np.concatenate(deviations))), "target pairs", freedom) if freedom >= ENOUGH else None
+                size.append(float(np.median(np.linalg.norm(data.position[first[i]], axis=1))))
+    if freedom < ENOUGH:
+        return None
+    scatter = NORMAL * float(np.median(np.concatenate(deviations)))
+    return Floor(scatter, "target pairs", freedom) if scatter > FINEST * max(size) else None
 
 
 def weigh(scene: Scene, instrument: Instrument | None, stated_mm: float | None, rotation_rad: float | None = None

@@ -9,16 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.measurements import Measurements, Note
+from ..elsewhere.checks import believed, outcome, told_with
 from ..elsewhere.confidence import Request, confidence, sampled
 from ..elsewhere.explain import Say, explain, nested
 from ..elsewhere.prepare import Plan, generator, prepare, reweigh_rotation
+from ..fitting.noise import LACKING, Floor
 from ..machine.robot import Robot
 from ..matrix.design import Model
 from ..matrix.identify import unidentifiable
 from ..sure.sampling import Keeper
 from ..which.candidates import Candidate
 from ..which.compare import Data, Rung, rung
-from ..which.table import MOST, compare, strongest
+from ..which.table import MOST, Comparison, compare, strongest
 from ..which.validate import Gain, Resampled, paired
 from ..why.extend import Extension
 from ..why.faults import misplaced
@@ -73,20 +75,29 @@ class Question:
 def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.object_] | None = None,
             say: Say = lambda _: None, data_sha256: str = "") -> Result:
     """The study of measurements already read. Raises StudyError, DataError or NotEstimable."""
-    study, plan = question.study, question.plan
+    plan = question.plan
     say("registering and splitting" if plan.register else "splitting")
     data, floor, notes = prepare(question.robot, measured, plan, labels)
+    with told_with(notes):
+        return _analysed(question, data, floor, notes, say, data_sha256)
+
+
+def _analysed(question: Question, data: Data, floor: Floor | None, notes: tuple[Note, ...], say: Say, data_sha256: str) -> Result:
+    """The study of data that are registered, weighed and split."""
+    study, plan = question.study, question.plan
     measured = data.scene.data                          # without the rows that nothing can be said of
     base, base_names = question.model(study.model.base, measured), tuple(study.model.base)
     data = _weighed(question, data, base)
     say("looking for outliers")
     data, extension, found = explain(data, base, question.everything, study.seed, question.cells, say)
+    data, floor, doubts = believed(data, floor, extension.fit)
     nominal, base_rung = rung(data, question.model((), measured), ("nominal",)), rung(data, base, base_names)
     if thinned(extension, data):
         notes = (*notes, Note("scan-of-some", f"What is wrong was looked for in {rows_seen(extension, data)} of "
                               f"the {int(data.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
                               "all rows."))
-    notes = (*notes, *restricted(study.model.candidates), *uneven(extension), *(beside(data.scene) if question.cells else ()))
+    notes = (*notes, *restricted(study.model.candidates), *doubts, *uneven(extension),
+             *(beside(data.scene) if question.cells else ()))
     say("comparing all subsets of the candidates")
     offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects],
                                study.comparison.mechanisms or MOST)
@@ -107,14 +118,10 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
         return paired(before.residual[held][:, :3], after.residual[held][:, :3], drawn)
 
     findings = tuple(Finding(e, gained(a, b)) for e, a, b in zip(extension.effects, steps, steps[1:], strict=False))
-    if comparison is not None and set(comparison.choice) != set(chosen.names):
-        notes = (*notes, Note("table-differs", "The one-standard-error choice of the table of subsets is "
-                              f"{' + '.join(comparison.choice)}; the chosen model follows what was named."))
-    notes = (*notes, *worse_than_nominal(base_names, gained(nominal, base_rung)), *opposed(findings), *surprised(data, chosen),
-             *lacking(lack_of_fit(chosen, floor, data)))
-    if comparison is not None and comparison.certified is not None and not comparison.certified.proven:
-        notes = (*notes, Note("search-unproven", f"Of 2^{len(comparison.considered)} subsets of the candidates the best by BIC "
-                              f"that was found is not proven: another may have up to {comparison.certified.gap:.3g} less."))
+    notes = (*notes, *_of_table(comparison, chosen), *worse_than_nominal(base_names, gained(nominal, base_rung)),
+             *opposed(findings), *surprised(data, chosen))
+    if all(n.code != LACKING for n in notes):
+        notes = (*notes, *lacking(lack_of_fit(chosen, floor, data)))
     within = None
     if study.split.nested_folds:
         say(f"the whole procedure again in {study.split.nested_folds} folds")
@@ -125,18 +132,31 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
                               "do not determine it, and its cv_rms_mm is null. More folds or configurations are needed."))
     say("weighing every mechanism of the chosen model")
     sure = confidence(data, chosen.fit, chosen.names, study.seed)
-    return Result(study, question.robot, data, per_row(floor or estimated_floor(chosen, data), data), ladder, comparison,
-                  remeasured(chosen, data), gained(nominal, chosen), findings, faults, extension, error_map(extension, found),
-                  nothing_else(extension, found, data, steps[-1]), predictable_left(data, steps[-1],
-                  generator(study.seed, "flips")), within, unidentifiable(chosen.fit.found, chosen.fit.terms, chosen.fit.leaning),
-                  notes, sure, provenance(study, data_sha256))
+    noise, nothing = per_row(floor or estimated_floor(chosen, data), data), nothing_else(extension, found, data, steps[-1])
+    notes = outcome(data, remeasured(chosen, data), noise, nothing[1], notes, plan.per_group if plan.register else None)
+    untold = unidentifiable(chosen.fit.found, chosen.fit.terms, chosen.fit.leaning)
+    return Result(study, question.robot, data, noise, ladder, comparison, remeasured(chosen, data), gained(nominal, chosen),
+                  findings, faults, extension, error_map(extension, found), nothing, predictable_left(data, steps[-1],
+                  generator(study.seed, "flips")), within, untold, notes, sure, provenance(study, data_sha256))
+
+
+def _of_table(comparison: Comparison | None, chosen: Rung) -> tuple[Note, ...]:
+    """Where the table of subsets chooses otherwise, and where its best is not proven."""
+    out: list[Note] = []
+    if comparison is not None and set(comparison.choice) != set(chosen.names):
+        out.append(Note("table-differs", "The one-standard-error choice of the table of subsets is "
+                        f"{' + '.join(comparison.choice)}; the chosen model follows what was named."))
+    if comparison is not None and comparison.certified is not None and not comparison.certified.proven:
+        out.append(Note("search-unproven", f"Of 2^{len(comparison.considered)} subsets of the candidates the best by BIC "
+                        f"that was found is not proven: another may have up to {comparison.certified.gap:.3g} less."))
+    return tuple(out)
 
 
 def with_sampling(question: Question, result: Result, say: Say = lambda _: None, keeper: Keeper | None = None) -> Result:
     """A result with its chosen model's posterior sampled."""
     plan, study, measured = question.plan, question.study, result.data.scene.data
     request = Request(question.model(study.model.base, measured), study.sampling.over, plan.instrument,
-                      plan.stated_mm is not None, question.registry)
+                      plan.stated_mm is not None and result.data.known_sigma, question.registry)
     found = sampled(result.confidence, result.data, result.chosen.fit, request, study.seed, say, keeper)
     return replace(result, confidence=found)
 

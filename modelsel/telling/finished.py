@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from ..data.measurements import Note
+from ..elsewhere.checks import HOPELESS, turned
 from ..elsewhere.confidence import Confidence
 from ..elsewhere.explain import Nested
 from ..fitting.noise import Floor
@@ -26,7 +27,7 @@ from .findings import Finding, fault_dict, finding_dict, screws_of
 from .left import Placed, features, lack_of_fit, noise_dict
 from .result import candidates_dict, plain, rung_dict
 from .standing import standing
-from .verdict import verdict
+from .verdict import in_full, verdict
 from .views import Views
 
 if TYPE_CHECKING:
@@ -85,8 +86,10 @@ class Result(Views):
         return {
             "schema": 1, "study": self.study.name, "robot": self.robot.name, "seed": self.study.seed,
             "provenance": dict(self.provenance),
-            "verdict": list(verdict(self.ladder[0], self.chosen, self.gain, self.floor, self.named,
-                                    self.study.model.candidates, self.nothing_else[0])),
+            "verdict": list(in_full(verdict(self.ladder[0], self.chosen, self.gain, self.floor, self.named,
+                                            self.study.model.candidates, self.nothing_else[0]),
+                                    turned(self.data, self.ladder[0], self.chosen),
+                                    next((w.sentence for w in self.warnings if w.code == HOPELESS), None))),
             "configurations": {"estimation": data.take(estimation).configurations,
                                "held_out": data.take(~estimation).configurations,
                                "estimation_rows": data.row[estimation]},

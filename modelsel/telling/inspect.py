@@ -7,8 +7,9 @@ import numpy as np
 
 from ..data.features import KINDS
 from ..data.measurements import Measurements
+from ..elsewhere.checks import MISTAKEN, alarms, setup_notes
 from ..fitting.fixtures import place
-from ..fitting.mistakes import LEAST, mistake
+from ..fitting.mistakes import LEAST
 from ..fitting.noise import from_repeats, from_target_pairs
 from ..fitting.register import register
 from ..machine.robot import Robot
@@ -94,7 +95,9 @@ def _registered(robot: Robot, data: Measurements) -> dict[str, Any]:
         left = float(np.median(np.linalg.norm(residuals(bound.take(use))[:, :3], axis=1)))
     except (DataError, NotEstimable):
         return {}
-    return {"registered": {"median_mm": left, **standing(bound, False), "mistake": mistake(bound, use, True)}}
+    doubts = setup_notes(bound, use, True, False)
+    return {"registered": {"median_mm": left, **standing(bound, False),
+                           "mistake": next((n.sentence for n in doubts if n.code == MISTAKEN), None), "alarms": alarms(doubts)}}
 
 
 def _some(names: list[str]) -> str:
@@ -132,5 +135,5 @@ def sentences(found: dict[str, Any]) -> list[str]:
         placed = found["registered"]
         out.append(f"Registered (tracker's frame and target found): {placed['median_mm']:.3g} mm from the nominal robot (median)")
         out += [f"  {sentence}" for sentence in standing_sentences(placed)]
-        out += [f"Check the set-up: {placed['mistake']}"] if placed["mistake"] else []
+        out += placed["alarms"]
     return [*out, *(f"Note: {w['sentence']}" for w in found["warnings"])]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..data.measurements import SAME_READING, Measurements, Note
 from ..fitting.fit import Fit
-from ..fitting.noise import Floor
+from ..fitting.noise import LACKING, Floor
 from ..matrix.design import fixture_values, whitened
 from ..matrix.gauges import LENGTH
 from ..matrix.scene import Scene
@@ -140,7 +140,7 @@ def lacking(found: LackOfFit | None) -> tuple[Note, ...]:
     """Where a model leaves clearly more than the noise floor."""
     if found is None or found.p > RARELY or np.hypot(found.unexplained_mm, found.floor_mm) < CLEARLY * found.floor_mm:
         return ()
-    return (Note("lack-of-fit", "The chosen model leaves more than the noise floor explains (lack-of-fit test: F = "
+    return (Note(LACKING, "The chosen model leaves more than the noise floor explains (lack-of-fit test: F = "
                  f"{found.f:.3g}, by chance with probability {found.p:.1g}): beyond the floor of {display(found.floor_mm)} per "
                  f"coordinate, {display(found.unexplained_mm)} (95 %: {display(found.low_mm)} to {display(found.high_mm)}) is "
                  "unexplained. Either the model lacks something, or the floor leaves out a part of the noise: what rows measured "

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..elsewhere.prepare import MISTAKEN
+from ..elsewhere.checks import ALARMS, HOPELESS, alarms
 from ..sure.bootstrap import REPLICATES
 from ..which.validate import Errors
 from ..why.maps import strongest_causes
@@ -170,7 +170,7 @@ def sentences(result: Result) -> list[str]:
     """The study in words."""
     first, last = result.ladder[0], result.chosen
     called = sentence_list(last.names) if last.names else "nominal"
-    out = [f"Check the set-up: {w.sentence}" for w in result.warnings if w.code == MISTAKEN]
+    out = [*alarms(result.warnings), *(w.sentence for w in result.warnings if w.code == HOPELESS)]
     out += [(f"Nominal model: {mm(first.estimation.mean_mm)} mm mean, {mm(first.estimation.max_mm)} mm worst. Chosen model "
             f"({called}): {mm(last.estimation.mean_mm)} mm mean; noise floor "
             f"{result.floor.coordinate_mm:.3g} mm per coordinate ({result.floor.source}).")]
@@ -196,4 +196,4 @@ def sentences(result: Result) -> list[str]:
     out += feature_sentences(result)
     out += [f"Not identifiable: {u.sentence}" for u in result.unidentifiable]
     out += sure_sentences(result)
-    return out + [f"Note: {w.sentence}" for w in (*result.warnings, *result.confidence.notes) if w.code != MISTAKEN]
+    return out + [f"Note: {w.sentence}" for w in (*result.warnings, *result.confidence.notes) if w.code not in ALARMS]

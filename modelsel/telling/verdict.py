@@ -1,8 +1,9 @@
-"""The study in three sentences: what is gained, what was named, what is left."""
+"""The study in three sentences: what is gained, what was named, what is left; of a fit that is hopeless, that first."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import degrees
 
 from ..fitting.noise import Floor
 from ..which.compare import Rung
@@ -27,6 +28,26 @@ def verdict(
     mechanisms that the study lets extend the base, "all" or a list; `left`: what is said of what remains."""
     second = _named(named, asked != []) + of_those_asked(asked)
     return _gained(nominal, chosen, gain, floor), second, left.partition(". ")[0].rstrip(".") + "."
+
+
+def in_full(said: tuple[str, str, str], turned: tuple[float, float] | None, hopeless: str | None) -> tuple[str, ...]:
+    """The three sentences of `verdict` with rms of the orientation error [rad] before and after, where it was measured
+    (`turned`). Where the fit is `hopeless`, the sentence that says so comes first, and none says that nothing else was found."""
+    gained, found, left = said
+    gained += _turned(turned)
+    return (gained, found, left) if hopeless is None else (hopeless, gained, found)
+
+
+def _turned(turned: tuple[float, float] | None) -> str:
+    """The orientation's errors in words."""
+    if turned is None:
+        return ""
+    verb = "falls" if turned[1] < turned[0] else "does not fall: it goes"
+    return f" The orientation error {verb} from {_angle(turned[0])} to {_angle(turned[1])} rms."
+
+
+def _angle(value: float) -> str:
+    return f"{value * 1e3:.3g} mrad" if value < 0.1 else f"{degrees(value):.3g}°"
 
 
 def _gained(nominal: Rung, chosen: Rung, gain: Gain, floor: Floor) -> str:

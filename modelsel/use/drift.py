@@ -11,8 +11,11 @@ import numpy as np
 
 from ..data.cells import SMALLEST
 from ..data.measurements import Index, Measurements
+from ..fitting.believed import SMALLER, Lack, against, lack, likeliest
+from ..fitting.noise import Floor
 from ..matrix.scene import Scene
-from ..words.errors import DataError
+from ..why.mistaken_rows import slipped
+from ..words.errors import DataError, sentence_list
 from ..words.rigid import Array, nearest_rotation, rotation_vector
 from .calibration import Calibration, pose_of, predict, uncertainty
 
@@ -22,6 +25,8 @@ ROUNDS = 12
 LISTED = 10
 LEAST = 4          # configurations that a placement needs
 CLEARLY, ENOUGH = 1.5, 5
+STATED = "floor_mm or sx_mm, sy_mm, sz_mm of its study"
+REFUTED = 3.0      # times what the study's own held-out configurations showed, a stated uncertainty is not believed
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +42,9 @@ class Verdict:
     residual: Array
     size: Array
     moved: tuple[float, float, float] | None      # mm and rad of the tracker, mm of the target, where registered
+    doubts: tuple[str, ...] = ()                  # what in the uncertainties or the rows looks mistaken
+    small: bool = False                           # errors far below what the stated uncertainty would leave
+    new_targets: tuple[str, ...] = ()             # that were not calibrated, found anew
 
     @property
     def drifted(self) -> bool:
@@ -74,7 +82,8 @@ def _registered(c: Calibration, start: Scene, at: Scene) -> tuple[Scene, tuple[f
     first, middle = start.data.group[0], o.mean(0)
     apart = R @ middle + t - start.placement[0][first] @ middle - start.placement[1][first]
     turn = rotation_vector((R @ start.placement[0][first].T)[None])[0]
-    moved = float(np.linalg.norm(apart)), float(np.linalg.norm(turn)), float(np.linalg.norm(offset, axis=1).max())
+    known = np.linalg.norm(offset[seen < len(c.targets)], axis=1)
+    moved = float(np.linalg.norm(apart)), float(np.linalg.norm(turn)), float(known.max(initial=0.0))
     groups = len(start.placement[0])
     shifted = replace(start.data, position=x - np.einsum("ij,mjk,mk->mi", R, axes, offset[which]))
     return start.anew(placement=(np.tile(R, (groups, 1, 1)), np.tile(t, (groups, 1))), data=shifted), moved, free
@@ -101,10 +110,45 @@ def _setup_columns(R: Array, p: Array, axes: Array, which: Index) -> Array:
 
 def reference(c: Calibration) -> tuple[float, float]:
     """(standard deviation [mm] of one coordinate that new data should show, its degrees of freedom): the noise floor, or what
-    the study's own held-out configurations showed where that is more."""
+    the study's own held-out configurations showed where that is more, or where it contradicts a stated floor."""
     floor = c.floor.coordinate_mm
     held = 0.0 if c.held_out_rms_mm is None else c.held_out_rms_mm / np.sqrt(3)
-    return max(floor, held, SMALLEST), c.floor.freedom
+    return max(held if _overstated(c) else floor, held, SMALLEST), c.floor.freedom
+
+
+def _overstated(c: Calibration) -> bool:
+    """Whether the study's own held-out configurations contradict its stated noise."""
+    held = 0.0 if c.held_out_rms_mm is None else c.held_out_rms_mm / np.sqrt(3)
+    return held > 0 and np.isinf(c.floor.freedom) and c.floor.coordinate_mm > REFUTED * held
+
+
+def _doubts(c: Calibration, data: Measurements, residual: Array, found: Lack) -> list[str]:
+    """What is mistaken in the uncertainties that the calibration or the data state; `found`: errors over those expected."""
+    out, left = [], float(np.sqrt(np.square(residual).mean()))
+    if _overstated(c) and c.held_out_rms_mm is not None:
+        held = c.held_out_rms_mm / np.sqrt(3)
+        ratio = c.floor.coordinate_mm / held
+        out.append(f"The calibration's stated uncertainty of one coordinate ({c.floor.coordinate_mm:.3g} mm) is {ratio:.3g} times"
+                   f" what its own held-out configurations showed ({held:.3g} mm), which is expected here instead. "
+                   f"{likeliest(ratio, STATED)}")
+    elif found.far and found.factor < 1:
+        out.append(f"{against('The calibration', reference(c)[0], left, found, model='new data leave')} "
+                   f"{likeliest(1 / found.factor, STATED)}")
+    if data.sigma is not None:
+        own = Floor(float(np.sqrt(np.square(data.sigma).mean())), "stated")
+        asked = lack(own, float(np.sqrt(np.square(residual / data.sigma).mean())), residual.size)
+        if asked.far and (asked.factor < 1 or found.factor < NOTABLE):
+            said = against("sx_mm, sy_mm, sz_mm of the new data", own.coordinate_mm, left, asked, model="new data leave")
+            out.append(f"{said} {likeliest(1 / asked.factor, 'sx_mm, sy_mm, sz_mm')} This test does not use them.")
+    return out
+
+
+def _with_new(c: Calibration, data: Measurements) -> Calibration:
+    """With the targets of the data that were not calibrated, at the mean of those that were: where they sit is found anew."""
+    new = tuple(name for name in data.targets if name not in c.targets) if len(c.targets) > 1 else ()
+    tools = np.concatenate([c.tools, np.tile(c.tools.mean(0), (len(new), 1))])
+    turned = None if c.tool_rotations is None else np.concatenate([c.tool_rotations, np.tile(np.eye(3), (len(new), 1, 1))])
+    return replace(c, targets=(*c.targets, *new), tools=tools, tool_rotations=turned)
 
 
 def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
@@ -113,7 +157,7 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
     moved, free = None, np.zeros((len(data), 3, 0))
     if free_setup:
         one = replace(data, groups=c.groups[:1], group=np.zeros(len(data), np.intp))      # its placement is found below
-        at, moved, free = register(c, c.scene(one))
+        at, moved, free = register(c, _with_new(c, data).scene(one))
     else:
         at = c.scene(data)
     residual = at.data.position - predict(c, at)
@@ -134,8 +178,14 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
     size = np.linalg.norm(np.linalg.solve(own, residual[:, :, None])[:, :, 0], axis=1)
     beyond = np.flatnonzero(chdtrc(3, size ** 2) < 0.05 / len(size))
     worst = tuple(beyond[np.argsort(-size[beyond], kind="stable")].tolist())
+    found = lack(replace(c.floor, freedom=freedom), float(np.sqrt(T / count)), count)
+    doubts = _doubts(c, data, residual, found)
+    if not free_setup and p <= SURE:
+        rows = np.isin(np.arange(len(size)), beyond)
+        doubts += slipped(at, lambda other: other.data.position - predict(c, other), rows, float(expected))
     return Verdict(float(np.sqrt(T / count)), p, float(np.sqrt(np.square(residual).sum(1).mean())), float(expected), worst,
-                   residual, size, moved)
+                   residual, size, moved, tuple(doubts), found.outside and found.factor < 1 / SMALLER,
+                   tuple(name for name in data.targets if free_setup and len(c.targets) > 1 and name not in c.targets))
 
 
 def sentences(data: Measurements, found: Verdict) -> list[str]:
@@ -145,12 +195,16 @@ def sentences(data: Measurements, found: Verdict) -> list[str]:
     shown = f"{len(found.worst)} of {len(data)} rows show it" if found.worst else "no single row shows it"
     anew = " If the tracker or the target was moved, --register finds them anew and keeps the arm." if found.moved is None else ""
     out = [f"The calibration has drifted: {about}; {shown}{_where(data, found)}.{anew}" if found.drifted else
+           f"No drift can be told, since the stated uncertainty is far above the errors: {about}." if found.small else
            f"The calibration is still valid within noise: {about}."]
     if found.worst:
         lines = ", ".join(f"{data.where.named(int(data.row[k]))} ({found.size[k]:.1f} sd)" for k in found.worst[:LISTED])
         out.append(f"Beyond noise: {lines}{' …' if len(found.worst) > LISTED else ''}.")
     if found.moved is not None:
         shift, turn, offset = found.moved
+        if found.new_targets:
+            new = sentence_list([f'"{name}"' for name in found.new_targets])
+            out.append(f"Target {new} was not calibrated: where it sits was found from the new data, and cannot be judged.")
         out.append(f"Registered anew: the tracker stands {shift:.3g} mm and {turn * 1e3:.3g} mrad from where it stood, and "
                    f"the target {offset:.3g} mm on the flange; what moves the arm as these do cannot be judged.")
     return out

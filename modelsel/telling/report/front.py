@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...elsewhere.prepare import MISTAKEN
+from ...data.measurements import Note
+from ...elsewhere.checks import alarms
 from ..standing import standing_sentences
 from ..tables import mm
 from ..views import alike, name_of
@@ -32,8 +33,8 @@ def sure(finding: dict[str, Any]) -> str:
 
 
 def opening(result: dict[str, Any]) -> list[str]:
-    """The verdict's sentences; before them, that the set-up looks wrong."""
-    return [f"Check the set-up: {w['sentence']}" for w in result["warnings"] if w["code"] == MISTAKEN] + list(result["verdict"])
+    """The verdict's sentences; before them, what in the set-up or the data looks wrong."""
+    return [*alarms([Note(w["code"], w["sentence"]) for w in result["warnings"]]), *result["verdict"]]
 
 
 def first(source: Source) -> list[Block]:

@@ -1,0 +1,233 @@
+"""What is asked of the data before anything is believed, and of the result before it is told: warnings, each with its code."""
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.cells import SMALLEST
+from ..data.measurements import Note
+from ..fitting.believed import Lack, against, lack, likeliest
+from ..fitting.fit import Fit
+from ..fitting.labels import labels_mistake
+from ..fitting.mistakes import mistake
+from ..fitting.noise import LACKING, Floor
+from ..fitting.orientations import orientation_mistake
+from ..fitting.otherarm import other_robot, shifted_rows
+from ..machine.robot import Robot
+from ..machine.robotfile import builtin_names, load
+from ..matrix.design import whitened
+from ..matrix.scene import Scene
+from ..which.compare import Data, Rung
+from ..why.mistaken_rows import slipped, slipped_before
+from ..words.errors import NotEstimable, sentence_list
+from ..words.rigid import Array
+from ..wrong.causes import ONE
+
+MISTAKEN = "setup-mistake"
+ROWS, HOPELESS = "rows-mistaken", "hopeless-fit"
+# codes of what is told before everything else, with the words that lead it
+ALARMS = {MISTAKEN: "Check the set-up", "orientation-mistake": "Check the orientations", "labels-swapped": "Check the targets",
+          "other-robot": "Check the robot", "rows-shifted": "Check the rows", ROWS: "Check the rows",
+          "stated-uncertainty": "Check the uncertainties", "floor-unlike": "Check the noise floor",
+          "beyond-tolerance": "Check the robot", HOPELESS: "Check the fit"}
+NOISE = {"stated-uncertainty", "floor-unlike"}   # of these, which say nothing of why a fit is bad
+TOLERANCE = {"mm": 5.0, "rad": np.pi / 180}     # what makers allow a link or an axis at most
+SURE = 10.0                 # standard errors beyond it, before it is said: those of a misfit are too small
+LISTED = 6
+THOUSANDTH = 1e-3           # of the reach: what a calibrated arm leaves at most
+HOPELESS_TIMES = 5.0        # that, or
+NOISE_TIMES = 50.0          # the known noise, if more than a thousandth of the reach is left
+TURNED = 0.1                # rad of orientation left (rms)
+BELOW = 5.0                 # times that a detection limit is below what is left, where the noise does not explain it
+FAINT = 2.0                 # times the noise, from which it does not
+
+
+def alarms(notes: Sequence[Note]) -> list[str]:
+    """What is told before everything else, in the order of ALARMS; a hopeless fit is the verdict's own first sentence."""
+    return [f"{lead}: {n.sentence}" for code, lead in ALARMS.items() for n in notes if n.code == code and code != HOPELESS]
+
+
+def setup_notes(bound: Scene, use: NDArray[np.bool_], registered: bool, per_group: bool) -> tuple[Note, ...]:
+    """What simple mistake explains how the positions of the rows `use` (mask) lie, of a scene at its placement and tools."""
+    found = [(MISTAKEN, mistake(bound, use, registered, per_group)),
+             ("orientation-mistake", orientation_mistake(bound, use, registered)),
+             ("labels-swapped", labels_mistake(bound, np.ones(len(bound), bool), registered, per_group)),
+             ("other-robot", other_robot(bound, use, builtin))]
+    if not any(said for _, said in found):
+        found += [(ROWS, slipped_before(bound, registered, per_group)),
+                  ("rows-shifted", shifted_rows(bound, np.ones(len(bound), bool)))]
+    return tuple(Note(code, said) for code, said in found if said)
+
+
+@contextmanager
+def told_with(notes: Sequence[Note]) -> Iterator[None]:
+    """Whatever cannot be estimated is refused together with what looks wrong in the set-up or the data."""
+    try:
+        yield
+    except NotEstimable as error:
+        said = alarms(notes)
+        if not said:
+            raise
+        raise NotEstimable(f"{error} {' '.join(said)}", parameters=error.parameters) from None
+
+
+def builtin() -> dict[str, Robot]:
+    """The built-in robots by name."""
+    return {name: load(name) for name in builtin_names()}
+
+
+# -- noise -----------------------------------------------------------------------------------------------------------------
+
+
+def believed(data: Data, floor: Floor | None, fitted: Fit) -> tuple[Data, Floor | None, tuple[Note, ...]]:
+    """(the data, the floor, what is said) once a fitted model shows what is left: a floor that cannot be true is no longer
+    known, and is estimated (None) instead."""
+    some = data.training()
+    used = fitted.rows - fitted.freedom
+    residual = fitted.residuals(some)
+    notes: list[Note] = []
+    found = _lack(some, residual, floor, slice(0, 3), used)
+    if floor is not None and found is not None and found[0].outside and (np.isinf(floor.freedom) or found[0].factor > 1):
+        asked, left = found
+        notes.append(_floor_note(data, floor, asked, left))
+        if asked.refuted:
+            data, floor = replace(data, known_sigma=False), None
+    spread = some.data.sigma_rotation
+    if spread is not None:
+        own = Floor(float(np.sqrt(np.square(spread).mean())), "stated")
+        found = _lack(some, residual, own, slice(3, 6), used)
+        if found is not None and found[0].far:
+            asked, left = found
+            where = "srx_rad, sry_rad and srz_rad"
+            notes.append(Note("stated-uncertainty", f"{against(where, own.coordinate_mm, left, asked, 'rad')} "
+                                                    f"{likeliest(1 / asked.factor, where, 'rad')}"))
+    return data, floor, tuple(notes)
+
+
+def _lack(some: Scene, residual: Array, floor: Floor | None, part: slice, used: float) -> tuple[Lack, float] | None:
+    """(what is left against a floor, its root mean square [mm or rad] of one coordinate), of the coordinates `part`; the model
+    has `used` so many degrees of freedom of all."""
+    seen = np.ones(residual.shape, bool) if some.measured is None else some.measured
+    count = int(seen[:, part].sum())
+    freedom = count * (1 - used / int(seen.sum()))
+    if floor is None or freedom < 1:
+        return None
+    left = float(np.sqrt(np.where(seen, np.square(residual), 0.0)[:, part].sum() / freedom))
+    factor = left / max(floor.coordinate_mm, SMALLEST)
+    if np.isinf(floor.freedom):                         # stated, row by row
+        factor = float(np.sqrt(np.where(seen, np.square(whitened(some, residual)), 0.0)[:, part].sum() / freedom))
+    return lack(floor, factor, freedom), left
+
+
+def _floor_note(data: Data, floor: Floor, asked: Lack, left: float) -> Note:
+    measured = data.scene.data
+    where = {"stated": ("s_mm" if measured.gauges is not None else "sx_mm, sy_mm, sz_mm") if measured.sigma is not None
+             else "[noise] floor_mm", "instrument": "[noise] range_mm, range_ppm, angle_urad"}.get(floor.source)
+    if where is None:
+        return _measured_floor(floor, asked, left)
+    instead = " The figure is not used: what the model leaves takes its place." if asked.refuted else ""
+    said = against(where, floor.coordinate_mm, left, asked)
+    if asked.far:
+        return Note("stated-uncertainty", f"{said} {likeliest(1 / asked.factor, where)}{instead}")
+    return Note(LACKING, f"{said} " + ("The model misses something small, or the figure is a little too small."
+                                             if asked.factor > 1 else "The figure is a little too large."))
+
+
+def _measured_floor(floor: Floor, asked: Lack, left: float) -> Note:
+    """Of repeats or target pairs: that a model leaves more than they show is usual, so much more is not."""
+    said = (f"The {floor.source} show a noise of {floor.coordinate_mm:.2g} mm per coordinate, and the model leaves "
+            f"{left:.3g} mm, {asked.factor:.3g} times as much")
+    if asked.refuted:
+        look = ("whether the tracking software computes the markers from one rigid body" if floor.source == "target pairs"
+                else "whether repeated rows were measured again, or copied")
+        return Note("floor-unlike", f"{said}: they cannot be the noise of the measurement, and the noise floor is estimated from "
+                                    f"what the model leaves. Check {look}.")
+    return Note(LACKING, f"{said}: the model does not explain all that repeats.")
+
+
+# -- the outcome -----------------------------------------------------------------------------------------------------------
+
+
+def outcome(data: Data, chosen: Rung, floor: Floor, limit: float | None, notes: tuple[Note, ...], per_group: bool | None
+            ) -> tuple[Note, ...]:
+    """All notes, with what the chosen model itself gives away: parameters beyond tolerances, rows that a slip explains, a fit
+    that is hopeless, a detection limit far below what is left. `per_group`: None where nothing was registered."""
+    codes = {n.code for n in notes}
+    more = list(notes)
+    if ROWS not in codes and (data.outlying & data.estimation).mean() < 1:
+        more += [Note(ROWS, said) for said in slipped(data.scene, chosen.fit.residuals, data.outlying)]
+    if (said := _beyond(data, chosen.fit, "other-robot" in codes)) is not None:
+        more.append(Note("beyond-tolerance", said))
+    if (said := _hopeless(data, chosen, floor, more, per_group)) is not None:
+        return (*more, Note(HOPELESS, said))
+    left, noise = chosen.estimation.rms_mm or 0.0, floor.coordinate_mm * float(np.sqrt(floor.coordinates))
+    if limit is not None and left > FAINT * noise and limit < left / BELOW:
+        more.append(Note("limit-below-left", f"The detection limit of {limit:.2g} mm rms is that of one single cause: "
+                         f"{left:.2g} mm rms are left where noise would leave {noise:.2g} mm, so larger errors of another form "
+                         "are in the data."))
+    return tuple(more)
+
+
+def _beyond(data: Data, fitted: Fit, tried: bool) -> str | None:
+    """A sentence on geometric parameters that no maker's tolerance allows, with the built-in robot that fits better, if any."""
+    some = []
+    for k in fitted.found.kept:
+        term, value, error = fitted.terms[k], float(fitted.theta[k]), float(fitted.standard_errors[k])
+        screw = term.screws[0]
+        own = len(term.screws) == 1 and not term.fixture and screw.cause == ONE and 1 < screw.frame <= data.scene.robot.n
+        limit = TOLERANCE.get(term.unit, np.inf)
+        if own and abs(value) - SURE * error > limit:
+            some.append((abs(value) / limit, term.symbol, value, error, term.unit))
+    if not some:
+        return None
+    some.sort(reverse=True)
+    words = [f"{symbol} = {_with_unit(value, error, unit)}" for _, symbol, value, error, unit in some[:LISTED]]
+    more = f" and {len(some) - LISTED} more" if len(some) > LISTED else ""
+    other = None if tried else other_robot(data.scene, data.used, builtin, always=True)
+    return (f"{', '.join(words)}{more}: beyond what makers' tolerances allow (1 to 5 mm, 1°). "
+            + (other or "Check the robot's name or file, and where the joints' zeros are."))
+
+
+def _with_unit(value: float, error: float, unit: str) -> str:
+    if unit == "rad":
+        return f"{np.degrees(value):.3g} ± {np.degrees(error):.2g}°"
+    return f"{value:.4g} ± {error:.2g} {unit}"
+
+
+def _hopeless(data: Data, chosen: Rung, floor: Floor, notes: Sequence[Note], per_group: bool | None) -> str | None:
+    """A sentence that the fit is hopeless, with how much is left, against what, and the likeliest reasons; None where not."""
+    scene = data.scene
+    reach = scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
+    left = max(chosen.estimation.rms_mm or 0.0, chosen.held_out.rms_mm or 0.0)
+    noise = floor.coordinate_mm * float(np.sqrt(floor.coordinates))
+    known = floor.source != "estimated"
+    angle = (turned(data, chosen, chosen) or (0.0, 0.0))[1]
+    far = left > HOPELESS_TIMES * THOUSANDTH * reach or known and left > max(NOISE_TIMES * noise, THOUSANDTH * reach)
+    if not far and angle < TURNED:
+        return None
+    what = (f"{left:.3g} mm rms are left, {left / reach:.2%} of the arm's reach, where a calibrated arm leaves less than a "
+            f"thousandth ({THOUSANDTH * reach:.2g} mm)" + (f" and the noise ({floor.source}) {noise:.2g} mm" if known else "")
+            if far else f"{np.degrees(angle):.3g}° rms of orientation are left, where a calibrated arm leaves less than 1°")
+    leads = [lead.removeprefix("Check ") for code, lead in ALARMS.items() if code in {n.code for n in notes} - NOISE]
+    reasons = (f"Likeliest reason: what the warnings say of {sentence_list(list(dict.fromkeys(leads)))}" if leads else
+               "Likeliest reasons: the wrong robot file; positions that belong to other readings; "
+               + ("a tracker's frame that is not the robot's base ([robot] register = true)" if per_group is None else
+                  'a tracker moved between groups (register = "per group")' if not per_group and len(scene.data.groups) > 1 else
+                  "a tracker or target moved during the campaign"))
+    return f"This fit explains the data badly, and nothing that follows can be relied on: {what}. {reasons}."
+
+
+def turned(data: Data, nominal: Rung, chosen: Rung) -> tuple[float, float] | None:
+    """Root mean square angles [rad] of orientation that the nominal and the chosen model leave: on held-out rows, without any
+    on those that estimate, outliers left out; None where no orientation was measured."""
+    if chosen.residual.shape[1] < 6:
+        return None
+    rows = ~data.outlying if data.scene.measured is None else ~data.outlying & data.scene.measured[:, 3]
+    rows = rows & ~data.estimation if (rows & ~data.estimation).any() else rows
+    before, after = (float(np.sqrt(np.square(r.residual[rows][:, 3:]).sum(1).mean())) if rows.any() else 0.0
+                     for r in (nominal, chosen))
+    return before, after

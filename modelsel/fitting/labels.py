@@ -1,0 +1,103 @@
+"""Whether the names of targets change places in a part of the file."""
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.measurements import Index
+from ..machine.robot import pose
+from ..matrix.scene import Scene
+from ..words.errors import DataError, NotEstimable, sentence_list
+from ..words.rigid import Array
+from .otherarm import better
+from .register import register
+
+ROUNDS = 8
+LEAST = 2           # rows of another name, below which nothing is said: single rows are outliers, and looked at as such
+FACTOR = 4.0        # other names explain the positions if with them they fit so much better (mean)
+BAD = 3e-3          # of the reach: a mean distance from which names that change places half-way are tried, too
+
+
+def labels_mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: bool = False) -> str | None:
+    """A sentence that says in which of the rows `use` (mask) targets have each other's names, with the mean distance before and
+    after; None where the names are as the positions have them. Where the targets were found from the rows (`registered`),
+    they are found again with every new guess."""
+    data = scene.data
+    use = use if data.gauges is None else use & data.gauges.of("point")
+    if len(np.unique(data.target[use])) < 2:
+        return None
+    some = scene.take(use)
+    some = some.anew(data=replace(some.data, rotation=None, sigma_rotation=None, gauges=None), tool_rotations=None, whiten=1.0)
+    given = some.data.target
+    before, found = _mean(some, given), (np.inf, given)
+    for start in _starts(some, before):
+        found = min(found, _settled(some, start, registered, per_group), key=lambda each: each[0])
+        if found[0] <= before / FACTOR:
+            break
+    label = found[1]
+    if registered and len(np.unique(given)) == 2 and (label != given).mean() > 0.5:      # which of the two is which is a choice
+        label = np.unique(given).sum() - label
+    other = label != given
+    if other.sum() < LEAST or found[0] > before / FACTOR:
+        return None
+    moves = sorted({(int(a), int(b)) for a, b in zip(given[other], label[other], strict=True)})
+    words = sentence_list([f'"{data.targets[a]}" is "{data.targets[b]}"' for a, b in moves])
+    return (f"In {int(other.sum())} of {len(given)} rows targets have each other's names "
+            f"({some.data.where.spans(some.data.row[other])}): {words}"
+            f" there. With the names changed the positions fit {better(before, found[0])} ({found[0]:.2g} mm in place of "
+            f"{before:.3g} mm, mean): correct the column target.")
+
+
+def _starts(some: Scene, before: float) -> Iterator[Index]:
+    """The names as given; where they leave much, those of two targets changed from the middle of the file on."""
+    given = some.data.target
+    yield given
+    reach = some.robot.reach + float(np.linalg.norm(some.tools, axis=1).max())
+    if before > BAD * reach and len(np.unique(given)) == 2:
+        late = some.data.row > np.median(some.data.row)
+        yield np.where(late, np.unique(given).sum() - given, given)
+
+
+def _settled(some: Scene, label: Index, registered: bool, per_group: bool) -> tuple[float, Index]:
+    """(mean distance [mm], names (m,)) where every row takes the name that it fits best, until none changes any more."""
+    present, given = np.unique(label), some.data.target
+    at = some if (label == given).all() else _placed(some, label, registered, per_group)
+    best = _mean(at, label)
+    for _ in range(ROUNDS):
+        again = present[_distances(at)[:, present].argmin(1)]
+        if (again == label).all():
+            break
+        other = _placed(some, again, registered, per_group)
+        left = _mean(other, again)
+        if left >= best:
+            break
+        at, label, best = other, again, left
+    return best, label
+
+
+def _placed(some: Scene, label: Index, registered: bool, per_group: bool) -> Scene:
+    """The scene under other names, its targets found again where they were found before."""
+    other = some.anew(data=replace(some.data, target=label))
+    try:
+        return register(other, np.ones(len(some), bool), per_group) if registered else other
+    except (DataError, NotEstimable):
+        return other
+
+
+def _mean(some: Scene, label: Index) -> float:
+    return float(_distances(some)[np.arange(len(label)), label].mean())
+
+
+def _distances(some: Scene) -> Array:
+    """(m, T) mm from every measured position to where each target would be."""
+    out = np.empty((len(some), len(some.tools)))
+    for rows in some.blocks():
+        at = pose(some.robot, some.data.q[rows], np.zeros(3))
+        flange, group = at.axes[-1, :3].transpose(2, 1, 0), some.data.group[rows]
+        base = np.einsum("mji,mj->mi", some.placement[0][group], some.data.position[rows] - some.placement[1][group])
+        place = at.target.T[:, None] + np.einsum("mij,tj->mti", flange, some.tools)
+        out[rows] = np.linalg.norm(base[:, None] - place, axis=2)
+    return out

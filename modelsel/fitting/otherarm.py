@@ -1,0 +1,107 @@
+"""Whether another robot fits the readings better, or the same readings a row earlier or later."""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.measurements import Index
+from ..machine.robot import Robot
+from ..matrix.design import residuals
+from ..matrix.scene import Scene
+from ..words.errors import DataError, NotEstimable
+from .register import register
+
+ROWS = 120          # that are looked at, spread over the file
+LEAST = 10          # configurations
+BAD = 3e-3          # of the reach: a median residual from which other robots are tried
+FACTOR = 4.0        # another robot explains the positions if with it they fit so much better,
+GOOD = 0.02         # and to this share of the reach (median)
+MOST = 2000         # rows in their order, when positions are held against other rows' readings
+SHIFTS = (1, -1, 2, -2)
+
+
+def better(before: float, after: float) -> str:
+    """How much better something fits, in words."""
+    return f"{before / after:.0f} times better" if before < 1e4 * after else "far better"
+
+
+def left_of(some: Scene) -> float:
+    """Median distance [mm] of the positions from the nominal arm, tracker and targets found from them; infinite where these
+    cannot be found."""
+    try:
+        at = register(some, np.ones(len(some), bool), per_group=False)
+    except (DataError, NotEstimable):
+        return float("inf")
+    return float(np.median(np.linalg.norm(residuals(at)[:, :3], axis=1)))
+
+
+def sample(scene: Scene, use: NDArray[np.bool_]) -> Scene | None:
+    """At most ROWS measured positions of one target and one group, spread over the rows `use` (mask); None where too few."""
+    rows = _rows(scene, use)
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), ROWS)).astype(int))] if len(rows) else rows
+    if len(np.unique(scene.data.block[rows])) < LEAST:
+        return None
+    return _plain(scene.take(rows))
+
+
+def _rows(scene: Scene, use: NDArray[np.bool_]) -> Index:
+    data = scene.data
+    rows = np.flatnonzero(use if data.gauges is None else use & data.gauges.of("point"))
+    for index in (data.target, data.group):
+        rows = rows[index[rows] == np.bincount(index[rows]).argmax()] if len(rows) else rows
+    return rows
+
+
+def _plain(some: Scene) -> Scene:
+    """As points of one target on one placement, unweighted."""
+    data = replace(some.data, rotation=None, sigma_rotation=None, gauges=None)
+    return some.anew(data=data, tool_rotations=None, whiten=1.0)
+
+
+def other_robot(scene: Scene, use: NDArray[np.bool_], robots: Callable[[], Mapping[str, Robot]], always: bool = False
+                ) -> str | None:
+    """A sentence that says which of other `robots` fits the rows `use` (mask) of a scene better than its own, with the median
+    distance before and after, tracker and target found for each; None where its own leaves little (unless `always`), or no
+    other fits."""
+    some = sample(scene, use)
+    if some is None:
+        return None
+    own, reach = scene.robot, scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
+    before = left_of(some)
+    if before < BAD * reach and not always:
+        return None
+    tried = [(left_of(some.anew(robot=robot)), name, robot.reach) for name, robot in robots().items()
+             if robot.prismatic == own.prismatic and name != own.name]
+    if not tried:
+        return None
+    after, name, size = min(tried)
+    if after > before / FACTOR or after > GOOD * size:
+        return None
+    return (f'The readings fit robot "{name}" {better(before, after)} than "{own.name}" ({after:.2g} mm in '
+            f"place of {before:.3g} mm, median, tracker and target found for each): check the robot's name or file in the study.")
+
+
+def shifted_rows(scene: Scene, use: NDArray[np.bool_], shifts: Iterable[int] = SHIFTS) -> str | None:
+    """A sentence that says by how many rows positions and readings stand apart; None where no shift fits better."""
+    rows = _rows(scene, use)
+    if len(np.unique(scene.data.block[rows])) < LEAST:
+        return None
+    whole = _plain(scene.take(rows[:MOST]))
+    reach = scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
+    if float(np.median(np.linalg.norm(residuals(whole), axis=1))) < BAD * reach or (before := left_of(whole)) < BAD * reach:
+        return None
+    tried = []
+    for k in shifts:
+        keep = np.ones(len(rows), bool)
+        keep[-k if k > 0 else 0:None if k > 0 else -k] = False          # the rows whose position comes round from the other end
+        data = replace(whole.data, position=np.roll(whole.data.position, -k, 0))
+        tried.append((left_of(whole.anew(data=data).take(keep)), k))
+    after, k = min(tried, key=lambda each: each[0])
+    if not after <= before / FACTOR:
+        return None
+    words = f"{abs(k)} row{'s' * (abs(k) > 1)} further {'down' if k > 0 else 'up'}"
+    return (f"The positions fit {better(before, after)} ({after:.2g} mm in place of {before:.3g} mm, median) if each "
+            f"row's readings go with the position {words}: check how the two were joined.")

@@ -1,0 +1,145 @@
+"""Rows far off that a simple slip explains: other units, a sign, two axes that changed places, a position of the row before."""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.measurements import Index
+from ..data.table import Where
+from ..fitting.otherarm import better
+from ..fitting.register import register
+from ..matrix.design import residuals
+from ..matrix.scene import Scene
+from ..words.errors import DataError, NotEstimable
+from ..words.rigid import Array
+from .faults import MATCH
+from .robust import scale_of
+
+FAR = 20.0         # times as near as a row comes by a slip, a row has to be off: chance does not come so near
+Residuals = Callable[[Scene], Array]
+SCALES = ((1000.0, "in metres, not millimetres", "multiply x, y and z by 1000"), (25.4, "in inches, not millimetres",
+          "multiply x, y and z by 25.4"), (10.0, "in centimetres, not millimetres", "multiply x, y and z by 10"),
+          (0.001, "in micrometres, not millimetres", "divide x, y and z by 1000"))
+RAD = np.pi / 180
+BAD = 3e-3         # of the reach: a mean residual from which slips are looked for before any fit,
+FACTOR = 4.0       # and are said where without them the positions fit so much better
+ROUNDS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Slip:
+    """What is wrong in words, what to do about it, the readings (m, n) and positions (m, 3) as they would be without; `scale` of
+    the positions where it is a unit's."""
+
+    words: str
+    remedy: str
+    q: Array
+    position: Array
+    scale: float = 1.0
+
+
+def _slips(scene: Scene) -> Iterator[Slip]:
+    q, x, turns = scene.data.q, scene.data.position, ~np.array(scene.robot.prismatic)
+    yield from (Slip(words, remedy, q, x * scale, scale) for scale, words, remedy in SCALES)
+    for a, axis in enumerate("xyz"):
+        yield Slip(f"given with the wrong sign of {axis}", f"change the sign of {axis}", q, x * (1 - 2 * np.eye(3)[a]))
+        for b in range(a + 1, 3):
+            order = np.arange(3)
+            order[[a, b]] = b, a
+            words, remedy = f"{axis} and {'xyz'[b]} in each other's place", f"let {axis} and {'xyz'[b]} change places"
+            yield Slip(f"given with {words}", remedy, q, x[:, order])
+    for factor, unit, others in ((1 / RAD, "radians", "degrees"), (RAD, "degrees", "radians")):
+        words = f"given with readings in {unit}, not {others}"
+        yield Slip(words, "convert the readings", np.where(turns, q * factor, q), x)
+
+
+def slipped(scene: Scene, left: Residuals, rows: NDArray[np.bool_], usual: float | None = None) -> tuple[str, ...]:
+    """A sentence for every slip that explains some of the `rows` (mask): how many, where, and how well they fit without. `left`:
+    residuals (m, c) of a scene under the model; near is what the other rows leave, or some times the `usual` length [mm]."""
+    data = scene.data
+    points = np.ones(len(data), bool) if data.gauges is None else data.gauges.of("point")
+    calm, rows = points & ~rows, points & rows
+    if not rows.any() or not (calm.any() or usual):
+        return ()
+    near = MATCH * max(scale_of(_length(left(scene.take(calm)))) if usual is None else usual / np.sqrt(3), 1e-6)
+    some = scene.take(rows)
+    before = _length(left(some))
+    still, out = before > FAR * near, list[str]()
+    for slip in (*_slips(some), _stale(scene, rows)):
+        changed = some.anew(data=replace(some.data, q=slip.q, position=slip.position))
+        after = _length(left(changed))
+        good = still & (after < near)
+        if good.any():
+            medians = float(np.median(before[good])), float(np.median(after[good]))
+            out.append(_said(slip, some.data.where, some.data.row[good], *medians))
+            still = still & ~good
+    return tuple(out)
+
+
+def _said(slip: Slip, where: Where, rows: Index, before: float, after: float) -> str:
+    is_, fit, them = ("is", "it fits", "it") if len(rows) == 1 else ("are", "they fit", "them")
+    return (f"{len(rows)} row{'s' * (len(rows) > 1)} {is_} {slip.words} ({where.spans(rows)}): corrected, {fit} "
+            f"{better(before, after)} ({after:.2g} mm in place of {before:.3g} mm, median); "
+            f"{slip.remedy} there, or leave {them} out.")
+
+
+def slipped_before(scene: Scene, registered: bool, per_group: bool = False) -> str | None:
+    """A sentence on the slip of some rows that explains what a scene's points leave at its placement and tools; None where they
+    leave little, or no slip of less than half of the rows explains it. Where placement and tools were found from the rows
+    (`registered`), they are found again with every guess."""
+    points = np.ones(len(scene), bool) if scene.data.gauges is None else scene.data.gauges.of("point")
+    if not points.any():
+        return None
+    some = scene.take(points)
+    some = some.anew(data=replace(some.data, rotation=None, sigma_rotation=None, gauges=None), tool_rotations=None, whiten=1.0)
+    given = _length(residuals(some))
+    reach = scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
+    if given.mean() < BAD * reach:
+        return None
+    tried = [(*_settled(some, slip, registered, per_group), slip) for slip in _slips(some)]
+    after, marked, slip = min(tried, key=lambda each: float(each[0].mean()))
+    if not marked.any() or marked.mean() >= 0.5 or after.mean() > given.mean() / FACTOR:
+        return None
+    return _said(slip, some.data.where, some.data.row[marked], float(np.median(given[marked])), float(np.median(after[marked])))
+
+
+def _settled(some: Scene, slip: Slip, registered: bool, per_group: bool) -> tuple[Array, NDArray[np.bool_]]:
+    """(what every row leaves, which rows have the slip) once no row changes sides any more."""
+    length = np.linalg.norm(some.data.position, axis=1)
+    usual = float(np.median(length))
+    marked = (np.abs(np.log(np.maximum(length * slip.scale, 1e-9) / max(usual, 1e-9))) < 1) & (slip.scale != 1.0)
+    marked &= np.abs(np.log(np.maximum(length, 1e-9) / max(usual, 1e-9))) > 1
+    at = _with(some, slip, marked, registered, per_group)
+    for _ in range(ROUNDS):
+        plain, other = (_length(residuals(at.anew(data=replace(at.data, q=q, position=x))))
+                        for q, x in ((some.data.q, some.data.position), (slip.q, slip.position)))
+        again = other < plain / 2
+        if (again == marked).all():
+            break
+        marked = again
+        at = _with(some, slip, marked, registered, per_group)
+    return _length(residuals(at)), marked
+
+
+def _with(some: Scene, slip: Slip, marked: NDArray[np.bool_], registered: bool, per_group: bool) -> Scene:
+    """The scene without the slip in the marked rows, tracker and targets found again where they were found before."""
+    rows = marked[:, None]
+    at = some.anew(data=replace(some.data, q=np.where(rows, slip.q, some.data.q),
+                                position=np.where(rows, slip.position, some.data.position)))
+    try:
+        return register(at, np.ones(len(at), bool), per_group) if registered and marked.any() else at
+    except (DataError, NotEstimable):
+        return at
+
+
+def _stale(scene: Scene, rows: NDArray[np.bool_]) -> Slip:
+    """Of every row the readings of the one before: its position was not taken anew."""
+    q = np.roll(scene.data.q, 1, axis=0)
+    return Slip("given with the position of the row before", "measure them again", q[rows], scene.data.position[rows])
+
+
+def _length(residual: Array) -> Array:
+    return np.asarray(np.linalg.norm(residual[:, :3], axis=1))
