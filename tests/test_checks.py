@@ -310,9 +310,9 @@ def test_swapped_labels_are_said(share, registered, rng) -> None:
     at = at.anew(tools=np.array([TOOLS[name] for name in at.data.targets]))
     use = np.ones(len(at), bool)
     sentence = labels_mistake(register(at, use, False) if registered else at, use, registered) or ""
-    assert sentence.startswith(f"In {late.sum()} of 120 rows targets have each other's names (lines ")
+    assert sentence.startswith(f"In {late.sum()} of 120 rows targets have each other's names (rows ")
     if share < 0.5:
-        assert f"(lines {np.argmax(late) + 2} to 121)" in sentence
+        assert f"(rows {np.argmax(late)} to 119, counted from 0)" in sentence
     assert '"A" is "B" and "B" is "A" there' in sentence
 
 

@@ -572,7 +572,7 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
     measured = made(c, tmp_path)
     known = prepared(measured, 100).training()
     fitted = fit(known, model(measured))
-    some = [fitted.terms[k] for k in fitted.found.kept]
+    some = [fitted.terms[k] for k in fitted.representatives]
     at, pool_scene = fitted.at(), scene(PUMA, measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL]))
     p = pool(known, pool_scene, fitted.terms, at, NOISE)
     X = design(replace(known, whiten=1.0), some, at)[0].reshape(-1, len(some))

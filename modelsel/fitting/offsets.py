@@ -21,7 +21,7 @@ from .slips import Mistake, linear
 
 STEP = np.pi / 18          # of the angles that are tried of a joint's zero
 PEAKS = 2                  # angles of each joint from which it is descended
-DEGREES, LINK_MM = 1.0, 5.0   # smallest zero and link that are called a mistake
+DEGREES, LINK_MM = 3.0, 15.0  # smallest zero and link that are called a mistake: less is an arm's own error, which is fitted
 ZERO, LENGTH_MM = 1.0, 200.0  # prior standard deviations: rad (mm of a slide: the next), mm
 RIGHT = np.radians(5)      # nearness to a right angle, which has a sentence of its own
 FALL = 0.8                 # to which each more of them must bring what is left for a next to be looked for
