@@ -12,7 +12,7 @@ from drawn_arms import LONGER, UP, Campaign, campaign
 
 from modelsel import Result, Study, run
 from modelsel.matrix.design import residuals
-from modelsel.matrix.usual import USUAL, usual_sizes
+from modelsel.matrix.usual import usual_sizes
 
 SIX, SEVEN = ("ur5e", "puma760", "irb120", "ur10e"), ("iiwa14", "fr3")
 
@@ -35,7 +35,7 @@ def off(result: Result, one: Campaign) -> tuple[np.ndarray, np.ndarray]:
     """(errors in standard errors, estimates in usual sizes) of every geometric parameter that the set-up does not leave open."""
     fitted, sizes = result.chosen.fit, usual_sizes(result.chosen.fit.model)
     place = [(k, t.screws[0].frame - 1, ["tx", "ty", "tz", "rx", "ry", "rz"].index(t.screws[0].axis))
-             for k, t in enumerate(fitted.terms) if sizes[k] in USUAL.values() and k in fitted.found.kept]
+             for k, t in enumerate(fitted.terms) if t.usual in one.robot.usual and k in fitted.found.kept]
     away = [(fitted.theta[k] - one.errors[f, a]) / fitted.standard_errors[k] for k, f, a in place]
     return np.abs(away), np.abs([fitted.theta[k] / sizes[k] for k, _, _ in place])
 

@@ -72,6 +72,8 @@ def robot_file(robot: Robot, modified: bool, notes: Sequence[str] = ()) -> str:
     lines = [*(f"# {one_line(note)}" for note in notes), f"name = {_text(robot.name)}", f"source = {_text(robot.source)}"]
     if robot.gravity is not None:
         lines.append(f"gravity = {list(robot.gravity)}")
+    if robot.usual != Robot.usual:
+        lines += [f"usual_mm = {robot.usual[0]!r}", f"usual_mrad = {robot.usual[1] * 1e3!r}"]
     lines += [f'convention = "{"modified" if modified else "standard"}"', f"base_mm = {found.base[:3].tolist()}"]
     for joint, row, shift in zip(robot.joints, found.rows, found.shift, strict=True):
         theta, d, a, alpha = (float(v) for v in (np.degrees(row[0]), row[1], row[2], np.degrees(row[3])))

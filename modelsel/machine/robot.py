@@ -31,13 +31,15 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A serial chain; `gravity` is the unit direction in frame 0, None where it is not known."""
+    """A serial chain; `gravity` is the unit direction in frame 0, None where it is not known; `usual` the standard deviation of
+    such an arm's lengths [mm] and angles [rad] about its drawing."""
 
     name: str
     source: str
     joints: tuple[Joint, ...]
     last: Array = field(repr=False)            # last joint to flange, (4, 4)
     gravity: tuple[float, float, float] | None = (0.0, 0.0, -1.0)
+    usual: tuple[float, float] = (1.0, 1e-3)
 
     @property
     def n(self) -> int:

@@ -16,7 +16,7 @@ from .robot import Joint, Robot
 
 FORMS = ("transform_mm", "xyz_mm", "dh")
 JOINT_KEYS = {*FORMS, "rpy_deg", "axis", "kind", "limits_deg", "limits_mm", "mass_kg", "com_mm", "name"}
-TOP_KEYS = {"name", "source", "gravity", "convention", "base_mm", "joint", "last"}
+TOP_KEYS = {"name", "source", "gravity", "convention", "base_mm", "joint", "last", "usual_mm", "usual_mrad"}
 DH_KEYS = {"theta_deg", "d_mm", "a_mm", "alpha_deg"}
 
 
@@ -97,6 +97,15 @@ def _joint(read: _Reader, place: str, row: Mapping[str, Any], before: Array) -> 
     return Joint(before, prismatic, limits, mass, (float(com[0]), float(com[1]), float(com[2])))
 
 
+def _usual(read: _Reader, table: Mapping[str, Any]) -> tuple[float, float]:
+    """The usual size of such an arm's errors: (mm, rad)."""
+    sizes = [float(read.numbers(key, table.get(key, 1.0), ())) for key in ("usual_mm", "usual_mrad")]
+    for key, size in zip(("usual_mm", "usual_mrad"), sizes, strict=True):
+        if not size > 0:
+            read.say(key, "expected a number above 0: the standard deviation of the arm's parameters about its drawing")
+    return sizes[0], sizes[1] * 1e-3
+
+
 def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
     """The robot a TOML table describes; raises StudyError with every problem, each with its place in `where`."""
     read = _Reader(where)
@@ -133,7 +142,7 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
         else:
             read.say("gravity", "the direction has no length; leave the key out where it is not known")
     source = " ".join(str(table.get("source", "not stated")).split())
-    robot = Robot(str(table.get("name", Path(where).stem)), source, tuple(joints), end, gravity)
+    robot = Robot(str(table.get("name", Path(where).stem)), source, tuple(joints), end, gravity, _usual(read, table))
     try:
         named(robot)
     except ValueError as error:

@@ -12,16 +12,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..data.measurements import Index
 from ..words.rigid import Array
-from ..wrong.causes import Number
-from ..wrong.mechanisms.geometry import SETUP
-from ..wrong.screws import Screw
+from ..wrong.mechanisms.geometry import OPEN
 from .design import Model
 from .reduce import Reduction
 from .smooth import spline
 
-USUAL = {"t": 1.0, "r": 1e-3}      # mm, rad: standard deviation of an assembled arm's parameter about its drawing
-OPEN = {"t": 100.0, "r": 0.1}      # mm, rad: of a placement or a target that registration has found already
 PLENTY = 4.0                       # usual sizes over their standard error, beyond which least squares stands alone
 PRECISE = 1e-5                     # of the parameters' own effect: less noise would only lose digits
 ALIKE = 0.01                       # relative change of the prior that changes nothing
@@ -59,23 +56,21 @@ class WeakPrior:
 
 def constant(model: Model) -> NDArray[np.bool_]:
     """(p,) mask of the constant parameters of the arm and its set-up."""
-    open_ = _open(model)
-    return np.array([not t.fixture and (t.screws in open_ or all(isinstance(s.cause, Number) for s in t.screws))
-                     for t in model.terms], dtype=bool)
+    return np.array([t.usual is not None for t in model.terms], dtype=bool)
 
 
 def usual_sizes(model: Model) -> Array:
     """(p,) usual size of every term, in its unit: of the arm's and the set-up's constant parameters, and of a mechanism's terms
     the upper end of the catalogue's range; infinite where none is known, and for free functions with a variance of their own."""
-    open_ = _open(model)
-    return np.array([(OPEN if t.screws in open_ else USUAL)[t.screws[0].axis[0]] if fixed else
-                     t.size[1] if t.size is not None and spline(t) is None else np.inf
-                     for t, fixed in zip(model.terms, constant(model), strict=True)], dtype=float)
+    return np.array([t.usual if t.usual is not None else t.size[1] if t.size is not None and spline(t) is None else np.inf
+                     for t in model.terms], dtype=float)
 
 
-def _open(model: Model) -> set[tuple[Screw, ...]]:
-    """Screws of the terms that the set-up leaves open."""
-    return {t.screws for m in model.mechanisms if m.name == SETUP for t in m.terms}
+def _of_the_arm(model: Model) -> list[Index]:
+    """Indices of the arm's constant lengths and of its angles, without what the set-up leaves open."""
+    return [np.array([k for k, t in enumerate(model.terms)
+                      if t.usual is not None and t.usual < size and t.screws[0].axis[0] == kind], dtype=np.intp)
+            for kind, size in OPEN.items()]
 
 
 def faint(R: Array, kept: Sequence[int], sizes: Array, least: float) -> set[int]:
@@ -98,7 +93,7 @@ def weak_prior(reduction: Reduction, fitted: Sequence[int], model: Model, theta:
     kept, sizes = list(fitted), usual_sizes(model)
     if not sigma > 0 or not np.isfinite(sizes[kept]).any():
         return WeakPrior(sizes=sizes)
-    sizes = sizes * _scales(reduction, kept, np.where(constant(model), sizes, np.inf), theta, sigma)
+    sizes = sizes * _scales(reduction, kept, sizes, _of_the_arm(model), theta, sigma)
     sizes = np.maximum(sizes, np.abs(theta) / SURPRISING)
     sized = [k for k in kept if np.isfinite(sizes[k])]
     inner, _ = _beyond(reduction, sized, [k for k in kept if k not in sized], theta)
@@ -121,10 +116,9 @@ def _beyond(reduction: Reduction, some: Sequence[int], others: Sequence[int], th
     return R[len(others):-1, len(others):-1], R[len(others):-1, -1]
 
 
-def _scales(reduction: Reduction, kept: Sequence[int], sizes: Array, theta: Array, sigma: float) -> Array:
-    """(p,) factor of every usual size, alike for lengths and for angles: their posterior means (of the logarithm) by the marginal
-    likelihood of what the data say of these parameters; those that are open or mistaken say nothing."""
-    usual = [np.flatnonzero(sizes == size) for size in USUAL.values()]
+def _scales(reduction: Reduction, kept: Sequence[int], sizes: Array, usual: Sequence[Index], theta: Array, sigma: float) -> Array:
+    """(p,) factor of every usual size, alike for the arm's lengths and for its angles (`usual`): their posterior means (of the
+    logarithm) by the marginal likelihood of what the data say of these parameters; those that are mistaken say nothing."""
     sane = [np.intersect1d(k, [j for j in kept if abs(theta[j]) < SURPRISING**2 * sizes[j]]).astype(int) for k in usual]
     some = [*sane[0].tolist(), *sane[1].tolist()]
     out = np.ones(len(sizes))

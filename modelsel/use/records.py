@@ -20,11 +20,12 @@ DEEPEST = 200   # a cause nested more deeply than this is no cause of ours
 THREE, PAIR = Each(float, 3), Each(float, 2)
 ROTATION, TRANSFORM = Each(THREE, 3), Each(Each(float, 4), 3)
 SCREW = {"frame": int, "axis": frozenset(AXES), "cause": {}, "prints": str}
-TERM = {"symbol": str, "unit": str, "size": Maybe(PAIR), "sign": int, "screws": Each(SCREW, least=1)}
+TERM = {"symbol": str, "unit": str, "size": Maybe(PAIR), "sign": int, "usual?": float, "screws": Each(SCREW, least=1)}
 JOINT = {"before_mm": TRANSFORM, "prismatic": bool, "limits": Maybe(PAIR), "mass_kg": Maybe(float), "com_mm": THREE}
 CALIBRATION = {
     "kind": frozenset(["calibration"]), "study": str,
-    "robot": {"name": str, "source": str, "gravity": Maybe(THREE), "joints": Each(JOINT, least=1), "last_mm": TRANSFORM},
+    "robot": {"name": str, "source": str, "gravity": Maybe(THREE), "joints": Each(JOINT, least=1), "last_mm": TRANSFORM,
+              "usual?": PAIR},
     "targets": Each({"name": str, "tool_mm": THREE, "rotation": Maybe(ROTATION)}, least=1),
     "groups": Each({"name": str, "rotation": ROTATION, "translation_mm": THREE}, least=1),
     "registered": bool, "tracker_mm": THREE,
@@ -101,6 +102,7 @@ def mechanism_record(mechanism: Mechanism) -> dict[str, Any]:
     return {"name": mechanism.name, "sentence": mechanism.sentence, "equation": mechanism.equation, "source": mechanism.source,
             **({"contrary": mechanism.contrary} if mechanism.contrary else {}),
             "terms": [{"symbol": t.symbol, "unit": t.unit, "size": None if t.size is None else list(t.size), "sign": t.sign,
+                       **({} if t.usual is None else {"usual": t.usual}),
                        "screws": [{"frame": s.frame, "axis": s.axis, "cause": cause_record(s.cause), "prints": str(s.cause)}
                                   for s in t.screws]} for t in mechanism.terms]}
 
@@ -109,7 +111,8 @@ def mechanism_of(record: Mapping[str, Any]) -> Mechanism:
     """The mechanism of a record of its shape. Raises ValueError where its units or what its causes print are not the stored
     ones."""
     terms = tuple(Term(t["symbol"], tuple(Screw(s["frame"], s["axis"], cause_of(s["cause"])) for s in t["screws"]),
-                       None if t["size"] is None else (float(t["size"][0]), float(t["size"][1])), t["sign"])
+                       None if t["size"] is None else (float(t["size"][0]), float(t["size"][1])), t["sign"],
+                       None if "usual" not in t else float(t["usual"]))
                   for t in record["terms"])
     for term, stored in zip(terms, record["terms"], strict=True):
         if term.unit != stored["unit"] or [str(s.cause) for s in term.screws] != [s["prints"] for s in stored["screws"]]:
@@ -118,6 +121,8 @@ def mechanism_of(record: Mapping[str, Any]) -> Mechanism:
             raise ValueError(f"the usual size or sign of {term.symbol} of {record['name']} is none")
     if (why := unfit(record["name"], TEXT)) is not None:
         raise ValueError(f"the name of a mechanism is not one: {why}")
+    if any(t.usual is not None and not 0 < t.usual < LARGEST for t in terms):
+        raise ValueError(f"the usual size of a parameter of {record['name']} must be above 0")
     return Mechanism(record["name"], terms, record["sentence"], record["equation"], record["source"],
                      record.get("contrary", ""))
 
@@ -125,6 +130,7 @@ def mechanism_of(record: Mapping[str, Any]) -> Mechanism:
 def robot_record(robot: Robot) -> dict[str, Any]:
     """The nominal robot in full."""
     return {"name": robot.name, "source": robot.source, "gravity": None if robot.gravity is None else list(robot.gravity),
+            "usual": list(robot.usual),
             "joints": [{"before_mm": j.before[:3].tolist(), "prismatic": j.prismatic,
                         "limits": None if j.limits is None else list(j.limits), "mass_kg": j.mass, "com_mm": list(j.com)}
                        for j in robot.joints], "last_mm": robot.last[:3].tolist()}
@@ -144,7 +150,13 @@ def robot_of(record: Mapping[str, Any]) -> Robot:
     if g is not None and abs(float(np.linalg.norm(g)) - 1) > RIGID:
         raise ValueError("the direction of gravity is not of length one")
     return Robot(record["name"], record["source"], tuple(joints), square(record["last_mm"]),
-                 None if g is None else (float(g[0]), float(g[1]), float(g[2])))
+                 None if g is None else (float(g[0]), float(g[1]), float(g[2])), _usual(record.get("usual", Robot.usual)))
+
+
+def _usual(pair: Sequence[float]) -> tuple[float, float]:
+    if not all(0 < size < LARGEST for size in pair):
+        raise ValueError("the robot's usual errors (mm, rad) must be above 0")
+    return float(pair[0]), float(pair[1])
 
 
 def square(rows: Sequence[Sequence[float]]) -> Array:

@@ -41,12 +41,14 @@ class Screw:
 @dataclass(frozen=True)
 class Term:
     """ONE fitted number; it drives its screws together. `size` is the usual range of its magnitude, `sign` the one that physics
-    allows (0: either): a fit of the other sign is not told as this mechanism."""
+    allows (0: either): a fit of the other sign is not told as this mechanism. `usual`: of a constant parameter of the arm or its
+    set-up, its standard deviation about zero; such a parameter is fitted even where the data do not tell it from others."""
 
     symbol: str
     screws: tuple[Screw, ...]
     size: tuple[float, float] | None = None
     sign: int = 0
+    usual: float | None = None
 
     @property
     def fixture(self) -> bool:

@@ -10,6 +10,7 @@ from ..causes import ONE, Cause, Member
 from ..screws import Mechanism, Screw, Term, letter
 
 SETUP = "set-up"    # name of the placement and the targets: no error of the arm
+OPEN = {"t": 100.0, "r": 0.1}      # mm, rad: standard deviation of a placement or a target that registration has found already
 SIZE = {"t": (0.0, 5.0), "r": (0.0, 20e-3)}  # mm, rad: what an assembled arm shows against its drawing
 
 
@@ -21,13 +22,13 @@ def geometric(robot: Robot) -> Mechanism:
     """
     places = [(robot.n + 1, axis) for axis in AXES[:3]] + [(f, axis) for f in range(1, robot.n + 1) for axis in AXES]
     return Mechanism(
-        "geometric", tuple(_term(f, axis) for f, axis in places),
+        "geometric", tuple(_term(f, axis, robot.usual[axis[0] == "r"]) for f, axis in places),
         "The links, joint axes, joint zeros and the target are not where the drawing has them.",
         "H_k = Trans(a,b,c) Rx(α) Ry(β) Rz(γ) in every frame, constant", "Positioning error analysis (the reference), Eq. 2")
 
 
-def _term(frame: int, axis: str, cause: Cause = ONE, label: str = "") -> Term:
-    return Term(letter(frame, axis) + label, (Screw(frame, axis, cause),), SIZE[axis[0]])
+def _term(frame: int, axis: str, usual: float, cause: Cause = ONE, label: str = "") -> Term:
+    return Term(letter(frame, axis) + label, (Screw(frame, axis, cause),), SIZE[axis[0]], usual=usual)
 
 
 def setup(robot: Robot, targets: int, groups: int, register: bool, orientation: bool, features: Sequence[Feature] = ()
@@ -41,15 +42,15 @@ def setup(robot: Robot, targets: int, groups: int, register: bool, orientation: 
     if targets > 1 or register:
         for t in range(targets):
             cause, label = (Member("target", t), f"({t + 1})") if targets > 1 else (ONE, "")
-            terms += [_term(robot.n + 1, axis, cause, label) for axis in AXES[:3]]
+            terms += [_term(robot.n + 1, axis, OPEN["t"], cause, label) for axis in AXES[:3]]
     if orientation:
         for t in range(targets):
             cause, label = (Member("target", t), f"({t + 1})") if targets > 1 else (ONE, "")
-            terms += [_term(robot.n + 1, axis, cause, label) for axis in AXES[3:]]
+            terms += [_term(robot.n + 1, axis, OPEN["r"], cause, label) for axis in AXES[3:]]
     if register:
         for g in range(groups):
             cause, label = (Member("group", g), f"[{g + 1}]") if groups > 1 else (ONE, "")
-            terms += [_term(1, axis, cause, label) for axis in AXES]
+            terms += [_term(1, axis, OPEN[axis[0]], cause, label) for axis in AXES]
     terms += [Term(f"{_number(f, axis)} of {f.name}", (Screw(0, axis, Member("feature", k)),))
               for k, f in enumerate(features) for axis in f.free]
     return Mechanism(SETUP, tuple(terms), "Where the tracker stands and where the targets sit on the flange.",
