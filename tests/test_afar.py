@@ -45,7 +45,7 @@ def test_the_minimum_is_found_from_afar(name, rng) -> None:
     best = np.sqrt(np.square(exact.fun).mean())
     at = register(scene(robot, measurements(q, position), np.zeros((1, 3))), np.ones(m, bool), False)
     model = Model((setup(robot, 1, 1, True, False), geometric(robot)))
-    plain, found = fit(at, model, usual=False), fit(at, model)
+    plain, found = fit(at, model, held="nothing"), fit(at, model)
     case = f"{name}, joint {joint + 1}, link {link + 1}: {best:.8f} mm"
     assert found.rank >= plain.rank - 2, case
     only_open = found.weak.count == len(found.found.kept) - plain.rank      # the prior holds what the data say nothing of

@@ -140,7 +140,7 @@ def test_confidence_in_blocks(data: Data, blocks, monkeypatch) -> None:
 
 
 def test_thinned_weights_are_the_weights(data: Data, rng: np.random.Generator, monkeypatch) -> None:
-    fitted = fit(data.training(), BASE, usual=False)
+    fitted = fit(data.training(), BASE, held="nothing")
     draws = posterior(fitted).draw(rng, 200)
     draws = replace(draws, theta=fitted.theta + 6 * (draws.theta - fitted.theta))       # so that the chain's curvature is felt
     want = weighted(data.training(), fitted, draws)

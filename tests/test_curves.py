@@ -170,7 +170,7 @@ def test_beyond_a_shrunk_model_is_beyond_it_with_its_terms_integrated_out(rng: n
     search = Search(bent, base, found, rng, fit(bent, base))
     free = next(g for g, c in enumerate(found) if c.mechanism.name == "free(q4) 20")
     view = search.fit([free], None)
-    fitted, kept = view.fitted, list(view.fitted.found.kept)
+    fitted, kept = view.fitted, list(view.kept)
     precision = fitted.precision
     assert precision is not None
     A, r = stacked(bent, view.model.terms, fitted.at())

@@ -273,7 +273,7 @@ def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:
     from modelsel.why.errormap import columns
     from modelsel.why.evidence import by_size, null_evidence, shares
     at, _ = campaign(even, rng)
-    base_fit = fit(at, BASE, usual=False)
+    base_fit = fit(at, BASE, held="nothing")
     found = candidates(at, BASE, every(ARM))
     log_prior = np.log([c.prior for c in found])
     first = view(at, columns(at, found, base_fit.at()), BASE, base_fit)

@@ -38,10 +38,10 @@ def some(which: Model, rng: np.random.Generator, mm: float = 1.0, rad: float = 3
 def test_exact_recovery(robot, mm, rad, rng) -> None:
     """No noise: the representatives come back on the exact chain, at the upper end of the usual sizes too."""
     which, at = whole(robot), drawn(robot, rng, 60)
-    kept = list(fit(at, which, usual=False).found.kept)
+    kept = list(fit(at, which, held="nothing").found.kept)
     theta = np.zeros(len(which.terms))
     theta[kept] = some(which, rng, mm, rad)[kept]
-    found = fit(planted(at, which.terms, theta), which, usual=False)
+    found = fit(planted(at, which.terms, theta), which, held="nothing")
     np.testing.assert_allclose(found.theta, theta, rtol=1e-6, atol=1e-9)
     assert found.rss < 1e-15 * found.rows * mm
     assert found.step_mm < 1e-4
@@ -53,7 +53,7 @@ def test_estimate_and_covariance_are_statsmodels(rng) -> None:
     import statsmodels.api as sm
     which = whole()
     at = planted(drawn("puma760", rng, 50), which.terms, some(which, rng), rng, 0.1)
-    found = fit(at, which, usual=False)
+    found = fit(at, which, held="nothing")
     kept = list(found.found.kept)
     X, left = (part.reshape(150, -1) for part in design(at, which.terms, found.at()))
     other = sm.OLS(left[:, 0] + X[:, kept] @ found.theta[kept], X[:, kept]).fit(method="qr")
@@ -88,14 +88,14 @@ def test_prior(rng) -> None:
     which = whole()
     at = planted(drawn("puma760", rng, 40), which.terms, some(which, rng), rng, 0.1)
     precision = np.array([0.0 if t.unit == "mm" else 1e6 for t in which.terms])
-    found = fit(at, which, precision=precision, usual=False)
+    found = fit(at, which, precision=precision, held="nothing")
     X, r = (part.reshape(120, -1) for part in design(at, which.terms, found.at()))
     kept = list(found.found.kept)
     slope = (X.T @ r[:, 0] - precision * found.theta)[kept]
     np.testing.assert_allclose(slope / np.linalg.norm(X[:, kept], axis=0), 0, atol=1e-3)
     inner = np.linalg.inv(X[:, kept].T @ X[:, kept] + np.diag(precision[kept]))
     assert found.rows - found.freedom == pytest.approx(np.trace(X[:, kept] @ inner @ X[:, kept].T), rel=1e-6)
-    assert np.linalg.norm(precision * found.theta) < np.linalg.norm(precision * fit(at, which, usual=False).theta)
+    assert np.linalg.norm(precision * found.theta) < np.linalg.norm(precision * fit(at, which, held="nothing").theta)
 
 
 @pytest.mark.parametrize("m", [5, 9])

@@ -103,7 +103,7 @@ def test_scene_against_refits(folds, rng) -> None:
     which = Model(tuple(mechanism(name, load("puma760")) for name in ("geometric", "joint3-twist")))
     at = drawn("puma760", rng, 40)
     at = planted(at, which.terms, rng.normal(size=len(which.terms)) * 1e-3, rng, 0.1)
-    plain = fit(at, which, usual=False)
+    plain = fit(at, which, held="nothing")
     about = plain.at()
     fold_of = assign(at.data, folds, rng)
     assert fold_of.max() + 1 == (folds or 40)

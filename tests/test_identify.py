@@ -164,7 +164,7 @@ def test_tables_are_recovered(table, rng) -> None:
     kept = list(found.kept)
     plant = np.zeros_like(theta)
     plant[kept] = found.relation.T @ theta
-    exact, linear = (fit(planted(at, which.terms, plant), which, usual=False, **only) for only in ({}, {"iterations": 1}))
+    exact, linear = (fit(planted(at, which.terms, plant), which, held="nothing", **only) for only in ({}, {"iterations": 1}))
     assert exact.found.kept == found.kept
     assert exact.iterations >= 2
     np.testing.assert_allclose(exact.theta, plant, rtol=1e-6, atol=1e-12)
@@ -178,7 +178,7 @@ def test_every_estimable_combination_of_the_whole_table(table, rng) -> None:
     what is recovered, from the table and its negative at a hundredth of its size, is relation' theta."""
     which, theta = truth(*TABLES[table])
     at = drawn("puma760", rng, 80, ON_AXIS)
-    up, down = (fit(planted(at, which.terms, share * theta), which, usual=False) for share in (1e-2, -1e-2))
+    up, down = (fit(planted(at, which.terms, share * theta), which, held="nothing") for share in (1e-2, -1e-2))
     kept, want = list(up.found.kept), up.found.relation.T @ theta
     slope = (up.theta - down.theta)[kept] / 2e-2
     length = np.array([which.terms[k].unit == "mm" for k in kept])
@@ -191,6 +191,6 @@ def test_every_estimable_combination_of_the_whole_table(table, rng) -> None:
 def test_table_is_predicted_on_fresh_configurations(table, tool, left_mm, rng) -> None:
     """Off the axis the representatives carry the whole exact chain; on it, a7 b7 make γ6 and others act by micrometres."""
     which, theta = truth(*TABLES[table])
-    found = fit(planted(drawn("puma760", rng, 80, tool), which.terms, theta), which, usual=False)
+    found = fit(planted(drawn("puma760", rng, 80, tool), which.terms, theta), which, held="nothing")
     fresh = planted(drawn("puma760", rng, 300, tool), which.terms, theta)
     assert np.linalg.norm(found.residuals(fresh), axis=1).max() < left_mm

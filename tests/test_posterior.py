@@ -60,7 +60,7 @@ def test_ensemble_is_the_exact_chain(rng: np.random.Generator, kind: str) -> Non
 def test_intervals_are_those_of_least_squares(rng: np.random.Generator) -> None:
     at = drawn(ARM, rng, 15)
     scene = planted(at, MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
-    fitted = fit(scene, MODEL, usual=False)
+    fitted = fit(scene, MODEL, held="nothing")
     kept = list(fitted.found.kept)
     X, r = design(scene, MODEL.terms, fitted.at())
     X = X.reshape(-1, len(MODEL.terms))[:, kept]
@@ -76,7 +76,7 @@ def test_shrunk_posterior_is_the_conjugate_one(rng: np.random.Generator) -> None
     scene = planted(at, MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
     precision = np.zeros(len(MODEL.terms))
     precision[-1] = 1e8
-    fitted = fit(scene, MODEL, precision=precision, usual=False)
+    fitted = fit(scene, MODEL, precision=precision, held="nothing")
     kept = list(fitted.found.kept)
     X, r = design(scene, MODEL.terms, fitted.at())
     X = X.reshape(-1, len(MODEL.terms))[:, kept]
@@ -121,7 +121,7 @@ def test_calibrated_by_simulation(rng: np.random.Generator) -> None:
     """2,000 studies: ranks of the planted values among weighted draws are uniform, and 95 % intervals cover 95 ± 1 %."""
     at = drawn(ARM, rng, 12)
     p = len(MODEL.terms)
-    kept = list(fit(at, MODEL, usual=False).found.kept)
+    kept = list(fit(at, MODEL, held="nothing").found.kept)
     size = np.array([t.size[1] if t.size else 1e-4 for t in MODEL.terms])
     ranks, covered, effective = np.zeros((STUDIES, len(kept))), np.zeros((STUDIES, len(kept) + 1)), 0.0
     for study in range(STUDIES):
@@ -129,7 +129,7 @@ def test_calibrated_by_simulation(rng: np.random.Generator) -> None:
         truth[kept] = rng.normal(0, 0.3 * size[kept])
         sigma = float(np.exp(rng.normal(-2, 0.5)))
         scene = planted(at, MODEL.terms, truth, rng, sigma)
-        fitted = fit(scene, MODEL, start=truth, usual=False)
+        fitted = fit(scene, MODEL, start=truth, held="nothing")
         known = posterior(fitted)
         draws = weighted(scene, fitted, known.draw(rng, DRAWS))
         below = draws.weight @ (draws.theta[:, kept] < truth[kept])

@@ -71,7 +71,7 @@ def test_cross_validation_is_scikit_learns(rng) -> None:
     from sklearn.model_selection import LeaveOneGroupOut, cross_val_predict
     at = drawn("puma760", rng, 50)
     model = Model((mechanism("geometric", at.robot), mechanism("joint-compliance:3", at.robot)))
-    fitted = fit(at, model, usual=False)
+    fitted = fit(at, model, held="nothing")
     kept, fold_of = list(fitted.found.kept), assign(at.data, 10, rng)
     X, r = design(at, model.terms, fitted.at())
     scale = np.linalg.norm(X, axis=(0, 1))[kept]

@@ -133,7 +133,7 @@ def test_single_f_is_the_nested_f_test(rng) -> None:
     twice = Mechanism("twice", (Term("z", (Screw(3, "rz", 2.0 * ONE),)),))
     some = (*(mechanism(n, load("puma760")) for n in ("joint2-twist", "backlash:3", "wrist-coupling:6")), twice)
     at = planted(drawn("puma760", rng, 50), base.terms, rng.normal(size=39) * 1e-3, rng, 0.1)
-    fitted = fit(at, base, usual=False)
+    fitted = fit(at, base, held="nothing")
     offered = tuple(Candidate(m, True, 0.25) for m in some)
     A, r = stacked(at, base.terms, fitted.at())
     A = A[:, list(fitted.found.kept)]

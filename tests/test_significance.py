@@ -53,7 +53,7 @@ def judged(data: Data, fitted: Fit, names: Sequence[str], rng: np.random.Generat
 
 
 def test_nested_f_is_that_of_statsmodels(data: Data, rng: np.random.Generator) -> None:
-    fitted = fit(data.training(), MODEL, usual=False)
+    fitted = fit(data.training(), MODEL, held="nothing")
     X, y, kept = linear(data, fitted)
     whole = sm.OLS(y.ravel(), X.reshape(-1, len(TRUTH))[:, kept]).fit()
     boot, ruled = resampled(data, fitted, rng), set()

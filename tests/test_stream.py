@@ -32,7 +32,7 @@ def some_scene(rng: np.random.Generator, m: int = 240) -> Scene:
 
 def test_pieces_in_any_order_are_the_whole(rng) -> None:
     at, which = some_scene(rng), model()
-    fitted = fit(at, which, usual=False)
+    fitted = fit(at, which, held="nothing")
     theta, kept = fitted.theta, fitted.found.kept
     pieces = np.array_split(rng.permutation(len(at)), 7)
     streams = [Stream.empty(which.terms, 5, theta).add(at.take(p)) for p in pieces]
@@ -50,7 +50,7 @@ def test_pieces_in_any_order_are_the_whole(rng) -> None:
 
 def test_search_on_the_reduced_data(rng) -> None:
     at, base, extra = some_scene(rng), model("geometric"), model("geometric", "joint2-twist", "joint3-twist", "backlash:3")
-    kept = list(fit(at, base, usual=False).found.kept)
+    kept = list(fit(at, base, held="nothing").found.kept)
     groups = [[k] for k in range(len(base.terms), len(extra.terms))]
     stream = Stream.empty(extra.terms, 6)
     for piece in np.array_split(np.arange(len(at)), 5):

@@ -46,10 +46,10 @@ def test_what_is_well_determined_is_least_squares(rng) -> None:
     """Parameters that do not depend on each other, each determined far better than to a quarter of its usual size."""
     whole = geometric(load("ur5"))
     at = drawn("ur5", rng, 200)
-    kept = fit(at, Model((whole,)), usual=False).found.kept
+    kept = fit(at, Model((whole,)), held="nothing").found.kept
     model = Model((replace(whole, terms=tuple(whole.terms[k] for k in kept)),))
     at = planted(at, model.terms, rng.normal(size=len(kept)) * [t.usual for t in model.terms], rng, 0.002)
-    held, plain = fit(at, model), fit(at, model, usual=False)
+    held, plain = fit(at, model), fit(at, model, held="nothing")
     assert (usual_sizes(model) > 4 * np.sqrt(len(kept)) * plain.standard_errors).all()
     np.testing.assert_allclose(held.theta, plain.theta, rtol=1e-9)
     np.testing.assert_allclose(held.covariance, plain.covariance, rtol=1e-9)

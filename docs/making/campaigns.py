@@ -13,7 +13,7 @@ from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model, residuals
 from modelsel.matrix.scene import Scene, scene
 from modelsel.which.candidates import Candidate, candidates
-from modelsel.why.errormap import Columns, Scan, columns, scan, stacked
+from modelsel.why.errormap import Columns, Scan, basis, columns, scan, stacked
 from modelsel.words.rigid import Array
 from modelsel.wrong.registry import every, mechanism
 from modelsel.wrong.screws import Term
@@ -58,5 +58,5 @@ def look(at: Scene, model: Model = BASE, cols: Columns | None = None) -> View:
     found, fitted = candidates(at, BASE, every(ROBOT)), fit(at, model)
     cols = columns(at, found, fitted.at()) if cols is None else cols
     A, r = stacked(at, model.terms, fitted.at())
-    Q = np.linalg.qr(A[:, list(fitted.found.kept)])[0]
+    Q = basis(A[:, list(fitted.found.kept)])
     return View(at, fitted, found, cols, scan(cols, Q), r - Q @ (Q.T @ r))

@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -18,10 +19,11 @@ from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from ..wrong.screws import Term
 
+Held = Literal["nothing", "geometry", "all"]
 STEP_MM = 1e-4     # 0.1 µm
 ITERATIONS = 60
 STUCK = 1e8        # damping at which no step lowers the cost: the minimum, to rounding
-ROUNDS = 8         # of judging again what is fitted, where the fit has gone
+ROUNDS = 30        # of judging again what is fitted, where the fit has gone
 FAR = 10.0         # usual sizes from the nominal arm, within which the nominal chain's dependences hold
 STILL = 1e-13      # of the largest column: a smaller one moves nothing
 QUIET_MM = 1e-6    # no measurement is better
@@ -106,6 +108,14 @@ class Fit:
         return tuple(k for k in self.found.exact if k in self.found.kept)
 
     @cached_property
+    def beyond(self) -> float:
+        """Degrees of freedom beyond all that the model can do at any size: rows minus the trace of the hat matrix of its
+        representatives, shrunk terms with their variance."""
+        some = list(self.representatives)
+        full = with_prior(self.reduction, prior_root(self.terms, self.precision), self.theta)
+        return float(self.rows - np.square(self.reduction.R[:-1, some] @ solve(full, some)[1]).sum())
+
+    @cached_property
     def leaning(self) -> tuple[int, ...]:
         """Fitted terms whose standard error is above half of their usual size: the prior holds them as much as the data."""
         sizes = self.weak.sizes if self.weak.sizes is not None else np.full(len(self.theta), np.inf)
@@ -155,23 +165,24 @@ def typical_weight(scene: Scene | Source) -> float:
 
 
 def fit(scene: Scene | Source, model: Model, *, precision: Array | None = None, iterations: int = ITERATIONS,
-        start: Array | None = None, step_mm: float = STEP_MM, usual: bool = True) -> Fit:
+        start: Array | None = None, step_mm: float = STEP_MM, held: Held = "geometry") -> Fit:
     """Least squares of a model on a scene. precision (p,): prior 1/variance of each term in whitened units, about zero, the
-    terms of a free function correlated (`smooth`). `usual=False`: without the prior of usual sizes, which holds what the data
-    hardly determine; terms that depend on earlier ones are fixed at zero then.
+    terms of a free function correlated (`smooth`). `held`: what the prior of usual sizes holds where the data hardly determine
+    it: the "geometry", "all" (mechanisms' terms, too, which must have no say in what they are named), or "nothing", where terms
+    that depend on earlier ones are fixed at zero.
 
     Gauss-Newton on the exact chain, until all rows together move less than `step_mm`; then what is fitted, what is fixed and
     what the prior of usual sizes holds is judged at the solution, and the fit goes on until that stays. `iterations=1` is
     one linear step. Raises NotEstimable where the data have no more coordinates than the model has estimable
     parameters, or the iteration does not settle.
     """
-    problem = _Problem(scene, model, precision, typical_weight(scene))
-    if not usual or start is None or not start.any():
+    problem = _Problem(scene, model, precision, typical_weight(scene), held)
+    if held == "nothing" or start is None or not start.any():
         theta = np.zeros(len(model.terms)) if start is None else start
         state = problem.solve(problem.state(theta, problem.at_nominal(), WeakPrior()), iterations, step_mm)
     else:
         state = problem.state(start, problem.exact, WeakPrior())
-    for _ in range(ROUNDS if usual else 0):
+    for _ in range(ROUNDS if held != "nothing" else 0):
         found, weak = problem.judge(state)
         if found.kept == state.found.kept and weak.like(state.weak) and state.step_mm < step_mm:
             break
@@ -203,6 +214,7 @@ class _Problem:
     model: Model
     precision: Array | None
     weight: float
+    held: Held
 
     @cached_property
     def nominal(self) -> Reduction:
@@ -268,7 +280,7 @@ class _Problem:
             fitted = {*found.kept, *np.flatnonzero(moves & constant(self.model)).tolist()}
             found = replace(found, kept=tuple(sorted(fitted)))
         sigma = max(self.sigma(cost(state.reduction), state.found.kept, state.weak.count), QUIET_MM * self.weight)
-        return found, weak_prior(full, found.kept, self.model, theta, sigma)
+        return found, weak_prior(full, found.kept, self.model, theta, sigma, self.held == "all")
 
     def refuse(self, state: _State, settled: bool, step_mm: float) -> None:
         """Raise NotEstimable where the data have no more coordinates than the model has parameters, or where the iteration should

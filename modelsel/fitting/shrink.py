@@ -10,7 +10,7 @@ from ..matrix.design import Model
 from ..matrix.scene import Scene
 from ..matrix.smooth import spline, splines
 from ..words.rigid import Array
-from .fit import STEP_MM, Fit, fit
+from .fit import STEP_MM, Fit, Held, fit
 
 ROUNDS = 60
 STIFFEST = 1e6    # largest precision of a coefficient, in squared norms of its column
@@ -70,13 +70,14 @@ def variances(fitted: Fit, groups: Sequence[Index]) -> Array:
     return out
 
 
-def fit_shrunk(scene: Scene, model: Model, start: Fit | None = None, step_mm: float = STEP_MM) -> Fit:
-    """Fit a model, its free functions shrunk; a plain fit where it has none. `start`: a fit of a similar model."""
+def fit_shrunk(scene: Scene, model: Model, start: Fit | None = None, step_mm: float = STEP_MM, *, held: Held = "geometry") -> Fit:
+    """Fit a model, its free functions shrunk; a plain fit where it has none. `start`: a fit of a similar model; `held` as in
+    `fit`."""
     known = {} if start is None else dict(zip((t.screws for t in start.terms), start.theta, strict=True))
     theta = None if start is None else np.array([known.get(t.screws, 0.0) for t in model.terms])
     groups = wide_groups(model)
     if not groups:
-        return fit(scene, model, start=theta, step_mm=step_mm)
+        return fit(scene, model, start=theta, step_mm=step_mm, held=held)
     weight = scene.whiten if isinstance(scene.whiten, float) else float(np.median(np.diagonal(scene.whiten, 0, 1, 2)))
     before = {} if start is None or start.precision is None else dict(
         zip((t.screws for t in start.terms), start.precision, strict=True))
@@ -84,12 +85,12 @@ def fit_shrunk(scene: Scene, model: Model, start: Fit | None = None, step_mm: fl
     for g in groups:
         first = model.terms[g[0]].screws
         precision[g] = before.get(first, (0.1 * weight / START[first[0].axis[0]]) ** 2)
-    fitted = fit(scene, model, precision=precision, start=theta, step_mm=step_mm)
+    fitted = fit(scene, model, precision=precision, start=theta, step_mm=step_mm, held=held)
     for _ in range(2):
         new = variances(fitted, groups)
         settled = np.allclose(new, precision, rtol=0.1)
         precision = new
-        fitted = fit(scene, model, precision=new, start=fitted.theta, step_mm=step_mm)
+        fitted = fit(scene, model, precision=new, start=fitted.theta, step_mm=step_mm, held=held)
         if settled:
             break
     return fitted

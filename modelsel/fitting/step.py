@@ -49,7 +49,7 @@ def one_step(model: Model, base: Fit, here: Reduction, weight: float) -> Step:
     if weak.rows is not None:
         left = solve(_with_rows(here, _prior(weak, theta)), kept)[2]
         sigma = float(np.sqrt(left / max(here.rows - len(kept) + weak.count, 1.0)))
-        weak = weak_prior(here, kept, model, theta, sigma)
+        weak = weak_prior(here, kept, model, theta, sigma, catalogue=True)
     rows = _prior(weak, theta)
     delta = np.zeros(len(theta))
     delta[list(kept)] = solve(_with_rows(here, rows), kept)[0]

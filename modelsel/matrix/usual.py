@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from ..data.measurements import Index
 from ..words.rigid import Array
 from ..wrong.mechanisms.geometry import OPEN
+from ..wrong.screws import Term
 from .design import Model
 from .reduce import Reduction
 from .smooth import spline
 
 PLENTY = 4.0                       # usual sizes over their standard error, beyond which least squares stands alone
 PRECISE = 1e-5                     # of the parameters' own effect: less noise would only lose digits
-ALIKE = 0.01                       # relative change of the prior that changes nothing
+ALIKE = 1e-5                       # relative change of the prior that changes nothing
 FACTORS = 2.0 ** np.arange(-2, 4)  # that this arm's errors may be larger than usual, a factor of two being likely
 SURPRISING = 3.0                   # usual sizes: an estimate beyond is no usual one, and its own size is taken for it
 
@@ -38,7 +39,7 @@ class WeakPrior:
     sizes: Array | None = field(default=None, repr=False)
 
     def like(self, other: WeakPrior) -> bool:
-        """Whether another changes nothing: alike to a hundredth."""
+        """Whether another changes nothing."""
         if self.rows is None or other.rows is None:
             return self.rows is other.rows
         a, b = self.rows.T @ self.rows, other.rows.T @ other.rows
@@ -59,11 +60,16 @@ def constant(model: Model) -> NDArray[np.bool_]:
     return np.array([t.usual is not None for t in model.terms], dtype=bool)
 
 
-def usual_sizes(model: Model) -> Array:
-    """(p,) usual size of every term, in its unit: of the arm's and the set-up's constant parameters, and of a mechanism's terms
-    the upper end of the catalogue's range; infinite where none is known, and for free functions with a variance of their own."""
-    return np.array([t.usual if t.usual is not None else t.size[1] if t.size is not None and spline(t) is None else np.inf
+def usual_sizes(model: Model, catalogue: bool = False) -> Array:
+    """(p,) usual size of every term, in its unit: of the arm's and the set-up's constant parameters, and, by the `catalogue`, of
+    a mechanism's terms the upper end of the usual range; infinite where none is known, for free functions, which have a variance
+    of their own, and for what changes as the campaign goes on, whose moment is sampled with a prior of its own."""
+    return np.array([t.usual if t.usual is not None else t.size[1] if catalogue and t.size is not None and _lasts(t) else np.inf
                      for t in model.terms], dtype=float)
+
+
+def _lasts(term: Term) -> bool:
+    return spline(term) is None and not any("progress" in s.cause.names() for s in term.screws)
 
 
 def _of_the_arm(model: Model) -> list[Index]:
@@ -87,10 +93,11 @@ def faint(R: Array, kept: Sequence[int], sizes: Array, least: float) -> set[int]
     return lost
 
 
-def weak_prior(reduction: Reduction, fitted: Sequence[int], model: Model, theta: Array, sigma: float) -> WeakPrior:
-    """The prior on what a reduction at theta (p,) says little of, by usual sizes; those of the arm's constant parameters are
-    scaled to this arm's own."""
-    kept, sizes = list(fitted), usual_sizes(model)
+def weak_prior(reduction: Reduction, fitted: Sequence[int], model: Model, theta: Array, sigma: float, catalogue: bool = False
+               ) -> WeakPrior:
+    """The prior on what a reduction at theta (p,) says little of, by usual sizes (see there for the `catalogue`); those of the
+    arm's constant parameters are scaled to this arm's own."""
+    kept, sizes = list(fitted), usual_sizes(model, catalogue)
     if not sigma > 0 or not np.isfinite(sizes[kept]).any():
         return WeakPrior(sizes=sizes)
     sizes = sizes * _scales(reduction, kept, sizes, _of_the_arm(model), theta, sigma)
@@ -117,8 +124,8 @@ def _beyond(reduction: Reduction, some: Sequence[int], others: Sequence[int], th
 
 
 def _scales(reduction: Reduction, kept: Sequence[int], sizes: Array, usual: Sequence[Index], theta: Array, sigma: float) -> Array:
-    """(p,) factor of every usual size, alike for the arm's lengths and for its angles (`usual`): their posterior means (of the
-    logarithm) by the marginal likelihood of what the data say of these parameters; those that are mistaken say nothing."""
+    """(p,) factor of every usual size, alike for the arm's lengths and for its angles (`usual`): the roots of their posterior
+    mean squares by the marginal likelihood of what the data say of these parameters; those that are mistaken say nothing."""
     sane = [np.intersect1d(k, [j for j in kept if abs(theta[j]) < SURPRISING**2 * sizes[j]]).astype(int) for k in usual]
     some = [*sane[0].tolist(), *sane[1].tolist()]
     out = np.ones(len(sizes))
@@ -138,5 +145,5 @@ def _scales(reduction: Reduction, kept: Sequence[int], sizes: Array, usual: Sequ
              - 0.5 * np.square(exponents)[:, None] - 0.5 * np.square(exponents))
     p = np.exp(log_p - log_p.max())
     for k, share in zip(usual, (p.sum(1), p.sum(0)), strict=True):
-        out[k] = 2.0 ** (exponents @ share / share.sum())
+        out[k] = np.sqrt(np.square(FACTORS) @ share / share.sum())
     return out

@@ -118,7 +118,7 @@ def detection_limit(extension: Extension, priors: Sequence[float], configuration
     are so few that nothing passes it, however large."""
     from scipy.special import chndtr
     log_prior = float(np.log(np.median(priors)))
-    freedom = extension.fit.freedom
+    freedom = extension.fit.beyond
     share = np.concatenate([np.linspace(0.0, 0.9, 4001)[1:], 1 - np.logspace(-1, -7, 1201)[1:]])
     best = np.max([log_prior - 0.5 * np.log1p(r) - 0.5 * freedom * np.log1p(-share * r / (1 + r)) for r in RATIOS], axis=0)
     if freedom <= 1 or not (best > extension.bound).any():

@@ -72,7 +72,7 @@ def rung(data: Data, model: Model, names: Sequence[str], fitted: Fit | None = No
     fit."""
     training, folds_of = data.training(), data.training_folds()
     if fitted is None:
-        fitted = fit_shrunk(training, model, start)
+        fitted = fit_shrunk(training, model, start, held="all")
     residual = fitted.residuals(data.scene)
     held, left, cv = ~data.estimation, np.linalg.norm(residual[data.used][:, :3], axis=1), None
     if fitted.theta.size:

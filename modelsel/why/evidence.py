@@ -120,7 +120,7 @@ def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> 
     lies evenly on the sphere of the model's residuals, whatever the parameters and the noise level (Dufour 2006). In single
     precision, which is ample where nothing stands out; every basis is made once, so that a draw costs one matrix product."""
     out, least = [], []
-    rows, data = len(seen.Q), seen.columns.XT.shape[1]              # a prior's rows stand below the data's
+    rows = seen.columns.XT.shape[1]
     bases = [_bases(b, seen.columns.XT) for b in seen.buckets]
     alike = by_size(seen)
     if not alike:
@@ -130,7 +130,7 @@ def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> 
         u = (u - seen.Q @ (seen.Q.T @ u)).astype(np.float32)
         for some in pieces(u.shape[1], PIECE):
             part = np.ascontiguousarray(u[:, some])
-            products = [(Z @ part[:data]).reshape(*b.block.index.shape, -1) for Z, b in zip(bases, seen.buckets, strict=True)]
+            products = [(Z @ part).reshape(*b.block.index.shape, -1) for Z, b in zip(bases, seen.buckets, strict=True)]
             share = shares(seen.gather(products), np.square(part).sum(0))
             top = {k: share.whole[which].max(0) for k, which in alike.items()}
             out.append(null_evidence(seen, log_prior, share, top))

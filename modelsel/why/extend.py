@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..fitting.fit import STEP_MM, Fit
+from ..fitting.shrink import fit_shrunk
 from ..matrix.design import Model
 from ..matrix.scene import Scene
 from ..which.candidates import Candidate
@@ -108,12 +109,13 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
     chosen = list(known)
     if chosen != before:                     # what the dropped ones explained is left
         left, left_p, held_back = *_left(search, view, chosen), None
+    fitted = fit_shrunk(scene, view.model, view.fitted, held="all") if chosen else view.fitted
     place = {t.screws: k for k, t in enumerate(view.model.terms)}
     effects, undone = [], _undone(search, chosen, view)
     for g, p in known.items():
         (one, _), at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
-        effects.append(Effect(found[g], one, p, view.fitted.theta[at], view.fitted.standard_errors[at], undone.get(g)))
-    return Extension(base, tuple(effects), view.model, view.fitted, search.null, tuple(path), left, left_p, held_back,
+        effects.append(Effect(found[g], one, p, fitted.theta[at], fitted.standard_errors[at], undone.get(g)))
+    return Extension(base, tuple(effects), view.model, fitted, search.null, tuple(path), left, left_p, held_back,
                      search.bound, single_f(search.first.seen, search.first.r), map_p)
 
 

@@ -43,7 +43,7 @@ def gross(scene: Scene, base: Model) -> Mask:
     Driessen 1999), then residuals in robust standard deviations, each divided by what its leverage makes of it."""
     fitted = fit(scene, base)
     X, r = design(scene, base.terms, fitted.at())
-    X = X[:, :, list(fitted.found.kept)]
+    X = X[:, :, list(fitted.representatives)]
     seen = scene.measured
     m, p, c = len(X), X.shape[2], scene.coordinates / len(X)
     keep = max(int(TRIM * m), int(np.ceil(2 * p / c)) + 1)

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cached_property
 
 import numpy as np
 
@@ -15,12 +14,12 @@ from ..which.candidates import Candidate
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from .curves import better, curves
-from .errormap import Columns, basis, columns, flat
+from .errormap import Columns, columns, flat
 from .evidence import familywise, null
 from .flips import DRAWS as FLIPS
 from .flips import adjusted, flipped, flipped_p, units
 from .naming import Named, name, name_again, own_evidence, with_candidate
-from .view import View, absorbed, models, view
+from .view import View, models, view
 
 LEVEL = 0.05            # family-wise
 BETTER = np.log(3)      # log odds at which a re-named effect changes its name
@@ -38,7 +37,7 @@ class Search:
         self.log_prior = np.log([c.prior for c in found])
         self.curves = curves(found, self.columns, self.log_prior)
         self.first = view(scene, self.columns, base, base_fit)
-        self.dead = absorbed(scene, self.columns, self.first)       # the base has them: what a refit leaks of them is no cause
+        self.dead = np.flatnonzero(self.first.seen.sizes == 0)      # the base has them: what a refit leaks of them is no cause
         large = self.columns.XT.size >= LARGE
         self.flips = FLIPS[large]
         self.null, self.least_p = null(self.first.seen, self.log_prior, DRAWS[large], rng)
@@ -65,14 +64,9 @@ class Search:
 
     def displacement(self, g: int, view: View) -> Array:
         """(N,) what an effect, as fitted, does to the target beyond the base; whitened."""
-        own, rows = view.own(self.found[g]), self.columns.XT.shape[1]              # a prior's rows stand below the data's
+        own, rows = view.own(self.found[g]), len(self.first.Q)
         moved = view.A[:rows, own] @ view.fitted.theta[own]
-        return np.asarray(moved - self._spanned @ (self._spanned.T @ moved))
-
-    @cached_property
-    def _spanned(self) -> Array:
-        """(N, r) orthonormal basis of what the base can do to the target, whatever a prior says of its sizes."""
-        return basis(self.first.A[:self.columns.XT.shape[1]])
+        return np.asarray(moved - self.first.Q @ (self.first.Q.T @ moved))
 
     def next(self, view: View, known: Sequence[int]) -> Named:
         """What explains most of the rest; `known` candidates have had their turn (what the fit drops of theirs is no cause)."""
@@ -100,13 +94,11 @@ class Search:
         """(sorted evidences where nothing is: by equal normal noise, and by the signs of what `view` leaves; (G,) family-wise p
         of every candidate alone on the base, the largest by any of these). Where the model of `view` has every candidate already,
         evidences beyond the base are taken."""
-        first, data = self.first, self.columns.XT.shape[1]         # a prior's rows stand below the data's
-        prior = first.r[data:]
+        first, rows = self.first, len(self.first.r)
         nothing, p = [self.null], familywise(first.seen, first.r, self.least_p)
         for unit in self.in_units(view):
             e = adjusted(view.seen.Q, view.r, unit)
-            rows, whose = np.append(e[:data], prior), np.append(unit[:data], np.full(len(prior), -1))
-            base = list(flipped(first.seen, self.log_prior, rows, whose, self.flips, self.rng))
+            base = list(flipped(first.seen, self.log_prior, e[:rows], unit[:rows], self.flips, self.rng))
             own = flipped(view.seen, self.log_prior, e, unit, self.flips, self.rng)
             after = base if view is first or not view.seen.sizes.any() else own
             nothing.append(np.sort(np.concatenate([some for some, _ in after])))

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..data.measurements import Index
-from ..fitting.fit import Fit
+from ..fitting.fit import Fit, prior_root
 from ..matrix.design import Model
 from ..matrix.scene import Scene
 from ..which.candidates import Candidate
@@ -24,10 +23,12 @@ def models(base: Model, chosen: Sequence[Candidate]) -> Model:
 @dataclass(frozen=True, eq=False)
 class View:
     """A fitted model seen as projections: orthonormal Q, its R (A_kept = Q R), columns A (N, p), the fit's residual `raw` and r,
-    its part off the model; the prior's rows of shrunk terms stand below the data's."""
+    its part off the model; the prior's rows of shrunk terms stand below the data's. What geometry can do at any size is taken by
+    geometry: the columns `kept` are those that do not depend on others, and the prior of usual sizes has no say."""
 
     model: Model
     fitted: Fit
+    kept: tuple[int, ...]
     A: Array
     Q: Array
     R: Array
@@ -46,8 +47,7 @@ class View:
     def freed(self, *effects: Candidate) -> tuple[Array, Array]:
         """(D (N, d), the residual with the effects put back): no refit, the directions that only they bring are Q R⁻ᵀ E."""
         own = self.own(*effects)
-        kept = self.fitted.found.kept
-        E = np.eye(len(kept))[:, [i for i, k in enumerate(kept) if own[k]]]
+        E = np.eye(len(self.kept))[:, [i for i, k in enumerate(self.kept) if own[k]]]
         D: Array = self.Q @ basis(np.asarray(np.linalg.solve(self.R.T, E)))
         effect = self.A[:, own] @ self.fitted.theta[own]
         return D, self.r + D @ (D.T @ (self.raw + effect))
@@ -58,18 +58,12 @@ class View:
         return scan_without(self.seen, D), response
 
 
-def absorbed(scene: Scene, columns: Columns, first: View) -> Index:
-    """Candidates that the columns of a fitted model span, whatever a prior says of their sizes."""
-    seen = first.seen
-    if first.fitted.prior is not None:
-        seen = scan(columns, basis(stacked(scene, first.model.terms, first.fitted.at())[0]))
-    return np.flatnonzero(seen.sizes == 0)
-
-
 def view(scene: Scene, columns: Columns, model: Model, fitted: Fit) -> View:
     """A fitted model's projections, and every candidate beyond it."""
     A, r = stacked(scene, model.terms, fitted.at())
-    if fitted.prior is not None:
-        A, r = np.vstack([A, fitted.prior[:, :-1]]), np.concatenate([r, fitted.prior[:, -1]])
-    Q, R = np.linalg.qr(A[:, list(fitted.found.kept)])
-    return View(model, fitted, A, Q, R, r, r - Q @ (Q.T @ r), scan(columns, Q))
+    if fitted.precision is not None:
+        root = prior_root(fitted.terms, fitted.precision)
+        A, r = np.vstack([A, root]), np.concatenate([r, -root @ fitted.theta])
+    kept = fitted.representatives
+    Q, R = np.linalg.qr(A[:, list(kept)])
+    return View(model, fitted, kept, A, Q, R, r, r - Q @ (Q.T @ r), scan(columns, Q))
