@@ -52,14 +52,14 @@ MODEL = Model((*BASE.mechanisms, mechanism("joint-compliance:2", ARM)))
 
 def simulated(at: Scene, rng: np.random.Generator, sigma: float, nu: float | None) -> tuple[Scene, Fit, np.ndarray]:
     """(a study, its fit, what was planted)."""
-    kept = list(fit(at, MODEL).found.kept)
+    kept = list(fit(at, MODEL, held="nothing").found.kept)
     truth = np.zeros(len(MODEL.terms))
     truth[kept] = rng.normal(0, 0.3 * np.array([MODEL.terms[k].size[1] for k in kept]))
     noise = rng.normal(0, sigma, (len(at), 3))
     if nu is not None:
         noise /= np.sqrt(rng.chisquare(nu, (len(at), 1)) / nu)
     planted = replace(at, data=replace(at.data, position=at.data.position - residuals(at, MODEL.terms, truth) + noise))
-    return planted, fit(planted, MODEL, start=truth), truth
+    return planted, fit(planted, MODEL, start=truth, held="nothing"), truth
 
 
 def uniform(ranks: np.ndarray) -> float:
@@ -124,7 +124,7 @@ def moments(count: int, rng: np.random.Generator, ratio: float) -> list[str]:
         sigma, tail, moment = float(np.exp(rng.normal(-2, 0.5))), rng.uniform(0, 0.5), rng.uniform(0, 1)
         truth = stepped(moment)
         theta = np.zeros(len(truth.terms))
-        kept = [j for j in fit(at, truth).found.kept if j < k]
+        kept = [j for j in fit(at, truth, held="nothing").found.kept if j < k]
         theta[kept] = rng.normal(0, 0.3 * np.array([truth.terms[j].size[1] for j in kept]))
         theta[k:] = sigma * np.linalg.solve(root, rng.standard_normal(6))
         noise = rng.normal(0, sigma, (m, 3)) / np.sqrt(rng.chisquare(1 / tail, (m, 1)) * tail)

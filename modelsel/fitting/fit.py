@@ -14,7 +14,7 @@ from ..matrix.reduce import PROBE, Reduction, Source, reduce_scene
 from ..matrix.scene import Scene
 from ..matrix.size import as_drawn
 from ..matrix.smooth import penalty
-from ..matrix.usual import WeakPrior, constant, faint, usual_sizes, weak_prior
+from ..matrix.usual import WeakPrior, faint, fitted_terms, usual_sizes, weak_prior
 from ..words.errors import NotEstimable
 from ..words.rigid import Array
 from ..wrong.screws import Term
@@ -25,7 +25,6 @@ ITERATIONS = 60
 STUCK = 1e8        # damping at which no step lowers the cost: the minimum, to rounding
 ROUNDS = 30        # of judging again what is fitted, where the fit has gone
 FAR = 10.0         # usual sizes from the nominal arm, within which the nominal chain's dependences hold
-STILL = 1e-13      # of the largest column: a smaller one moves nothing
 QUIET_MM = 1e-6    # no measurement is better
 UNSEEN_MM = 0.01   # rms: combinations that move the target less at their usual sizes wait until the others have converged
 
@@ -275,10 +274,7 @@ class _Problem:
         full, found = with_prior(here, prior_root(terms, self.precision), theta), self.exact
         if (np.abs(theta) > FAR * usual_sizes(self.model)).any():     # there other terms depend on one another
             found = as_drawn(identify(full), self.scene, terms)
-        if found.held is None and not found.still:
-            moves = found.scale > STILL * found.scale.max(initial=0.0)
-            fitted = {*found.kept, *np.flatnonzero(moves & constant(self.model)).tolist()}
-            found = replace(found, kept=tuple(sorted(fitted)))
+        found = fitted_terms(found, self.model)
         sigma = max(self.sigma(cost(state.reduction), state.found.kept, state.weak.count), QUIET_MM * self.weight)
         return found, weak_prior(full, found.kept, self.model, theta, sigma, self.held == "all")
 

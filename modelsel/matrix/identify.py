@@ -17,10 +17,9 @@ SHARE = 1e-4        # a smaller part of a combination is not worth a word
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """`kept`: indices of the representatives, in the columns' order; `scale` (p,) norms of the columns; `triangle` (p, p);
-    `exact`: the representatives before any was fixed because the data hardly tell it (see `without`); `held`: the length
-    that stays as drawn where the data measure none, `still`: the base's turns where they do not say which way it looks (see
-    `size`)."""
+    """`kept`: indices of the fitted terms, in the columns' order: of `identify` the representatives; `scale` (p,) norms of the
+    columns; `triangle` (p, p); `exact`: the representatives, whatever else is fitted; `held`: the length that stays as drawn
+    where the data measure none, `still`: the base's turns where they do not say which way it looks (see `size`)."""
 
     kept: tuple[int, ...]
     scale: Array
@@ -107,7 +106,7 @@ def unidentifiable(found: Identified, terms: Sequence[Term], leaning: Sequence[i
         free = len(group) - len(dropped)
         what = "only their sum effect is" if free == 1 else f"only {free} combinations of them are"
         zero = [symbols[j] for j in sorted(group) if j in partners and j not in found.kept]
-        shared = f"{_at_zero(zero)}" if zero else "the usual size of each says how the fit shares it out"
+        shared = f"{_at_zero(zero)}" if zero else "the fit divides it among them by their usual sizes"
         out.append(Unidentifiable(f"{sentence_list(names)} cannot be told apart: {what} determined; {shared}.", tuple(names)))
     if found.still:
         turns = [symbols[j] for j in found.still]
@@ -117,11 +116,6 @@ def unidentifiable(found: Identified, terms: Sequence[Term], leaning: Sequence[i
         held = symbols[found.held]
         out.append(Unidentifiable(f"{_at_zero([held])}: no row measures a length, and an arm of another size would meet "
                                   f"all of them as well; every length is in proportion to the drawing's at {held}.", (held,)))
-    faint = [symbols[j] for j in found.exact if j not in (*found.kept, *found.still, found.held)]
-    if faint:
-        whose = "its" if len(faint) == 1 else "their"
-        out.append(Unidentifiable(f"{_at_zero(faint)}: of the usual size, {whose} effect beyond that of the other parameters is "
-                                  "less than a third of the noise.", tuple(faint)))
     said = {name for group in out for name in group.parameters}
     weak = [symbols[j] for j in leaning if symbols[j] not in said]
     if weak:

@@ -17,11 +17,13 @@ from ..words.rigid import Array
 from ..wrong.mechanisms.geometry import OPEN
 from ..wrong.screws import Term
 from .design import Model
+from .identify import Identified
 from .reduce import Reduction
 from .smooth import spline
 
 PLENTY = 4.0                       # usual sizes over their standard error, beyond which least squares stands alone
 PRECISE = 1e-5                     # of the parameters' own effect: less noise would only lose digits
+STILL = 1e-13                      # of the largest column: a smaller one moves nothing
 ALIKE = 1e-5                       # relative change of the prior that changes nothing
 FACTORS = 2.0 ** np.arange(-2, 4)  # that this arm's errors may be larger than usual, a factor of two being likely
 SURPRISING = 3.0                   # usual sizes: an estimate beyond is no usual one, and its own size is taken for it
@@ -77,6 +79,15 @@ def _of_the_arm(model: Model) -> list[Index]:
     return [np.array([k for k, t in enumerate(model.terms)
                       if t.usual is not None and t.usual < size and t.screws[0].axis[0] == kind], dtype=np.intp)
             for kind, size in OPEN.items()]
+
+
+def fitted_terms(found: Identified, model: Model) -> Identified:
+    """With every constant parameter that moves a measured coordinate, whether others could represent it or not; as it is where
+    some are left as drawn, for want of a length or a direction (see `size`)."""
+    if found.held is not None or found.still:
+        return found
+    moves = found.scale > STILL * found.scale.max(initial=0.0)
+    return replace(found, kept=tuple(sorted({*found.kept, *np.flatnonzero(moves & constant(model)).tolist()})))
 
 
 def faint(R: Array, kept: Sequence[int], sizes: Array, least: float) -> set[int]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.measurements import Index
-from ..fitting.fit import Fit
+from ..fitting.fit import Fit, with_prior
 from ..matrix.design import Model
 from ..matrix.identify import identify, solve
 from ..matrix.reduce import Reduction, reduce_scene
@@ -112,14 +112,25 @@ def nested(fitted: Fit, own: Sequence[int], boot: Bootstrap, known: float | None
     from scipy.special import fdtrc
     if not own or fitted.freedom <= 0 or any(spline(fitted.terms[k]) is not None for k in own):
         return None, None, None
-    factor, theta = fitted.factor[list(own)], fitted.theta[list(own)]
+    factor, theta, count = fitted.factor[list(own)], fitted.theta[list(own)], determined(fitted, own)
+    if count < 0.5:                             # the prior of usual sizes says all there is to say
+        return None, None, None
     more = float(theta @ np.linalg.solve(factor @ factor.T, theta))
-    f = more / len(own) / fitted.sigma ** 2
-    rank = round(fitted.rows - fitted.freedom)
-    evidence = log_evidence(fitted.rss, fitted.rss + more, fitted.rows, rank - len(own), len(own), known)
-    p = float(fdtrc(len(own), fitted.freedom, f))
+    f = more / count / fitted.sigma ** 2
+    rank = fitted.rows - fitted.freedom
+    evidence = log_evidence(fitted.rss, fitted.rss + more, fitted.rows, round(rank - count), round(count), known)
+    p = float(fdtrc(count, fitted.freedom, f))
     p = max(p, boot.p_value(fitted, own))
     return f, p, float(evidence / np.log(10)) if fitted.precision is None else None
+
+
+def determined(fitted: Fit, own: Sequence[int]) -> float:
+    """How many parameters some fitted terms add to the others, those that a prior holds counted by what the data say of them: the
+    trace of the hat matrix that goes with them."""
+    rest = [k for k in fitted.found.kept if k not in own]
+    full = with_prior(fitted.reduction, fitted.root, fitted.theta)
+    spent = np.square(fitted.reduction.R[:-1, rest] @ solve(full, rest)[1]).sum() if rest else 0.0
+    return float(fitted.rows - fitted.freedom - spent)
 
 
 class _Without:
@@ -186,6 +197,7 @@ def stability(folded: Folded, fitted: Fit, groups: Sequence[Sequence[int]], rng:
     scale = np.hypot(np.linalg.norm(X, axis=(0, 1)), np.linalg.norm(fitted.root[:, kept], axis=0))
     root = fitted.root[:, kept] / scale
     hits, judged = np.zeros(len(groups)), 0
+    sizes = [max(determined(fitted, g), 0.5) for g in groups]
     for half in halves(rng, count, len(X)):
         A, b = X[half].reshape(-1, len(kept)) / scale, y[half].ravel()
         gram = A.T @ A + root.T @ root
@@ -202,8 +214,8 @@ def stability(folded: Folded, fitted: Fit, groups: Sequence[Sequence[int]], rng:
         variance = float(np.square(b - A @ beta).sum()) / freedom
         for g, i in enumerate(inside):
             if len(i):
-                f = beta[i] @ np.linalg.solve(C[np.ix_(i, i)], beta[i]) / len(i) / variance
-                hits[g] += fdtrc(len(i), freedom, f) < LEVEL
+                f = beta[i] @ np.linalg.solve(C[np.ix_(i, i)], beta[i]) / sizes[g] / variance
+                hits[g] += fdtrc(sizes[g], freedom, f) < LEVEL
     return [float(h / judged) if judged and len(i) else None for h, i in zip(hits, inside, strict=True)]
 
 

@@ -14,11 +14,11 @@ from ..fitting.noise import from_repeats, from_target_pairs
 from ..fitting.register import register
 from ..machine.robot import Robot
 from ..matrix.design import Model, residuals
-from ..matrix.identify import identify, unidentifiable, without
+from ..matrix.identify import identify, unidentifiable
 from ..matrix.reduce import reduce_scene
 from ..matrix.scene import scene
 from ..matrix.size import as_drawn
-from ..matrix.usual import faint, usual_sizes
+from ..matrix.usual import fitted_terms
 from ..words.errors import DataError, NotEstimable
 from ..wrong.mechanisms.geometry import geometric, setup
 from ..wrong.screws import Mechanism
@@ -36,8 +36,6 @@ def mechanism_card(mechanism: Mechanism) -> dict[str, Any]:
     return {"name": mechanism.name, "sentence": mechanism.sentence, "equation": mechanism.equation, "source": mechanism.source,
             "terms": [{"symbol": t.symbol, "unit": t.unit, "screws": [str(s) for s in t.screws], "size": t.size, "sign": t.sign,
                        "expected": expected(t.size, t.sign)} for t in mechanism.terms]}
-
-PRECISE_MM = 0.01    # of one coordinate: what a good laser tracker could tell of these configurations
 
 
 def robot_card(robot: Robot) -> dict[str, Any]:
@@ -61,7 +59,8 @@ def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
     bound = place(bound, np.ones(len(data), bool))
     model = Model((setup(robot, len(data.targets), 1, False, orientation, features), geometric(robot)))
     found = as_drawn(identify(reduce_scene(bound, model.terms)), bound, model.terms)
-    found = without(found, faint(found.triangle, found.kept, usual_sizes(model), PRECISE_MM))
+    rank, condition = found.rank, found.condition
+    found = fitted_terms(found, model)
     floor = None if gauges is not None else from_repeats(data) or from_target_pairs(data)
     kinds = {} if gauges is None else {"kinds": {k: int(gauges.of(k).sum()) for k in KINDS if gauges.of(k).any()}, "features": [
         {"name": f.name, "kind": f.kind, "rows": int((gauges.feature == k).sum())} for k, f in enumerate(features)]}
@@ -75,7 +74,7 @@ def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
             **kinds, "orientation": orientation, "covariates": sorted(data.covariates), "joints": joints,
             "repeats": data.configurations - len(np.unique(data.block)),
             "noise_floor": None if floor is None else {"coordinate_mm": floor.coordinate_mm, "source": floor.source},
-            "geometry": {"parameters": len(model.terms), "rank": found.rank, "condition": found.condition},
+            "geometry": {"parameters": len(model.terms), "rank": rank, "condition": condition},
             "unidentifiable": [{"sentence": u.sentence, "parameters": list(u.parameters)}
                                for u in unidentifiable(found, model.terms)],
             **_registered(robot, data), "warnings": [{"code": n.code, "sentence": n.sentence} for n in data.notes]}

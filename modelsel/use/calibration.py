@@ -41,7 +41,7 @@ MIDDLE = 0.5     # of the campaign: where a drift is taken on data of another da
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
-    """A calibrated robot. theta (p,) in the terms' units; covariance = factor factorᵀ, factor (p, r); `kept` the estimable
+    """A calibrated robot. theta (p,) in the terms' units; covariance = factor factorᵀ, factor (p, r); `kept` the fitted
     terms; `ranges` of every joint reading, covariate and value that the model's causes looked at in estimation; `refits` for the
     forms that carry less than all (None where there are none, as in files of earlier versions)."""
 
@@ -71,7 +71,7 @@ class Calibration:
 
     @property
     def standard_errors(self) -> Array:
-        """(p,) nought where a term is not estimable."""
+        """(p,) zero where a term is fixed."""
         return np.asarray(np.sqrt(np.square(self.factor).sum(1)))
 
     def needs(self) -> frozenset[str]:
@@ -112,7 +112,7 @@ class Calibration:
             "estimable": [k in self.kept for k in range(len(self.terms))]})
 
     def __repr__(self) -> str:
-        return (f"Calibration of {self.study!r}: {self.robot.name}, {len(self.kept)} estimable terms, noise floor "
+        return (f"Calibration of {self.study!r}: {self.robot.name}, {len(self.kept)} fitted terms, noise floor "
                 f"{self.floor.coordinate_mm:.3g} mm")
 
     def _repr_html_(self) -> str:
@@ -209,7 +209,7 @@ def _record(c: Calibration) -> dict[str, Any]:
         "estimates": [{"symbol": t.symbol, "value": float(v), "standard_error": float(e), "unit": t.unit,
                        "estimable": k in c.kept}
                       for k, (t, v, e) in enumerate(zip(c.terms, c.theta, c.standard_errors, strict=True))],
-        "covariance_factor": {"says": "row k of the estimable terms, from its own column on: covariance = F Fᵀ",
+        "covariance_factor": {"says": "row k of the fitted terms (estimable), from its own column on: covariance = F Fᵀ",
                               "rows": [c.factor[k, i:].tolist() for i, k in enumerate(c.kept)]},
         "noise_floor": {"coordinate_mm": c.floor.coordinate_mm, "source": c.floor.source,
                         "freedom": c.floor.freedom if np.isfinite(c.floor.freedom) else None},

@@ -141,11 +141,12 @@ class CrossValidation:
     rss: float
     gram: Array = field(repr=False)
     quadratic: Array = field(repr=False)
+    by_prior: int = 0
 
     @cached_property
     def density(self) -> Array:
         """(K,) log predictive density of every fold given the others."""
-        return _density(self.gram, self.quadratic, self.rss, self.rows, self.gram.shape[1])
+        return _density(self.gram, self.quadratic, self.rss, self.rows, self.gram.shape[1] - self.by_prior)
 
     @property
     def rms(self) -> float:
@@ -173,7 +174,8 @@ def cross_validate(folded: Folded, kept: Sequence[int] | None = None, prior: Arr
     without = np.zeros((len(X), folded.blocks.shape[2] - 1))
     without[:, kept] = beta - v @ factor.T
     left = e + np.einsum("khr,kr->kh", Q, v)
-    return CrossValidation(without, np.square(left).sum(1), folded.rows, rss, gram, np.einsum("kh,kh->k", e, left))
+    return CrossValidation(without, np.square(left).sum(1), folded.rows, rss, gram, np.einsum("kh,kh->k", e, left),
+                           0 if prior is None else len(prior))
 
 
 def _density(gram: Array, quadratic: Array, rss: float, rows: Index, rank: int) -> Array:

@@ -102,14 +102,15 @@ def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechani
     rows.sort(key=lambda s: float(total[s]))
     some = [tuple(candidates[chosen[g]] for g in np.flatnonzero(subsets.members[s])) for s in rows]
     rungs = measured(data, [(*base_names, *(m.name for m in each)) for each in some], [steps.to(base + each) for each in some])
-    out = []
-    for s, one in zip(rows, rungs, strict=True):
-        if one is None:
-            continue
+    out, there = [], [(s, one) for s, one in zip(rows, rungs, strict=True) if one is not None]
+    least_bic = min(((np.inf if one.bic is None else one.bic, s) for s, one in there), default=(np.inf, -1))[1]
+    least_aicc = min(((np.inf if one.aicc is None else one.aicc, s) for s, one in there), default=(np.inf, -1))[1]
+    for s, one in there:
         notes = [text for text, true in (
             ("one-standard-error choice", s == pick), ("lowest CV", s == best),
             ("not distinguishable from the lowest CV", s != best and total[s] - total[best] < 2 * deviation[s]),
-            ("lowest BIC: criteria disagree", s == by_bic != best), ("lowest AICc: criteria disagree", s == by_aicc != best),
+            ("lowest BIC: criteria disagree", s == least_bic and s != best),
+            ("lowest AICc: criteria disagree", s == least_aicc and s != best),
             ("saturated: AICc undefined", sigma is None and n - subsets.rank[s] < 3),
             (_proof(certified), s in searched)) if true]
         price = float(scan_price(int(subsets.members[s].sum()), max(scanned, len(chosen))))

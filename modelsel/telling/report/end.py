@@ -14,12 +14,12 @@ def unidentifiable(source: Source) -> list[Block]:
     """Combinations that no data of this kind determine."""
     found = source.result["unidentifiable"]
     if not found:
-        return [heading("What the data cannot tell"), text("All parameters of the base model are determined.")]
+        return [heading("What the data cannot tell"), text("The data determine every parameter of the chosen model.")]
     return [
         heading("What the data cannot tell"),
         text(
-            "Of these parameters of the base model only combinations move the target; predictions do not suffer, "
-            "single values mean nothing."
+            "The data determine only combinations of these parameters, or hardly determine them. Where they leave a value open, "
+            "its usual size decides, and its standard error says how far; predictions where the target was measured are the same."
         ),
         points([u["sentence"] for u in found]),
     ]

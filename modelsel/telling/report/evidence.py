@@ -87,7 +87,7 @@ def significance(source: Source) -> list[Block]:
             source.figure(
                 "forest",
                 picture,
-                "Every estimable parameter in units of its own standard error, the surest first, with its 95 % "
+                "Every fitted parameter in units of its own standard error, the surest first, with its 95 % "
                 "interval. Inside the "
                 "grey band, open: it may be nought."
                 + (f" The {parameters.MOST} strongest of {len(known)} are drawn." if len(known) > parameters.MOST else ""),

@@ -1,4 +1,4 @@
-"""Every estimable parameter with its interval, how parameters hang together, the posterior of the informative few."""
+"""Every fitted parameter with its interval, how parameters hang together, the posterior of the informative few."""
 
 from __future__ import annotations
 
