@@ -51,7 +51,7 @@ def study(rng: np.random.Generator, size: float, estimation: int = ESTIMATION) -
 
 
 def compared(data: Data, offered: tuple[Mechanism, ...]) -> Comparison:
-    return compare(data, BASE, fit(data.training(), BASE, held="nothing"), offered, ("geometric",))
+    return compare(data, BASE, fit(data.training(), BASE), offered, ("geometric",))
 
 
 class Table:
