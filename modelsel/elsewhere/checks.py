@@ -201,7 +201,7 @@ def _with_unit(value: float, error: float, unit: str) -> str:
 def _hopeless(data: Data, chosen: Rung, floor: Floor, notes: Sequence[Note], per_group: bool | None) -> str | None:
     """A sentence that the fit is hopeless, with how much is left, against what, and the likeliest reasons; None where not."""
     scene = data.scene
-    reach = scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
+    reach = scene.reach_mm
     left = max(chosen.estimation.rms_mm or 0.0, chosen.held_out.rms_mm or 0.0)
     noise = floor.coordinate_mm * float(np.sqrt(floor.coordinates))
     known = floor.source != "estimated"

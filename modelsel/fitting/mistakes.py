@@ -19,6 +19,7 @@ from ..matrix.design import residuals
 from ..matrix.scene import Scene
 from ..words.errors import DataError, NotEstimable
 from .offsets import Arm, of_joint, of_links, several
+from .otherarm import better
 from .register import register, undetermined
 from .slips import NOTHING, REGISTER, SCALES, Mistake, linear, of_joints, of_positions, senses
 
@@ -39,7 +40,7 @@ def mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: b
     placement and tools, with the median distance before and after; None where they leave little, or no mistake explains it.
     `registered`: placement and tools were found from the rows; else they are what the study says."""
     some = _sample(scene, use, per_group)
-    reach = scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
+    reach = scene.reach_mm
     if some is None or (before := _left(some)) < BAD * reach:
         return None
     singles, also = tuple(of_joints(scene.robot)), ""
@@ -85,9 +86,8 @@ def _offsets(some: Scene, set_up: bool) -> list[tuple[Mistake, Arm]]:
 
 def _sentence(before: float, found: Sequence[tuple[Mistake, float]], also: str = "") -> str:
     after = min(left for _, left in found)
-    better = f"{before / after:.0f} times better" if before < 1e4 * after else "far better"
     looks = list(dict.fromkeys(m.look for m, _ in found))
-    return (f"The positions fit {better} ({_mm(after)} in place of {_mm(before)}, median) if {also}"
+    return (f"The positions fit {better(before, after)} ({_mm(after)} in place of {_mm(before)}, median) if {also}"
             f"{', or if '.join(m.words for m, _ in found)}: {', or '.join(looks)}.")
 
 
@@ -105,9 +105,7 @@ def _sample(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene | No
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), ROWS)).astype(int))] if len(rows) else rows
     if len(np.unique(data.block[rows])) < LEAST:
         return None
-    some = scene.take(rows)
-    data = replace(some.data, rotation=None, sigma_rotation=None, gauges=None)
-    return some.anew(data=data, tool_rotations=None, whiten=1.0)
+    return scene.take(rows).plain_points()
 
 
 def _left(some: Scene) -> float:

@@ -93,11 +93,9 @@ def slipped_before(scene: Scene, registered: bool, per_group: bool = False) -> s
     points = np.ones(len(scene), bool) if scene.data.gauges is None else scene.data.gauges.of("point")
     if not points.any():
         return None
-    some = scene.take(points)
-    some = some.anew(data=replace(some.data, rotation=None, sigma_rotation=None, gauges=None), tool_rotations=None, whiten=1.0)
+    some = scene.take(points).plain_points()
     given = _length(residuals(some))
-    reach = scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
-    if given.mean() < BAD * reach:
+    if given.mean() < BAD * scene.reach_mm:
         return None
     tried = [(*_settled(some, slip, registered, per_group), slip) for slip in _slips(some)]
     after, marked, slip = min(tried, key=lambda each: float(each[0].mean()))
