@@ -27,7 +27,7 @@ LISTED = 10
 LEAST = 4          # configurations that a placement needs
 CLEARLY, ENOUGH = 1.5, 5
 STATED = "floor_mm or sx_mm, sy_mm, sz_mm of its study"
-REFUTED = 3.0      # times what the study's own held-out configurations showed, a stated uncertainty is not believed
+TOO_LARGE = 3.0    # times what the study's own held-out configurations showed, from which a stated uncertainty is not believed
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ def reference(c: Calibration) -> tuple[float, float]:
 def _overstated(c: Calibration) -> bool:
     """Whether the study's own held-out configurations contradict its stated noise."""
     held = 0.0 if c.held_out_rms_mm is None else c.held_out_rms_mm / np.sqrt(3)
-    return held > 0 and np.isinf(c.floor.freedom) and c.floor.coordinate_mm > REFUTED * held
+    return held > 0 and np.isinf(c.floor.freedom) and c.floor.coordinate_mm > TOO_LARGE * held
 
 
 def _doubts(c: Calibration, data: Measurements, residual: Array, found: Lack) -> list[str]:
