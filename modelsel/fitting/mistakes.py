@@ -174,7 +174,7 @@ def _tried(some: Scene, singles: Sequence[Mistake], count: int) -> list[tuple[Mi
         more = [joint] if joint.parts else []
         if joint.parts < count:
             more += [joint.then(m) if joint.parts else m
-                        for m, scale in zip(of_positions(n, False), (*SCALES, -1.0), strict=True)
+                        for m, scale in zip(of_positions(n, False), (*(unit.scale for unit in SCALES), -1.0), strict=True)
                         if factor[k] * scale > 0 and abs(np.log(factor[k] / scale)) < NEAR]
         placed = ((m, _registered(_changed(some, m))) for m in more)
         out += [(m, _explained(at)) for m, at in placed if at is not None]

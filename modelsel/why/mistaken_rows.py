@@ -11,6 +11,7 @@ from ..data.measurements import Index
 from ..data.table import Where
 from ..fitting.otherarm import better
 from ..fitting.register import register
+from ..fitting.slips import RAD, SCALES, axis_changes
 from ..matrix.design import residuals
 from ..matrix.scene import Scene
 from ..words.errors import DataError, NotEstimable
@@ -20,10 +21,6 @@ from .robust import scale_of
 
 FAR = 20.0         # times as near as a row comes by a slip, a row has to be off: chance does not come so near
 Residuals = Callable[[Scene], Array]
-SCALES = ((1000.0, "in metres, not millimetres", "multiply x, y and z by 1000"), (25.4, "in inches, not millimetres",
-          "multiply x, y and z by 25.4"), (10.0, "in centimetres, not millimetres", "multiply x, y and z by 10"),
-          (0.001, "in micrometres, not millimetres", "divide x, y and z by 1000"))
-RAD = np.pi / 180
 BAD = 3e-3         # of the reach: a mean residual from which slips are looked for before any fit,
 FACTOR = 4.0       # and are said where without them the positions fit so much better
 ROUNDS = 8
@@ -43,14 +40,11 @@ class Slip:
 
 def _slips(scene: Scene) -> Iterator[Slip]:
     q, x, turns = scene.data.q, scene.data.position, ~np.array(scene.robot.prismatic)
-    yield from (Slip(words, remedy, q, x * scale, scale) for scale, words, remedy in SCALES)
-    for a, axis in enumerate("xyz"):
-        yield Slip(f"given with the wrong sign of {axis}", f"change the sign of {axis}", q, x * (1 - 2 * np.eye(3)[a]))
-        for b in range(a + 1, 3):
-            order = np.arange(3)
-            order[[a, b]] = b, a
-            words, remedy = f"{axis} and {'xyz'[b]} in each other's place", f"let {axis} and {'xyz'[b]} change places"
-            yield Slip(f"given with {words}", remedy, q, x[:, order])
+    yield from (Slip(f"in {u.unit}, not millimetres", u.remedy, q, x * u.scale, u.scale) for u in SCALES)
+    for axis, other, B in axis_changes():
+        words, remedy = ((f"{axis} and {other} in each other's place", f"let {axis} and {other} change places") if other else
+                         (f"the wrong sign of {axis}", f"change the sign of {axis}"))
+        yield Slip(f"given with {words}", remedy, q, x @ B.T)
     for factor, unit, others in ((1 / RAD, "radians", "degrees"), (RAD, "degrees", "radians")):
         words = f"given with readings in {unit}, not {others}"
         yield Slip(words, "convert the readings", np.where(turns, q * factor, q), x)
