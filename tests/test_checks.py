@@ -16,9 +16,10 @@ from scipy.spatial.transform import Rotation
 from modelsel.cli import main
 from modelsel.data.io import read_measurements
 from modelsel.data.measurements import Note, measurements
-from modelsel.elsewhere.checks import ALARMS, HOPELESS, alarms, outcome, told_with
+from modelsel.elsewhere.checks import ALARMS, HOPELESS, alarms, outcome, setup_notes, told_with
 from modelsel.fitting.believed import lack, likeliest
 from modelsel.fitting.labels import labels_mistake
+from modelsel.fitting.mistakes import mistake
 from modelsel.fitting.noise import Floor, from_target_pairs
 from modelsel.fitting.orientations import orientation_mistake
 from modelsel.fitting.register import register
@@ -247,9 +248,41 @@ def test_the_wrong_robot_is_said(rng, tmp_path) -> None:
     result = studied(tmp_path, frame(rng, 80, "ur5e"), "ur10e")
     assert said(result, "other-robot").startswith('The readings fit robot "ur5e" ')
     assert "mm, median" in said(result, "other-robot")
-    beyond = said(result, "beyond-tolerance")
-    assert "beyond what makers' tolerances allow (1 to 5 mm, 1°)" in beyond
-    assert " ± " in beyond
+    assert codes(result) & SET_UP == {"other-robot"}
+
+
+SET_UP = {"setup-mistake", "other-robot", "beyond-tolerance"}
+
+
+@pytest.mark.parametrize(("degrees", "code"), [(17.0, "setup-mistake"), (2.0, "beyond-tolerance")])
+def test_one_cause_is_one_alarm(degrees, code, rng, tmp_path) -> None:
+    """A zero that is off: said as such where it is large, and the parameter that makes up for it is then no alarm of its own."""
+    data = frame(rng, 80)
+    result = studied(tmp_path, data.assign(q3_rad=data.q3_rad - np.radians(degrees)))
+    assert codes(result) & SET_UP == {code}
+    sentence = said(result, code)
+    if code == "setup-mistake":
+        off = float(sentence.partition("joint 3's zero is off by ")[2].partition(" ")[0])
+        assert off == pytest.approx(degrees, abs=0.3)                  # the arm has errors of its own
+    else:
+        assert "beyond what makers' tolerances allow (1 to 5 mm, 1°)" in sentence
+        assert " ± " in sentence
+
+
+def test_another_robots_links_are_no_mistake_in_this_ones(rng, tmp_path) -> None:
+    """A robot file with one long link: the built-in robot that fits is said, and the link is not. Without that robot it is."""
+    own = load("ur5")
+    joints = list(own.joints)
+    before = joints[2].before.copy()
+    before[:3, 3] *= 1.2
+    joints[2] = replace(joints[2], before=before)
+    wrong = replace(own, name="mine", joints=tuple(joints))
+    at = bind("ur5", read_measurements(frame(rng, 60), own.prismatic), (0.0, 0.0, 0.0)).anew(robot=wrong)
+    use = np.ones(len(at), bool)
+    placed = register(at, use, False)
+    assert {n.code for n in setup_notes(placed, use, True, False)} == {"other-robot"}
+    assert "the nominal arm's" in (mistake(placed, use, True) or "")
+    assert mistake(placed, use, True, links=False) is None
 
 
 def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:

@@ -27,11 +27,11 @@ from ..words.errors import NotEstimable, sentence_list
 from ..words.rigid import Array
 from ..wrong.causes import ONE
 
-MISTAKEN = "setup-mistake"
+MISTAKEN, OTHER = "setup-mistake", "other-robot"
 ROWS, HOPELESS = "rows-mistaken", "hopeless-fit"
 # codes of what is told before everything else, with the words that lead it
 ALARMS = {MISTAKEN: "Check the set-up", "orientation-mistake": "Check the orientations", "labels-swapped": "Check the targets",
-          "other-robot": "Check the robot", "rows-shifted": "Check the rows", ROWS: "Check the rows",
+          OTHER: "Check the robot", "rows-shifted": "Check the rows", ROWS: "Check the rows",
           "stated-uncertainty": "Check the uncertainties", "floor-unlike": "Check the noise floor",
           "beyond-tolerance": "Check the robot", HOPELESS: "Check the fit"}
 NOISE = {"stated-uncertainty", "floor-unlike"}   # of these, which say nothing of why a fit is bad
@@ -53,10 +53,11 @@ def alarms(notes: Sequence[Note]) -> list[str]:
 
 def setup_notes(bound: Scene, use: NDArray[np.bool_], registered: bool, per_group: bool) -> tuple[Note, ...]:
     """What simple mistake explains how the positions of the rows `use` (mask) lie, of a scene at its placement and tools."""
-    found = [(MISTAKEN, mistake(bound, use, registered, per_group)),
+    other = other_robot(bound, use, builtin)         # asked first: another robot's links are no mistake in this one's
+    found = [(MISTAKEN, mistake(bound, use, registered, per_group, links=other is None)),
              ("orientation-mistake", orientation_mistake(bound, use, registered)),
              ("labels-swapped", labels_mistake(bound, np.ones(len(bound), bool), registered, per_group)),
-             ("other-robot", other_robot(bound, use, builtin))]
+             (OTHER, other)]
     if not any(said for _, said in found):
         found += [(ROWS, slipped_before(bound, registered, per_group)),
                   ("rows-shifted", shifted_rows(bound, np.ones(len(bound), bool)))]
@@ -155,12 +156,14 @@ def _measured_floor(floor: Floor, asked: Lack, left: float) -> Note:
 def outcome(data: Data, chosen: Rung, floor: Floor, limit: float | None, notes: tuple[Note, ...], per_group: bool | None
             ) -> tuple[Note, ...]:
     """All notes, with what the chosen model itself gives away: parameters beyond tolerances, rows that a slip explains, a fit
-    that is hopeless, a detection limit far below what is left. `per_group`: None where nothing was registered."""
+    that is hopeless, a detection limit far below what is left. Parameters beyond tolerances are no alarm of their own where a
+    mistake of the set-up or another robot was said: nothing of that is applied, and the parameters make up for it.
+    `per_group`: None where nothing was registered."""
     codes = {n.code for n in notes}
     more = list(notes)
     if ROWS not in codes and (data.outlying & data.estimation).mean() < 1:
         more += [Note(ROWS, said) for said in slipped(data.scene, chosen.fit.residuals, data.outlying)]
-    if (said := _beyond(data, chosen.fit, "other-robot" in codes)) is not None:
+    if not codes & {MISTAKEN, OTHER} and (said := _beyond(data, chosen.fit)) is not None:
         more.append(Note("beyond-tolerance", said))
     if (said := _hopeless(data, chosen, floor, more, per_group)) is not None:
         return (*more, Note(HOPELESS, said))
@@ -172,7 +175,7 @@ def outcome(data: Data, chosen: Rung, floor: Floor, limit: float | None, notes: 
     return tuple(more)
 
 
-def _beyond(data: Data, fitted: Fit, tried: bool) -> str | None:
+def _beyond(data: Data, fitted: Fit) -> str | None:
     """A sentence on geometric parameters that no maker's tolerance allows, with the built-in robot that fits better, if any."""
     some = []
     for k in fitted.found.kept:
@@ -187,7 +190,7 @@ def _beyond(data: Data, fitted: Fit, tried: bool) -> str | None:
     some.sort(reverse=True)
     words = [f"{symbol} = {_with_unit(value, error, unit)}" for _, symbol, value, error, unit in some[:LISTED]]
     more = f" and {len(some) - LISTED} more" if len(some) > LISTED else ""
-    other = None if tried else other_robot(data.scene, data.used, builtin, always=True)
+    other = other_robot(data.scene, data.used, builtin, always=True)
     return (f"{', '.join(words)}{more}: beyond what makers' tolerances allow (1 to 5 mm, 1°). "
             + (other or "Check the robot's name or file, and where the joints' zeros are."))
 

@@ -35,10 +35,12 @@ TRIED = 8             # of the linear solutions that are registered
 NEAR = 0.1            # of the logarithm of a scale, for a unit to be tried
 
 
-def mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: bool = False) -> str | None:
+def mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: bool = False, links: bool = True
+            ) -> str | None:
     """A sentence that says which simple mistake of the set-up explains what the rows `use` (mask) of a scene leave at its
     placement and tools, with the median distance before and after; None where they leave little, or no mistake explains it.
-    `registered`: placement and tools were found from the rows; else they are what the study says."""
+    `registered`: placement and tools were found from the rows; else they are what the study says. `links`: whether links may be
+    what is off."""
     some = _sample(scene, use, per_group)
     reach = scene.reach_mm
     if some is None or (before := _left(some)) < BAD * reach:
@@ -51,11 +53,11 @@ def mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: b
             return None
     limit, far = before / FACTOR, before > FAR * reach
     if not registered:
-        if found := _stated(some, singles, limit, far):
+        if found := _stated(some, singles, limit, far, links):
             return _sentence(before, found)
         some = _registered(some, False) or some
         also = "the tracker's frame and the target on the flange are found ([robot] register = true), and "
-    tried, offsets = _tried(some, singles, 1), _offsets(some, True)
+    tried, offsets = _tried(some, singles, 1), _offsets(some, True, links)
     simple = min((left for _, left in _best(tried, limit)), default=np.inf)
     tried += [(m, left) for m, arm in offsets if (left := _sure(some, arm)) < (simple / TWICE if arm.right_angle() else np.inf)]
     best = _best(tried, limit)
@@ -64,24 +66,24 @@ def mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: b
         tried += _tried(some, singles, 2)
         best = _best(tried, limit)
         if min((left for _, left in best), default=np.inf) > FAR * reach:
-            more = several(some, min(limit, BAD * reach), [arm for _, arm in offsets])
+            more = several(some, min(limit, BAD * reach), [arm for _, arm in offsets], links)
             best = _best([*tried, *((m, _sure(some, arm)) for m, arm in more)], limit)
     return _sentence(before, best, also) if best else None
 
 
-def _stated(some: Scene, singles: Sequence[Mistake], limit: float, far: bool) -> list[tuple[Mistake, float]]:
+def _stated(some: Scene, singles: Sequence[Mistake], limit: float, far: bool, links: bool) -> list[tuple[Mistake, float]]:
     """What explains the positions where the study says the frame and the target."""
     simple = [(m, _explained(_changed(some, m))) for m in (*singles, *of_positions(some.robot.n, True))]
     found = _best([*(_tool(some) if far else []), *simple], limit)
-    found = found or _best([(m, _sure(some, arm)) for m, arm in _offsets(some, False)], limit)
+    found = found or _best([(m, _sure(some, arm)) for m, arm in _offsets(some, False, links)], limit)
     if not found and far and (placed := _registered(some)) is not None and (left := _explained(placed)) <= limit:
         return [(REGISTER, left)]
     return found
 
 
-def _offsets(some: Scene, set_up: bool) -> list[tuple[Mistake, Arm]]:
-    """One joint's zero or one link off, each as it fits best."""
-    return [*of_joint(some, set_up), *of_links(some, set_up)]
+def _offsets(some: Scene, set_up: bool, links: bool) -> list[tuple[Mistake, Arm]]:
+    """One joint's zero or, with `links`, one link off, each as it fits best."""
+    return [*of_joint(some, set_up), *(of_links(some, set_up) if links else ())]
 
 
 def _sentence(before: float, found: Sequence[tuple[Mistake, float]], also: str = "") -> str:
