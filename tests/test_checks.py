@@ -354,7 +354,29 @@ def test_swapped_labels_of_a_study(rng, tmp_path) -> None:
     late = np.arange(120) >= 72
     result = studied(tmp_path, data.assign(target=np.where(late, data.target.map({"A": "B", "B": "A"}), data.target)))
     assert "(lines 74 to 121)" in said(result, "labels-swapped")
+    assert result.faults == ()
     assert "what the warnings say of the targets" in result.record["verdict"][0]
+
+
+def test_few_swapped_labels_are_said_once(rng, tmp_path) -> None:
+    """As an alarm and not as a fault, too: the alarm says of the same rows what to correct."""
+    data = frame(rng, 60, targets=("A", "B"))
+    few = np.isin(np.arange(120), data.index[data.configuration.isin([7, 30])])
+    result = studied(tmp_path, data.assign(target=np.where(few, data.target.map({"A": "B", "B": "A"}), data.target)))
+    assert "In 4 of 120 rows" in said(result, "labels-swapped")
+    assert result.faults == ()
+
+
+def test_rows_in_the_wrong_order_are_said_once(rng, tmp_path) -> None:
+    """Three rows whose positions went round: a fault with a name, and not two of them with the position of the row before."""
+    data = frame(rng, 80)
+    for c in ("x_mm", "y_mm", "z_mm"):
+        data.loc[[20, 21, 22], c] = data.loc[[22, 20, 21], c].to_numpy()
+    result = studied(tmp_path, data)
+    (fault,) = result.faults
+    assert fault.name == "row-order"
+    assert fault.rows.tolist() == [20, 21, 22]
+    assert said(result, "rows-mistaken") == ""
 
 
 SLIPS: dict[str, tuple[Callable[[Array], Array], str]] = {

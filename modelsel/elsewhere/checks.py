@@ -22,6 +22,7 @@ from ..machine.robotfile import builtin_names, load
 from ..matrix.design import whitened
 from ..matrix.scene import Scene
 from ..which.compare import Data, Rung
+from ..why.faults import Fault
 from ..why.mistaken_rows import slipped, slipped_before
 from ..words.errors import NotEstimable, sentence_list
 from ..words.rigid import Array
@@ -34,6 +35,7 @@ ALARMS = {MISTAKEN: "Check the set-up", "orientation-mistake": "Check the orient
           OTHER: "Check the robot", "rows-shifted": "Check the rows", ROWS: "Check the rows",
           "stated-uncertainty": "Check the uncertainties", "floor-unlike": "Check the noise floor",
           "beyond-tolerance": "Check the robot", HOPELESS: "Check the fit"}
+SAME_ROWS = {"swapped-reflectors": "labels-swapped", "row-order": "rows-shifted"}     # a fault, and the alarm that says as much
 NOISE = {"stated-uncertainty", "floor-unlike"}   # of these, which say nothing of why a fit is bad
 TOLERANCE = {"mm": 5.0, "rad": np.pi / 180}     # what makers allow a link or an axis at most
 SURE = 10.0                 # standard errors beyond it, before it is said: those of a misfit are too small
@@ -153,16 +155,22 @@ def _measured_floor(floor: Floor, asked: Lack, left: float) -> Note:
 # -- the outcome -----------------------------------------------------------------------------------------------------------
 
 
-def outcome(data: Data, chosen: Rung, floor: Floor, limit: float | None, notes: tuple[Note, ...], per_group: bool | None
-            ) -> tuple[Note, ...]:
+def unsaid(faults: Sequence[Fault], notes: Sequence[Note]) -> tuple[Fault, ...]:
+    """The faults of the data but those that an alarm has said of the same rows."""
+    return tuple(f for f in faults if SAME_ROWS.get(f.name) not in {n.code for n in notes})
+
+
+def outcome(data: Data, chosen: Rung, floor: Floor, limit: float | None, notes: tuple[Note, ...], per_group: bool | None,
+            faults: Sequence[Fault] = ()) -> tuple[Note, ...]:
     """All notes, with what the chosen model itself gives away: parameters beyond tolerances, rows that a slip explains, a fit
     that is hopeless, a detection limit far below what is left. Parameters beyond tolerances are no alarm of their own where a
     mistake of the set-up or another robot was said: nothing of that is applied, and the parameters make up for it.
-    `per_group`: None where nothing was registered."""
+    `per_group`: None where nothing was registered. Rows of `faults` are said already."""
     codes = {n.code for n in notes}
     more = list(notes)
+    named = np.isin(data.scene.data.row, [row for f in faults for row in f.rows])
     if ROWS not in codes and (data.outlying & data.estimation).mean() < 1:
-        more += [Note(ROWS, said) for said in slipped(data.scene, chosen.fit.residuals, data.outlying)]
+        more += [Note(ROWS, said) for said in slipped(data.scene, chosen.fit.residuals, data.outlying, named=named)]
     if not codes & {MISTAKEN, OTHER} and (said := _beyond(data, chosen.fit)) is not None:
         more.append(Note("beyond-tolerance", said))
     if (said := _hopeless(data, chosen, floor, more, per_group)) is not None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.measurements import Measurements, Note
-from ..elsewhere.checks import believed, outcome, told_with
+from ..elsewhere.checks import believed, outcome, told_with, unsaid
 from ..elsewhere.confidence import Request, confidence, sampled
 from ..elsewhere.explain import Say, explain, nested
 from ..elsewhere.prepare import Plan, generator, prepare, reweigh_rotation
@@ -110,7 +110,7 @@ def _analysed(question: Question, data: Data, floor: Floor | None, notes: tuple[
     rungs = [*(r for r in rungs if r is not chosen and (_same(r) != _same(chosen) or r is nominal)), chosen]
 
     data = replace(data, outlying=data.outlying | held_out_outliers(data, [r for r in rungs if r is not nominal]))
-    faults = misplaced(data.scene, data.outlying, chosen.fit, generator(study.seed, "null"))
+    faults = unsaid(misplaced(data.scene, data.outlying, chosen.fit, generator(study.seed, "null")), notes)
     held = ~data.estimation & ~data.outlying
     drawn = Resampled.of(measured.block[held], generator(study.seed, "gain"))
 
@@ -133,7 +133,7 @@ def _analysed(question: Question, data: Data, floor: Floor | None, notes: tuple[
     say("weighing every mechanism of the chosen model")
     sure = confidence(data, chosen.fit, chosen.names, study.seed)
     noise, nothing = per_row(floor or estimated_floor(chosen, data), data), nothing_else(extension, found, data, steps[-1])
-    notes = outcome(data, remeasured(chosen, data), noise, nothing[1], notes, plan.per_group if plan.register else None)
+    notes = outcome(data, remeasured(chosen, data), noise, nothing[1], notes, plan.per_group if plan.register else None, faults)
     untold = unidentifiable(chosen.fit.found, chosen.fit.terms, chosen.fit.leaning)
     return Result(study, question.robot, data, noise, ladder, comparison, remeasured(chosen, data), gained(nominal, chosen),
                   findings, faults, extension, error_map(extension, found), nothing, predictable_left(data, steps[-1],

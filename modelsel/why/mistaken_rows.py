@@ -50,12 +50,14 @@ def _slips(scene: Scene) -> Iterator[Slip]:
         yield Slip(words, "convert the readings", np.where(turns, q * factor, q), x)
 
 
-def slipped(scene: Scene, left: Residuals, rows: NDArray[np.bool_], usual: float | None = None) -> tuple[str, ...]:
+def slipped(scene: Scene, left: Residuals, rows: NDArray[np.bool_], usual: float | None = None,
+            named: NDArray[np.bool_] | None = None) -> tuple[str, ...]:
     """A sentence for every slip that explains some of the `rows` (mask): how many, where, and how well they fit without. `left`:
-    residuals (m, c) of a scene under the model; near is what the other rows leave, or some times the `usual` length [mm]."""
+    residuals (m, c) of a scene under the model; near is what the other rows leave, or some times the `usual` length [mm].
+    Rows that are `named` (mask) are said already."""
     data = scene.data
     points = np.ones(len(data), bool) if data.gauges is None else data.gauges.of("point")
-    calm, rows = points & ~rows, points & rows
+    calm, rows = points & ~rows, points & rows & (True if named is None else ~named)
     if not rows.any() or not (calm.any() or usual):
         return ()
     near = MATCH * max(scale_of(_length(left(scene.take(calm)))) if usual is None else usual / np.sqrt(3), 1e-6)
