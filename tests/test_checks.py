@@ -130,10 +130,21 @@ def test_a_stated_floor_far_from_what_is_left_is_said(times, rng, tmp_path) -> N
     assert sentence.startswith(f"[noise] floor_mm: the standard uncertainty of one coordinate is stated as {stated}")
 
 
-def test_a_little_outside_is_a_note_and_no_alarm(rng, tmp_path) -> None:
-    result = studied(tmp_path, frame(rng, 120), more=f"[noise]\nfloor_mm = {NOISE / 1.5}\n")
+@pytest.mark.parametrize(("times", "words"), [(1 / 1.5, "leaves more than the noise floor explains"),
+                                              (1.4, "leaves less than the noise floor")])
+def test_a_little_outside_is_a_note_and_no_alarm(times, words, rng, tmp_path) -> None:
+    """Said with the figures of the result's own test: one figure for one question."""
+    result = studied(tmp_path, frame(rng, 300), more=f"[noise]\nfloor_mm = {times * NOISE}\n")
     assert codes(result) == {"lack-of-fit"}
     assert result.floor.source == "stated"
+    found = result.record["nothing_else"]["lack_of_fit"]
+    assert found["f"] == pytest.approx(times ** -2, rel=0.25)
+    assert words in said(result, "lack-of-fit")
+    assert f"F = {found['f']:.3g}" in said(result, "lack-of-fit")
+
+
+def test_a_figure_far_off_is_no_lack_of_fit_besides(rng, tmp_path) -> None:
+    assert codes(studied(tmp_path, frame(rng, 120), more=f"[noise]\nfloor_mm = {NOISE / 10}\n")) == {"stated-uncertainty"}
 
 
 def test_the_range_holds_what_chance_gives(rng) -> None:

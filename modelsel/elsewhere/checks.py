@@ -14,7 +14,7 @@ from ..fitting.believed import Lack, against, lack, likeliest
 from ..fitting.fit import Fit
 from ..fitting.labels import labels_mistake
 from ..fitting.mistakes import mistake
-from ..fitting.noise import LACKING, Floor
+from ..fitting.noise import Floor
 from ..fitting.orientations import orientation_mistake
 from ..fitting.otherarm import other_robot, shifted_rows
 from ..machine.robot import Robot
@@ -88,27 +88,34 @@ def builtin() -> dict[str, Robot]:
 
 def believed(data: Data, floor: Floor | None, fitted: Fit) -> tuple[Data, Floor | None, tuple[Note, ...]]:
     """(the data, the floor, what is said) once a fitted model shows what is left: a floor that cannot be true is no longer
-    known, and is estimated (None) instead."""
+    known, and is estimated (None) instead. Said is what is far off; what is a little off, the chosen model's lack of fit says."""
     some = data.training()
-    used = fitted.rows - fitted.freedom
-    residual = fitted.residuals(some)
-    notes: list[Note] = []
-    found = _lack(some, residual, floor, slice(0, 3), used)
-    if floor is not None and found is not None and found[0].outside and (np.isinf(floor.freedom) or found[0].factor > 1):
-        asked, left = found
-        notes.append(_floor_note(data, floor, asked, left))
-        if asked.refuted:
-            data, floor = replace(data, known_sigma=False), None
+    found = _lack(some, fitted.residuals(some), floor, slice(0, 3), fitted.rows - fitted.freedom)
+    if floor is None or found is None:
+        return data, floor, ()
+    asked, left = found
+    if np.isfinite(floor.freedom) and asked.refuted and asked.factor > 1:
+        return replace(data, known_sigma=False), None, (_unlike(floor, asked, left),)
+    if np.isfinite(floor.freedom) or not asked.far:
+        return data, floor, ()
+    note = _stated(data, floor, asked, left)
+    return (replace(data, known_sigma=False), None, (note,)) if asked.refuted else (data, floor, (note,))
+
+
+def turns_believed(data: Data, fitted: Fit) -> tuple[Note, ...]:
+    """What is said of stated uncertainties of orientations once a fitted model shows what is left."""
+    some = data.training()
     spread = some.data.sigma_rotation
-    if spread is not None:
-        own = Floor(float(np.sqrt(np.square(spread).mean())), "stated")
-        found = _lack(some, residual, own, slice(3, 6), used)
-        if found is not None and found[0].far:
-            asked, left = found
-            where = "srx_rad, sry_rad and srz_rad"
-            notes.append(Note("stated-uncertainty", f"{against(where, own.coordinate_mm, left, asked, 'rad')} "
-                                                    f"{likeliest(1 / asked.factor, where, 'rad')}"))
-    return data, floor, tuple(notes)
+    if spread is None:
+        return ()
+    own = Floor(float(np.sqrt(np.square(spread).mean())), "stated")
+    found = _lack(some, fitted.residuals(some), own, slice(3, 6), fitted.rows - fitted.freedom)
+    if found is None or not found[0].far:
+        return ()
+    asked, left = found
+    where = "srx_rad, sry_rad and srz_rad"
+    return (Note("stated-uncertainty", f"{against(where, own.coordinate_mm, left, asked, 'rad')} "
+                                       f"{likeliest(1 / asked.factor, where, 'rad')}"),)
 
 
 def _lack(some: Scene, residual: Array, floor: Floor | None, part: slice, used: float) -> tuple[Lack, float] | None:
@@ -126,30 +133,23 @@ def _lack(some: Scene, residual: Array, floor: Floor | None, part: slice, used: 
     return lack(floor, factor, freedom), left
 
 
-def _floor_note(data: Data, floor: Floor, asked: Lack, left: float) -> Note:
+def _stated(data: Data, floor: Floor, asked: Lack, left: float) -> Note:
+    """Of a floor that the study, its file or the instrument's figures state."""
     measured = data.scene.data
-    where = {"stated": ("s_mm" if measured.gauges is not None else "sx_mm, sy_mm, sz_mm") if measured.sigma is not None
-             else "[noise] floor_mm", "instrument": "[noise] range_mm, range_ppm, angle_urad"}.get(floor.source)
-    if where is None:
-        return _measured_floor(floor, asked, left)
+    where = ("[noise] range_mm, range_ppm, angle_urad" if floor.source == "instrument" else "[noise] floor_mm"
+             if measured.sigma is None else "s_mm" if measured.gauges is not None else "sx_mm, sy_mm, sz_mm")
     instead = " The figure is not used: what the model leaves takes its place." if asked.refuted else ""
-    said = against(where, floor.coordinate_mm, left, asked)
-    if asked.far:
-        return Note("stated-uncertainty", f"{said} {likeliest(1 / asked.factor, where)}{instead}")
-    return Note(LACKING, f"{said} " + ("The model misses something small, or the figure is a little too small."
-                                             if asked.factor > 1 else "The figure is a little too large."))
+    return Note("stated-uncertainty", f"{against(where, floor.coordinate_mm, left, asked)} "
+                                      f"{likeliest(1 / asked.factor, where)}{instead}")
 
 
-def _measured_floor(floor: Floor, asked: Lack, left: float) -> Note:
+def _unlike(floor: Floor, asked: Lack, left: float) -> Note:
     """Of repeats or target pairs: that a model leaves more than they show is usual, so much more is not."""
-    said = (f"The {floor.source} show a noise of {floor.coordinate_mm:.2g} mm per coordinate, and the model leaves "
-            f"{left:.3g} mm, {asked.factor:.3g} times as much")
-    if asked.refuted:
-        look = ("whether the tracking software computes the markers from one rigid body" if floor.source == "target pairs"
-                else "whether repeated rows were measured again, or copied")
-        return Note("floor-unlike", f"{said}: they cannot be the noise of the measurement, and the noise floor is estimated from "
-                                    f"what the model leaves. Check {look}.")
-    return Note(LACKING, f"{said}: the model does not explain all that repeats.")
+    look = ("whether the tracking software computes the markers from one rigid body" if floor.source == "target pairs"
+            else "whether repeated rows were measured again, or copied")
+    return Note("floor-unlike", f"The {floor.source} show a noise of {floor.coordinate_mm:.2g} mm per coordinate, and the model "
+                f"leaves {left:.3g} mm, {asked.factor:.3g} times as much: they cannot be the noise of the measurement, and the "
+                f"noise floor is estimated from what the model leaves. Check {look}.")
 
 
 # -- the outcome -----------------------------------------------------------------------------------------------------------
