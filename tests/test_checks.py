@@ -16,9 +16,10 @@ from scipy.spatial.transform import Rotation
 from modelsel.cli import main
 from modelsel.data.io import read_measurements
 from modelsel.data.measurements import Note, measurements
-from modelsel.elsewhere.checks import ALARMS, HOPELESS, alarms, outcome, told_with
+from modelsel.elsewhere.checks import ALARMS, HOPELESS, alarms, outcome, setup_notes, told_with
 from modelsel.fitting.believed import lack, likeliest
 from modelsel.fitting.labels import labels_mistake
+from modelsel.fitting.mistakes import mistake
 from modelsel.fitting.noise import Floor, from_target_pairs
 from modelsel.fitting.orientations import orientation_mistake
 from modelsel.fitting.register import register
@@ -129,10 +130,21 @@ def test_a_stated_floor_far_from_what_is_left_is_said(times, rng, tmp_path) -> N
     assert sentence.startswith(f"[noise] floor_mm: the standard uncertainty of one coordinate is stated as {stated}")
 
 
-def test_a_little_outside_is_a_note_and_no_alarm(rng, tmp_path) -> None:
-    result = studied(tmp_path, frame(rng, 120), more=f"[noise]\nfloor_mm = {NOISE / 1.5}\n")
+@pytest.mark.parametrize(("times", "words"), [(1 / 1.5, "leaves more than the noise floor explains"),
+                                              (1.4, "leaves less than the noise floor")])
+def test_a_little_outside_is_a_note_and_no_alarm(times, words, rng, tmp_path) -> None:
+    """Said with the figures of the result's own test: one figure for one question."""
+    result = studied(tmp_path, frame(rng, 300), more=f"[noise]\nfloor_mm = {times * NOISE}\n")
     assert codes(result) == {"lack-of-fit"}
     assert result.floor.source == "stated"
+    found = result.record["nothing_else"]["lack_of_fit"]
+    assert found["f"] == pytest.approx(times ** -2, rel=0.25)
+    assert words in said(result, "lack-of-fit")
+    assert f"F = {found['f']:.3g}" in said(result, "lack-of-fit")
+
+
+def test_a_figure_far_off_is_no_lack_of_fit_besides(rng, tmp_path) -> None:
+    assert codes(studied(tmp_path, frame(rng, 120), more=f"[noise]\nfloor_mm = {NOISE / 10}\n")) == {"stated-uncertainty"}
 
 
 def test_the_range_holds_what_chance_gives(rng) -> None:
@@ -247,9 +259,41 @@ def test_the_wrong_robot_is_said(rng, tmp_path) -> None:
     result = studied(tmp_path, frame(rng, 80, "ur5e"), "ur10e")
     assert said(result, "other-robot").startswith('The readings fit robot "ur5e" ')
     assert "mm, median" in said(result, "other-robot")
-    beyond = said(result, "beyond-tolerance")
-    assert "beyond what makers' tolerances allow (1 to 5 mm, 1°)" in beyond
-    assert " ± " in beyond
+    assert codes(result) & SET_UP == {"other-robot"}
+
+
+SET_UP = {"setup-mistake", "other-robot", "beyond-tolerance"}
+
+
+@pytest.mark.parametrize(("degrees", "code"), [(17.0, "setup-mistake"), (2.0, "beyond-tolerance")])
+def test_one_cause_is_one_alarm(degrees, code, rng, tmp_path) -> None:
+    """A zero that is off: said as such where it is large, and the parameter that makes up for it is then no alarm of its own."""
+    data = frame(rng, 80)
+    result = studied(tmp_path, data.assign(q3_rad=data.q3_rad - np.radians(degrees)))
+    assert codes(result) & SET_UP == {code}
+    sentence = said(result, code)
+    if code == "setup-mistake":
+        off = float(sentence.partition("joint 3's zero is off by ")[2].partition(" ")[0])
+        assert off == pytest.approx(degrees, abs=0.3)                  # the arm has errors of its own
+    else:
+        assert "beyond what makers' tolerances allow (1 to 5 mm, 1°)" in sentence
+        assert " ± " in sentence
+
+
+def test_another_robots_links_are_no_mistake_in_this_ones(rng, tmp_path) -> None:
+    """A robot file with one long link: the built-in robot that fits is said, and the link is not. Without that robot it is."""
+    own = load("ur5")
+    joints = list(own.joints)
+    before = joints[2].before.copy()
+    before[:3, 3] *= 1.2
+    joints[2] = replace(joints[2], before=before)
+    wrong = replace(own, name="mine", joints=tuple(joints))
+    at = bind("ur5", read_measurements(frame(rng, 60), own.prismatic), (0.0, 0.0, 0.0)).anew(robot=wrong)
+    use = np.ones(len(at), bool)
+    placed = register(at, use, False)
+    assert {n.code for n in setup_notes(placed, use, True, False)} == {"other-robot"}
+    assert "the nominal arm's" in (mistake(placed, use, True) or "")
+    assert mistake(placed, use, True, links=False) is None
 
 
 def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:
@@ -321,7 +365,29 @@ def test_swapped_labels_of_a_study(rng, tmp_path) -> None:
     late = np.arange(120) >= 72
     result = studied(tmp_path, data.assign(target=np.where(late, data.target.map({"A": "B", "B": "A"}), data.target)))
     assert "(lines 74 to 121)" in said(result, "labels-swapped")
+    assert result.faults == ()
     assert "what the warnings say of the targets" in result.record["verdict"][0]
+
+
+def test_few_swapped_labels_are_said_once(rng, tmp_path) -> None:
+    """As an alarm and not as a fault, too: the alarm says of the same rows what to correct."""
+    data = frame(rng, 60, targets=("A", "B"))
+    few = np.isin(np.arange(120), data.index[data.configuration.isin([7, 30])])
+    result = studied(tmp_path, data.assign(target=np.where(few, data.target.map({"A": "B", "B": "A"}), data.target)))
+    assert "In 4 of 120 rows" in said(result, "labels-swapped")
+    assert result.faults == ()
+
+
+def test_rows_in_the_wrong_order_are_said_once(rng, tmp_path) -> None:
+    """Three rows whose positions went round: a fault with a name, and not two of them with the position of the row before."""
+    data = frame(rng, 80)
+    for c in ("x_mm", "y_mm", "z_mm"):
+        data.loc[[20, 21, 22], c] = data.loc[[22, 20, 21], c].to_numpy()
+    result = studied(tmp_path, data)
+    (fault,) = result.faults
+    assert fault.name == "row-order"
+    assert fault.rows.tolist() == [20, 21, 22]
+    assert said(result, "rows-mistaken") == ""
 
 
 SLIPS: dict[str, tuple[Callable[[Array], Array], str]] = {

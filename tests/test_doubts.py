@@ -74,6 +74,12 @@ def test_lack_of_fit_is_uniform_where_there_is_none(rng) -> None:
     assert f"F = {found.f:.3g}" in note.sentence
     for found in (LackOfFit(1.2, 1e-9, 0.1, 0.04, 0.0, 0.1), LackOfFit(4.0, 0.2, 0.1, 0.2, 0.0, 0.3), None):
         assert lacking(found) == ()
+    (note,) = lacking(LackOfFit(0.5, 1 - 1e-5, 0.1, 0.0, 0.0, 0.0))
+    assert note.code == "lack-of-fit"
+    assert "of the floor of 0.1 mm per coordinate it leaves 0.0707 mm" in note.sentence
+    for found, stated in ((LackOfFit(0.5, 1 - 1e-5, 0.1, 0.0, 0.0, 0.0), False), (LackOfFit(0.5, 0.99, 0.1, 0.0, 0.0, 0.0), True),
+                          (LackOfFit(0.9, 1 - 1e-9, 0.1, 0.0, 0.0, 0.0), True)):
+        assert lacking(found, stated) == ()
 
 
 def test_lack_of_fit_against_repeats_is_the_textbooks(rng) -> None:

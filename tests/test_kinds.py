@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from modelsel.elsewhere.explain import explain
 from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.elsewhere.simulate import simulate_rows
 from modelsel.fitting.fit import fit
-from modelsel.fitting.noise import Instrument
+from modelsel.fitting.noise import Floor, Instrument
 from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model, design, residuals
 from modelsel.matrix.gauges import Fixtures
@@ -30,6 +31,7 @@ from modelsel.sure.target import Target
 from modelsel.telling.config import parse_study
 from modelsel.telling.inspect import describe
 from modelsel.telling.inspect import sentences as checked
+from modelsel.telling.left import lack_of_fit, lacking
 from modelsel.telling.report.details import details, dumps
 from modelsel.telling.stored import calibration_of
 from modelsel.telling.study import known_features, run
@@ -115,6 +117,9 @@ def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> Non
     expected = NOISE * np.sqrt(1 + extension.fit.rank / extension.fit.rows)
     assert np.sqrt(np.square(left).sum() / count) == pytest.approx(expected, rel=0.25)
     assert extension.fit.sigma == pytest.approx(1, rel=0.2)                       # s_mm is the noise that was put in
+    lack = lack_of_fit(SimpleNamespace(fit=extension.fit), Floor(NOISE, "stated"), data)
+    assert lack.f == pytest.approx(extension.fit.sigma ** 2)                      # over the coordinates that rows of a kind have
+    assert lacking(lack) == ()
 
 
 def every_kind(rng: np.random.Generator) -> tuple[Scene, tuple[Term, ...], np.ndarray]:

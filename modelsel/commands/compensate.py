@@ -67,11 +67,6 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
         raise SystemExit(CHECK_FAILED)
 
 
-def _lines(rows: NDArray[np.intp]) -> str:
-    """The first of these rows as lines of the file."""
-    return f"line {', '.join(str(int(k) + 2) for k in rows[:10])}{', …' if len(rows) > 10 else ''}"
-
-
 def _figures(made: Commands) -> dict[str, Any]:
     turned = {} if made.before_rad is None or made.left_rad is None else {
         "orientation_before_mrad": {"mean": 1e3 * made.before_rad.mean(), "max": 1e3 * made.before_rad.max()},

@@ -12,6 +12,7 @@ from ..words.errors import DataError
 from ..words.rigid import Array, to_quaternion
 from .features import COORDINATES, KINDS, Feature, features_of, framed
 from .rest import resting, said
+from .sequence import campaign
 from .table import Where
 from .temperature import REFERENCE, reference
 
@@ -211,27 +212,6 @@ def motion(q: Array, configuration: Index, group: Index, order: Array, prismatic
     where = np.empty(int(configuration.max(initial=-1)) + 1, dtype=np.intp)
     where[configuration[start]] = np.arange(len(start))
     return sign[where[configuration]], np.abs(step)[where[configuration]], flicker
-
-
-def campaign(group: Index, order: Array, time: Array | None = None) -> Array:
-    """(m,) place of every row in the campaign, 0 to 1: groups by the clock where one clock runs through all of them, else in the
-    order of their first rows; each in order of motion."""
-    rank = np.empty(len(group))
-    rank[np.lexsort((np.arange(len(group)), order, _after_one_another(group, time)))] = np.arange(len(group))
-    return rank / max(len(group) - 1, 1)
-
-
-def _after_one_another(group: Index, time: Array | None) -> Index:
-    """The groups numbered as one followed another: by the clock where their times do not overlap, else as they are."""
-    if time is None or not len(group):
-        return group
-    first, last = np.full(group.max() + 1, np.inf), np.full(group.max() + 1, -np.inf)
-    np.minimum.at(first, group, time)
-    np.maximum.at(last, group, time)
-    by_clock = np.argsort(first, kind="stable")
-    if (first[by_clock[1:]] < last[by_clock[:-1]]).any():
-        return group
-    return np.asarray(np.argsort(by_clock)[group], dtype=np.intp)
 
 
 def in_turn(unit: Index, progress: Array) -> tuple[Index, Index]:

@@ -14,7 +14,7 @@ from ..fitting.believed import Lack, against, lack, likeliest
 from ..fitting.fit import Fit
 from ..fitting.labels import labels_mistake
 from ..fitting.mistakes import mistake
-from ..fitting.noise import LACKING, Floor
+from ..fitting.noise import Floor
 from ..fitting.orientations import orientation_mistake
 from ..fitting.otherarm import other_robot, shifted_rows
 from ..machine.robot import Robot
@@ -22,18 +22,20 @@ from ..machine.robotfile import builtin_names, load
 from ..matrix.design import whitened
 from ..matrix.scene import Scene
 from ..which.compare import Data, Rung
+from ..why.faults import Fault
 from ..why.mistaken_rows import slipped, slipped_before
 from ..words.errors import NotEstimable, sentence_list
 from ..words.rigid import Array
 from ..wrong.causes import ONE
 
-MISTAKEN = "setup-mistake"
+MISTAKEN, OTHER = "setup-mistake", "other-robot"
 ROWS, HOPELESS = "rows-mistaken", "hopeless-fit"
 # codes of what is told before everything else, with the words that lead it
 ALARMS = {MISTAKEN: "Check the set-up", "orientation-mistake": "Check the orientations", "labels-swapped": "Check the targets",
-          "other-robot": "Check the robot", "rows-shifted": "Check the rows", ROWS: "Check the rows",
+          OTHER: "Check the robot", "rows-shifted": "Check the rows", ROWS: "Check the rows",
           "stated-uncertainty": "Check the uncertainties", "floor-unlike": "Check the noise floor",
           "beyond-tolerance": "Check the robot", HOPELESS: "Check the fit"}
+SAME_ROWS = {"swapped-reflectors": "labels-swapped", "row-order": "rows-shifted"}     # a fault, and the alarm that says as much
 NOISE = {"stated-uncertainty", "floor-unlike"}   # of these, which say nothing of why a fit is bad
 TOLERANCE = {"mm": 5.0, "rad": np.pi / 180}     # what makers allow a link or an axis at most
 SURE = 10.0                 # standard errors beyond it, before it is said: those of a misfit are too small
@@ -53,10 +55,11 @@ def alarms(notes: Sequence[Note]) -> list[str]:
 
 def setup_notes(bound: Scene, use: NDArray[np.bool_], registered: bool, per_group: bool) -> tuple[Note, ...]:
     """What simple mistake explains how the positions of the rows `use` (mask) lie, of a scene at its placement and tools."""
-    found = [(MISTAKEN, mistake(bound, use, registered, per_group)),
+    other = other_robot(bound, use, builtin)         # asked first: another robot's links are no mistake in this one's
+    found = [(MISTAKEN, mistake(bound, use, registered, per_group, links=other is None)),
              ("orientation-mistake", orientation_mistake(bound, use, registered)),
              ("labels-swapped", labels_mistake(bound, np.ones(len(bound), bool), registered, per_group)),
-             ("other-robot", other_robot(bound, use, builtin))]
+             (OTHER, other)]
     if not any(said for _, said in found):
         found += [(ROWS, slipped_before(bound, registered, per_group)),
                   ("rows-shifted", shifted_rows(bound, np.ones(len(bound), bool)))]
@@ -85,27 +88,34 @@ def builtin() -> dict[str, Robot]:
 
 def believed(data: Data, floor: Floor | None, fitted: Fit) -> tuple[Data, Floor | None, tuple[Note, ...]]:
     """(the data, the floor, what is said) once a fitted model shows what is left: a floor that cannot be true is no longer
-    known, and is estimated (None) instead."""
+    known, and is estimated (None) instead. Said is what is far off; what is a little off, the chosen model's lack of fit says."""
     some = data.training()
-    used = fitted.rows - fitted.freedom
-    residual = fitted.residuals(some)
-    notes: list[Note] = []
-    found = _lack(some, residual, floor, slice(0, 3), used)
-    if floor is not None and found is not None and found[0].outside and (np.isinf(floor.freedom) or found[0].factor > 1):
-        asked, left = found
-        notes.append(_floor_note(data, floor, asked, left))
-        if asked.refuted:
-            data, floor = replace(data, known_sigma=False), None
+    found = _lack(some, fitted.residuals(some), floor, slice(0, 3), fitted.rows - fitted.freedom)
+    if floor is None or found is None:
+        return data, floor, ()
+    asked, left = found
+    if np.isfinite(floor.freedom) and asked.refuted and asked.factor > 1:
+        return replace(data, known_sigma=False), None, (_unlike(floor, asked, left),)
+    if np.isfinite(floor.freedom) or not asked.far:
+        return data, floor, ()
+    note = _stated(data, floor, asked, left)
+    return (replace(data, known_sigma=False), None, (note,)) if asked.refuted else (data, floor, (note,))
+
+
+def turns_believed(data: Data, fitted: Fit) -> tuple[Note, ...]:
+    """What is said of stated uncertainties of orientations once a fitted model shows what is left."""
+    some = data.training()
     spread = some.data.sigma_rotation
-    if spread is not None:
-        own = Floor(float(np.sqrt(np.square(spread).mean())), "stated")
-        found = _lack(some, residual, own, slice(3, 6), used)
-        if found is not None and found[0].far:
-            asked, left = found
-            where = "srx_rad, sry_rad and srz_rad"
-            notes.append(Note("stated-uncertainty", f"{against(where, own.coordinate_mm, left, asked, 'rad')} "
-                                                    f"{likeliest(1 / asked.factor, where, 'rad')}"))
-    return data, floor, tuple(notes)
+    if spread is None:
+        return ()
+    own = Floor(float(np.sqrt(np.square(spread).mean())), "stated")
+    found = _lack(some, fitted.residuals(some), own, slice(3, 6), fitted.rows - fitted.freedom)
+    if found is None or not found[0].far:
+        return ()
+    asked, left = found
+    where = "srx_rad, sry_rad and srz_rad"
+    return (Note("stated-uncertainty", f"{against(where, own.coordinate_mm, left, asked, 'rad')} "
+                                       f"{likeliest(1 / asked.factor, where, 'rad')}"),)
 
 
 def _lack(some: Scene, residual: Array, floor: Floor | None, part: slice, used: float) -> tuple[Lack, float] | None:
@@ -123,44 +133,45 @@ def _lack(some: Scene, residual: Array, floor: Floor | None, part: slice, used: 
     return lack(floor, factor, freedom), left
 
 
-def _floor_note(data: Data, floor: Floor, asked: Lack, left: float) -> Note:
+def _stated(data: Data, floor: Floor, asked: Lack, left: float) -> Note:
+    """Of a floor that the study, its file or the instrument's figures state."""
     measured = data.scene.data
-    where = {"stated": ("s_mm" if measured.gauges is not None else "sx_mm, sy_mm, sz_mm") if measured.sigma is not None
-             else "[noise] floor_mm", "instrument": "[noise] range_mm, range_ppm, angle_urad"}.get(floor.source)
-    if where is None:
-        return _measured_floor(floor, asked, left)
+    where = ("[noise] range_mm, range_ppm, angle_urad" if floor.source == "instrument" else "[noise] floor_mm"
+             if measured.sigma is None else "s_mm" if measured.gauges is not None else "sx_mm, sy_mm, sz_mm")
     instead = " The figure is not used: what the model leaves takes its place." if asked.refuted else ""
-    said = against(where, floor.coordinate_mm, left, asked)
-    if asked.far:
-        return Note("stated-uncertainty", f"{said} {likeliest(1 / asked.factor, where)}{instead}")
-    return Note(LACKING, f"{said} " + ("The model misses something small, or the figure is a little too small."
-                                             if asked.factor > 1 else "The figure is a little too large."))
+    return Note("stated-uncertainty", f"{against(where, floor.coordinate_mm, left, asked)} "
+                                      f"{likeliest(1 / asked.factor, where)}{instead}")
 
 
-def _measured_floor(floor: Floor, asked: Lack, left: float) -> Note:
+def _unlike(floor: Floor, asked: Lack, left: float) -> Note:
     """Of repeats or target pairs: that a model leaves more than they show is usual, so much more is not."""
-    said = (f"The {floor.source} show a noise of {floor.coordinate_mm:.2g} mm per coordinate, and the model leaves "
-            f"{left:.3g} mm, {asked.factor:.3g} times as much")
-    if asked.refuted:
-        look = ("whether the tracking software computes the markers from one rigid body" if floor.source == "target pairs"
-                else "whether repeated rows were measured again, or copied")
-        return Note("floor-unlike", f"{said}: they cannot be the noise of the measurement, and the noise floor is estimated from "
-                                    f"what the model leaves. Check {look}.")
-    return Note(LACKING, f"{said}: the model does not explain all that repeats.")
+    look = ("whether the tracking software computes the markers from one rigid body" if floor.source == "target pairs"
+            else "whether repeated rows were measured again, or copied")
+    return Note("floor-unlike", f"The {floor.source} show a noise of {floor.coordinate_mm:.2g} mm per coordinate, and the model "
+                f"leaves {left:.3g} mm, {asked.factor:.3g} times as much: they cannot be the noise of the measurement, and the "
+                f"noise floor is estimated from what the model leaves. Check {look}.")
 
 
 # -- the outcome -----------------------------------------------------------------------------------------------------------
 
 
-def outcome(data: Data, chosen: Rung, floor: Floor, limit: float | None, notes: tuple[Note, ...], per_group: bool | None
-            ) -> tuple[Note, ...]:
+def unsaid(faults: Sequence[Fault], notes: Sequence[Note]) -> tuple[Fault, ...]:
+    """The faults of the data but those that an alarm has said of the same rows."""
+    return tuple(f for f in faults if SAME_ROWS.get(f.name) not in {n.code for n in notes})
+
+
+def outcome(data: Data, chosen: Rung, floor: Floor, limit: float | None, notes: tuple[Note, ...], per_group: bool | None,
+            faults: Sequence[Fault] = ()) -> tuple[Note, ...]:
     """All notes, with what the chosen model itself gives away: parameters beyond tolerances, rows that a slip explains, a fit
-    that is hopeless, a detection limit far below what is left. `per_group`: None where nothing was registered."""
+    that is hopeless, a detection limit far below what is left. Parameters beyond tolerances are no alarm of their own where a
+    mistake of the set-up or another robot was said: nothing of that is applied, and the parameters make up for it.
+    `per_group`: None where nothing was registered. Rows of `faults` are said already."""
     codes = {n.code for n in notes}
     more = list(notes)
+    named = np.isin(data.scene.data.row, [row for f in faults for row in f.rows])
     if ROWS not in codes and (data.outlying & data.estimation).mean() < 1:
-        more += [Note(ROWS, said) for said in slipped(data.scene, chosen.fit.residuals, data.outlying)]
-    if (said := _beyond(data, chosen.fit, "other-robot" in codes)) is not None:
+        more += [Note(ROWS, said) for said in slipped(data.scene, chosen.fit.residuals, data.outlying, named=named)]
+    if not codes & {MISTAKEN, OTHER} and (said := _beyond(data, chosen.fit)) is not None:
         more.append(Note("beyond-tolerance", said))
     if (said := _hopeless(data, chosen, floor, more, per_group)) is not None:
         return (*more, Note(HOPELESS, said))
@@ -172,7 +183,7 @@ def outcome(data: Data, chosen: Rung, floor: Floor, limit: float | None, notes: 
     return tuple(more)
 
 
-def _beyond(data: Data, fitted: Fit, tried: bool) -> str | None:
+def _beyond(data: Data, fitted: Fit) -> str | None:
     """A sentence on geometric parameters that no maker's tolerance allows, with the built-in robot that fits better, if any."""
     some = []
     for k in fitted.found.kept:
@@ -187,7 +198,7 @@ def _beyond(data: Data, fitted: Fit, tried: bool) -> str | None:
     some.sort(reverse=True)
     words = [f"{symbol} = {_with_unit(value, error, unit)}" for _, symbol, value, error, unit in some[:LISTED]]
     more = f" and {len(some) - LISTED} more" if len(some) > LISTED else ""
-    other = None if tried else other_robot(data.scene, data.used, builtin, always=True)
+    other = other_robot(data.scene, data.used, builtin, always=True)
     return (f"{', '.join(words)}{more}: beyond what makers' tolerances allow (1 to 5 mm, 1°). "
             + (other or "Check the robot's name or file, and where the joints' zeros are."))
 
@@ -201,7 +212,7 @@ def _with_unit(value: float, error: float, unit: str) -> str:
 def _hopeless(data: Data, chosen: Rung, floor: Floor, notes: Sequence[Note], per_group: bool | None) -> str | None:
     """A sentence that the fit is hopeless, with how much is left, against what, and the likeliest reasons; None where not."""
     scene = data.scene
-    reach = scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
+    reach = scene.reach_mm
     left = max(chosen.estimation.rms_mm or 0.0, chosen.held_out.rms_mm or 0.0)
     noise = floor.coordinate_mm * float(np.sqrt(floor.coordinates))
     known = floor.source != "estimated"

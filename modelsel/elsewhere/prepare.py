@@ -110,8 +110,7 @@ def prepare(robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.obj
     notes[:0] = doubts
     why = " ".join(n.sentence for n in doubts)
     bound = place(bound, estimation)
-    size = np.linalg.norm(residuals(bound)[:, :3], axis=1)
-    reach = robot.reach + float(np.linalg.norm(bound.tools, axis=1).max(initial=0))
+    size, reach = np.linalg.norm(residuals(bound)[:, :3], axis=1), bound.reach_mm
     if np.median(size) > reach / 4:
         hint = ("the coordinates look like metres: name them x_m y_m z_m."
                 if np.nanmedian(np.linalg.norm(np.nan_to_num(data.position), axis=1)) < reach / 100 and data.gauges is None else

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .noise import Floor
+from .noise import MEDIAN, Floor
 
 LEVEL = 1e-3            # share of studies whose chi-square lies outside its range by chance
-ROBUST = 0.37           # of the degrees of freedom of a median absolute deviation count
 SMALLER, LARGER = 1.5, 5.0      # stated so many times too large, or too small: said before everything else
-REFUTED = 100.0         # times too small, from which no lack of the model explains it, and the figure is not used
+TOO_SMALL = 100.0       # times too small, from which no lack of the model explains it, and the figure is not used
 NEAR_UNIT = 4.0         # a factor this near to a unit's is that unit
 
 
@@ -36,7 +35,7 @@ class Lack:
     @property
     def refuted(self) -> bool:
         """Whether the floor cannot be true."""
-        return self.outside and not 1 / SMALLER < self.factor < REFUTED
+        return self.outside and not 1 / SMALLER < self.factor < TOO_SMALL
 
 
 def lack(floor: Floor, factor: float, freedom: float) -> Lack:
@@ -44,7 +43,7 @@ def lack(floor: Floor, factor: float, freedom: float) -> Lack:
     an F test, else a chi-square test (methods.md A.8)."""
     from scipy.special import chdtri, fdtri
     if np.isfinite(floor.freedom):
-        own = max(ROBUST * floor.freedom, 1.0)
+        own = max(MEDIAN * floor.freedom, 1.0)
         low, high = fdtri(freedom, own, [LEVEL / 2, 1 - LEVEL / 2])
     else:
         low, high = chdtri(freedom, [1 - LEVEL / 2, LEVEL / 2]) / freedom

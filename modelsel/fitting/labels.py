@@ -29,8 +29,7 @@ def labels_mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_g
     use = use if data.gauges is None else use & data.gauges.of("point")
     if len(np.unique(data.target[use])) < 2:
         return None
-    some = scene.take(use)
-    some = some.anew(data=replace(some.data, rotation=None, sigma_rotation=None, gauges=None), tool_rotations=None, whiten=1.0)
+    some = scene.take(use).plain_points()
     given = some.data.target
     before, found = _mean(some, given), (np.inf, given)
     for start in _starts(some, before):
@@ -55,8 +54,7 @@ def _starts(some: Scene, before: float) -> Iterator[Index]:
     """The names as given; where they leave much, those of two targets changed from the middle of the file on."""
     given = some.data.target
     yield given
-    reach = some.robot.reach + float(np.linalg.norm(some.tools, axis=1).max())
-    if before > BAD * reach and len(np.unique(given)) == 2:
+    if before > BAD * some.reach_mm and len(np.unique(given)) == 2:
         late = some.data.row > np.median(some.data.row)
         yield np.where(late, np.unique(given).sum() - given, given)
 

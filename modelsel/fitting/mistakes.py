@@ -19,6 +19,7 @@ from ..matrix.design import residuals
 from ..matrix.scene import Scene
 from ..words.errors import DataError, NotEstimable
 from .offsets import Arm, of_joint, of_links, several
+from .otherarm import better
 from .register import register, undetermined
 from .slips import NOTHING, REGISTER, SCALES, Mistake, linear, of_joints, of_positions, senses
 
@@ -34,12 +35,14 @@ TRIED = 8             # of the linear solutions that are registered
 NEAR = 0.1            # of the logarithm of a scale, for a unit to be tried
 
 
-def mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: bool = False) -> str | None:
+def mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: bool = False, links: bool = True
+            ) -> str | None:
     """A sentence that says which simple mistake of the set-up explains what the rows `use` (mask) of a scene leave at its
     placement and tools, with the median distance before and after; None where they leave little, or no mistake explains it.
-    `registered`: placement and tools were found from the rows; else they are what the study says."""
+    `registered`: placement and tools were found from the rows; else they are what the study says. `links`: whether links may be
+    what is off."""
     some = _sample(scene, use, per_group)
-    reach = scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
+    reach = scene.reach_mm
     if some is None or (before := _left(some)) < BAD * reach:
         return None
     singles, also = tuple(of_joints(scene.robot)), ""
@@ -50,11 +53,11 @@ def mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: b
             return None
     limit, far = before / FACTOR, before > FAR * reach
     if not registered:
-        if found := _stated(some, singles, limit, far):
+        if found := _stated(some, singles, limit, far, links):
             return _sentence(before, found)
         some = _registered(some, False) or some
         also = "the tracker's frame and the target on the flange are found ([robot] register = true), and "
-    tried, offsets = _tried(some, singles, 1), _offsets(some, True)
+    tried, offsets = _tried(some, singles, 1), _offsets(some, True, links)
     simple = min((left for _, left in _best(tried, limit)), default=np.inf)
     tried += [(m, left) for m, arm in offsets if (left := _sure(some, arm)) < (simple / TWICE if arm.right_angle() else np.inf)]
     best = _best(tried, limit)
@@ -63,31 +66,30 @@ def mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: b
         tried += _tried(some, singles, 2)
         best = _best(tried, limit)
         if min((left for _, left in best), default=np.inf) > FAR * reach:
-            more = several(some, min(limit, BAD * reach), [arm for _, arm in offsets])
+            more = several(some, min(limit, BAD * reach), [arm for _, arm in offsets], links)
             best = _best([*tried, *((m, _sure(some, arm)) for m, arm in more)], limit)
     return _sentence(before, best, also) if best else None
 
 
-def _stated(some: Scene, singles: Sequence[Mistake], limit: float, far: bool) -> list[tuple[Mistake, float]]:
+def _stated(some: Scene, singles: Sequence[Mistake], limit: float, far: bool, links: bool) -> list[tuple[Mistake, float]]:
     """What explains the positions where the study says the frame and the target."""
     simple = [(m, _explained(_changed(some, m))) for m in (*singles, *of_positions(some.robot.n, True))]
     found = _best([*(_tool(some) if far else []), *simple], limit)
-    found = found or _best([(m, _sure(some, arm)) for m, arm in _offsets(some, False)], limit)
+    found = found or _best([(m, _sure(some, arm)) for m, arm in _offsets(some, False, links)], limit)
     if not found and far and (placed := _registered(some)) is not None and (left := _explained(placed)) <= limit:
         return [(REGISTER, left)]
     return found
 
 
-def _offsets(some: Scene, set_up: bool) -> list[tuple[Mistake, Arm]]:
-    """One joint's zero or one link off, each as it fits best."""
-    return [*of_joint(some, set_up), *of_links(some, set_up)]
+def _offsets(some: Scene, set_up: bool, links: bool) -> list[tuple[Mistake, Arm]]:
+    """One joint's zero or, with `links`, one link off, each as it fits best."""
+    return [*of_joint(some, set_up), *(of_links(some, set_up) if links else ())]
 
 
 def _sentence(before: float, found: Sequence[tuple[Mistake, float]], also: str = "") -> str:
     after = min(left for _, left in found)
-    better = f"{before / after:.0f} times better" if before < 1e4 * after else "far better"
     looks = list(dict.fromkeys(m.look for m, _ in found))
-    return (f"The positions fit {better} ({_mm(after)} in place of {_mm(before)}, median) if {also}"
+    return (f"The positions fit {better(before, after)} ({_mm(after)} in place of {_mm(before)}, median) if {also}"
             f"{', or if '.join(m.words for m, _ in found)}: {', or '.join(looks)}.")
 
 
@@ -105,9 +107,7 @@ def _sample(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene | No
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), ROWS)).astype(int))] if len(rows) else rows
     if len(np.unique(data.block[rows])) < LEAST:
         return None
-    some = scene.take(rows)
-    data = replace(some.data, rotation=None, sigma_rotation=None, gauges=None)
-    return some.anew(data=data, tool_rotations=None, whiten=1.0)
+    return scene.take(rows).plain_points()
 
 
 def _left(some: Scene) -> float:
@@ -176,7 +176,7 @@ def _tried(some: Scene, singles: Sequence[Mistake], count: int) -> list[tuple[Mi
         more = [joint] if joint.parts else []
         if joint.parts < count:
             more += [joint.then(m) if joint.parts else m
-                        for m, scale in zip(of_positions(n, False), (*SCALES, -1.0), strict=True)
+                        for m, scale in zip(of_positions(n, False), (*(unit.scale for unit in SCALES), -1.0), strict=True)
                         if factor[k] * scale > 0 and abs(np.log(factor[k] / scale)) < NEAR]
         placed = ((m, _registered(_changed(some, m))) for m in more)
         out += [(m, _explained(at)) for m, at in placed if at is not None]

@@ -12,6 +12,7 @@ from ..words.rigid import Array
 
 NORMAL = 1.4826   # standard deviation over median absolute deviation: a swapped reflector must not set the floor
 LACKING = "lack-of-fit"     # code of the warning that a model leaves another noise than is known
+MEDIAN = 0.37               # degrees of freedom of a standard deviation by the median, against one by the mean square
 ENOUGH = 10  # degrees of freedom before repeats or target pairs are believed
 FINEST = 1e-7  # of its size: no instrument tells a distance better; where pairs agree so well, one was computed from the other
 

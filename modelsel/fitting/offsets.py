@@ -172,12 +172,12 @@ def of_links(some: Scene, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
         yield from _named(some, adjusted(some, nominal, [n + 3 * j + a for a in range(3)], set_up))
 
 
-def several(some: Scene, good: float, first: Sequence[Arm]) -> Iterator[tuple[Mistake, Arm]]:
-    """Several of them at once that leave no more than `good` [mm]: zeros, those of joints that rest, then links too; from the
-    best of those that were tried `first`, always the one more that leaves least."""
+def several(some: Scene, good: float, first: Sequence[Arm], links: bool = True) -> Iterator[tuple[Mistake, Arm]]:
+    """Several of them at once that leave no more than `good` [mm]: zeros, those of joints that rest, then, with `links`, links
+    too; from the best of those that were tried `first`, always the one more that leaves least."""
     n = some.robot.n
-    zeros, links = [[j] for j in range(n)], [[n + 3 * j + a for a in range(3)] for j in range(1, n)]
-    for groups in (zeros, [*zeros, *links]):
+    zeros, frames = [[j] for j in range(n)], [[n + 3 * j + a for a in range(3)] for j in range(1, n)]
+    for groups in (zeros, [*zeros, *frames]) if links else (zeros,):
         begun = [a for a in first if groups is not zeros or not a.links.any()] or [start(some)]
         ends = [_extended(some, good, arm, groups) for arm in sorted(begun, key=lambda a: a.left(some))[:PEAKS]]
         if groups is zeros:

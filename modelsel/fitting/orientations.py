@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +57,7 @@ def orientation_mistake(scene: Scene, use: NDArray[np.bool_], registered: bool) 
 def _by_positions(some: Scene) -> Array | None:
     """The tracker's rotation (3, 3) from positions alone, which no mistaken quaternion has touched: with a free one the inverse
     and the other orders are the same motion (a map of quaternions with determinant -1); None where positions do not tell it."""
-    data = replace(some.data, rotation=None, sigma_rotation=None, gauges=None)
-    bare = some.anew(data=data, tool_rotations=None, whiten=1.0)
+    bare = some.plain_points()
     try:
         return np.asarray(register(bare, np.ones(len(bare), bool), per_group=False).placement[0][some.data.group[0]])
     except (DataError, NotEstimable):

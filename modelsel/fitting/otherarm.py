@@ -44,7 +44,7 @@ def sample(scene: Scene, use: NDArray[np.bool_]) -> Scene | None:
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), ROWS)).astype(int))] if len(rows) else rows
     if len(np.unique(scene.data.block[rows])) < LEAST:
         return None
-    return _plain(scene.take(rows))
+    return scene.take(rows).plain_points()
 
 
 def _rows(scene: Scene, use: NDArray[np.bool_]) -> Index:
@@ -55,12 +55,6 @@ def _rows(scene: Scene, use: NDArray[np.bool_]) -> Index:
     return rows
 
 
-def _plain(some: Scene) -> Scene:
-    """As points of one target on one placement, unweighted."""
-    data = replace(some.data, rotation=None, sigma_rotation=None, gauges=None)
-    return some.anew(data=data, tool_rotations=None, whiten=1.0)
-
-
 def other_robot(scene: Scene, use: NDArray[np.bool_], robots: Callable[[], Mapping[str, Robot]], always: bool = False
                 ) -> str | None:
     """A sentence that says which of other `robots` fits the rows `use` (mask) of a scene better than its own, with the median
@@ -69,7 +63,7 @@ def other_robot(scene: Scene, use: NDArray[np.bool_], robots: Callable[[], Mappi
     some = sample(scene, use)
     if some is None:
         return None
-    own, reach = scene.robot, scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
+    own, reach = scene.robot, scene.reach_mm
     before = left_of(some)
     if before < BAD * reach and not always:
         return None
@@ -89,8 +83,8 @@ def shifted_rows(scene: Scene, use: NDArray[np.bool_], shifts: Iterable[int] = S
     rows = _rows(scene, use)
     if len(np.unique(scene.data.block[rows])) < LEAST:
         return None
-    whole = _plain(scene.take(rows[:MOST]))
-    reach = scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
+    whole = scene.take(rows[:MOST]).plain_points()
+    reach = scene.reach_mm
     if float(np.median(np.linalg.norm(residuals(whole), axis=1))) < BAD * reach or (before := left_of(whole)) < BAD * reach:
         return None
     tried = []

@@ -14,9 +14,25 @@ from ..words.rigid import Array
 REWEIGHT = 8
 TOGETHER = 64         # in one block of the linear solution
 RAD = np.pi / 180
-SCALES = {1000.0: ("are metres", "name them x_m y_m z_m"),
-          0.001: ("are a thousandth of what they say", "check whether x_m y_m z_m hold millimetres, or the robot file metres"),
-          25.4: ("are inches", "convert them to mm"), 10.0: ("are centimetres", "convert them to mm")}
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Positions times `scale` are millimetres: what all of a file's then are (`words`) and where to `look`; the `unit` of some
+    rows alone, and their `remedy`."""
+
+    scale: float
+    words: str
+    look: str
+    unit: str
+    remedy: str
+
+
+SCALES = (Unit(1000.0, "are metres", "name them x_m y_m z_m", "metres", "multiply x, y and z by 1000"),
+          Unit(0.001, "are a thousandth of what they say", "check whether x_m y_m z_m hold millimetres, or the robot file metres",
+               "micrometres", "divide x, y and z by 1000"),
+          Unit(25.4, "are inches", "convert them to mm", "inches", "multiply x, y and z by 25.4"),
+          Unit(10.0, "are centimetres", "convert them to mm", "centimetres", "multiply x, y and z by 10"))
 MIRRORED = ("stand in a left-handed frame (an axis mirrored)", "check the signs and the order of x, y and z")
 
 
@@ -86,17 +102,24 @@ def of_positions(n: int, framed: bool) -> Iterator[Mistake]:
     def one(words: str, look: str, B: Array) -> Mistake:
         return Mistake(words, look, np.eye(n), np.zeros(n), B)
 
-    for scale, (words, look) in SCALES.items():
-        yield one(f"the positions {words}", look, np.eye(3) * scale)
+    for unit in SCALES:
+        yield one(f"the positions {unit.words}", unit.look, np.eye(3) * unit.scale)
     if not framed:
         yield one(f"the positions {MIRRORED[0]}", MIRRORED[1], -np.eye(3))
         return
+    for axis, other, B in axis_changes():
+        yield (one(f"{axis} and {other} change places", "check the columns of the positions", B) if other else
+               one(f"{axis} counts the other way", f"check the sign of {axis}", B))
+
+
+def axis_changes() -> Iterator[tuple[str, str, Array]]:
+    """(an axis, the one that it changes places with, the positions' change B (3, 3)); "" where its sign changes."""
     for a, axis in enumerate("xyz"):
-        yield one(f"{axis} counts the other way", f"check the sign of {axis}", np.diag(1 - 2 * np.eye(3)[a]))
+        yield axis, "", np.diag(1 - 2 * np.eye(3)[a])
         for b in range(a + 1, 3):
             order = np.arange(3)
             order[[a, b]] = b, a
-            yield one(f"{axis} and {'xyz'[b]} change places", "check the columns of the positions", np.eye(3)[order])
+            yield axis, "xyz"[b], np.eye(3)[order]
 
 
 def senses(n: int) -> Iterator[Mistake]:

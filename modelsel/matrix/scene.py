@@ -42,6 +42,11 @@ class Scene:
     def __len__(self) -> int:
         return len(self.data)
 
+    @cached_property
+    def reach_mm(self) -> float:
+        """How far the arm and its longest target reach [mm]."""
+        return self.robot.reach + float(np.linalg.norm(self.tools, axis=1).max(initial=0))
+
     @property
     def components(self) -> int:
         """3 for positions, 6 with orientations."""
@@ -66,6 +71,11 @@ class Scene:
         if self.measured is None:
             return np.asarray(np.bincount(of, minlength=count) * self.components, dtype=np.intp)
         return np.bincount(of, self.measured.sum(1), minlength=count).astype(np.intp)
+
+    def plain_points(self) -> Scene:
+        """The same rows as points alone, unweighted: without orientations and what rows that are no points measure."""
+        data = replace(self.data, rotation=None, sigma_rotation=None, gauges=None)
+        return self.anew(data=data, tool_rotations=None, whiten=1.0)
 
     @cached_property
     def bare(self) -> Scene:

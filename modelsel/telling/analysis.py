@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.measurements import Measurements, Note
-from ..elsewhere.checks import believed, outcome, told_with
+from ..elsewhere.checks import believed, outcome, told_with, turns_believed, unsaid
 from ..elsewhere.confidence import Request, confidence, sampled
 from ..elsewhere.explain import Say, explain, nested
 from ..elsewhere.prepare import Plan, generator, prepare, reweigh_rotation
-from ..fitting.noise import LACKING, Floor
+from ..fitting.noise import Floor
 from ..machine.robot import Robot
 from ..matrix.design import Model
 from ..matrix.identify import unidentifiable
@@ -96,8 +96,8 @@ def _analysed(question: Question, data: Data, floor: Floor | None, notes: tuple[
         notes = (*notes, Note("scan-of-some", f"What is wrong was looked for in {rows_seen(extension, data)} of "
                               f"the {int(data.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
                               "all rows."))
-    notes = (*notes, *restricted(study.model.candidates), *doubts, *uneven(extension),
-             *(beside(data.scene) if question.cells else ()))
+    notes = (*notes, *restricted(study.model.candidates), *doubts, *turns_believed(data, extension.fit),
+             *uneven(extension), *(beside(data.scene) if question.cells else ()))
     say("comparing all subsets of the candidates")
     offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects],
                                study.comparison.mechanisms or MOST)
@@ -110,7 +110,7 @@ def _analysed(question: Question, data: Data, floor: Floor | None, notes: tuple[
     rungs = [*(r for r in rungs if r is not chosen and (_same(r) != _same(chosen) or r is nominal)), chosen]
 
     data = replace(data, outlying=data.outlying | held_out_outliers(data, [r for r in rungs if r is not nominal]))
-    faults = misplaced(data.scene, data.outlying, chosen.fit, generator(study.seed, "null"))
+    faults = unsaid(misplaced(data.scene, data.outlying, chosen.fit, generator(study.seed, "null")), notes)
     held = ~data.estimation & ~data.outlying
     drawn = Resampled.of(measured.block[held], generator(study.seed, "gain"))
 
@@ -120,8 +120,8 @@ def _analysed(question: Question, data: Data, floor: Floor | None, notes: tuple[
     findings = tuple(Finding(e, gained(a, b)) for e, a, b in zip(extension.effects, steps, steps[1:], strict=False))
     notes = (*notes, *_of_table(comparison, chosen), *worse_than_nominal(base_names, gained(nominal, base_rung)),
              *opposed(findings), *surprised(data, chosen))
-    if all(n.code != LACKING for n in notes):
-        notes = (*notes, *lacking(lack_of_fit(chosen, floor, data)))
+    if not doubts:                                      # else that is said, and by how much
+        notes = (*notes, *lacking(lack_of_fit(chosen, floor, data), floor is not None and np.isinf(floor.freedom)))
     within = None
     if study.split.nested_folds:
         say(f"the whole procedure again in {study.split.nested_folds} folds")
@@ -133,7 +133,7 @@ def _analysed(question: Question, data: Data, floor: Floor | None, notes: tuple[
     say("weighing every mechanism of the chosen model")
     sure = confidence(data, chosen.fit, chosen.names, study.seed)
     noise, nothing = per_row(floor or estimated_floor(chosen, data), data), nothing_else(extension, found, data, steps[-1])
-    notes = outcome(data, remeasured(chosen, data), noise, nothing[1], notes, plan.per_group if plan.register else None)
+    notes = outcome(data, remeasured(chosen, data), noise, nothing[1], notes, plan.per_group if plan.register else None, faults)
     untold = unidentifiable(chosen.fit.found, chosen.fit.terms, chosen.fit.leaning)
     return Result(study, question.robot, data, noise, ladder, comparison, remeasured(chosen, data), gained(nominal, chosen),
                   findings, faults, extension, error_map(extension, found), nothing, predictable_left(data, steps[-1],

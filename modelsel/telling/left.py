@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..data.measurements import SAME_READING, Measurements, Note
 from ..fitting.fit import Fit
-from ..fitting.noise import LACKING, Floor
+from ..fitting.noise import LACKING, MEDIAN, Floor
 from ..matrix.design import fixture_values, whitened
 from ..matrix.gauges import LENGTH
 from ..matrix.scene import Scene
@@ -27,7 +27,6 @@ from ..wrong.causes import Member
 from .findings import CLEARLY, RARELY, detection_limit
 
 ENOUGH = 10         # degrees of freedom of a floor before a model is held against it
-MEDIAN = 0.37       # degrees of freedom of a standard deviation by the median, against one by the mean square
 VERY_MANY = 1e9     # degrees of freedom of a floor that is stated
 
 
@@ -103,11 +102,12 @@ def lack_of_fit(chosen: Rung, floor: Floor | None, data: Data) -> LackOfFit | No
     residuals. Of repeats: the classical test of lack of fit against the pure error of these rows; of target pairs, whose floor
     rests on a median, on MEDIAN of their degrees of freedom."""
     from scipy.special import fdtrc, fdtri
-    if floor is None or floor.source == "estimated" or data.scene.data.gauges is not None:
+    if floor is None or floor.source == "estimated":
         return None
     training = data.training()
-    left = whitened(training, chosen.fit.residuals(training))[:, :3]
-    total, freedom = float(np.square(left).sum()), chosen.fit.freedom * 3 / training.components
+    seen = np.ones((len(training), 3), bool) if training.measured is None else training.measured[:, :3]
+    left = np.where(seen, whitened(training, chosen.fit.residuals(training))[:, :3], 0.0)
+    total, freedom = float(np.square(left).sum()), chosen.fit.freedom * int(seen.sum()) / training.coordinates
     pure, each, known = 1.0, 1.0, float(np.where(np.isfinite(floor.freedom), MEDIAN * floor.freedom, VERY_MANY))
     if floor.source == "repeats":
         within, known = pure_error(training)
@@ -136,9 +136,16 @@ def pure_error(scene: Scene) -> tuple[float, float]:
     return float(np.square(position - mean[key])[still[key]].sum()), 3.0 * float((count - 1)[still].sum())
 
 
-def lacking(found: LackOfFit | None) -> tuple[Note, ...]:
-    """Where a model leaves clearly more than the noise floor."""
-    if found is None or found.p > RARELY or np.hypot(found.unexplained_mm, found.floor_mm) < CLEARLY * found.floor_mm:
+def lacking(found: LackOfFit | None, stated: bool = True) -> tuple[Note, ...]:
+    """Where a model leaves clearly more than the noise floor, or clearly less than one that is `stated`."""
+    if found is None:
+        return ()
+    if stated and 1 - found.p <= RARELY and found.f * CLEARLY ** 2 <= 1:
+        return (Note(LACKING, "The chosen model leaves less than the noise floor (lack-of-fit test: F = "
+                     f"{found.f:.3g}, so little by chance with probability below {RARELY:g}): of the floor of "
+                     f"{display(found.floor_mm)} per coordinate it leaves {display(found.floor_mm * float(np.sqrt(found.f)))}. "
+                     "The figure is too large."),)
+    if found.p > RARELY or np.hypot(found.unexplained_mm, found.floor_mm) < CLEARLY * found.floor_mm:
         return ()
     return (Note(LACKING, "The chosen model leaves more than the noise floor explains (lack-of-fit test: F = "
                  f"{found.f:.3g}, by chance with probability {found.p:.1g}): beyond the floor of {display(found.floor_mm)} per "

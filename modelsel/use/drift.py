@@ -13,10 +13,11 @@ from ..data.cells import SMALLEST
 from ..data.measurements import Index, Measurements
 from ..fitting.believed import SMALLER, Lack, against, lack, likeliest
 from ..fitting.noise import Floor
+from ..fitting.placing import kabsch
 from ..matrix.scene import Scene
 from ..why.mistaken_rows import slipped
 from ..words.errors import DataError, sentence_list
-from ..words.rigid import Array, nearest_rotation, rotation_vector
+from ..words.rigid import Array, rotation_vector
 from .calibration import Calibration, pose_of, predict, uncertainty
 
 SURE = 0.01        # p below which a calibration is called drifted
@@ -26,7 +27,7 @@ LISTED = 10
 LEAST = 4          # configurations that a placement needs
 CLEARLY, ENOUGH = 1.5, 5
 STATED = "floor_mm or sx_mm, sy_mm, sz_mm of its study"
-REFUTED = 3.0      # times what the study's own held-out configurations showed, a stated uncertainty is not believed
+TOO_LARGE = 3.0    # times what the study's own held-out configurations showed, from which a stated uncertainty is not believed
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +72,7 @@ def _registered(c: Calibration, start: Scene, at: Scene) -> tuple[Scene, tuple[f
     offset, weight = np.zeros((len(seen), 3)), np.ones(len(x))
     for k in range(ROUNDS):
         p = o + np.einsum("mij,mj->mi", axes, offset[which])
-        R, t = _kabsch(p, x, weight)
+        R, t = kabsch(x, p, weight)
         free = _setup_columns(R, p, axes, which)
         r = x - p @ R.T - t
         W = np.sqrt(weight)[:, None, None]
@@ -87,13 +88,6 @@ def _registered(c: Calibration, start: Scene, at: Scene) -> tuple[Scene, tuple[f
     groups = len(start.placement[0])
     shifted = replace(start.data, position=x - np.einsum("ij,mjk,mk->mi", R, axes, offset[which]))
     return start.anew(placement=(np.tile(R, (groups, 1, 1)), np.tile(t, (groups, 1))), data=shifted), moved, free
-
-
-def _kabsch(p: Array, x: Array, weight: Array) -> tuple[Array, Array]:
-    """The rotation R and shift t that take points p (m, 3) nearest to x (Kabsch 1976)."""
-    a, b = np.average(p, axis=0, weights=weight), np.average(x, axis=0, weights=weight)
-    R = nearest_rotation(((x - b) * weight[:, None]).T @ (p - a))
-    return R, b - R @ a
 
 
 def _setup_columns(R: Array, p: Array, axes: Array, which: Index) -> Array:
@@ -119,7 +113,7 @@ def reference(c: Calibration) -> tuple[float, float]:
 def _overstated(c: Calibration) -> bool:
     """Whether the study's own held-out configurations contradict its stated noise."""
     held = 0.0 if c.held_out_rms_mm is None else c.held_out_rms_mm / np.sqrt(3)
-    return held > 0 and np.isinf(c.floor.freedom) and c.floor.coordinate_mm > REFUTED * held
+    return held > 0 and np.isinf(c.floor.freedom) and c.floor.coordinate_mm > TOO_LARGE * held
 
 
 def _doubts(c: Calibration, data: Measurements, residual: Array, found: Lack) -> list[str]:

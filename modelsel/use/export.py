@@ -12,23 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from ..data.io import RESERVED
 from ..machine.dh import robot_file, rows_of
 from ..machine.robot import Robot, forward
 from ..machine.robotfile import robot_from_table
 from ..machine.urdf import read_urdf_text, write_urdf
-from ..matrix.design import PLACE
 from ..matrix.scene import Scene
 from ..words.errors import StudyError
 from ..words.names import guarded, quoted, unfit, unguarded
 from ..words.rigid import AXES, Array, inverse, transform
-from ..wrong.causes import Applied, Bump, Cause, Combined, Named, Number, parse
+from ..wrong.causes import Applied, Bump, Cause, Combined, Named, parse
 from ..wrong.screws import Screw, Term
 from .calibration import Calibration, in_tracker, pose_of
 from .carried import Carried, Part, alone, carried, constants, enough, missing, parts, points, rms_and_most, workspace
 from .exported import predicted
 from .lookup import FINE_MM, read_table, still, tables, write_tables
-from .module import data_in, module_of
+from .module import data_in, data_of, module_of
 from .notes import notes_of
 from .records import cause_of, cause_record
 
@@ -224,43 +222,6 @@ def _whole(c: Calibration, text: str, read: Callable[[str, int], list[Part]]) ->
 
 
 # -- a function and a table ----------------------------------------------------------------------------------------------------
-
-
-def tree(cause: Cause) -> Any:
-    """A cause as the nested lists that `exported.cause` reads."""
-    match cause:
-        case Number(number):
-            return float(number)
-        case Named(name):
-            return ["name", name]
-        case Applied(function, argument):
-            return [function, tree(argument)]
-        case Combined(operator, left, right):
-            return [operator, tree(left), tree(right)]
-        case Bump(name, centre, width):
-            return ["spline", ["name", name], float(centre), float(width)]
-    raise TypeError(f"{cause} is no function of the state")
-
-
-def data_of(c: Calibration) -> dict[str, Any]:
-    """The numbers of `exported.DATA`, for the first group."""
-    R, t = c.placement[0][0], c.placement[1][0]
-    return {"study": c.study, "robot": c.robot.name, "needs": given(c), "targets": list(c.targets),
-            "prismatic": list(c.robot.prismatic),
-            "before": [j.before[:3].tolist() for j in c.robot.joints], "last": c.robot.last[:3].tolist(),
-            "gravity": None if c.robot.gravity is None else list(c.robot.gravity),
-            "masses": [float(j.mass or 0.0) for j in c.robot.joints], "coms": [list(j.com) for j in c.robot.joints],
-            "tools": {name: c.tools[k].tolist() for k, name in enumerate(c.targets)},
-            "placement": np.column_stack([R, t]).tolist(), "tracker": list(c.tracker),
-            "constants": {name: constants(c, k).tolist() for k, name in enumerate(c.targets)},
-            "terms": {name: [[s.frame, PLACE[s.axis], float(p.value), tree(s.cause)] for p in parts(c, k)[1]
-                             for s in p.term.screws] for k, name in enumerate(c.targets)}}
-
-
-def given(c: Calibration) -> list[str]:
-    """Names that the model looks at and joint readings do not say: covariates, directions of approach, moves, progress."""
-    return sorted(n for n in c.needs() - {"target", "group"} if n.startswith(("approach", "move")) or n == "progress"
-                  or not RESERVED.fullmatch(n))
 
 
 def to_python(c: Calibration, notes: Sequence[str] = ()) -> Exported:

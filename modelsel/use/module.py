@@ -9,6 +9,14 @@ from importlib.resources import files
 from pprint import pformat
 from typing import Any
 
+import numpy as np
+
+from ..data.io import RESERVED
+from ..matrix.design import PLACE
+from ..wrong.causes import Applied, Bump, Cause, Combined, Named, Number
+from .calibration import Calibration
+from .carried import constants, parts
+
 START = "DATA: Data = "      # of the last line of exported.py, and of what a module has in its place
 
 
@@ -35,3 +43,40 @@ def data_in(text: str) -> dict[str, Any]:
         raise ValueError("not a module of `modelsel export --format python`")
     data: dict[str, Any] = ast.literal_eval(literal)
     return data
+
+
+def tree(cause: Cause) -> Any:
+    """A cause as the nested lists that `exported.cause` reads."""
+    match cause:
+        case Number(number):
+            return float(number)
+        case Named(name):
+            return ["name", name]
+        case Applied(function, argument):
+            return [function, tree(argument)]
+        case Combined(operator, left, right):
+            return [operator, tree(left), tree(right)]
+        case Bump(name, centre, width):
+            return ["spline", ["name", name], float(centre), float(width)]
+    raise TypeError(f"{cause} is no function of the state")
+
+
+def data_of(c: Calibration) -> dict[str, Any]:
+    """The numbers of `exported.DATA`, for the first group."""
+    R, t = c.placement[0][0], c.placement[1][0]
+    return {"study": c.study, "robot": c.robot.name, "needs": given(c), "targets": list(c.targets),
+            "prismatic": list(c.robot.prismatic),
+            "before": [j.before[:3].tolist() for j in c.robot.joints], "last": c.robot.last[:3].tolist(),
+            "gravity": None if c.robot.gravity is None else list(c.robot.gravity),
+            "masses": [float(j.mass or 0.0) for j in c.robot.joints], "coms": [list(j.com) for j in c.robot.joints],
+            "tools": {name: c.tools[k].tolist() for k, name in enumerate(c.targets)},
+            "placement": np.column_stack([R, t]).tolist(), "tracker": list(c.tracker),
+            "constants": {name: constants(c, k).tolist() for k, name in enumerate(c.targets)},
+            "terms": {name: [[s.frame, PLACE[s.axis], float(p.value), tree(s.cause)] for p in parts(c, k)[1]
+                             for s in p.term.screws] for k, name in enumerate(c.targets)}}
+
+
+def given(c: Calibration) -> list[str]:
+    """Names that the model looks at and joint readings do not say: covariates, directions of approach, moves, progress."""
+    return sorted(n for n in c.needs() - {"target", "group"} if n.startswith(("approach", "move")) or n == "progress"
+                  or not RESERVED.fullmatch(n))

@@ -58,8 +58,8 @@ def misplaced(scene: Scene, outlying: Mask, fitted: Fit, rng: np.random.Generato
     rows, data = at[fits], scene.data
     every = _partner(measured, predicted)
     partner = every[fits]
-    reach = scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
-    ratio = _log_ratio(np.linalg.norm(measured - predicted[every], axis=1), np.linalg.norm(residual[at], axis=1), scale, reach)
+    ratio = _log_ratio(np.linalg.norm(measured - predicted[every], axis=1), np.linalg.norm(residual[at], axis=1), scale,
+                       scene.reach_mm)
     together = data.configuration[rows] == data.configuration[at[partner]]
     out = []
     for name, mask, words in (

@@ -11,6 +11,7 @@ from ..data.measurements import Index
 from ..data.table import Where
 from ..fitting.otherarm import better
 from ..fitting.register import register
+from ..fitting.slips import RAD, SCALES, axis_changes
 from ..matrix.design import residuals
 from ..matrix.scene import Scene
 from ..words.errors import DataError, NotEstimable
@@ -20,10 +21,6 @@ from .robust import scale_of
 
 FAR = 20.0         # times as near as a row comes by a slip, a row has to be off: chance does not come so near
 Residuals = Callable[[Scene], Array]
-SCALES = ((1000.0, "in metres, not millimetres", "multiply x, y and z by 1000"), (25.4, "in inches, not millimetres",
-          "multiply x, y and z by 25.4"), (10.0, "in centimetres, not millimetres", "multiply x, y and z by 10"),
-          (0.001, "in micrometres, not millimetres", "divide x, y and z by 1000"))
-RAD = np.pi / 180
 BAD = 3e-3         # of the reach: a mean residual from which slips are looked for before any fit,
 FACTOR = 4.0       # and are said where without them the positions fit so much better
 ROUNDS = 8
@@ -43,25 +40,24 @@ class Slip:
 
 def _slips(scene: Scene) -> Iterator[Slip]:
     q, x, turns = scene.data.q, scene.data.position, ~np.array(scene.robot.prismatic)
-    yield from (Slip(words, remedy, q, x * scale, scale) for scale, words, remedy in SCALES)
-    for a, axis in enumerate("xyz"):
-        yield Slip(f"given with the wrong sign of {axis}", f"change the sign of {axis}", q, x * (1 - 2 * np.eye(3)[a]))
-        for b in range(a + 1, 3):
-            order = np.arange(3)
-            order[[a, b]] = b, a
-            words, remedy = f"{axis} and {'xyz'[b]} in each other's place", f"let {axis} and {'xyz'[b]} change places"
-            yield Slip(f"given with {words}", remedy, q, x[:, order])
+    yield from (Slip(f"in {u.unit}, not millimetres", u.remedy, q, x * u.scale, u.scale) for u in SCALES)
+    for axis, other, B in axis_changes():
+        words, remedy = ((f"{axis} and {other} in each other's place", f"let {axis} and {other} change places") if other else
+                         (f"the wrong sign of {axis}", f"change the sign of {axis}"))
+        yield Slip(f"given with {words}", remedy, q, x @ B.T)
     for factor, unit, others in ((1 / RAD, "radians", "degrees"), (RAD, "degrees", "radians")):
         words = f"given with readings in {unit}, not {others}"
         yield Slip(words, "convert the readings", np.where(turns, q * factor, q), x)
 
 
-def slipped(scene: Scene, left: Residuals, rows: NDArray[np.bool_], usual: float | None = None) -> tuple[str, ...]:
+def slipped(scene: Scene, left: Residuals, rows: NDArray[np.bool_], usual: float | None = None,
+            named: NDArray[np.bool_] | None = None) -> tuple[str, ...]:
     """A sentence for every slip that explains some of the `rows` (mask): how many, where, and how well they fit without. `left`:
-    residuals (m, c) of a scene under the model; near is what the other rows leave, or some times the `usual` length [mm]."""
+    residuals (m, c) of a scene under the model; near is what the other rows leave, or some times the `usual` length [mm].
+    Rows that are `named` (mask) are said already."""
     data = scene.data
     points = np.ones(len(data), bool) if data.gauges is None else data.gauges.of("point")
-    calm, rows = points & ~rows, points & rows
+    calm, rows = points & ~rows, points & rows & (True if named is None else ~named)
     if not rows.any() or not (calm.any() or usual):
         return ()
     near = MATCH * max(scale_of(_length(left(scene.take(calm)))) if usual is None else usual / np.sqrt(3), 1e-6)
@@ -93,11 +89,9 @@ def slipped_before(scene: Scene, registered: bool, per_group: bool = False) -> s
     points = np.ones(len(scene), bool) if scene.data.gauges is None else scene.data.gauges.of("point")
     if not points.any():
         return None
-    some = scene.take(points)
-    some = some.anew(data=replace(some.data, rotation=None, sigma_rotation=None, gauges=None), tool_rotations=None, whiten=1.0)
+    some = scene.take(points).plain_points()
     given = _length(residuals(some))
-    reach = scene.robot.reach + float(np.linalg.norm(scene.tools, axis=1).max(initial=0))
-    if given.mean() < BAD * reach:
+    if given.mean() < BAD * scene.reach_mm:
         return None
     tried = [(*_settled(some, slip, registered, per_group), slip) for slip in _slips(some)]
     after, marked, slip = min(tried, key=lambda each: float(each[0].mean()))
