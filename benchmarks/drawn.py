@@ -30,7 +30,7 @@ def main() -> None:
         result = studied(one, k)
         q, where = one.later(rng)
         ours.append(missed(result, q, where))
-        best.append(float(np.sqrt(np.square(one.oracle(q) - where).sum(1).mean())))
+        best.append(float(np.sqrt(np.square(one.oracle(q, result.data.used) - where).sum(1).mean())))
         far, large = off(result, one)
         away.append(far)
         size.append(float(large.max()))

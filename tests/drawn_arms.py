@@ -83,10 +83,10 @@ class Campaign:
         q = rng.uniform(self.q.min(0), self.q.max(0), (count, self.robot.n))
         return q, self.seen(target(self.robot, q, self.errors, self.tool + UP * LONGER, yields(q, self.effect)))
 
-    def oracle(self, q: Array, sizes: Array = SIZES) -> Array:
-        """(k, 3) mm: where it has the longer tool's target at readings q: the most probable arm given the errors' true sizes and
-        the noise, by Gauss-Newton from the true placement with central differences."""
-        n = self.robot.n
+    def oracle(self, q: Array, rows: Array, sizes: Array = SIZES) -> Array:
+        """(k, 3) mm: where it has the longer tool's target at readings q: the most probable arm given these rows (mask), the
+        errors' true sizes and the noise, by Gauss-Newton from the true placement with central differences."""
+        n, own, position = self.robot.n, self.q[rows], self.position[rows]
         root = np.diag(1 / np.concatenate([np.tile(sizes, n), OPEN]))
         steps = np.concatenate([np.tile(STEP, n), STEP[:3], STEP])
 
@@ -98,8 +98,8 @@ class Campaign:
 
         x = np.zeros(6 * n + 9)
         for _ in range(4):
-            left = (self.position - predicted(x, self.q)).ravel() / self.noise
-            J = np.stack([(predicted(x + d, self.q) - predicted(x - d, self.q)).ravel() / (2 * d.max()) / self.noise
+            left = (position - predicted(x, own)).ravel() / self.noise
+            J = np.stack([(predicted(x + d, own) - predicted(x - d, own)).ravel() / (2 * d.max()) / self.noise
                           for d in np.diag(steps)], 1)
             x = x + np.linalg.lstsq(np.vstack([J, root]), np.append(left, -root @ x), rcond=1e-15)[0]
         return predicted(x, q, LONGER)

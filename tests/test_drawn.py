@@ -56,7 +56,7 @@ def test_drawn_studies(names, effect, rng) -> None:
         result = studied(one, seed) if effect else studied(one, seed, candidates=[])
         q, where = one.later(rng)
         ours.append(missed(result, q, where))
-        best.append(float(np.sqrt(np.square(one.oracle(q) - where).sum(1).mean())))
+        best.append(float(np.sqrt(np.square(one.oracle(q, result.data.used) - where).sum(1).mean())))
         far, large = off(result, one)
         away.append(far)
         size.append(large.max())
