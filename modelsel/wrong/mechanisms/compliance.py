@@ -7,7 +7,7 @@ from ..causes import Named, q, shifted, sin, torque
 from ..screws import Mechanism, Screw, Term
 
 COMPLIANCE = (1e-8, 1e-3)   # rad/(N m)
-HEAVY = (1e-8, 1e-2)        # rad/(N m) times some kg
+HEAVY = (1e-8, 1e-3)        # rad/(N m) times some kg
 SOURCE = "Klimchik, Furet, Caro & Pashkevich 2015, elastostatic calibration"
 
 
