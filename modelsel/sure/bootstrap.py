@@ -63,11 +63,17 @@ def bootstrap(parts: Iterable[Folded], fitted: Fit, rng: np.random.Generator) ->
     moved = np.concatenate([signs(rng, min(step, REPLICATES - start), len(scores)) @ scores
                             for start in range(0, REPLICATES, step)])
     if prior is not None and len(prior):
-        moved = moved + fitted.sigma * rng.standard_normal((REPLICATES, len(prior))) @ (prior[:, kept] @ factor)
+        moved = moved + fitted.sigma * rng.standard_normal((REPLICATES, len(kept))) @ _root(prior[:, kept] @ factor)
     draws, rests = np.zeros((REPLICATES, len(fitted.theta))), np.ones(len(fitted.theta))
     draws[:, kept] = moved @ factor.T
     rests[kept] = np.square(share) / squared
     return Bootstrap(np.sqrt(np.square(draws).mean(0)), draws, rests)
+
+
+def _root(rows: Array) -> Array:
+    """(r, r) symmetric root of rowsᵀ rows: of a prior's rows any turn among themselves says the same, and must draw the same."""
+    value, vector = np.linalg.eigh(rows.T @ rows)
+    return np.asarray((vector * np.sqrt(np.maximum(value, 0.0))) @ vector.T)
 
 
 def _made_good(folded: Folded, kept: Sequence[int], beta: Array, factor: Array) -> tuple[Array, Array]:
