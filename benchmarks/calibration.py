@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2
 
-import modelsel.sure.sampling as engine
+from modelsel.sure import sampling as engine
 from modelsel import Model, mechanism, read_study
 from modelsel.data.measurements import measurements
 from modelsel.fitting.fit import Fit, fit

@@ -8,7 +8,7 @@ import pytest
 from builders import drawn, planted, small_arm, study_of
 from scipy.special import logsumexp
 
-import modelsel.sure.sampling as engine
+from modelsel.sure import sampling as engine
 from modelsel.elsewhere.confidence import Request, target_of
 from modelsel.fitting.fit import Fit, fit
 from modelsel.matrix.design import Model, design

@@ -136,7 +136,7 @@ def test_out_is_a_file(study, tmp_path) -> None:
 @pytest.mark.parametrize("what", ["gone", "changed"])
 def test_the_file_does_not_stay(what, study, tmp_path, monkeypatch) -> None:
     """The measurements vanish, or are written to, while they are read."""
-    import modelsel.telling.study as module
+    from modelsel.telling import study as module
     read = module.read_measurements
 
     def meddled(path: Path, *rest: object) -> object:

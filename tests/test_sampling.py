@@ -13,7 +13,7 @@ from builders import drawn, one, planted, small_arm, study_of
 from click.testing import CliRunner
 from scipy.integrate import quad
 
-import modelsel.sure.sampling as engine
+from modelsel.sure import sampling as engine
 from modelsel.cli import main
 from modelsel.data.measurements import measurements
 from modelsel.elsewhere.confidence import Request, described, sampled, target_of

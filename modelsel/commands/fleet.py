@@ -20,7 +20,7 @@ from . import console, print_json, progress
 def fleet(fleet: Path, out: Path | None, workers: int | None, scheduler: str | None, no_report: bool, no_sampling: bool,
           resume: bool, as_json: bool) -> None:
     """Run many studies as one job, and fit measurement sets that come in many files."""
-    from ..telling.fleet import cluster, run_fleet, save_summary, show
+    from ..telling.fleet import cluster, run_fleet, save_summary, show_fleet
     from ..telling.fleetfile import read_fleet
     from ..telling.write import check_writable, claimed
     read = read_fleet(fleet)
@@ -34,7 +34,7 @@ def fleet(fleet: Path, out: Path | None, workers: int | None, scheduler: str | N
     if as_json:
         print_json({"fleet": read.name, "studies": rows})
     else:
-        show(rows, console())
+        show_fleet(rows, console())
         click.echo(f"Written: {', '.join(map(str, written))}")
     worst = max((row["exit"] for row in rows), default=0)
     if worst:

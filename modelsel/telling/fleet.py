@@ -188,7 +188,7 @@ def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> lis
     return paths
 
 
-def show(rows: Sequence[Row], console: Console) -> None:
+def show_fleet(rows: Sequence[Row], console: Console) -> None:
     """The summary on a terminal: a line a study, mean held-out errors in mm; then what failed and why."""
     from rich.table import Table
     from rich.text import Text

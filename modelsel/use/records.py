@@ -150,10 +150,10 @@ def robot_of(record: Mapping[str, Any]) -> Robot:
     if g is not None and abs(float(np.linalg.norm(g)) - 1) > RIGID:
         raise ValueError("the direction of gravity is not of length one")
     return Robot(record["name"], record["source"], tuple(joints), square(record["last_mm"]),
-                 None if g is None else (float(g[0]), float(g[1]), float(g[2])), _usual(record.get("usual", Robot.usual)))
+                 None if g is None else (float(g[0]), float(g[1]), float(g[2])), _usual_pair(record.get("usual", Robot.usual)))
 
 
-def _usual(pair: Sequence[float]) -> tuple[float, float]:
+def _usual_pair(pair: Sequence[float]) -> tuple[float, float]:
     if not all(0 < size < LARGEST for size in pair):
         raise ValueError("the robot's usual errors (mm, rad) must be above 0")
     return float(pair[0]), float(pair[1])

@@ -10,7 +10,7 @@ from ..words.rigid import Array
 from .flips import LASTING, together
 
 LENGTHS = (0.3, 0.6, 1.2, 2.4)      # of the kernel, in units of sine and cosine of a joint's angle, all joints together
-RATIOS = (0.3, 1.0, 3.0, 10.0)      # noise variance over signal variance
+NOISE_RATIOS = (0.3, 1.0, 3.0, 10.0)      # noise variance over signal variance
 FLIPS = 199
 LARGEST = 800                        # configurations; more are thinned evenly
 
@@ -50,7 +50,7 @@ def predictable(data: Measurements, residual: Array, prismatic: tuple[bool, ...]
     for length in LENGTHS:
         value, vector = np.linalg.eigh(np.exp(-square / (2 * length ** 2)))
         turned = vector.T @ many
-        for ratio in RATIOS:
+        for ratio in NOISE_RATIOS:
             weight = 1 / (np.maximum(value, 0) + ratio)
             left = (vector @ (weight[:, None] * turned)) / (np.square(vector) @ weight)[:, None]
             best = np.maximum(best, 1 - np.square(left).reshape(len(y), -1, 3).sum((0, 2)) / total)
