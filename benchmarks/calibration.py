@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2
 
-from modelsel.sure import sampling as engine
 from modelsel import Model, mechanism, read_study
 from modelsel.data.measurements import measurements
 from modelsel.fitting.fit import Fit, fit
@@ -25,6 +24,7 @@ from modelsel.machine.robot import Joint, Robot, forward
 from modelsel.matrix.design import residuals
 from modelsel.matrix.scene import Scene, scene
 from modelsel.sure import conditional
+from modelsel.sure import sampling as engine
 from modelsel.sure.components import components
 from modelsel.sure.constants import constants
 from modelsel.sure.posterior import Importance, importance, posterior, weighted

@@ -20,7 +20,7 @@ from modelsel.matrix.design import Model
 from modelsel.telling.config import parse_study
 from modelsel.telling.stored import calibration_of
 from modelsel.telling.study import run
-from modelsel.use.calibration import predict
+from modelsel.use.calibration import calibration_text, predict
 from modelsel.use.compensate import BOUND, commanded, compensate, correct, from_order, nominal, outside, refuse
 from modelsel.words.errors import DataError
 from modelsel.words.rigid import from_quaternion
@@ -175,7 +175,7 @@ def test_arm_in_an_engine_lands_within_the_noise(tmp_path) -> None:
 
 def test_command(made, tmp_path) -> None:
     c, at = made
-    (tmp_path / "calibration.json").write_text(c.to_json())
+    (tmp_path / "calibration.json").write_text(calibration_text(c))
     rows = slice(1, 30)
     columns = {f"q{j + 1}_deg": np.degrees(at.data.q[rows, j]) for j in range(6)}
     columns |= {f"approach{j + 1}": at.data.approach[rows, j].astype(int) for j in range(6)}
@@ -238,7 +238,7 @@ def test_a_corrected_command_beyond_a_limit_is_said(made, tmp_path) -> None:
     np.testing.assert_array_equal(found.beyond[:, 1], stuck)
     assert not found.beyond[:, [0, 2, 3, 4, 5]].any()
     assert outside(c, data) == []
-    (tmp_path / "calibration.json").write_text(c.to_json())
+    (tmp_path / "calibration.json").write_text(calibration_text(c))
     data.to_frame().drop(columns=["configuration", "order"]).to_csv(tmp_path / "plan.csv", index=False)
     words = ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(tmp_path / "out.csv")]
     ran = CliRunner().invoke(main, words)
@@ -282,7 +282,7 @@ def test_orientation_errors_are_said(made, tmp_path) -> None:
     assert free.left_rad is None
     assert "orientation_left_mrad" in found.figures()
     assert "orientation_left_mrad" not in free.figures()
-    (tmp_path / "calibration.json").write_text(c.to_json())
+    (tmp_path / "calibration.json").write_text(calibration_text(c))
     frame = replace(data, rotation=wanted, position=nominal(c.scene(data))).to_frame()
     frame.drop(columns=["configuration", "order"]).to_csv(tmp_path / "plan.csv", index=False)
     ran = CliRunner().invoke(main, ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(tmp_path / "out.csv"),

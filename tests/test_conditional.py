@@ -8,11 +8,11 @@ import pytest
 from builders import drawn, planted, small_arm, study_of
 from scipy.special import logsumexp
 
-from modelsel.sure import sampling as engine
 from modelsel.elsewhere.confidence import Request, target_of
 from modelsel.fitting.fit import Fit, fit
 from modelsel.matrix.design import Model, design
 from modelsel.matrix.scene import Scene
+from modelsel.sure import sampling as engine
 from modelsel.sure.components import components
 from modelsel.sure.conditional import RATIOS
 from modelsel.sure.constants import constants

@@ -16,7 +16,7 @@ from modelsel.fitting.noise import Floor
 from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene
-from modelsel.use.calibration import Calibration, calibrate
+from modelsel.use.calibration import Calibration, calibrate, calibration_text
 from modelsel.use.campaigns import compare, holm, sentences
 from modelsel.use.drift import judge
 from modelsel.use.drift import sentences as told
@@ -283,7 +283,7 @@ def test_commands(rng, tmp_path) -> None:
     model, theta = truth()
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
-        (tmp_path / name / "calibration.json").write_text(calibrated(rng, model, theta).to_json())
+        (tmp_path / name / "calibration.json").write_text(calibration_text(calibrated(rng, model, theta)))
     new = campaign(rng, 30, model, theta)
     frame = {f"q{j + 1}_rad": new.q[:, j] for j in range(6)} | dict(zip(("x_mm", "y_mm", "z_mm"), new.position.T, strict=True))
     pd.DataFrame(frame).to_csv(tmp_path / "new.csv", index=False)

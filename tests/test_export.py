@@ -24,7 +24,7 @@ from modelsel.machine.robotfile import builtin_names, load, read_robot, robot_fr
 from modelsel.machine.urdf import read_urdf_text, write_urdf
 from modelsel.matrix.design import Model
 from modelsel.telling.config import parse_study
-from modelsel.use.calibration import calibrate, predict
+from modelsel.use.calibration import calibrate, calibration_text, predict
 from modelsel.use.carried import alone, parts, points, workspace
 from modelsel.use.export import FORMS, export
 from modelsel.which.compare import Data
@@ -168,7 +168,7 @@ def test_python_knows_every_derived_cause(rng) -> None:
 
 
 def test_command(made, tmp_path) -> None:
-    (tmp_path / "calibration.json").write_text(made.to_json())
+    (tmp_path / "calibration.json").write_text(calibration_text(made))
     ran = CliRunner().invoke(main, ["export", str(tmp_path), "--format", "urdf", "--out", str(tmp_path / "a.urdf")])
     assert ran.exit_code == 0
     assert "µm" in ran.output

@@ -36,7 +36,7 @@ from modelsel.telling.report.details import details, dumps
 from modelsel.telling.stored import calibration_of
 from modelsel.telling.study import known_features, run
 from modelsel.telling.tables import sentences
-from modelsel.use.calibration import loads, predict
+from modelsel.use.calibration import calibration_text, loads, predict
 from modelsel.use.drift import judge
 from modelsel.use.plan import pool
 from modelsel.which.compare import Data
@@ -337,7 +337,7 @@ def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path
     assert told["noise_floor"]["mean_mm"] == pytest.approx(NOISE * (30 * np.sqrt(8 / np.pi) + 110 * np.sqrt(2 / np.pi)) / 140)
     assert any(line.startswith("Feature plate0 (plane): a point of it is at") for line in sentences(result))
     assert "NaN" not in dumps(details(result))
-    stored = loads(calibration_of(result).to_json())
+    stored = loads(calibration_text(calibration_of(result)))
     assert not any(t.fixture for t in stored.terms)
     q = c.arm.draw(c.rng, 50)
     fresh = measurements(q, c.exact(q) + c.noise(50, 3))

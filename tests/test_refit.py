@@ -22,7 +22,7 @@ from modelsel.telling.config import parse_study, read_study
 from modelsel.telling.finished import Result
 from modelsel.telling.stored import calibration_of
 from modelsel.telling.study import run
-from modelsel.use.calibration import Calibration, loads
+from modelsel.use.calibration import Calibration, calibration_text, loads
 from modelsel.use.carried import alone, constants
 from modelsel.use.export import FORMS, export
 from modelsel.words.errors import StudyError
@@ -47,7 +47,7 @@ estimation = 80
 @pytest.fixture(scope="module")
 def puma() -> tuple[Result, Calibration]:
     result = run(read_study(PUMA / "study.toml"), PUMA, sampling=False)
-    return result, loads(calibration_of(result).to_json())
+    return result, loads(calibration_text(calibration_of(result)))
 
 
 def held_out(result: Result, predicted: np.ndarray) -> float:
@@ -171,7 +171,7 @@ def test_a_table_needs_nothing_beside_the_nominal_chain() -> None:
 
 
 def test_worse_than_nominal_is_said_first(puma, tmp_path) -> None:
-    record = json.loads(puma[1].to_json())
+    record = json.loads(calibration_text(puma[1]))
     record["refits"]["alone"]["nominal"]["held_out_rms_mm"] = 1.0
     (tmp_path / "calibration.json").write_text(json.dumps(record))
     words = ["export", str(tmp_path), "--format", "urdf", "--out", str(tmp_path / "a.urdf")]
@@ -197,7 +197,7 @@ def test_without_held_out_rows_the_fitted_ones_are_said(form) -> None:
     (lambda r: r["alone"]["geometry"]["estimates"][0].update(value=None), "finite number"),
     (lambda r: r.pop("whole"), "whole")])
 def test_damaged_refits_are_refused(change, says, puma) -> None:
-    record = json.loads(puma[1].to_json())
+    record = json.loads(calibration_text(puma[1]))
     change(record["refits"])
     with pytest.raises(StudyError, match=says):
         loads(json.dumps(record))
@@ -213,7 +213,7 @@ def test_a_registered_geometry_is_as_good_as_it_says(tmp_path) -> None:
     columns = {f"q{j + 1}_rad": q[:, j] for j in range(6)} | dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
     pd.DataFrame(columns).to_csv(tmp_path / "m.csv", index=False)
     result = run(parse_study(STUDY.replace("tool_mm = [0, 0, 100]", "register = true"), "study.toml"), tmp_path, sampling=False)
-    c = loads(calibration_of(result).to_json())
+    c = loads(calibration_text(calibration_of(result)))
     made = export(c, "urdf")
     assert made.left_out
     arm, target = read("urdf", made.text)

@@ -13,7 +13,6 @@ from builders import drawn, one, planted, small_arm, study_of
 from click.testing import CliRunner
 from scipy.integrate import quad
 
-from modelsel.sure import sampling as engine
 from modelsel.cli import main
 from modelsel.data.measurements import measurements
 from modelsel.elsewhere.confidence import Request, described, sampled, target_of
@@ -23,6 +22,7 @@ from modelsel.fitting.noise import Instrument, weigh
 from modelsel.machine.robot import forward
 from modelsel.matrix.design import Model, design
 from modelsel.matrix.scene import Scene
+from modelsel.sure import sampling as engine
 from modelsel.sure.components import components
 from modelsel.sure.constants import constants
 from modelsel.sure.correlation import labels

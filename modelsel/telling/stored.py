@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.table import damaged
-from ..use.calibration import NAME, Calibration, calibrate, load_calibration
+from ..use.calibration import NAME, Calibration, calibrate, calibration_text, load_calibration
 from ..use.refit import refitted
 from ..words.errors import StudyError
 from .finished import Result
@@ -72,7 +72,7 @@ def save(result: Result | StoredResult, folder: Path | str) -> list[Path]:
     """Write a result into a folder: result.json, details.json, calibration.json and residuals.parquet, all whole
     before the first takes its place; `load_result` reads them back. Files written. Raises StudyError."""
     made = {RESIDUALS: _parquet(result), "details.json": _details(result).encode(),
-            NAME: calibration_of(result).to_json().encode(), "result.json": result.to_json().encode()}
+            NAME: calibration_text(calibration_of(result)).encode(), "result.json": result.to_json().encode()}
     write_all(Path(folder), {name: content for name in WRITES if (content := made[name]) is not None})
     return [Path(folder) / name for name in WRITES if made[name] is not None]
 

@@ -120,10 +120,6 @@ class Calibration:
         from html import escape
         return f"<p>{escape(repr(self))}</p>{self.to_frame().to_html(index=False, max_rows=60)}"
 
-    def to_json(self) -> str:
-        """The file's text; numbers in full."""
-        return json.dumps(_record(self), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
-
 
 def _matched(index: Index, names: tuple[str, ...], known: tuple[str, ...], what: str, told: bool) -> Index:
     """Rows' indices among the `known` names; where all of these are alike (not `told` apart), unknown names are the first."""
@@ -194,6 +190,11 @@ def uncertainty(calibration: Calibration, scene: Scene) -> Array:
 
 
 # -- the file ----------------------------------------------------------------------------------------------------------------
+
+
+def calibration_text(c: Calibration) -> str:
+    """Text of calibration.json; numbers in full."""
+    return json.dumps(_record(c), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
 
 
 def _record(c: Calibration) -> dict[str, Any]:
