@@ -25,9 +25,9 @@ import modelsel.sure.parameters
 import modelsel.why.predictor
 import modelsel.why.search
 from modelsel import Model, mechanism
+from modelsel._random import generator
 from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
-from modelsel.elsewhere.prepare import generator
 from modelsel.fitting.fit import fit
 from modelsel.machine.robot import forward
 from modelsel.matrix.design import residuals

@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from modelsel import Model, mechanism
+from modelsel._random import generator
 from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
-from modelsel.elsewhere.prepare import generator
 from modelsel.fitting.fit import fit
 from modelsel.machine.robot import Robot, forward
 from modelsel.machine.robotfile import load

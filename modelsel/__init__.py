@@ -7,11 +7,15 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from .words.version import VERSION
+from ._version import VERSION
 
 if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_names.py holds the two alike
     from .data.io import read_measurements as read_measurements
     from .data.measurements import Measurements as Measurements
+    from .exceptions import DataError as DataError
+    from .exceptions import ModelselError as ModelselError
+    from .exceptions import NotEstimable as NotEstimable
+    from .exceptions import StudyError as StudyError
     from .fitting.fit import Fit as Fit
     from .machine.robot import Robot as Robot
     from .machine.robot import forward as forward
@@ -40,10 +44,6 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
     from .use.compensate import correct as correct
     from .which.split import choose as choose
     from .which.validate import gain as gain
-    from .words.errors import DataError as DataError
-    from .words.errors import ModelselError as ModelselError
-    from .words.errors import NotEstimable as NotEstimable
-    from .words.errors import StudyError as StudyError
     from .wrong.causes import Cause as Cause
     from .wrong.registry import BUILTIN as BUILTIN
     from .wrong.registry import PerJoint as PerJoint
@@ -57,25 +57,25 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
 __version__ = VERSION
 
 _NAMES = {  # a name that is also a module's (fit, scene, extend …) is imported from there: from modelsel.fitting.fit import fit
-    "words.errors": "ModelselError StudyError DataError NotEstimable",
     "data.io": "read_measurements",
     "data.measurements": "Measurements",
-    "machine.robot": "Robot forward screw_field",
-    "machine.robotfile": "load read_robot builtin_names",
-    "wrong.causes": "Cause",
-    "wrong.registry": "mechanism every BUILTIN PerJoint with_plugins",
-    "wrong.screws": "Screw Term Mechanism",
-    "matrix.design": "Model residuals",
     "fitting.fit": "Fit",
+    "machine.robot": "Robot forward screw_field",
+    "machine.robotfile": "builtin_names load read_robot",
+    "matrix.design": "Model residuals",
+    "telling.config": "Study read_study",
+    "telling.finished": "Result",
+    "telling.planning": "Planned plan_next",
+    "telling.stored": "StoredResult calibration_of load_result report save",
+    "telling.study": "rehearse run simulate_study",
+    "use.calibration": "Calibration load_calibration predict",
+    "use.compensate": "correct",
     "which.split": "choose",
     "which.validate": "gain",
-    "use.calibration": "load_calibration Calibration predict",
-    "use.compensate": "correct",
-    "telling.config": "read_study Study",
-    "telling.finished": "Result",
-    "telling.planning": "plan_next Planned",
-    "telling.stored": "save load_result StoredResult report calibration_of",
-    "telling.study": "run rehearse simulate_study",
+    "exceptions": "DataError ModelselError NotEstimable StudyError",
+    "wrong.causes": "Cause",
+    "wrong.registry": "BUILTIN PerJoint every mechanism with_plugins",
+    "wrong.screws": "Mechanism Screw Term",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)

@@ -16,7 +16,7 @@ for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import click
 
-from .words.version import VERSION
+from ._version import VERSION
 
 INTERRUPTED = 130
 RESUMES = ("study", "fleet")        # commands that take up what was interrupted
@@ -70,7 +70,7 @@ class _Lazy(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
-            from .words.errors import suggest
+            from .exceptions import suggest
             ctx.fail(f'No such command "{cmd_name}". {suggest(cmd_name, COMMANDS)}')
         found: click.Command = getattr(import_module(f".commands.{cmd_name}", __package__), cmd_name)
         return found
@@ -80,7 +80,7 @@ class _Lazy(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
     def invoke(self, ctx: click.Context) -> Any:
-        from .words.errors import ModelselError
+        from .exceptions import ModelselError
         _readable()
         try:
             with _terminable():

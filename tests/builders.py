@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from modelsel._typing import Array
 from modelsel.data.measurements import Measurements, measurements
 from modelsel.machine.robot import Joint, Robot, forward
 from modelsel.machine.robotfile import load
 from modelsel.matrix.design import residuals
 from modelsel.matrix.scene import Scene, scene
 from modelsel.which.compare import Data
-from modelsel.words.rigid import Array
 from modelsel.wrong.screws import Mechanism, Screw, Term
 
 ON_AXIS, OFF_AXIS = (0.0, 0.0, 100.0), (40.0, -25.0, 100.0)   # target on and off the last joint's axis

@@ -23,12 +23,12 @@ import numpy as np
 import scipy.linalg
 import scipy.optimize
 
+from modelsel._typing import Array
+from modelsel.exceptions import ModelselError
 from modelsel.fitting.fit import Fit, fit
 from modelsel.matrix.design import Model
 from modelsel.matrix.identify import identify, solve
 from modelsel.matrix.reduce import Reduction, Source, reduce
-from modelsel.words.errors import ModelselError
-from modelsel.words.rigid import Array
 from modelsel.wrong.causes import Named
 from modelsel.wrong.screws import Mechanism, Screw, Term
 

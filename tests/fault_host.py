@@ -21,8 +21,8 @@ import numpy as np
 from fuzz_base import base_files
 
 from modelsel.cli import main
+from modelsel.exceptions import StudyError
 from modelsel.telling.stored import load_result
-from modelsel.words.errors import StudyError
 
 ON_DISK = ("os.rename", "os.remove", "os.mkdir", "os.rmdir")
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT

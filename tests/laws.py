@@ -1,4 +1,4 @@
-"""The laws of modelsel.use.laws, and two more that only this project's own tests need: nothing is written into, and a mechanism
+"""The laws of modelsel.testing, and two more that only this project's own tests need: nothing is written into, and a mechanism
 is a value in every sense. `check_mechanism(mechanism, robot, rng)` is all of them.
 """
 from __future__ import annotations
@@ -11,11 +11,11 @@ from dataclasses import fields
 import numpy as np
 from builders import bind, drawn
 
+from modelsel import testing as laws
 from modelsel.machine.robot import Robot
 from modelsel.matrix.design import design, residuals
 from modelsel.matrix.scene import Scene
-from modelsel.use import laws
-from modelsel.use.laws import (
+from modelsel.testing import (
     M,
     law1_columns_are_derivatives,
     law2_rows_are_local,

@@ -10,6 +10,7 @@ import pytest
 from builders import drawn, planted
 
 from modelsel.data.measurements import measurements
+from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.fit import fit
 from modelsel.fitting.noise import Floor
 from modelsel.machine.robotfile import load
@@ -32,7 +33,6 @@ from modelsel.use.calibration import (
 from modelsel.use.records import cause_of, cause_record
 from modelsel.use.refit import refitted
 from modelsel.which.compare import Data
-from modelsel.words.errors import DataError, StudyError
 from modelsel.wrong.causes import Bump, Member, Named, Number, cos, q, sign, sin
 from modelsel.wrong.registry import every, mechanism
 from modelsel.wrong.screws import Mechanism, Screw, Term

@@ -13,10 +13,12 @@ from builders import bind, drawn, planted, seeds
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
+from modelsel._typing import Array
 from modelsel.cli import main
 from modelsel.data.io import read_measurements
-from modelsel.data.measurements import Note, measurements
-from modelsel.elsewhere.checks import ALARMS, HOPELESS, alarms, outcome, setup_notes, told_with
+from modelsel.data.measurements import measurements
+from modelsel.elsewhere.checks import outcome, setup_notes, told_with
+from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.believed import lack, likeliest
 from modelsel.fitting.labels import labels_mistake
 from modelsel.fitting.mistakes import mistake
@@ -25,12 +27,12 @@ from modelsel.fitting.orientations import orientation_mistake
 from modelsel.fitting.register import register
 from modelsel.machine.robot import forward, pose
 from modelsel.machine.robotfile import load
+from modelsel.notices import ALARMS, HOPELESS, Note, alarms
 from modelsel.telling.finished import Result
 from modelsel.telling.report.front import opening
 from modelsel.telling.study import rehearse, run
 from modelsel.telling.tables import sentences
-from modelsel.words.errors import DataError, NotEstimable
-from modelsel.words.rigid import Array, rpy
+from modelsel.words.rigid import rpy
 from modelsel.wrong.mechanisms.geometry import geometric
 
 NOISE = 0.05

@@ -8,6 +8,7 @@ import pytest
 from builders import drawn, planted, small_arm, study_of
 from scipy.special import logsumexp
 
+from modelsel._typing import Array
 from modelsel.elsewhere.confidence import Request, target_of
 from modelsel.fitting.fit import Fit, fit
 from modelsel.matrix.design import Model, design
@@ -19,7 +20,6 @@ from modelsel.sure.constants import constants
 from modelsel.sure.posterior import Importance
 from modelsel.sure.sampling import sample
 from modelsel.sure.target import Target
-from modelsel.words.rigid import Array
 from modelsel.wrong.mechanisms.environment import tracker_step
 from modelsel.wrong.registry import BUILTIN, mechanism
 

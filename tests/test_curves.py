@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from builders import drawn, measured, planted, seeds
 
+from modelsel._typing import Array
 from modelsel.fitting.fit import fit
 from modelsel.machine.robot import forward
 from modelsel.matrix.design import Model
@@ -17,7 +18,6 @@ from modelsel.why.errormap import basis, columns, scan, stacked, subset
 from modelsel.why.extend import Extension, extend
 from modelsel.why.naming import name, with_candidate
 from modelsel.why.search import LEVEL, Search
-from modelsel.words.rigid import Array
 from modelsel.wrong.causes import Named, cos, q, sin
 from modelsel.wrong.mechanisms.environment import STEPS
 from modelsel.wrong.registry import every, mechanism

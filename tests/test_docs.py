@@ -14,7 +14,7 @@ from urllib.parse import unquote, urlsplit
 import pytest
 
 from modelsel.cli import COMMANDS, INTERRUPTED
-from modelsel.words.errors import CHECK_FAILED, DataError, ModelselError, NotEstimable, StudyError
+from modelsel.exceptions import CHECK_FAILED, DataError, ModelselError, NotEstimable, StudyError
 from modelsel.wrong.registry import BUILTIN
 
 ROOT = Path(__file__).parents[1]

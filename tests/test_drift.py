@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from modelsel.cli import main
 from modelsel.data.measurements import Measurements
+from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.fit import fit
 from modelsel.fitting.noise import Floor
 from modelsel.machine.robotfile import load
@@ -21,7 +22,6 @@ from modelsel.use.campaigns import compare, holm, sentences
 from modelsel.use.drift import judge
 from modelsel.use.drift import sentences as told
 from modelsel.which.compare import Data
-from modelsel.words.errors import DataError, StudyError
 from modelsel.words.rigid import rpy
 from modelsel.wrong.registry import mechanism
 from modelsel.wrong.screws import Screw, Term

@@ -15,6 +15,7 @@ from test_calibration import wide
 from test_robots import screw_x, screw_z
 
 from modelsel.cli import main
+from modelsel.exceptions import StudyError
 from modelsel.fitting.fit import fit
 from modelsel.fitting.noise import Floor
 from modelsel.machine.dh import rows_of
@@ -28,7 +29,6 @@ from modelsel.use.calibration import calibrate, calibration_text, predict
 from modelsel.use.carried import alone, parts, points, workspace
 from modelsel.use.export import FORMS, export
 from modelsel.which.compare import Data
-from modelsel.words.errors import StudyError
 from modelsel.words.rigid import rpy, to_rpy, transform
 from modelsel.wrong.registry import mechanism
 

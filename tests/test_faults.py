@@ -17,9 +17,9 @@ from fuzz_base import base_files
 from fuzz_clean import WRITTEN
 from fuzz_judge import guarded
 
+from modelsel._files import claimed, write_all, write_beside
 from modelsel.cli import main
-from modelsel.telling.write import claimed, write_all, write_beside
-from modelsel.words.errors import StudyError
+from modelsel.exceptions import StudyError
 
 HERE = Path(__file__).parent
 COMMAND = [sys.executable, "-c", "from modelsel.cli import main; main(prog_name='modelsel')"]
@@ -187,7 +187,7 @@ def test_two_at_once(study, tmp_path) -> None:
 
 def test_a_claim_ends_with_its_process(tmp_path) -> None:
     """What a killed run leaves unfinished is removed by the next; its chain is not."""
-    code = ("import os, sys, pathlib\nfrom modelsel.telling.write import claimed\n"
+    code = ("import os, sys, pathlib\nfrom modelsel._files import claimed\n"
             "with claimed(pathlib.Path(sys.argv[1])): os._exit(9)")
     assert subprocess.run([sys.executable, "-c", code, str(tmp_path / "out")], check=False).returncode == 9
     hidden = tmp_path / "out" / ".modelsel"

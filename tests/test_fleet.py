@@ -16,8 +16,10 @@ from builders import drawn
 from click.testing import CliRunner
 from pypdf import PdfReader
 
+from modelsel._files import claimed
 from modelsel.cli import main
 from modelsel.data.io import read_measurements
+from modelsel.exceptions import StudyError
 from modelsel.fitting.fit import fit
 from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model
@@ -28,9 +30,7 @@ from modelsel.telling.fleet import cluster, run_fleet, save_summary
 from modelsel.telling.fleetfile import read_fleet
 from modelsel.telling.stored import WRITES, load_result
 from modelsel.telling.study import run
-from modelsel.telling.write import claimed
 from modelsel.which.stream import Parts, fit_parts, parts_of
-from modelsel.words.errors import StudyError
 from modelsel.wrong.registry import mechanism
 
 TOOL = (40.0, -25.0, 100.0)

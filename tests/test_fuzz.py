@@ -22,7 +22,7 @@ from fuzz_kinds import FIRST, KINDS, LATER, shares
 from fuzz_urdf import DIAMONDS
 from fuzz_words import SAME, Mutant
 
-from modelsel.words.errors import NotEstimable
+from modelsel.exceptions import NotEstimable
 
 MUTANTS = {FIRST: 2000, LATER: 150}
 COMMANDS = 50

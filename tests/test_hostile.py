@@ -21,8 +21,10 @@ from click.testing import CliRunner
 from fuzz_base import ROBOT, STUDY, base_files
 from hostile import NAMES, REFUSED
 
+from modelsel._names import guarded, unfit, unguarded
 from modelsel.cli import main
 from modelsel.data.io import read_measurements
+from modelsel.exceptions import DataError, ModelselError, StudyError
 from modelsel.machine.robotfile import load, robot_from_table
 from modelsel.machine.urdf import read_urdf_text
 from modelsel.telling.config import Study, parse_study
@@ -34,8 +36,6 @@ from modelsel.use.calibration import loads, predict
 from modelsel.use.carried import workspace
 from modelsel.use.export import FORMS, export
 from modelsel.use.module import data_in, module_of
-from modelsel.words.errors import DataError, ModelselError, StudyError
-from modelsel.words.names import guarded, unfit, unguarded
 from modelsel.wrong.causes import q, sin
 from modelsel.wrong.registry import unsound
 from modelsel.wrong.screws import Mechanism, Screw, Term

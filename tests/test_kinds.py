@@ -18,6 +18,7 @@ from modelsel.data.measurements import Measurements, measurements
 from modelsel.elsewhere.explain import explain
 from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.elsewhere.simulate import simulate_rows
+from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.fit import fit
 from modelsel.fitting.noise import Floor, Instrument
 from modelsel.machine.robotfile import load
@@ -44,7 +45,6 @@ from modelsel.which.folds import assign, by_unit
 from modelsel.which.folds import fold as fold_scene
 from modelsel.which.stream import Parts, parts_of
 from modelsel.why.robust import gross, scale_of
-from modelsel.words.errors import DataError, StudyError
 from modelsel.wrong.causes import Member
 from modelsel.wrong.mechanisms.geometry import setup
 from modelsel.wrong.registry import mechanism, parts

@@ -12,9 +12,9 @@ from builders import drawn, seeds
 from modelsel.data.io import read_labels, read_measurements
 from modelsel.data.measurements import Measurements, in_turn, measurements
 from modelsel.elsewhere.prepare import Plan, prepare
+from modelsel.exceptions import DataError
 from modelsel.fitting.noise import from_repeats
 from modelsel.machine.robotfile import load
-from modelsel.words.errors import DataError
 
 Q = "q1_rad,q2_rad"
 PLAIN = f"{Q},x_mm,y_mm,z_mm"

@@ -13,20 +13,21 @@ from builders import OFF_AXIS, planted, seeds
 from builders import drawn as drawn_arm
 from click.testing import CliRunner
 
+from modelsel._typing import Array
 from modelsel.cli import main
 from modelsel.data.measurements import measurements
-from modelsel.elsewhere.checks import MISTAKEN
 from modelsel.elsewhere.prepare import Plan, prepare
+from modelsel.exceptions import DataError
 from modelsel.fitting.mistakes import mistake
 from modelsel.fitting.register import register
 from modelsel.machine.robotfile import load
 from modelsel.matrix.scene import Scene
+from modelsel.notices import MISTAKEN
 from modelsel.telling.config import read_study
 from modelsel.telling.report.front import opening
 from modelsel.telling.study import asked, run
 from modelsel.telling.tables import sentences
-from modelsel.words.errors import DataError
-from modelsel.words.rigid import Array, rpy
+from modelsel.words.rigid import rpy
 from modelsel.wrong.mechanisms.geometry import geometric
 from modelsel.wrong.registry import BUILTIN
 

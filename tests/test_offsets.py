@@ -10,9 +10,9 @@ from builders import OFF_AXIS, seeds
 from builders import drawn as drawn_arm
 from test_mistakes import arm, said, shifted
 
+from modelsel._typing import Array
 from modelsel.machine.robot import forward
 from modelsel.matrix.scene import Scene
-from modelsel.words.rigid import Array
 
 
 def same(q: Array, x: Array) -> tuple[Array, Array]:

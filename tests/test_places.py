@@ -7,6 +7,7 @@ import pytest
 from modelsel.data.io import read_measurements
 from modelsel.data.measurements import measurements
 from modelsel.elsewhere.simulate import simulate
+from modelsel.exceptions import DataError
 from modelsel.machine.robotfile import load
 from modelsel.telling import tables
 from modelsel.telling.config import Study
@@ -14,7 +15,6 @@ from modelsel.telling.report import drawing
 from modelsel.telling.report.document import book
 from modelsel.telling.stored import save
 from modelsel.telling.study import run
-from modelsel.words.errors import DataError
 
 
 def spoilt(tmp_path, kind: str, rng: np.random.Generator) -> tuple[object, np.ndarray, str]:

@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 from modelsel.data.io import read_measurements
 from modelsel.data.measurements import Measurements, measurements
 from modelsel.elsewhere.prepare import Plan, prepare
+from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.register import register
 from modelsel.machine.robot import Joint, Robot
 from modelsel.machine.robotfile import load, read_robot
 from modelsel.matrix.design import residuals
 from modelsel.matrix.scene import Scene, scene
-from modelsel.words.errors import DataError, NotEstimable
 
 SIGMA = 0.05
 TOOL = np.array([40.0, -25.0, 100.0])

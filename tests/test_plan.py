@@ -14,6 +14,7 @@ from modelsel import Study, plan_next
 from modelsel import run as study_run
 from modelsel.cli import main
 from modelsel.commands.plan import PURPOSES
+from modelsel.exceptions import DataError, StudyError
 from modelsel.machine.robot import forward
 from modelsel.machine.robotfile import load
 from modelsel.matrix.design import design
@@ -31,7 +32,6 @@ from modelsel.use.plan import (
     tell_apart,
     told_with,
 )
-from modelsel.words.errors import DataError, StudyError
 from modelsel.wrong.registry import mechanism, parts
 from modelsel.wrong.screws import Term
 

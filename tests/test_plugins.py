@@ -14,12 +14,12 @@ from click.testing import CliRunner
 
 from modelsel import read_study, run, simulate_study
 from modelsel.cli import main
+from modelsel.exceptions import StudyError
 from modelsel.machine.robotfile import load
 from modelsel.telling.config import ModelTable
+from modelsel.testing import LawBroken, broken, check_mechanism
 from modelsel.use.calibration import load_calibration
-from modelsel.use.laws import LawBroken, broken, check_mechanism
 from modelsel.use.skeleton import skeleton, table, tried
-from modelsel.words.errors import StudyError
 from modelsel.wrong.causes import Named, Number, q
 from modelsel.wrong.registry import BUILTIN, mechanism, unsound, with_plugins
 from modelsel.wrong.screws import Mechanism, Screw, Term

@@ -10,13 +10,13 @@ import statsmodels.api as sm
 from builders import drawn, one, planted, small_arm
 from scipy.stats import chi2
 
+from modelsel._typing import Array
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model, design, residuals, whitened
 from modelsel.matrix.scene import Scene
 from modelsel.matrix.usual import usual_sizes
 from modelsel.sure.ensemble import Ensemble
 from modelsel.sure.posterior import importance, posterior, weighted
-from modelsel.words.rigid import Array
 from modelsel.wrong.causes import cos, q
 from modelsel.wrong.mechanisms.geometry import setup
 from modelsel.wrong.registry import mechanism

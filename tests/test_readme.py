@@ -21,11 +21,11 @@ from test_floors import DOOR, FLOORS, PACKAGE
 import modelsel
 from modelsel.cli import COMMANDS, main
 from modelsel.data.io import read_measurements
+from modelsel.exceptions import StudyError
 from modelsel.machine.robotfile import load
 from modelsel.matrix.design import design, residuals
 from modelsel.telling.config import parse_study
 from modelsel.telling.tables import show
-from modelsel.words.errors import StudyError
 from modelsel.wrong.registry import BUILTIN, Registry, parts, with_plugins
 
 ROOT = Path(__file__).parents[1]

@@ -15,6 +15,7 @@ from test_calibration import wide
 from modelsel.cli import main
 from modelsel.data.measurements import measurements
 from modelsel.data.temperature import reference
+from modelsel.exceptions import StudyError
 from modelsel.machine.robot import Robot, forward
 from modelsel.machine.robotfile import load, robot_from_table
 from modelsel.machine.urdf import read_urdf_text
@@ -25,7 +26,6 @@ from modelsel.telling.study import run
 from modelsel.use.calibration import Calibration, calibration_text, loads
 from modelsel.use.carried import alone, constants
 from modelsel.use.export import FORMS, export
-from modelsel.words.errors import StudyError
 from modelsel.wrong.causes import Combined, parse
 from modelsel.wrong.mechanisms.environment import warmth
 from modelsel.wrong.registry import BUILTIN, counted_from, mechanism

@@ -12,13 +12,13 @@ from builders import OFF_AXIS, one, planted, small_arm
 from builders import drawn as scene_of
 
 from modelsel import Study, calibration_of, load_result, report, run, save
+from modelsel.exceptions import StudyError
 from modelsel.machine.robotfile import load
 from modelsel.telling.config import parse_study
 from modelsel.telling.finished import Result
 from modelsel.telling.stored import RESIDUALS, WRITES
 from modelsel.telling.views import TABLES
 from modelsel.use.calibration import calibration_text
-from modelsel.words.errors import StudyError
 from modelsel.wrong.causes import q
 
 TOML = """name = "arm <b>7</b>"

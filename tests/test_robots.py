@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from builders import drawn
 
+from modelsel.exceptions import StudyError
 from modelsel.machine.robot import Robot, forward, pose, screw_field
 from modelsel.machine.robotfile import builtin_names, load, read_robot, robot_from_table
 from modelsel.matrix.design import design, residuals
-from modelsel.words.errors import StudyError
 from modelsel.words.rigid import turn
 from modelsel.wrong.mechanisms.geometry import geometric
 

@@ -13,10 +13,12 @@ from builders import drawn, one, planted, small_arm, study_of
 from click.testing import CliRunner
 from scipy.integrate import quad
 
+from modelsel._typing import Array
 from modelsel.cli import main
 from modelsel.data.measurements import measurements
 from modelsel.elsewhere.confidence import Request, described, sampled, target_of
 from modelsel.elsewhere.confidence import confidence as certainty
+from modelsel.exceptions import StudyError
 from modelsel.fitting.fit import Fit, fit
 from modelsel.fitting.noise import Instrument, weigh
 from modelsel.machine.robot import forward
@@ -33,8 +35,7 @@ from modelsel.sure.sampling import Sampling, State, sample
 from modelsel.sure.target import TAIL, Target
 from modelsel.telling.checkpoint import Checkpoint
 from modelsel.telling.stored import WRITES
-from modelsel.words.errors import StudyError
-from modelsel.words.rigid import Array, rpy
+from modelsel.words.rigid import rpy
 from modelsel.wrong.causes import q, sin
 from modelsel.wrong.mechanisms.environment import tracker_step
 from modelsel.wrong.registry import BUILTIN, mechanism

@@ -11,6 +11,7 @@ from builders import drawn, one, planted, small_arm, study_of
 from scipy.linalg import sqrtm
 from scipy.stats import binom
 
+from modelsel._json import dumps
 from modelsel.elsewhere.confidence import Request, confidence, sampled
 from modelsel.fitting.fit import Fit, fit
 from modelsel.matrix.design import Model, design, residuals
@@ -19,7 +20,6 @@ from modelsel.sure.correlation import correlation, labels
 from modelsel.sure.parameters import difference_notes, parameters, resampled
 from modelsel.sure.posterior import posterior
 from modelsel.sure.significance import Significance, nested, significance, stability
-from modelsel.telling.result import dumps
 from modelsel.which.compare import Data, rung
 from modelsel.which.folds import by_unit, fold
 from modelsel.wrong.causes import Named, q, sin

@@ -7,9 +7,9 @@ from builders import seeds
 
 from modelsel.data.measurements import Measurements, measurements
 from modelsel.elsewhere.prepare import Plan, split
+from modelsel.exceptions import StudyError
 from modelsel.machine.robotfile import load
 from modelsel.which.split import _features, choose
-from modelsel.words.errors import StudyError
 
 ARM = load("puma760")
 TURNS = tuple(j.prismatic for j in ARM.joints)

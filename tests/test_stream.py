@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 from builders import drawn, planted
 
+from modelsel.exceptions import DataError
 from modelsel.fitting.fit import fit
 from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model
@@ -14,7 +15,6 @@ from modelsel.matrix.scene import Scene
 from modelsel.which.folds import cross_validate, fold
 from modelsel.which.search import all_subsets
 from modelsel.which.stream import Parts, Stream, fit_parts, fold_of, parts_of
-from modelsel.words.errors import DataError
 from modelsel.wrong.registry import mechanism
 
 TOOL = (40.0, -25.0, 100.0)

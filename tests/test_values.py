@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from modelsel.words.hashing import KEPT
+from modelsel._hashing import KEPT
 from modelsel.wrong.causes import Bump, Cause, Named, cos, q, sin
 from modelsel.wrong.screws import Screw
 

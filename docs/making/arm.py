@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from modelsel._typing import Array
 from modelsel.data.measurements import measurements
 from modelsel.machine.robot import Robot, forward, pose
 from modelsel.matrix.design import twist_of
 from modelsel.matrix.scene import Scene, scene
 from modelsel.telling.report.style import BLUE, ORANGE, QUIET, scaled, styled, svg
-from modelsel.words.rigid import Array
 from modelsel.wrong.screws import Mechanism, Term
 
 TOOL = (40.0, -25.0, 100.0)         # off the last axis, so that every joint moves the target

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from modelsel._typing import Array
 from modelsel.data.measurements import measurements
 from modelsel.fitting.fit import Fit, fit
 from modelsel.machine.robot import forward
@@ -14,7 +15,6 @@ from modelsel.matrix.design import Model, residuals
 from modelsel.matrix.scene import Scene, scene
 from modelsel.which.candidates import Candidate, candidates
 from modelsel.why.errormap import Columns, Scan, basis, columns, scan, stacked
-from modelsel.words.rigid import Array
 from modelsel.wrong.registry import every, mechanism
 from modelsel.wrong.screws import Term
 

@@ -10,6 +10,7 @@ from typing import Any
 import arm
 import numpy as np
 
+from modelsel._typing import Array
 from modelsel.data.measurements import measurements
 from modelsel.machine.robot import Robot, forward
 from modelsel.machine.robotfile import builtin_names, load
@@ -17,7 +18,6 @@ from modelsel.matrix.design import design
 from modelsel.matrix.scene import Scene, scene
 from modelsel.telling.inspect import mechanism_card
 from modelsel.why.errormap import basis
-from modelsel.words.rigid import Array
 from modelsel.wrong.registry import BUILTIN, Registry, Scanned, parts
 from modelsel.wrong.screws import Mechanism
 

@@ -11,11 +11,11 @@ import numpy as np
 from arm import short
 from campaigns import BASE, ROBOT, measured
 
+from modelsel._typing import Array
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import design
 from modelsel.telling.report.style import BLUE, INK, ORANGE, QUIET, styled, svg
 from modelsel.which.folds import assign, cross_validate, fold
-from modelsel.words.rigid import Array
 from modelsel.wrong.registry import mechanism
 
 

@@ -8,7 +8,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from ..words.errors import CHECK_FAILED
+from ..exceptions import CHECK_FAILED
 from . import mapped, print_json
 
 if TYPE_CHECKING:
@@ -32,8 +32,8 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
     robot has the target) in the tracker's frame, wanted orientations, and what the model needs as well. Commands are written in
     the units that they were given in.
     """
+    from .._files import write_frame
     from ..data.io import read_measurements
-    from ..telling.write import write_frame
     from ..use.calibration import load_calibration, predict
     from ..use.compensate import at_limits, commands_frame, from_order, outside, refuse
     from ..use.compensate import compensate as corrected

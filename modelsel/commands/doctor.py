@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from ..words.errors import CHECK_FAILED
+from ..exceptions import CHECK_FAILED
 from . import print_json
 
 
@@ -74,7 +74,7 @@ def _calibration() -> dict[str, Any]:
     import numpy as np
 
     from ..machine.robotfile import load
-    from ..use.laws import LawBroken, check_mechanism
+    from ..testing import LawBroken, check_mechanism
     from ..wrong.registry import mechanism
     robot = load("puma760")
     try:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from ..words.errors import CHECK_FAILED
+from ..exceptions import CHECK_FAILED
 from . import print_json
 
 FORMS = ("urdf", "dh", "mdh", "json", "csv", "python", "table")
@@ -23,7 +23,7 @@ def export(result: Path, form: str, out: Path, as_json: bool) -> None:
 
     The file is read back and held against the fit; what the form cannot carry is said.
     """
-    from ..telling.write import write_beside
+    from .._files import write_beside
     from ..use.calibration import load_calibration
     from ..use.export import export as exported
     made = exported(load_calibration(result), form)

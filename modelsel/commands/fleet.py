@@ -20,9 +20,9 @@ from . import console, print_json, progress
 def fleet(fleet: Path, out: Path | None, workers: int | None, scheduler: str | None, no_report: bool, no_sampling: bool,
           resume: bool, as_json: bool) -> None:
     """Run many studies as one job, and fit measurement sets that come in many files."""
+    from .._files import check_writable, claimed
     from ..telling.fleet import cluster, run_fleet, save_summary, show_fleet
     from ..telling.fleetfile import read_fleet
-    from ..telling.write import check_writable, claimed
     read = read_fleet(fleet)
     folder = out if out is not None else Path("reports") / fleet.resolve().parent.name
     check_writable(folder)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from ..words.errors import CHECK_FAILED
+from ..exceptions import CHECK_FAILED
 from . import print_json
 
 
@@ -26,9 +26,9 @@ def mechanisms(name: str | None, robot: str | None, new: str | None, test: str |
 
 
 def _begin(name: str) -> None:
-    from ..telling.write import write_beside
+    from .._files import write_beside
+    from ..exceptions import StudyError
     from ..use.skeleton import skeleton
-    from ..words.errors import StudyError
     folder, texts = Path(name), skeleton(name)
     if folder.exists():
         raise StudyError(f"{folder}: is there already; nothing was written.")

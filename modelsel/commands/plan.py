@@ -23,10 +23,10 @@ PURPOSES = ("rivals", "d", "a", "o1", "o2", "o3", "o4", "o5")
 def plan(study: Path, pool_file: Path | None, limits: bool, joints: tuple[str, ...], count: int, purpose: str | None,
          size: float | None, out: Path | None, as_json: bool) -> None:
     """What to measure next: what best tells a study's rival explanations apart, or determines its parameters."""
+    from .._files import csv_bytes, write_beside
     from ..telling.config import read_study
     from ..telling.planning import plan_next, sentences
     from ..telling.study import robot_of, run
-    from ..telling.write import csv_bytes, write_beside
     from ..use.plan import more_needed
     from ..wrong.registry import with_plugins
     own = dict(map(_range, joints))

@@ -14,8 +14,8 @@ from . import print_json, progress
 @click.option("--json", "as_json", is_flag=True)
 def report(folder: Path, pages: str | None, as_json: bool) -> None:
     """Draw report.pdf and report.html of a finished study again, from its folder; nothing is computed anew."""
+    from .._files import check_writable, claimed
     from ..telling.report.drawing import draw
-    from ..telling.write import check_writable, claimed
     chosen = None if pages is None else tuple(name.strip() for name in pages.split(",") if name.strip())
     check_writable(folder)
     with claimed(folder):

@@ -14,9 +14,9 @@ from . import print_json
 @click.option("--json", "as_json", is_flag=True)
 def simulate(study: Path, out: Path, as_json: bool) -> None:
     """Make data with planted effects: [simulate] and [[simulate.effect]] of a study file."""
+    from .._files import write_frame
     from ..telling.config import read_study
     from ..telling.study import simulate_study
-    from ..telling.write import write_frame
     path = study / "study.toml" if study.is_dir() else study
     frame = simulate_study(read_study(path), path.parent)
     write_frame(frame, out, "%.9f")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..words.errors import CHECK_FAILED
+from ..exceptions import CHECK_FAILED
 from . import console, print_json, progress
 
 if TYPE_CHECKING:
@@ -28,13 +28,13 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
           resume: bool) -> None:
     """Run a study: what is wrong, the ladder of models, the gain on held-out configurations."""
     gc.set_threshold(COLLECT)     # a study makes many small values and drops few: looking for lost ones costs a twentieth of it
+    from .._files import check_writable, claimed
+    from ..exceptions import StudyError
     from ..telling.checkpoint import Checkpoint
     from ..telling.config import read_study
     from ..telling.report.drawing import draw
     from ..telling.stored import WRITES, save
     from ..telling.study import rehearse, robot_of, run
-    from ..telling.write import check_writable, claimed
-    from ..words.errors import StudyError
     from ..wrong.registry import with_plugins
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)

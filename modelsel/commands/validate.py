@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from ..words.errors import CHECK_FAILED
+from ..exceptions import CHECK_FAILED
 from . import mapped, print_json
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..words.errors import suggest
-from ..words.names import quoted, unfit, unguarded
-from ..words.rigid import LARGEST, Array
+from .._names import quoted, unfit, unguarded
+from .._typing import LARGEST, Array
+from ..exceptions import suggest
 from .table import Table
 
 COMMA = re.compile(r"[-+]?\d+,\d+")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..words.rigid import Array
+from .._typing import Array
 
 Mask = NDArray[np.bool_]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..words.rigid import Array
+from .._typing import Array
 
 if TYPE_CHECKING:
     import pandas as pd

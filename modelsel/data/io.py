@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..words.errors import StudyError, one_line, suggest
-from ..words.names import plain_word
-from ..words.rigid import Array, from_quaternion
+from .._names import plain_word
+from .._typing import Array
+from ..exceptions import StudyError, one_line, suggest
+from ..notices import Note
+from ..words.rigid import from_quaternion
 from .cells import READINGS, as_numbers, labels, measured, numbers, together
 from .copies import copies, duplicates
 from .kinds import COLUMNS, Kinds, read_kinds, read_positions, read_quaternions, read_uncertainties
-from .measurements import Measurements, Note, measurements, numbered
+from .measurements import Measurements, measurements, numbered
 from .table import Source, Table, Where, read_table, renamed
 from .units import mapped_units, other_units
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..words.errors import StudyError, suggest
-from ..words.rigid import LARGEST, Array
+from .._typing import LARGEST, Array
+from ..exceptions import StudyError, suggest
 from .cells import SMALLEST, Mask, blank, measured, named, numbers, together
 from .copies import duplicates
 from .features import KINDS, UNKNOWN

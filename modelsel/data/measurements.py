@@ -1,4 +1,5 @@
 """What was measured: joint readings, positions, and what else is known of each row. Frozen; indexable by row."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -8,8 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..words.errors import DataError
-from ..words.rigid import Array, to_quaternion
+from .._typing import Array, Index
+from ..exceptions import DataError
+from ..notices import Note
+from ..words.rigid import to_quaternion
 from .features import COORDINATES, KINDS, Feature, features_of, framed
 from .rest import resting, said
 from .sequence import campaign
@@ -18,17 +21,7 @@ from .temperature import REFERENCE, reference
 
 if TYPE_CHECKING:
     import pandas as pd
-
-Index = NDArray[np.intp]
 SAME_READING = 1e-6  # rad or mm: two readings closer than this are the same configuration
-
-
-@dataclass(frozen=True)
-class Note:
-    """Something the user should know; a code for programs and a sentence for people."""
-
-    code: str
-    sentence: str
 
 
 @dataclass(frozen=True, eq=False)

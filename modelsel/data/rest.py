@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..words.rigid import Array
+from .._typing import Array
 
 FLICKER = (float(np.radians(0.1)), 0.1)     # rad, mm: a joint may rest whose readings stay within it
 APART = 10.0        # by this factor the smallest motion is larger than the largest flicker

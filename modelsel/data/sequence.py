@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..words.rigid import Array
+from .._typing import Array
 
 Index = NDArray[np.intp]
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from ..words.errors import DataError, suggest
-from ..words.text import unreadable
+from .._text import unreadable
+from ..exceptions import DataError, suggest
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -4,7 +4,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-from ..words.errors import DataError
+from ..exceptions import DataError
 from .cells import READINGS
 from .table import Table, Where
 

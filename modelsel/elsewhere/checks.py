@@ -1,4 +1,5 @@
 """What is asked of the data before anything is believed, and of the result before it is told: warnings, each with its code."""
+
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
@@ -8,8 +9,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .._typing import Array
 from ..data.cells import SMALLEST
-from ..data.measurements import Note
+from ..exceptions import NotEstimable, sentence_list
 from ..fitting.believed import Lack, against, lack, likeliest
 from ..fitting.fit import Fit
 from ..fitting.labels import labels_mistake
@@ -21,22 +23,12 @@ from ..machine.robot import Robot
 from ..machine.robotfile import builtin_names, load
 from ..matrix.design import whitened
 from ..matrix.scene import Scene
+from ..notices import ALARMS, HOPELESS, MISTAKEN, NOISE, OTHER, ROWS, SAME_ROWS, Note, alarms
 from ..which.compare import Data, Rung
 from ..why.faults import Fault
 from ..why.mistaken_rows import slipped, slipped_before
-from ..words.errors import NotEstimable, sentence_list
-from ..words.rigid import Array
 from ..wrong.causes import ONE
 
-MISTAKEN, OTHER = "setup-mistake", "other-robot"
-ROWS, HOPELESS = "rows-mistaken", "hopeless-fit"
-# codes of what is told before everything else, with the words that lead it
-ALARMS = {MISTAKEN: "Check the set-up", "orientation-mistake": "Check the orientations", "labels-swapped": "Check the targets",
-          OTHER: "Check the robot", "rows-shifted": "Check the rows", ROWS: "Check the rows",
-          "stated-uncertainty": "Check the uncertainties", "floor-unlike": "Check the noise floor",
-          "beyond-tolerance": "Check the robot", HOPELESS: "Check the fit"}
-SAME_ROWS = {"swapped-reflectors": "labels-swapped", "row-order": "rows-shifted"}     # a fault, and the alarm that says as much
-NOISE = {"stated-uncertainty", "floor-unlike"}   # of these, which say nothing of why a fit is bad
 TOLERANCE = {"mm": 5.0, "rad": np.pi / 180}     # what makers allow a link or an axis at most
 SURE = 10.0                 # standard errors beyond it, before it is said: those of a misfit are too small
 LISTED = 6
@@ -46,11 +38,6 @@ NOISE_TIMES = 50.0          # the known noise, if more than a thousandth of the 
 TURNED = 0.1                # rad of orientation left (rms)
 BELOW = 5.0                 # times that a detection limit is below what is left, where the noise does not explain it
 FAINT = 2.0                 # times the noise, from which it does not
-
-
-def alarms(notes: Sequence[Note]) -> list[str]:
-    """What is told before everything else, in the order of ALARMS; a hopeless fit is the verdict's own first sentence."""
-    return [f"{lead}: {n.sentence}" for code, lead in ALARMS.items() for n in notes if n.code == code and code != HOPELESS]
 
 
 def setup_notes(bound: Scene, use: NDArray[np.bool_], registered: bool, per_group: bool) -> tuple[Note, ...]:

@@ -7,10 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from ..data.measurements import Note
+from .._random import generator
+from .._typing import Say
+from ..exceptions import sentence_list
 from ..fitting.fit import Fit
 from ..fitting.noise import Instrument
 from ..matrix.design import Model
+from ..notices import Note
 from ..sure.components import components, single
 from ..sure.constants import constants
 from ..sure.correlation import Correlation, correlation, free, labels
@@ -20,10 +23,7 @@ from ..sure.sampling import PER_NAME, WALKERS, Keeper, Sampling, sample
 from ..sure.significance import Significance, significance
 from ..sure.target import TAIL, Target
 from ..which.compare import Data
-from ..words.errors import sentence_list
 from ..wrong.registry import Registry
-from .explain import Say
-from .prepare import generator
 
 MOST = {"default": 24, "all": 64}      # coefficients that are sampled; the others are integrated out
 ROWS = 9_000                           # walkers x rows a step, up to which the chain itself is evaluated

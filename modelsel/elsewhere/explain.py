@@ -1,9 +1,9 @@
 """What is wrong with a base model, from its training rows alone: outliers, then names, then again where those differ; and the
 same in every fold, for a gain that no part of the procedure has seen."""
+
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -11,7 +11,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Index
+from .._random import generator
+from .._typing import Index, Say
 from ..fitting.fit import fit
 from ..matrix.design import Model, whitened
 from ..matrix.scene import Scene
@@ -22,11 +23,9 @@ from ..which.validate import Errors, errors
 from ..why.extend import Extension, extend
 from ..why.robust import GROSS, LEFT, MOST, far_off, gross
 from ..wrong.screws import Mechanism
-from .prepare import generator
 
 OUTLIER_ROUNDS = 3
 SCANNED = 2500      # rows: beyond it the columns of all candidates take a gigabyte and more
-Say = Callable[[str], None]
 
 
 def explain(data: Data, base: Model, everything: tuple[Mechanism, ...], seed: int, cells: bool, say: Say = lambda _: None

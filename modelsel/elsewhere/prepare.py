@@ -1,4 +1,5 @@
 """From a study and its measurements to one scene, registered, weighed, split and folded."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -7,19 +8,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .._random import generator
+from .._typing import Array
 from ..data.features import KINDS
-from ..data.measurements import Measurements, Note
+from ..data.measurements import Measurements
+from ..exceptions import DataError, NotEstimable, StudyError, sentence_list, suggest
 from ..fitting.fixtures import place, unseen
 from ..fitting.noise import Floor, Instrument, weigh
 from ..fitting.register import register, undetermined
 from ..machine.robot import Robot
 from ..matrix.design import residuals
 from ..matrix.scene import scene
+from ..notices import Note
 from ..which.compare import Data
 from ..which.folds import assign
 from ..which.split import choose
-from ..words.errors import DataError, NotEstimable, StudyError, sentence_list, suggest
-from ..words.rigid import Array
 from .checks import setup_notes
 
 
@@ -39,14 +42,6 @@ class Plan:
     stated_mm: float | None = None
     instrument: Instrument | None = None
     tracker: tuple[float, float, float] = (0.0, 0.0, 0.0)       # where the instrument stands, in the data's frame
-
-
-PURPOSES = ("split", "folds", "gain", "naming", "simulate", "sampling", "null", "nested", "flips", "bootstrap", "halves", "scan")
-
-
-def generator(seed: int, purpose: str) -> np.random.Generator:
-    """The one stream of a purpose: every random choice derives from the study's seed, none from another's use of it."""
-    return np.random.default_rng(np.random.SeedSequence([seed, PURPOSES.index(purpose)]))
 
 
 def tools_of(data: Measurements, tools: Mapping[str, tuple[float, ...]] | tuple[float, ...] | None) -> Array:

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._typing import Array
 from ..data.measurements import Measurements, measurements
+from ..exceptions import StudyError
 from ..fitting.fixtures import place
 from ..machine.robot import Robot
 from ..matrix.design import residuals
 from ..matrix.scene import scene
-from ..words.errors import StudyError
-from ..words.rigid import Array
 from ..wrong.screws import Screw, Term
 
 if TYPE_CHECKING:

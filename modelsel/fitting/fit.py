@@ -8,6 +8,8 @@ from typing import Literal
 
 import numpy as np
 
+from .._typing import Array
+from ..exceptions import NotEstimable
 from ..matrix.design import Model, residuals
 from ..matrix.identify import Identified, identify, solve, without
 from ..matrix.reduce import PROBE, Reduction, Source, reduce_scene
@@ -15,8 +17,6 @@ from ..matrix.scene import Scene
 from ..matrix.size import as_drawn
 from ..matrix.smooth import penalty
 from ..matrix.usual import WeakPrior, faint, fitted_terms, usual_sizes, weak_prior
-from ..words.errors import NotEstimable
-from ..words.rigid import Array
 from ..wrong.screws import Term
 
 Held = Literal["nothing", "geometry", "all"]

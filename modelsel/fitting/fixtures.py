@@ -8,13 +8,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .._typing import Array, Index
 from ..data.features import Feature
-from ..data.measurements import Index, Measurements
+from ..data.measurements import Measurements
+from ..exceptions import DataError
 from ..matrix.design import residuals
 from ..matrix.gauges import Fixtures
 from ..matrix.scene import Scene
-from ..words.errors import DataError
-from ..words.rigid import Array, align_z
+from ..words.rigid import align_z
 
 FLAT = 1e-2        # least over largest spread of positions below which an anchor could stand on either side of them
 SCALE_MM = 5.0     # what a nominal arm is off by: residuals beyond count less

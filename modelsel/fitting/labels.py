@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Index
+from .._typing import Array, Index
+from ..exceptions import DataError, NotEstimable, sentence_list
 from ..machine.robot import pose
 from ..matrix.scene import Scene
-from ..words.errors import DataError, NotEstimable, sentence_list
-from ..words.rigid import Array
 from .otherarm import better
 from .register import register
 

@@ -14,10 +14,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..exceptions import DataError, NotEstimable
 from ..machine.robot import pose
 from ..matrix.design import residuals
 from ..matrix.scene import Scene
-from ..words.errors import DataError, NotEstimable
 from .offsets import Arm, of_joint, of_links, several
 from .otherarm import better
 from .register import register, undetermined

@@ -12,10 +12,11 @@ from itertools import product
 
 import numpy as np
 
+from .._typing import Array
+from ..exceptions import sentence_list
 from ..machine.robot import Pose, Robot, pose
 from ..matrix.scene import Scene
-from ..words.errors import sentence_list
-from ..words.rigid import Array, nearest_rotation, transform
+from ..words.rigid import nearest_rotation, transform
 from .placing import COARSE, LOSS, NORMAL, ROUNDS, STATED_MM, USUAL_MM, cross, descend, kabsch
 from .slips import Mistake, linear
 

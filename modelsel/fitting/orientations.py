@@ -6,9 +6,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from .._typing import Array
+from ..exceptions import DataError, NotEstimable
 from ..matrix.scene import Scene
-from ..words.errors import DataError, NotEstimable
-from ..words.rigid import Array, from_quaternion, nearest_rotation, rotation_vector, to_quaternion
+from ..words.rigid import from_quaternion, nearest_rotation, rotation_vector, to_quaternion
 from .register import register
 
 ROWS = 200      # that are looked at, spread over the file

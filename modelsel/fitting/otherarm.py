@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Index
+from .._typing import Index
+from ..exceptions import DataError, NotEstimable
 from ..machine.robot import Robot
 from ..matrix.design import residuals
 from ..matrix.scene import Scene
-from ..words.errors import DataError, NotEstimable
 from .register import register
 
 ROWS = 120          # that are looked at, spread over the file

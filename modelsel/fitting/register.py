@@ -14,10 +14,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Index, Note
+from .._typing import Array, Index
+from ..exceptions import DataError, NotEstimable, sentence_list
 from ..matrix.scene import Scene
-from ..words.errors import DataError, NotEstimable, sentence_list
-from ..words.rigid import Array
+from ..notices import Note
 from .placing import GROSS, NORMAL, Placed, Sight, lengths, middle, robust, settled, spread
 from .starts import THIN, about_lines, starts
 

@@ -5,11 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..data.measurements import Index
+from .._typing import Array, Index
 from ..matrix.design import Model
 from ..matrix.scene import Scene
 from ..matrix.smooth import spline, splines
-from ..words.rigid import Array
 from .fit import STEP_MM, Fit, Held, fit
 
 ROUNDS = 60

@@ -11,7 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..words.rigid import Array, nearest_rotation, rotation_vector
+from .._typing import Array
+from ..words.rigid import nearest_rotation, rotation_vector
 from .placing import Placed, Sight, rigid
 
 REWEIGHT = 12

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._typing import Array
+from ..exceptions import NotEstimable
 from ..matrix.design import Model
 from ..matrix.identify import Identified, identify, solve
 from ..matrix.reduce import Reduction
 from ..matrix.usual import WeakPrior, weak_prior
-from ..words.errors import NotEstimable
-from ..words.rigid import Array
 from .fit import Fit, cost, factor_of, prior_root, with_prior
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..words.rigid import Array
+from .._typing import Array
 
 Frame = tuple[Array, Array]                # its axes (3, 3, m) or (3, 3, 1), an axis a row, and its origin (3, m) or (3, 1)
 TOGETHER = 3000    # configurations x frames whose cross products are made together: few calls, and they stay in cache

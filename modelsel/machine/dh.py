@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..words.errors import one_line
-from ..words.rigid import Array, inverse, transform, turn
+from .._typing import Array
+from ..exceptions import one_line
+from ..words.rigid import inverse, transform, turn
 from .robot import Robot
 
 PARALLEL = 1e-9      # rad: two axes closer than this have no common normal worth naming; 1e-6 mm at a metre

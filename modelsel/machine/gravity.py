@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..words.rigid import Array
+from .._typing import Array
 from .robot import Pose, Robot, cross, pose, spin
 
 G = 9.81

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..words.rigid import Array
+from .._typing import Array
 from .chain import BASE, SAME, Fixed, Frame, Space, add, screws_into, sparse, spin_into, turn_into, turns_of, twisted
 
 

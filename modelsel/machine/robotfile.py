@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ..words.errors import StudyError, suggest
-from ..words.names import TEXT, unfit
-from ..words.rigid import LARGEST, Array, align_z, inverse, rpy, transform, turn
-from ..words.text import read_text, toml
+from .._names import TEXT, unfit
+from .._text import read_text, toml
+from .._typing import LARGEST, Array
+from ..exceptions import StudyError, suggest
+from ..words.rigid import align_z, inverse, rpy, transform, turn
 from .robot import Joint, Robot
 
 FORMS = ("transform_mm", "xyz_mm", "dh")

@@ -10,10 +10,11 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from ..words.errors import StudyError, one_line, suggest
-from ..words.names import unfit
-from ..words.rigid import LARGEST, Array, align_z, inverse, rpy, to_rpy, transform
-from ..words.text import read_text
+from .._names import unfit
+from .._text import read_text
+from .._typing import LARGEST, Array
+from ..exceptions import StudyError, one_line, suggest
+from ..words.rigid import align_z, inverse, rpy, to_rpy, transform
 from .robot import Joint, Robot
 
 MOVING = ("revolute", "continuous", "prismatic")

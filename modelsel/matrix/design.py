@@ -11,9 +11,10 @@ from functools import cached_property
 
 import numpy as np
 
+from .._typing import Array
 from ..machine.chain import Frame, Space, screws_into
 from ..machine.robot import Pose, walk
-from ..words.rigid import AXES, Array, rotation_vector
+from ..words.rigid import AXES, rotation_vector
 from ..wrong.causes import ONE, Member
 from ..wrong.screws import FIXTURE_AXES, Mechanism, Screw, Term, terms_of
 from .gauges import gradients, predicted

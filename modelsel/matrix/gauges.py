@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._typing import Array
 from ..data.measurements import Gauges
-from ..words.rigid import Array
 from ..wrong.screws import FIXTURE_AXES
 
 LENGTH = FIXTURE_AXES.index("length")

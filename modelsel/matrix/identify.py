@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..words.errors import sentence_list
-from ..words.rigid import Array
+from .._typing import Array
+from ..exceptions import sentence_list
 from ..wrong.screws import Term
 from .reduce import Reduction, independent
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg.lapack import dtpqrt
 
+from .._typing import Array
 from ..machine.chain import Space
-from ..words.rigid import Array
 from ..wrong.screws import Term
 from .design import assemble, whiten
 from .scene import Scene

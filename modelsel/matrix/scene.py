@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Index, Measurements
+from .._typing import Array, Index
+from ..data.measurements import Measurements
 from ..machine.gravity import moment, moments, unit_moments
 from ..machine.robot import Pose, Robot, pose
-from ..words.rigid import Array
 from ..wrong.causes import Cause
 from .gauges import Fixtures, readings
 

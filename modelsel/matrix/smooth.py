@@ -9,8 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..data.measurements import Index
-from ..words.rigid import Array
+from .._typing import Array, Index
 from ..wrong.causes import Bump, Cause, factors
 from ..wrong.screws import Term
 

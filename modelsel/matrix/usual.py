@@ -12,8 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Index
-from ..words.rigid import Array
+from .._typing import Array, Index
 from ..wrong.mechanisms.geometry import OPEN
 from ..wrong.screws import Term
 from .design import Model

@@ -12,12 +12,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..data.measurements import Index
+from .._typing import Array, Index
 from ..fitting.fit import Fit
 from ..matrix.identify import solve
 from ..matrix.reduce import Reduction
 from ..which.folds import Folded
-from ..words.rigid import Array
 
 REPLICATES = 999
 SIGNS = 4_000_000  # drawn at once

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data.measurements import Index
+from .._typing import Array, Index
 from ..fitting.noise import Instrument
 from ..matrix.scene import Scene
-from ..words.rigid import Array
 
 SINGLE = "noise scale"
 

@@ -14,11 +14,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ..data.measurements import Index
+from .._typing import Array, Index
 from ..matrix.design import design
 from ..matrix.scene import Scene
 from ..why.evidence import RATIOS
-from ..words.rigid import AXES, Array
+from ..words.rigid import AXES
 from ..wrong.screws import Screw, Term
 from .constants import GRID, Constant
 

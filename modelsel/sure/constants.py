@@ -6,11 +6,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..data.measurements import Index
+from .._typing import Array, Index
 from ..machine.robot import Robot
 from ..matrix.design import PLACE, Model
 from ..matrix.scene import Scene
-from ..words.rigid import Array
 from ..wrong.registry import Registry, Scanned
 from ..wrong.screws import Mechanism, Screw
 

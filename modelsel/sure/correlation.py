@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .._typing import Array
 from ..fitting.fit import Fit
 from ..matrix.design import Model
-from ..words.rigid import Array
 from ..wrong.causes import Bump
 
 STRONG = 0.9

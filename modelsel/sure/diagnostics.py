@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..words.rigid import Array
+from .._typing import Array
 
 
 def autocorrelation_time(chain: Array) -> Array:

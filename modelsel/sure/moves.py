@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..words.rigid import Array
+from .._typing import Array
 
 GAMMA = 1.7     # ter Braak & Vrugt 2008: 1.2 to 2.2
 

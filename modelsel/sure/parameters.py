@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..data.measurements import Note
+from .._typing import Array
 from ..fitting.fit import Fit
 from ..matrix.design import blocks
+from ..notices import Note
 from ..which.compare import Data
 from ..which.folds import by_unit
 from ..why.flips import LASTING, together
-from ..words.rigid import Array
 from .bootstrap import Bootstrap, bootstrap
 from .correlation import labels, owners
 from .posterior import Draws

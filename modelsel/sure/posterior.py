@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .._typing import Array
 from ..fitting.fit import Fit
 from ..matrix.reduce import reduce_scene
 from ..matrix.scene import Scene
-from ..words.rigid import Array
 from .ensemble import Ensemble
 
 DRAWS = (400, 4000)     # fewest and most

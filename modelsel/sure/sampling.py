@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from ..words.rigid import Array
+from .._typing import Array
 from .diagnostics import autocorrelation_time, r_hat
 from .moves import moves
 from .posterior import Importance

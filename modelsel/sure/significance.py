@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..data.measurements import Index
+from .._typing import Index
+from ..exceptions import NotEstimable
 from ..fitting.fit import Fit, with_prior
 from ..matrix.design import Model
 from ..matrix.identify import identify, solve
@@ -19,7 +20,6 @@ from ..matrix.smooth import spline
 from ..which.compare import Data
 from ..which.criteria import log_evidence
 from ..which.folds import Folded, cross_validate, fold
-from ..words.errors import NotEstimable
 from ..wrong.mechanisms.geometry import SETUP
 from ..wrong.screws import Mechanism
 from .bootstrap import Bootstrap, halves

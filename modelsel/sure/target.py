@@ -23,8 +23,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from .._typing import Array
 from ..fitting.fit import Fit
-from ..words.rigid import Array
 from .components import Components
 from .conditional import Conditional, conditionals
 from .constants import Constant

@@ -8,15 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Measurements, Note
+from .._random import generator
+from .._typing import Say
+from .._version import VERSION
+from ..data.measurements import Measurements
 from ..elsewhere.checks import believed, outcome, told_with, turns_believed, unsaid
 from ..elsewhere.confidence import Request, confidence, sampled
-from ..elsewhere.explain import Say, explain, nested
-from ..elsewhere.prepare import Plan, generator, prepare, reweigh_rotation
+from ..elsewhere.explain import explain, nested
+from ..elsewhere.prepare import Plan, prepare, reweigh_rotation
 from ..fitting.noise import Floor
 from ..machine.robot import Robot
 from ..matrix.design import Model
 from ..matrix.identify import unidentifiable
+from ..notices import Note
 from ..sure.sampling import Keeper
 from ..which.candidates import Candidate
 from ..which.compare import Data, Rung, rung
@@ -26,7 +30,6 @@ from ..why.extend import Extension
 from ..why.faults import misplaced
 from ..why.maps import error_map
 from ..why.view import models
-from ..words.version import VERSION
 from ..wrong.mechanisms.geometry import setup
 from ..wrong.registry import Registry, mechanism
 from ..wrong.screws import Mechanism, Screw

@@ -3,9 +3,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..data.measurements import Note
+from ..exceptions import sentence_list
+from ..notices import Note
 from ..which.validate import Gain
-from ..words.errors import sentence_list
 
 
 def of_those_asked(asked: Sequence[str] | str) -> str:

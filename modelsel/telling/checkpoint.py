@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._files import HIDDEN, write_beside
+from ..exceptions import StudyError
 from ..sure.sampling import State
-from ..words.errors import StudyError
-from .write import HIDDEN, write_beside
 
 EVERY = 5.0      # seconds between two copies; what is written has no part in the result
 WHAT = {"data_sha256": "the measurements", "study_sha256": "the study file", "modelsel": "modelsel's version",

@@ -10,14 +10,14 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_serializer, model_validator
 from pydantic import SerializerFunctionWrapHandler as Plain
 
+from .._names import as_name
+from .._text import read_text, toml
+from .._typing import LARGEST
 from ..data.table import Source, digest
+from ..exceptions import StudyError, suggest
 from ..machine.robot import Robot
 from ..machine.robotfile import named
 from ..use.records import robot_record
-from ..words.errors import StudyError, suggest
-from ..words.names import as_name
-from ..words.rigid import LARGEST
-from ..words.text import read_text, toml
 from .wording import plain_values, wording
 
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]

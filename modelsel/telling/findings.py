@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..data.measurements import Note
+from .._typing import Array
 from ..matrix.scene import Scene
+from ..notices import Note
 from ..which.candidates import Candidate, crowded
 from ..which.compare import Data, Rung
 from ..which.validate import Gain, surprise
@@ -17,7 +18,6 @@ from ..why.extend import Effect, Extension
 from ..why.faults import Fault
 from ..why.naming import Entry
 from ..why.words import display, sentence
-from ..words.rigid import Array
 from ..wrong.causes import Bump
 from ..wrong.screws import Term
 

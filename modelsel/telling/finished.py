@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from ..data.measurements import Note
-from ..elsewhere.checks import HOPELESS, turned
+from .._json import plain
+from ..elsewhere.checks import turned
 from ..elsewhere.confidence import Confidence
 from ..elsewhere.explain import Nested
 from ..fitting.noise import Floor
 from ..machine.robot import Robot
 from ..matrix.identify import Unidentifiable
+from ..notices import HOPELESS, Note
 from ..which.compare import Data, Rung
 from ..which.table import Comparison
 from ..which.validate import Gain
@@ -25,7 +26,7 @@ from ..why.predictor import Predictable
 from .config import Study
 from .findings import Finding, fault_dict, finding_dict, screws_of
 from .left import Placed, features, lack_of_fit, noise_dict
-from .result import candidates_dict, plain, rung_dict
+from .result import candidates_dict, rung_dict
 from .standing import standing
 from .verdict import in_full, verdict
 from .views import Views

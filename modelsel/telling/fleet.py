@@ -15,20 +15,20 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._files import claimed, csv_bytes, write_beside
+from .._json import dumps
+from ..exceptions import CHECK_FAILED, DataError, ModelselError, StudyError
 from ..machine.robotfile import builtin_names, load, read_robot
 from ..matrix.design import Model
 from ..which.stream import Parts, fit_parts, parts_of
-from ..words.errors import CHECK_FAILED, DataError, ModelselError, StudyError
 from ..wrong.registry import mechanism, with_plugins
 from .analysis import provenance
 from .config import find_data
 from .fleetfile import Fleet, PartsTable, Task, matching
 from .report.drawing import draw
 from .report.fleet import summary
-from .result import dumps
 from .stored import WRITES, save
 from .study import run
-from .write import claimed, csv_bytes, write_beside
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -10,9 +10,9 @@ from unicodedata import normalize
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ..words.errors import StudyError, suggest
-from ..words.names import unfit
-from ..words.text import read_text, toml
+from .._names import unfit
+from .._text import read_text, toml
+from ..exceptions import StudyError, suggest
 from .config import FileName, Name, Study, Vector, find_data, read_study
 from .wording import plain_values, wording
 

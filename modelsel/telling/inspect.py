@@ -7,7 +7,8 @@ import numpy as np
 
 from ..data.features import KINDS
 from ..data.measurements import Measurements
-from ..elsewhere.checks import MISTAKEN, alarms, setup_notes
+from ..elsewhere.checks import setup_notes
+from ..exceptions import DataError, NotEstimable
 from ..fitting.fixtures import place
 from ..fitting.mistakes import LEAST
 from ..fitting.noise import from_repeats, from_target_pairs
@@ -19,7 +20,7 @@ from ..matrix.reduce import reduce_scene
 from ..matrix.scene import scene
 from ..matrix.size import as_drawn
 from ..matrix.usual import fitted_terms
-from ..words.errors import DataError, NotEstimable
+from ..notices import MISTAKEN, alarms
 from ..wrong.mechanisms.geometry import geometric, setup
 from ..wrong.screws import Mechanism
 from .standing import standing, standing_sentences

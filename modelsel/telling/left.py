@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import SAME_READING, Measurements, Note
+from .._typing import Array
+from ..data.measurements import SAME_READING, Measurements
 from ..fitting.fit import Fit
 from ..fitting.noise import LACKING, MEDIAN, Floor
 from ..matrix.design import fixture_values, whitened
 from ..matrix.gauges import LENGTH
 from ..matrix.scene import Scene
+from ..notices import Note
 from ..which.candidates import Candidate
 from ..which.compare import Data, Rung
 from ..which.validate import errors
@@ -22,7 +24,7 @@ from ..why.predictor import Predictable, predictable
 from ..why.robust import GROSS, far_off
 from ..why.search import LEVEL
 from ..why.words import display
-from ..words.rigid import Array, turn
+from ..words.rigid import turn
 from ..wrong.causes import Member
 from .findings import CLEARLY, RARELY, detection_limit
 

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._random import generator
+from .._typing import Array
 from ..data.cells import READINGS, UNITS
 from ..data.io import read_measurements
 from ..data.measurements import Measurements, measurements
 from ..data.table import Source
-from ..elsewhere.prepare import generator
+from ..exceptions import StudyError, suggest
 from ..machine.robot import Robot
 from ..use.calibration import Calibration
 from ..use.plan import RIVALS, Rivals, determine, distinct, indices, more_needed, pool, tell_apart, told_with
 from ..why.extend import Effect
-from ..words.errors import StudyError, suggest
-from ..words.rigid import Array
 from ..wrong.screws import Term
 from .finished import Result
 from .stored import calibration_of

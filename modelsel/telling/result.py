@@ -1,13 +1,9 @@
 """result.json: the contract's keys from the study's values, the same bytes for the same input."""
+
 from __future__ import annotations
 
-import json
-import math
-from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
-
-import numpy as np
 
 from ..which.compare import Rung
 from ..which.table import Comparison
@@ -32,23 +28,3 @@ def candidates_dict(comparison: Comparison | None) -> dict[str, Any]:
                 "may_be_beaten_by": found.gap,
                 "best": [m for m, taken in zip(comparison.considered, found.members, strict=True) if taken]}}),
             "best": [{**rung_dict(r), "weight": r.weight, "note": r.note} for r in comparison.best]}
-
-
-def plain(value: Any) -> Any:
-    """Floats to 10 significant digits, undefined ones null, arrays as lists."""
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
-    if isinstance(value, float):                # most of them, and so first
-        return float(f"{value:.10g}") if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
-    if isinstance(value, (bool, str)) or value is None:
-        return value
-    return int(value) if isinstance(value, (int, np.integer)) else plain(float(value))
-
-
-def dumps(result: Mapping[str, Any]) -> str:
-    """The file's text."""
-    return json.dumps(plain(result), ensure_ascii=False, indent=1, allow_nan=False) + "\n"

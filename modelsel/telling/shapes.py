@@ -4,8 +4,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from .._json import Each, Maybe
 from ..words.rigid import AXES
-from ..words.shape import Each, Maybe
 
 NUMBER, TEXTS = Maybe(float), Each(str)
 THREE, PAIR = Each(float, 3), Each(float, 2)

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._files import write_all
 from ..data.table import damaged
+from ..exceptions import StudyError
 from ..use.calibration import NAME, Calibration, calibrate, calibration_text, load_calibration
 from ..use.refit import refitted
-from ..words.errors import StudyError
 from .finished import Result
 from .report.details import details
 from .report.details import dumps as compact
 from .report.document import Source
 from .report.drawing import draw_source, read
 from .views import Views
-from .write import write_all
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,18 +8,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._random import generator
+from .._typing import Say
 from ..data.io import read_labels, read_measurements
 from ..data.kinds import Known, with_known
 from ..data.measurements import Measurements, measurements
 from ..data.table import Source, digest
-from ..elsewhere.explain import Say
-from ..elsewhere.prepare import Plan, generator, prepare, tools_of
+from ..elsewhere.prepare import Plan, prepare, tools_of
 from ..elsewhere.simulate import simulate, simulate_rows
+from ..exceptions import DataError, StudyError
 from ..fitting.noise import Instrument
 from ..machine.robot import Robot
 from ..machine.robotfile import load, read_robot
 from ..matrix.scene import scene
-from ..words.errors import DataError, StudyError
 from ..wrong.causes import parse
 from ..wrong.registry import BUILTIN, Registry, counted_from, every, faults, mechanism, parts
 from ..wrong.screws import Mechanism, Screw, unstorable

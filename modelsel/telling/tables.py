@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..elsewhere.checks import ALARMS, HOPELESS, alarms
+from ..exceptions import sentence_list
+from ..notices import ALARMS, HOPELESS, alarms
 from ..sure.bootstrap import REPLICATES
 from ..which.validate import Errors
 from ..why.maps import strongest_causes
-from ..words.errors import sentence_list
 from .standing import standing_sentences
 from .views import adds
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import degrees
 
+from ..exceptions import sentence_list
 from ..fitting.noise import Floor
 from ..which.compare import Rung
 from ..which.validate import Gain
-from ..words.errors import sentence_list
 from .cautions import of_those_asked
 
 SHOWN = 6  # names in a sentence

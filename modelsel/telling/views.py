@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from ..words.errors import StudyError, suggest
-from .result import dumps
+from .._json import dumps
+from ..exceptions import StudyError, suggest
 
 if TYPE_CHECKING:
     import pandas as pd

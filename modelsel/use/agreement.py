@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from .._typing import Array
 from ..matrix.design import Model
-from ..words.rigid import Array
 from .records import members
 
 SAME = 1e-6      # relative: two numbers of a file that say the same

@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..data.measurements import Index, Measurements
+from .._json import misfit, read, strict
+from .._typing import Array, Index
+from ..data.measurements import Measurements
+from ..exceptions import DataError, StudyError, suggest
 from ..fitting.fit import Fit
 from ..fitting.noise import Floor
 from ..machine.robot import Pose, Robot
 from ..matrix.design import Model, columns_of, field_of, twist_of
 from ..matrix.scene import Scene
 from ..which.compare import Data
-from ..words.errors import DataError, StudyError, suggest
-from ..words.rigid import Array
-from ..words.shape import misfit, read, strict
 from ..wrong.causes import Member
 from ..wrong.screws import Term
 from .agreement import contradiction

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .._typing import Array
+from ..exceptions import StudyError
 from ..matrix.design import design
 from ..matrix.identify import identify
 from ..matrix.reduce import reduce
-from ..words.errors import StudyError
-from ..words.rigid import Array
 from ..wrong.mechanisms.geometry import setup
 from ..wrong.screws import Term
 from .calibration import Calibration

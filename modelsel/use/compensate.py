@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from .._typing import Array
 from ..data.io import read_measurements
 from ..data.measurements import Measurements
 from ..data.table import Source
+from ..exceptions import sentence_list
 from ..machine.robot import forward
 from ..matrix.scene import Scene
-from ..words.errors import sentence_list
-from ..words.rigid import Array, rotation_vector
+from ..words.rigid import rotation_vector
 from .calibration import Calibration, in_tracker, pose_of, uncertainty
 
 if TYPE_CHECKING:

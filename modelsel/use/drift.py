@@ -9,15 +9,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .._typing import Array, Index
 from ..data.cells import SMALLEST
-from ..data.measurements import Index, Measurements
+from ..data.measurements import Measurements
+from ..exceptions import DataError, sentence_list
 from ..fitting.believed import SMALLER, Lack, against, lack, likeliest
 from ..fitting.noise import Floor
 from ..fitting.placing import kabsch
 from ..matrix.scene import Scene
 from ..why.mistaken_rows import slipped
-from ..words.errors import DataError, sentence_list
-from ..words.rigid import Array, rotation_vector
+from ..words.rigid import rotation_vector
 from .calibration import Calibration, pose_of, predict, uncertainty
 
 SURE = 0.01        # p below which a calibration is called drifted

@@ -12,14 +12,15 @@ from typing import Any
 
 import numpy as np
 
+from .._names import guarded, quoted, unfit, unguarded
+from .._typing import Array
+from ..exceptions import StudyError
 from ..machine.dh import robot_file, rows_of
 from ..machine.robot import Robot, forward
 from ..machine.robotfile import robot_from_table
 from ..machine.urdf import read_urdf_text, write_urdf
 from ..matrix.scene import Scene
-from ..words.errors import StudyError
-from ..words.names import guarded, quoted, unfit, unguarded
-from ..words.rigid import AXES, Array, inverse, transform
+from ..words.rigid import AXES, inverse, transform
 from ..wrong.causes import Applied, Bump, Cause, Combined, Named, parse
 from ..wrong.screws import Screw, Term
 from .calibration import Calibration, in_tracker, pose_of

@@ -9,8 +9,9 @@ from itertools import product
 
 import numpy as np
 
+from .._typing import Array
 from ..matrix.scene import Scene
-from ..words.rigid import AXES, Array
+from ..words.rigid import AXES
 from .calibration import Calibration
 from .carried import Part
 

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..words.rigid import Array
+from .._typing import Array
 from ..wrong.mechanisms.geometry import SETUP
 from ..wrong.screws import Term
 from .calibration import Calibration

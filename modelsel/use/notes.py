@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..data.temperature import TEMPERATURE
-from ..words.errors import sentence_list
+from ..exceptions import sentence_list
 from ..wrong.causes import Member
 from ..wrong.mechanisms.environment import counted
 from .calibration import Calibration

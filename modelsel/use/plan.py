@@ -11,10 +11,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from .._typing import Array
+from ..exceptions import DataError
 from ..matrix.design import design
 from ..matrix.scene import Scene
-from ..words.errors import DataError
-from ..words.rigid import Array
 from ..wrong.screws import Term
 
 FREE_MM = 10.0        # what a term that nothing is known of may move the target, rms: its prior

@@ -1,4 +1,5 @@
 """Causes, terms, mechanisms and robots as plain JSON values, and back: structure as structure, nothing parsed from text."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
@@ -6,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
+from .._json import PAIR, THREE, Each, Maybe, misfit
+from .._names import TEXT, plain_word, unfit
+from .._typing import LARGEST, Array
+from ..exceptions import StudyError
 from ..machine.robot import Joint, Robot
-from ..words.errors import StudyError
-from ..words.names import TEXT, plain_word, unfit
-from ..words.rigid import AXES, LARGEST, Array
-from ..words.shape import Each, Maybe, misfit
+from ..words.rigid import AXES
 from ..wrong.causes import FUNCTIONS, RANK, Applied, Bump, Cause, Combined, Member, Named, Number
 from ..wrong.screws import Mechanism, Screw, Term, foreign
 from .refit import REFITS
 
 RIGID = 1e-6    # a stored rotation differs from one by less
 DEEPEST = 200   # a cause nested more deeply than this is no cause of ours
-THREE, PAIR = Each(float, 3), Each(float, 2)
 ROTATION, TRANSFORM = Each(THREE, 3), Each(Each(float, 4), 3)
 SCREW = {"frame": int, "axis": frozenset(AXES), "cause": {}, "prints": str}
 TERM = {"symbol": str, "unit": str, "size": Maybe(PAIR), "sign": int, "usual?": float, "screws": Each(SCREW, least=1)}

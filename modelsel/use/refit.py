@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from .._json import Each, Maybe
+from .._typing import Array
 from ..data.temperature import TEMPERATURE
+from ..exceptions import NotEstimable
 from ..fitting.fit import Fit
 from ..matrix.design import Model
 from ..which.compare import Data, Rung, rung
 from ..which.validate import errors
-from ..words.errors import NotEstimable
-from ..words.rigid import Array
-from ..words.shape import Each, Maybe
 from ..wrong.mechanisms.geometry import SETUP
 from ..wrong.screws import Term
 

@@ -12,10 +12,10 @@ from types import ModuleType
 
 import numpy as np
 
+from ..exceptions import StudyError
 from ..machine.robot import Robot
-from ..words.errors import StudyError
+from ..testing import broken
 from ..wrong.registry import Registry, parts, unsound
-from .laws import broken
 
 PYPROJECT = '''[build-system]
 requires = ["hatchling"]

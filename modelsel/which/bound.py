@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from .._typing import Array
 from ..matrix.reduce import Reduction, independent
-from ..words.rigid import Array
 from .criteria import bic
 
 NODES = 2000          # of the tree, each a fraction of a millisecond to a few

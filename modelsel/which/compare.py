@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Index
+from .._typing import Array, Index
+from ..exceptions import NotEstimable
 from ..fitting.fit import Fit
 from ..fitting.shrink import fit_shrunk
 from ..matrix.design import Model
 from ..matrix.scene import Scene
-from ..words.errors import NotEstimable
-from ..words.rigid import Array
 from .criteria import aic, aicc, bic, gcv
 from .folds import CrossValidation, cross_validate, fold, held_out_residuals
 from .validate import Errors, errors

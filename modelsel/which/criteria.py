@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..words.rigid import Array
+from .._typing import Array
 
 
 def _deviance(rss: Array, n: int, sigma: float | None) -> Array:

@@ -13,14 +13,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Index, Measurements, in_turn
+from .._typing import Array, Index
+from ..data.measurements import Measurements, in_turn
+from ..exceptions import NotEstimable
 from ..machine.chain import Space
 from ..matrix.design import assemble, blocks, whiten
 from ..matrix.identify import identify, solve
 from ..matrix.reduce import STREAM, Reduction, spread
 from ..matrix.scene import BLOCK, Scene
-from ..words.errors import NotEstimable
-from ..words.rigid import Array
 from ..wrong.screws import Term
 
 DEPENDENT = 1e-9   # 1 − largest eigenvalue of Q_kᵀQ_k: below it the model is not estimable without the fold

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .._typing import Array
 from ..matrix.identify import identify
-from ..words.rigid import Array
 from .folds import Folded
 from .tree import large_first, projected, refined
 

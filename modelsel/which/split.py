@@ -4,8 +4,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .._typing import Array
 from ..data.measurements import Measurements, in_turn
-from ..words.rigid import Array
 
 SWEEPS = 40
 LARGE = 20_000     # beyond it a seeded random choice covers everything by itself

@@ -14,16 +14,16 @@ from zlib import crc32
 
 import numpy as np
 
+from .._typing import Array, Index
 from ..data.io import read_measurements
-from ..data.measurements import SAME_READING, Index, Measurements
+from ..data.measurements import SAME_READING, Measurements
 from ..data.table import row_groups
+from ..exceptions import DataError, StudyError
 from ..fitting.fit import Fit, fit
 from ..machine.robot import Robot
 from ..matrix.design import Model
 from ..matrix.reduce import Reduction, Source, merged, reduce_scene
 from ..matrix.scene import Scene, scene
-from ..words.errors import DataError, StudyError
-from ..words.rigid import Array
 from ..wrong.screws import Term
 from .folds import CrossValidation, Folded, cross_validate, pad
 

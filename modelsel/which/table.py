@@ -11,13 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Index
+from .._typing import Array, Index
+from ..exceptions import NotEstimable
 from ..fitting.fit import Fit, typical_weight
 from ..fitting.step import Step, one_step
 from ..matrix.design import Model
 from ..matrix.reduce import Reduction, spread
-from ..words.errors import NotEstimable
-from ..words.rigid import Array
 from ..wrong.screws import Mechanism, Screw
 from .bound import Certified, best_subset
 from .candidates import Candidate

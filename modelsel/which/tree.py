@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from .._typing import Array
 from ..matrix.reduce import TOLERANCE, Reduction
-from ..words.rigid import Array
 from .folds import DEPENDENT, Folded
 
 Mask = NDArray[np.bool_]

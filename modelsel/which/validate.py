@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Index
-from ..words.rigid import Array
+from .._typing import Array, Index
 
 DRAWS = 2000
 DRAWN = 5000   # configurations, or bundles of them, that the bootstrap draws from

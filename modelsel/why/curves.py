@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data.measurements import Index
+from .._typing import Array, Index
 from ..matrix.smooth import spline
 from ..which.candidates import Candidate
-from ..words.rigid import Array
 from .errormap import Columns, basis, scan, subset
 from .evidence import factors
 

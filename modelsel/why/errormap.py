@@ -15,12 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Index
+from .._typing import Array, Index
 from ..matrix.design import blocks
 from ..matrix.scene import Scene
 from ..matrix.smooth import spline, splines
 from ..which.candidates import Candidate
-from ..words.rigid import Array
 from ..wrong.screws import Term
 from .signs import Sides, least, sides
 

@@ -5,8 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..data.measurements import Index
-from ..words.rigid import Array
+from .._typing import Array, Index
 from .errormap import CACHED, Bucket, Scan, Strength, pieces
 
 RATIOS = np.logspace(0.5, 5.0, 8)   # v / s2, scanned

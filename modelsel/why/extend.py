@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .._typing import Array
 from ..fitting.fit import STEP_MM, Fit
 from ..fitting.shrink import fit_shrunk
 from ..matrix.design import Model
 from ..matrix.scene import Scene
 from ..which.candidates import Candidate
-from ..words.rigid import Array
 from .evidence import p_value, single_f
 from .naming import Named
 from .search import LEVEL, Search

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data.measurements import Index
+from .._typing import Array, Index
 from ..fitting.fit import Fit
 from ..matrix.scene import Scene
-from ..words.rigid import Array
 from .robust import Mask, scale_of
 
 MATCH = 8.0        # robust standard deviations within which a position fits another row

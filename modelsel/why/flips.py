@@ -13,8 +13,8 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from ..data.measurements import Index, Measurements
-from ..words.rigid import Array
+from .._typing import Array, Index
+from ..data.measurements import Measurements
 from .errormap import Scan
 from .evidence import by_size, least_p, null_evidence, shares
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._typing import Array
 from ..which.candidates import Candidate
-from ..words.rigid import AXES, Array
+from ..words.rigid import AXES
 from ..wrong.causes import Bump, Cause
 from ..wrong.screws import Mechanism
 from .extend import Extension

@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.measurements import Index
+from .._typing import Array, Index
 from ..data.table import Where
+from ..exceptions import DataError, NotEstimable
 from ..fitting.otherarm import better
 from ..fitting.register import register
 from ..fitting.slips import RAD, SCALES, axis_changes
 from ..matrix.design import residuals
 from ..matrix.scene import Scene
-from ..words.errors import DataError, NotEstimable
-from ..words.rigid import Array
 from .faults import MATCH
 from .robust import scale_of
 

@@ -5,9 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..data.measurements import Index
+from .._typing import Array, Index
 from ..which.candidates import Candidate
-from ..words.rigid import Array
 from .errormap import Scan
 from .evidence import evidence, factors
 

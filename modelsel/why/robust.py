@@ -4,12 +4,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .._typing import Array
 from ..fitting.fit import fit
 from ..matrix.design import Model, design
 from ..matrix.identify import identify
 from ..matrix.reduce import reduce
 from ..matrix.scene import Scene
-from ..words.rigid import Array
 
 TRIM = 0.75          # share of the rows that the concentration steps fit
 MEDIAN_3 = 1.5382    # median length of three standard normals

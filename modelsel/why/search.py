@@ -5,14 +5,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..data.measurements import Index
+from .._typing import Array, Index
+from ..exceptions import NotEstimable
 from ..fitting.fit import Fit
 from ..fitting.shrink import fit_shrunk
 from ..matrix.design import Model
 from ..matrix.scene import Scene
 from ..which.candidates import Candidate
-from ..words.errors import NotEstimable
-from ..words.rigid import Array
 from .curves import better, curves
 from .errormap import Columns, columns, flat
 from .evidence import familywise, null

@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..data.measurements import Index
-from ..words.rigid import Array
+from .._typing import Array, Index
 
 
 class Sides(NamedTuple):

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .._typing import Array
 from ..fitting.fit import Fit, prior_root
 from ..matrix.design import Model
 from ..matrix.scene import Scene
 from ..which.candidates import Candidate
-from ..words.rigid import Array
 from .errormap import Columns, Scan, basis, scan, scan_without, stacked
 from .naming import Named
 

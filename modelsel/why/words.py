@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .._typing import Array
 from ..which.candidates import Candidate
-from ..words.rigid import Array
 from ..wrong.causes import Bump
 from ..wrong.screws import LETTERS, Mechanism, Term
 from .extend import Effect

@@ -1,12 +1,13 @@
 """Rotations and rigid transforms as plain arrays: R_a_b takes coordinates in b to coordinates in a; mm and rad."""
+
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from .._typing import Array
+
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
-LARGEST = 1e9      # mm, degrees, kg in a file: no arm and no room is larger; beyond it the arithmetic overflows
 
 
 def turn(axis: int, angle: ArrayLike) -> Array:

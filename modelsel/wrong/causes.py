@@ -14,9 +14,9 @@ from typing import Protocol
 
 import numpy as np
 
-from ..words.errors import StudyError, suggest
-from ..words.hashing import hashed_once
-from ..words.rigid import Array
+from .._hashing import hashed_once
+from .._typing import Array
+from ..exceptions import StudyError, suggest
 
 FUNCTIONS = {"sin": np.sin, "cos": np.cos, "sign": np.sign, "abs": np.abs, "exp": np.exp, "tanh": np.tanh}
 DIMENSIONLESS = {"sin", "cos", "sign", "exp", "tanh"}

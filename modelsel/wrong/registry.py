@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from functools import partial
 
 from ..data.temperature import REFERENCE
+from ..exceptions import StudyError, one_line, suggest
 from ..machine.robot import Robot
-from ..words.errors import StudyError, one_line, suggest
 from .mechanisms import compliance, couplings, environment, geometry, gravity_effects, motion, transmission
 from .screws import Mechanism, unstorable
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from ..words.hashing import hashed_once
-from ..words.names import TEXT, unfit, unseen
+from .._hashing import hashed_once
+from .._names import TEXT, unfit, unseen
 from ..words.rigid import AXES
 from .causes import FUNCTIONS, ONE, Applied, Bump, Cause, Combined, Member, Named, Number
 

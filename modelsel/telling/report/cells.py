@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..._typing import Array
 from ...matrix.design import PLACE, blocks, field_of
 from ...matrix.scene import Scene
 from ...which.compare import Rung
 from ...why.errormap import basis
-from ...words.rigid import Array
 from ...wrong.causes import Applied, Cause, Combined, Named, Number
 
 if TYPE_CHECKING:

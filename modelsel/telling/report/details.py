@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...data.measurements import Index
+from ..._typing import Array, Index
 from ...matrix.design import directions, field_of, residuals
 from ...matrix.scene import Scene
-from ...words.rigid import Array
 from ..inspect import mechanism_card
 from .cells import cells_dict
 from .panels import finding_panels

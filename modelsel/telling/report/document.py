@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ...words.errors import StudyError, suggest
+from ...exceptions import StudyError, suggest
 
 Block = dict[str, Any]
 

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ...words.errors import StudyError
-from ...words.shape import misfit, strict
-from ...words.shape import read as text
+from ..._files import write_all
+from ..._json import misfit, strict
+from ..._json import read as text
+from ...exceptions import StudyError
 from ..shapes import DETAILS, RESULT, disagreement
-from ..write import write_all
 from .document import Page, Source, book
 from .end import outliers, provenance, unidentifiable
 from .evidence import correlation, held_out, posterior, residuals, significance

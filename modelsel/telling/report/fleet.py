@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...words.version import VERSION
+from ..._version import VERSION
 from ..tables import mm
 from .document import Block, heading, table, text
 from .pdf import compiled

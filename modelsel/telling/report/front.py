@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...data.measurements import Note
-from ...elsewhere.checks import alarms
+from ...notices import Note, alarms
 from ..standing import standing_sentences
 from ..tables import mm
 from ..views import alike, name_of

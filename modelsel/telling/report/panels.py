@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...data.measurements import Index
+from ..._typing import Array, Index
 from ...matrix.design import PLACE, columns_of
 from ...matrix.scene import Scene
 from ...why.words import what
-from ...words.rigid import Array
 from ...wrong.causes import FUNCTIONS, Applied, Bump, Cause, Named
 from ...wrong.screws import Term
 from .cells import wave

@@ -8,7 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from ...words.errors import ModelselError
+from ...exceptions import ModelselError
 from .document import Block, Source
 from .style import shortened
 

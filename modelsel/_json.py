@@ -4,16 +4,20 @@ A shape is a type (float: any finite number), a set of words, `Each` of a list, 
 for null, or a table of shapes by key: a key that ends in "?" may be absent, the key `str` stands for every key. Keys that a shape
 does not know are left alone.
 """
+
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .names import unseen
-from .text import unreadable
+import numpy as np
+
+from ._names import unseen
+from ._text import unreadable
 
 BIGGEST = 1e100     # of a number: its square and its cube can be computed with
 NAMES = {float: "a finite number", int: "a whole number", str: "text that can be seen", bool: "true or false"}
@@ -140,3 +144,24 @@ def read(path: Path) -> str:
     except OSError as error:
         why = str(error.strerror or error).lower()
     raise ValueError(why)
+
+
+def plain(value: Any) -> Any:
+    """Floats to 10 significant digits, undefined ones null, arrays as lists."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, float):                # most of them, and so first
+        return float(f"{value:.10g}") if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, (bool, str)) or value is None:
+        return value
+    return int(value) if isinstance(value, (int, np.integer)) else plain(float(value))
+
+
+def dumps(result: Mapping[str, Any]) -> str:
+    """The file's text."""
+    return json.dumps(plain(result), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+THREE, PAIR = Each(float, 3), Each(float, 2)

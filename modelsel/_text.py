@@ -1,4 +1,5 @@
 """Text files that people write: read as UTF-8, with or without a byte-order mark; what cannot be read is said."""
+
 from __future__ import annotations
 
 import re
@@ -7,7 +8,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from .errors import StudyError
+from .exceptions import StudyError
 
 LONGEST = 50_000_000      # bytes; nobody writes more by hand
 DEEP = re.compile(r"(?<![\w\"'.-])(?:[\w\"'-]++\s*+\.\s*+){60}")      # a key of so many parts: tomllib would take minutes

@@ -1,4 +1,5 @@
 """Values that are asked for their hash often: nested ones, which work it out anew from all they hold."""
+
 from __future__ import annotations
 
 from collections.abc import Callable

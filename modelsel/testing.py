@@ -3,6 +3,7 @@
 L1 its columns are derivatives of the exact chain; L2 its rows are local; L3 it is linear in its causes; L4 planted, it comes
 back; L5 its symbols are unique and its units derive; L6 it is a value that can be stored and printed.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -10,18 +11,18 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 
-from ..data.measurements import measurements
-from ..fitting.fit import fit
-from ..machine.robot import Robot, forward
-from ..matrix.design import Model, design, residuals
-from ..matrix.identify import identify
-from ..matrix.reduce import reduce
-from ..matrix.scene import Scene, scene
-from ..words.errors import StudyError
-from ..words.rigid import Array
-from ..wrong import causes
-from ..wrong.screws import Mechanism, Screw, Term
-from .records import mechanism_of, mechanism_record
+from ._typing import Array
+from .data.measurements import measurements
+from .exceptions import StudyError
+from .fitting.fit import fit
+from .machine.robot import Robot, forward
+from .matrix.design import Model, design, residuals
+from .matrix.identify import identify
+from .matrix.reduce import reduce
+from .matrix.scene import Scene, scene
+from .use.records import mechanism_of, mechanism_record
+from .wrong import causes
+from .wrong.screws import Mechanism, Screw, Term
 
 M = 60              # configurations
 SIGMA = 0.02        # mm, of L4's noise

@@ -1,4 +1,5 @@
 """Output files: written beside their place, then renamed, so that nothing is ever half there; one run at a time in a folder."""
+
 from __future__ import annotations
 
 import os
@@ -9,8 +10,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..words.errors import StudyError
-from ..words.names import guarded
+from ._names import guarded
+from .exceptions import StudyError
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -4,6 +4,7 @@ A name is data: it is never run, nor pasted into code, markup or a path. Every p
 Refused are those that nobody sees but that change what is read: control and direction-changing characters, zero-width ones, half
 of a surrogate pair. So no output has to escape, cut or isolate a name in a way of its own.
 """
+
 from __future__ import annotations
 
 import keyword

@@ -1,4 +1,5 @@
 """Named errors: each carries its data, says the remedy, and knows its exit status."""
+
 from __future__ import annotations
 
 import re

@@ -1,0 +1,18 @@
+"""TODO: what this module holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    pass
+
+Index = NDArray[np.intp]
+Say = Callable[[str], None]
+
+Array = NDArray[np.float64]
+LARGEST = 1e9      # mm, degrees, kg in a file: no arm and no room is larger; beyond it the arithmetic overflows
