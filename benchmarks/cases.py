@@ -10,8 +10,8 @@ from hidden_effects import REGISTERED, UNREGISTERED
 from hidden_oracle import power
 
 from modelsel.data.measurements import measurements
-from modelsel.machine.robotfile import load
 from modelsel.matrix.scene import Scene, scene
+from modelsel.robot.files import load
 
 ROBOTS = ("puma760", "ur10", "irb120")
 COUNTS = (40, 80, 200)

@@ -29,9 +29,9 @@ from modelsel._random import generator
 from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
 from modelsel.fitting.fit import fit
-from modelsel.machine.robot import forward
 from modelsel.matrix.design import residuals
 from modelsel.matrix.scene import Scene, scene
+from modelsel.robot.kinematics import forward
 from modelsel.sure.parameters import parameters, resampled
 from modelsel.sure.significance import nested
 from modelsel.which.compare import Data

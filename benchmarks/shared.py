@@ -23,11 +23,11 @@ from modelsel._random import generator
 from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
 from modelsel.fitting.fit import fit
-from modelsel.machine.robot import Robot, forward
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model as Terms
 from modelsel.matrix.design import design, residuals
 from modelsel.matrix.scene import Scene, scene
+from modelsel.robot.files import load
+from modelsel.robot.kinematics import Robot, forward
 from modelsel.sure.parameters import parameters, resampled
 from modelsel.which.compare import Data
 from modelsel.which.folds import assign

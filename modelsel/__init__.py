@@ -17,14 +17,14 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
     from .exceptions import NotEstimable as NotEstimable
     from .exceptions import StudyError as StudyError
     from .fitting.fit import Fit as Fit
-    from .machine.robot import Robot as Robot
-    from .machine.robot import forward as forward
-    from .machine.robot import screw_field as screw_field
-    from .machine.robotfile import builtin_names as builtin_names
-    from .machine.robotfile import load as load
-    from .machine.robotfile import read_robot as read_robot
     from .matrix.design import Model as Model
     from .matrix.design import residuals as residuals
+    from .robot.files import builtin_names as builtin_names
+    from .robot.files import load as load
+    from .robot.files import read_robot as read_robot
+    from .robot.kinematics import Robot as Robot
+    from .robot.kinematics import forward as forward
+    from .robot.kinematics import screw_field as screw_field
     from .telling.config import Study as Study
     from .telling.config import read_study as read_study
     from .telling.finished import Result as Result
@@ -59,9 +59,10 @@ __version__ = VERSION
 _NAMES = {  # a name that is also a module's (fit, scene, extend …) is imported from there: from modelsel.fitting.fit import fit
     "data.io": "read_measurements",
     "data.measurements": "Measurements",
+    "exceptions": "DataError ModelselError NotEstimable StudyError",
     "fitting.fit": "Fit",
-    "machine.robot": "Robot forward screw_field",
-    "machine.robotfile": "builtin_names load read_robot",
+    "robot.kinematics": "Robot forward screw_field",
+    "robot.files": "builtin_names load read_robot",
     "matrix.design": "Model residuals",
     "telling.config": "Study read_study",
     "telling.finished": "Result",
@@ -72,7 +73,6 @@ _NAMES = {  # a name that is also a module's (fit, scene, extend …) is importe
     "use.compensate": "correct",
     "which.split": "choose",
     "which.validate": "gain",
-    "exceptions": "DataError ModelselError NotEstimable StudyError",
     "wrong.causes": "Cause",
     "wrong.registry": "BUILTIN PerJoint every mechanism with_plugins",
     "wrong.screws": "Mechanism Screw Term",

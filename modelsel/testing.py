@@ -15,11 +15,11 @@ from ._typing import Array
 from .data.measurements import measurements
 from .exceptions import StudyError
 from .fitting.fit import fit
-from .machine.robot import Robot, forward
 from .matrix.design import Model, design, residuals
 from .matrix.identify import identify
 from .matrix.reduce import reduce
 from .matrix.scene import Scene, scene
+from .robot.kinematics import Robot, forward
 from .use.records import mechanism_of, mechanism_record
 from .wrong import causes
 from .wrong.screws import Mechanism, Screw, Term

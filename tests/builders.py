@@ -9,10 +9,10 @@ import pytest
 
 from modelsel._typing import Array
 from modelsel.data.measurements import Measurements, measurements
-from modelsel.machine.robot import Joint, Robot, forward
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import residuals
 from modelsel.matrix.scene import Scene, scene
+from modelsel.robot.files import load
+from modelsel.robot.kinematics import Joint, Robot, forward
 from modelsel.which.compare import Data
 from modelsel.wrong.screws import Mechanism, Screw, Term
 

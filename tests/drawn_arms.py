@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from modelsel.machine.robot import Robot
-from modelsel.machine.robotfile import load
+from modelsel.robot.files import load
+from modelsel.robot.kinematics import Robot
 
 Array = np.ndarray
 SIZES = np.array([0.5, 0.5, 0.5, 2e-3, 2e-3, 2e-3])      # mm, rad: standard deviations of a b c α β γ of every frame

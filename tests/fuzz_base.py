@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from modelsel.machine.robot import forward
-from modelsel.machine.robotfile import read_robot
-from modelsel.machine.urdf import write_urdf
+from modelsel.robot.files import read_robot
+from modelsel.robot.kinematics import forward
+from modelsel.robot.urdf import write_urdf
 from modelsel.telling.config import parse_study
 from modelsel.telling.stored import save
 from modelsel.telling.study import run, simulate_study

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from hidden_arm import Arm, Effect, State, arm, measured
 
-from modelsel.machine.robotfile import load
+from modelsel.robot.files import load
 
 NOISE = 0.05
 TOOL = (30.0, -20.0, 100.0)

@@ -12,9 +12,10 @@ import numpy as np
 from builders import bind, drawn
 
 from modelsel import testing as laws
-from modelsel.machine.robot import Robot
 from modelsel.matrix.design import design, residuals
 from modelsel.matrix.scene import Scene
+from modelsel.robot.kinematics import Robot
+from modelsel.robot.rigid import AXES
 from modelsel.testing import (
     M,
     law1_columns_are_derivatives,
@@ -24,7 +25,6 @@ from modelsel.testing import (
     step,
     usual,
 )
-from modelsel.words.rigid import AXES
 from modelsel.wrong import causes
 from modelsel.wrong.screws import Mechanism, Screw, Term
 

@@ -16,7 +16,7 @@ from hidden_effects import at as acting
 from hidden_effects import one
 
 from modelsel.data.measurements import measurements
-from modelsel.machine.robot import Robot
+from modelsel.robot.kinematics import Robot
 from modelsel.telling.analysis import Question, Result, analyse
 from modelsel.telling.config import parse_study
 from modelsel.telling.study import candidates_of, plan_of

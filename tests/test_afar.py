@@ -10,9 +10,9 @@ from scipy.optimize import least_squares
 from modelsel.data.measurements import measurements
 from modelsel.fitting.fit import fit
 from modelsel.fitting.register import register
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import scene
+from modelsel.robot.files import load
 from modelsel.wrong.mechanisms.geometry import geometric, setup
 
 NOISE = 0.06

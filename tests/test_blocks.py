@@ -10,10 +10,10 @@ from builders import drawn, planted, study_of
 
 from modelsel.elsewhere.confidence import confidence
 from modelsel.fitting.fit import fit
-from modelsel.machine.robotfile import load
 from modelsel.matrix import reduce, scene
 from modelsel.matrix.design import Model, residuals
 from modelsel.matrix.scene import Scene
+from modelsel.robot.files import load
 from modelsel.sure import posterior as closed
 from modelsel.sure import significance
 from modelsel.sure.posterior import posterior, weighted

@@ -13,9 +13,9 @@ from modelsel.data.measurements import measurements
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.fit import fit
 from modelsel.fitting.noise import Floor
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model, residuals
 from modelsel.matrix.scene import Scene
+from modelsel.robot.files import load
 from modelsel.telling.config import read_study
 from modelsel.telling.stored import calibration_of, save
 from modelsel.telling.study import run

@@ -11,9 +11,9 @@ from builders import bind, measured, seeds, small_arm, study_of
 from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
 from modelsel.fitting.fit import fit
-from modelsel.machine.robot import forward
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model
+from modelsel.robot.files import load
+from modelsel.robot.kinematics import forward
 from modelsel.telling.cautions import restricted, worse_than_nominal
 from modelsel.telling.config import read_study
 from modelsel.telling.study import run

@@ -25,14 +25,14 @@ from modelsel.fitting.mistakes import mistake
 from modelsel.fitting.noise import Floor, from_target_pairs
 from modelsel.fitting.orientations import orientation_mistake
 from modelsel.fitting.register import register
-from modelsel.machine.robot import forward, pose
-from modelsel.machine.robotfile import load
 from modelsel.notices import ALARMS, HOPELESS, Note, alarms
+from modelsel.robot.files import load
+from modelsel.robot.kinematics import forward, pose
+from modelsel.robot.rigid import rpy
 from modelsel.telling.finished import Result
 from modelsel.telling.report.front import opening
 from modelsel.telling.study import rehearse, run
 from modelsel.telling.tables import sentences
-from modelsel.words.rigid import rpy
 from modelsel.wrong.mechanisms.geometry import geometric
 
 NOISE = 0.05

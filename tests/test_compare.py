@@ -10,8 +10,8 @@ import pytest
 from builders import drawn, planted, seeds
 
 from modelsel.fitting.fit import fit
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model, design
+from modelsel.robot.files import load
 from modelsel.which.candidates import candidates
 from modelsel.which.compare import Data, rung
 from modelsel.which.criteria import aic, bic

@@ -15,15 +15,15 @@ from test_calibration import wide
 from modelsel.cli import main
 from modelsel.data.measurements import measurements
 from modelsel.exceptions import DataError
-from modelsel.machine.robot import forward
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model
+from modelsel.robot.files import load
+from modelsel.robot.kinematics import forward
+from modelsel.robot.rigid import from_quaternion
 from modelsel.telling.config import parse_study
 from modelsel.telling.stored import calibration_of
 from modelsel.telling.study import run
 from modelsel.use.calibration import calibration_text, predict
 from modelsel.use.compensate import BOUND, commanded, compensate, correct, from_order, nominal, outside, refuse
-from modelsel.words.rigid import from_quaternion
 from modelsel.wrong.registry import mechanism
 from modelsel.wrong.screws import Mechanism
 

@@ -9,9 +9,9 @@ from builders import drawn, measured, planted, seeds
 
 from modelsel._typing import Array
 from modelsel.fitting.fit import fit
-from modelsel.machine.robot import forward
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene
+from modelsel.robot.kinematics import forward
 from modelsel.which.candidates import BETWEEN, Candidate, candidates
 from modelsel.why.curves import chain, curves, own_angle
 from modelsel.why.errormap import basis, columns, scan, stacked, subset

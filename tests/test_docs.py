@@ -125,7 +125,7 @@ def test_a_picture_is_the_same_bytes_twice() -> None:
     import arm
     import catalogue
 
-    from modelsel.machine.robotfile import load
+    from modelsel.robot.files import load
     robot = load(catalogue.ROBOT)
     one, two = (arm.picture(catalogue.shown("backlash", robot), robot) for _ in range(2))
     assert one == two
@@ -137,8 +137,8 @@ def test_what_is_drawn_is_what_the_chain_does() -> None:
     import catalogue
     import numpy as np
 
-    from modelsel.machine.robotfile import load
     from modelsel.matrix.design import design
+    from modelsel.robot.files import load
     robot = load(catalogue.ROBOT)
     for stem in BUILTIN:
         mechanism = catalogue.shown(stem, robot)

@@ -15,9 +15,9 @@ from modelsel.data.measurements import measurements
 from modelsel.fitting.fit import fit
 from modelsel.fitting.noise import Floor, from_repeats
 from modelsel.fitting.shrink import fit_shrunk
-from modelsel.machine.robot import forward
 from modelsel.matrix.design import Model, design
 from modelsel.matrix.scene import Scene
+from modelsel.robot.kinematics import forward
 from modelsel.sure.parameters import resampled
 from modelsel.sure.significance import nested, significance
 from modelsel.telling.findings import Finding, fault_dict, opposed

@@ -14,15 +14,15 @@ from modelsel.data.measurements import Measurements
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.fit import fit
 from modelsel.fitting.noise import Floor
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene
+from modelsel.robot.files import load
+from modelsel.robot.rigid import rpy
 from modelsel.use.calibration import Calibration, calibrate, calibration_text
 from modelsel.use.campaigns import compare, holm, sentences
 from modelsel.use.drift import judge
 from modelsel.use.drift import sentences as told
 from modelsel.which.compare import Data
-from modelsel.words.rigid import rpy
 from modelsel.wrong.registry import mechanism
 from modelsel.wrong.screws import Screw, Term
 

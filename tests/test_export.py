@@ -18,18 +18,18 @@ from modelsel.cli import main
 from modelsel.exceptions import StudyError
 from modelsel.fitting.fit import fit
 from modelsel.fitting.noise import Floor
-from modelsel.machine.dh import rows_of
-from modelsel.machine.gravity import torques
-from modelsel.machine.robot import Joint, Robot, forward, pose
-from modelsel.machine.robotfile import builtin_names, load, read_robot, robot_from_table
-from modelsel.machine.urdf import read_urdf_text, write_urdf
 from modelsel.matrix.design import Model
+from modelsel.robot.dh import rows_of
+from modelsel.robot.files import builtin_names, load, read_robot, robot_from_table
+from modelsel.robot.gravity import torques
+from modelsel.robot.kinematics import Joint, Robot, forward, pose
+from modelsel.robot.rigid import rpy, to_rpy, transform
+from modelsel.robot.urdf import read_urdf_text, write_urdf
 from modelsel.telling.config import parse_study
 from modelsel.use.calibration import calibrate, calibration_text, predict
 from modelsel.use.carried import alone, parts, points, workspace
 from modelsel.use.export import FORMS, export
 from modelsel.which.compare import Data
-from modelsel.words.rigid import rpy, to_rpy, transform
 from modelsel.wrong.registry import mechanism
 
 
@@ -100,7 +100,7 @@ def test_dh_read_by_hand(modified, made) -> None:
 @pytest.mark.parametrize("modified", [False, True])
 def test_dh_of_every_robot(name, modified, rng) -> None:
     """Drawn and out of true, sliding and turning, with torques of its masses."""
-    from modelsel.machine.dh import robot_file
+    from modelsel.robot.dh import robot_file
     drawing = load(name)
     for size in (0.0, 1e-3):
         off = [transform(rpy(*rng.normal(0, size, 3)), rng.normal(0, 300 * size, 3)) for _ in drawing.joints]

@@ -18,9 +18,9 @@ from scipy.stats import binom, kstest, t
 from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
 from modelsel.fitting.fit import Fit, fit
-from modelsel.machine.robot import Robot, forward
 from modelsel.matrix.design import Model, design
 from modelsel.matrix.scene import Scene
+from modelsel.robot.kinematics import Robot, forward
 from modelsel.sure.parameters import Parameter, parameters, resampled
 from modelsel.sure.significance import nested
 from modelsel.telling.findings import uneven

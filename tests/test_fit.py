@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from modelsel.exceptions import NotEstimable
 from modelsel.fitting.fit import fit
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model, design
 from modelsel.matrix.identify import identify
 from modelsel.matrix.reduce import Reduction, merged, reduce, reduce_scene
 from modelsel.matrix.scene import Scene
+from modelsel.robot.files import load
 from modelsel.wrong.causes import Named
 from modelsel.wrong.registry import mechanism
 

@@ -21,9 +21,9 @@ from modelsel.cli import main
 from modelsel.data.io import read_measurements
 from modelsel.exceptions import StudyError
 from modelsel.fitting.fit import fit
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import scene
+from modelsel.robot.files import load
 from modelsel.telling import fleet as fleets
 from modelsel.telling.config import read_study
 from modelsel.telling.fleet import cluster, run_fleet, save_summary

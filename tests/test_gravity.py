@@ -8,11 +8,11 @@ import pytest
 from builders import bind, drawn
 
 from modelsel.data.measurements import measurements
-from modelsel.machine.gravity import G, arm_pair, moment, torques, under_gravity
-from modelsel.machine.robot import Robot, forward, pose
-from modelsel.machine.robotfile import builtin_names, load, robot_from_table
 from modelsel.matrix.design import design
-from modelsel.words.rigid import transform, turn
+from modelsel.robot.files import builtin_names, load, robot_from_table
+from modelsel.robot.gravity import G, arm_pair, moment, torques, under_gravity
+from modelsel.robot.kinematics import Robot, forward, pose
+from modelsel.robot.rigid import transform, turn
 from modelsel.wrong.registry import mechanism
 
 

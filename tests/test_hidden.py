@@ -22,9 +22,9 @@ from hidden_oracle import critical_p, detection, held_by, naming_limit
 
 from modelsel.data.measurements import measurements
 from modelsel.fitting.fit import fit
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene, scene
+from modelsel.robot.files import load
 from modelsel.which.candidates import Candidate, candidates
 from modelsel.why import search
 from modelsel.why.errormap import Scan, basis, columns, scan, stacked

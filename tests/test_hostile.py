@@ -25,8 +25,8 @@ from modelsel._names import guarded, unfit, unguarded
 from modelsel.cli import main
 from modelsel.data.io import read_measurements
 from modelsel.exceptions import DataError, ModelselError, StudyError
-from modelsel.machine.robotfile import load, robot_from_table
-from modelsel.machine.urdf import read_urdf_text
+from modelsel.robot.files import load, robot_from_table
+from modelsel.robot.urdf import read_urdf_text
 from modelsel.telling.config import Study, parse_study
 from modelsel.telling.fleetfile import read_fleet
 from modelsel.telling.report import drawing

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modelsel.fitting.fit import fit
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model, design, residuals
 from modelsel.matrix.identify import Identified, identify, solve, unidentifiable, without
 from modelsel.matrix.reduce import reduce, reduce_scene
 from modelsel.matrix.scene import Scene
 from modelsel.matrix.usual import faint, usual_sizes
+from modelsel.robot.files import load
 from modelsel.wrong.registry import mechanism
 
 LEAST_MM = 4e-4        # rms at the usual size: less is seen by no instrument

@@ -21,11 +21,11 @@ from modelsel.elsewhere.simulate import simulate_rows
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.fit import fit
 from modelsel.fitting.noise import Floor, Instrument
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model, design, residuals
 from modelsel.matrix.gauges import Fixtures
 from modelsel.matrix.identify import unidentifiable
 from modelsel.matrix.scene import Scene, scene
+from modelsel.robot.files import load
 from modelsel.sure.components import components
 from modelsel.sure.ensemble import Ensemble
 from modelsel.sure.target import Target

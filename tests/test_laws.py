@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from builders import drawn, one
 
-from modelsel.machine.robot import Robot
-from modelsel.machine.robotfile import builtin_names, load
 from modelsel.matrix import design
+from modelsel.robot.files import builtin_names, load
+from modelsel.robot.kinematics import Robot
 from modelsel.wrong.causes import Cause, Named, Number, cos, q, sin
 from modelsel.wrong.mechanisms.geometry import setup
 from modelsel.wrong.registry import BUILTIN, Scanned, every, mechanism, parts

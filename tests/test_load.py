@@ -15,10 +15,10 @@ from modelsel.cli import main
 from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
 from modelsel.fitting.fit import fit
-from modelsel.machine.robot import Robot, forward
-from modelsel.machine.robotfile import load, robot_from_table
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene
+from modelsel.robot.files import load, robot_from_table
+from modelsel.robot.kinematics import Robot, forward
 from modelsel.telling.findings import beside
 from modelsel.which import candidates as possible
 from modelsel.which.candidates import candidates, crowded

@@ -14,7 +14,7 @@ from modelsel.data.measurements import Measurements, in_turn, measurements
 from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.exceptions import DataError
 from modelsel.fitting.noise import from_repeats
-from modelsel.machine.robotfile import load
+from modelsel.robot.files import load
 
 Q = "q1_rad,q2_rad"
 PLAIN = f"{Q},x_mm,y_mm,z_mm"

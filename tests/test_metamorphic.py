@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from modelsel.data.measurements import measurements
-from modelsel.machine.robot import Robot, forward
-from modelsel.machine.robotfile import robot_from_table
 from modelsel.matrix.scene import scene
+from modelsel.robot.files import robot_from_table
+from modelsel.robot.kinematics import Robot, forward
 from modelsel.telling.analysis import Result
 from modelsel.telling.config import parse_study
 from modelsel.telling.study import run

@@ -20,14 +20,14 @@ from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.exceptions import DataError
 from modelsel.fitting.mistakes import mistake
 from modelsel.fitting.register import register
-from modelsel.machine.robotfile import load
 from modelsel.matrix.scene import Scene
 from modelsel.notices import MISTAKEN
+from modelsel.robot.files import load
+from modelsel.robot.rigid import rpy
 from modelsel.telling.config import read_study
 from modelsel.telling.report.front import opening
 from modelsel.telling.study import asked, run
 from modelsel.telling.tables import sentences
-from modelsel.words.rigid import rpy
 from modelsel.wrong.mechanisms.geometry import geometric
 from modelsel.wrong.registry import BUILTIN
 

@@ -11,8 +11,8 @@ from builders import drawn as drawn_arm
 from test_mistakes import arm, said, shifted
 
 from modelsel._typing import Array
-from modelsel.machine.robot import forward
 from modelsel.matrix.scene import Scene
+from modelsel.robot.kinematics import forward
 
 
 def same(q: Array, x: Array) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from modelsel.data.io import read_measurements
 from modelsel.data.measurements import measurements
 from modelsel.elsewhere.simulate import simulate
 from modelsel.exceptions import DataError
-from modelsel.machine.robotfile import load
+from modelsel.robot.files import load
 from modelsel.telling import tables
 from modelsel.telling.config import Study
 from modelsel.telling.report import drawing

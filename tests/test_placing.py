@@ -16,10 +16,10 @@ from modelsel.data.measurements import Measurements, measurements
 from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.register import register
-from modelsel.machine.robot import Joint, Robot
-from modelsel.machine.robotfile import load, read_robot
 from modelsel.matrix.design import residuals
 from modelsel.matrix.scene import Scene, scene
+from modelsel.robot.files import load, read_robot
+from modelsel.robot.kinematics import Joint, Robot
 
 SIGMA = 0.05
 TOOL = np.array([40.0, -25.0, 100.0])

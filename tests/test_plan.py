@@ -15,9 +15,9 @@ from modelsel import run as study_run
 from modelsel.cli import main
 from modelsel.commands.plan import PURPOSES
 from modelsel.exceptions import DataError, StudyError
-from modelsel.machine.robot import forward
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import design
+from modelsel.robot.files import load
+from modelsel.robot.kinematics import forward
 from modelsel.use.plan import (
     CRITERIA,
     Pool,

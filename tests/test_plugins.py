@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from modelsel import read_study, run, simulate_study
 from modelsel.cli import main
 from modelsel.exceptions import StudyError
-from modelsel.machine.robotfile import load
+from modelsel.robot.files import load
 from modelsel.telling.config import ModelTable
 from modelsel.testing import LawBroken, broken, check_mechanism
 from modelsel.use.calibration import load_calibration

@@ -22,8 +22,8 @@ import modelsel
 from modelsel.cli import COMMANDS, main
 from modelsel.data.io import read_measurements
 from modelsel.exceptions import StudyError
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import design, residuals
+from modelsel.robot.files import load
 from modelsel.telling.config import parse_study
 from modelsel.telling.tables import show
 from modelsel.wrong.registry import BUILTIN, Registry, parts, with_plugins

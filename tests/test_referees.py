@@ -8,10 +8,10 @@ import pytest
 from builders import drawn
 
 from modelsel.fitting.fit import fit
-from modelsel.machine.gravity import torques
-from modelsel.machine.robot import Robot, pose
-from modelsel.machine.robotfile import builtin_names, load
 from modelsel.matrix.design import Model, design
+from modelsel.robot.files import builtin_names, load
+from modelsel.robot.gravity import torques
+from modelsel.robot.kinematics import Robot, pose
 from modelsel.which.folds import assign, cross_validate, fold, held_out_residuals
 from modelsel.wrong.registry import mechanism
 from modelsel.wrong.screws import Screw, Term

@@ -16,9 +16,9 @@ from modelsel.cli import main
 from modelsel.data.measurements import measurements
 from modelsel.data.temperature import reference
 from modelsel.exceptions import StudyError
-from modelsel.machine.robot import Robot, forward
-from modelsel.machine.robotfile import load, robot_from_table
-from modelsel.machine.urdf import read_urdf_text
+from modelsel.robot.files import load, robot_from_table
+from modelsel.robot.kinematics import Robot, forward
+from modelsel.robot.urdf import read_urdf_text
 from modelsel.telling.config import parse_study, read_study
 from modelsel.telling.finished import Result
 from modelsel.telling.stored import calibration_of

@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from modelsel.data.measurements import measurements
 from modelsel.exceptions import DataError
 from modelsel.fitting.register import register
-from modelsel.machine.robot import Robot, pose
-from modelsel.machine.robotfile import load, read_robot
 from modelsel.matrix.design import residuals
 from modelsel.matrix.scene import Scene, scene
+from modelsel.robot.files import load, read_robot
+from modelsel.robot.kinematics import Robot, pose
 
 SIGMA = 0.05
 TOOLS = np.array([[40.0, -25, 100], [-60, 30, 80], [10, 70, 150]])

@@ -259,9 +259,9 @@ def small(folder: Path, *, estimation: int = 40, candidates: str = '["backlash"]
     if orientation:
         from scipy.spatial.transform import Rotation
 
-        from modelsel.machine.robot import pose
-        from modelsel.machine.robotfile import load
-        from modelsel.words.rigid import turn
+        from modelsel.robot.files import load
+        from modelsel.robot.kinematics import pose
+        from modelsel.robot.rigid import turn
         q = data[[f"q{j}_rad" for j in range(1, 7)]].to_numpy()
         R = pose(load("puma760"), q, np.array([0.0, 0, 100])).rotation.transpose(2, 0, 1)
         data[["qx", "qy", "qz", "qw"]] = Rotation.from_matrix(R @ turn(2, 1e-3)).as_quat()

@@ -13,7 +13,7 @@ from builders import drawn as scene_of
 
 from modelsel import Study, calibration_of, load_result, report, run, save
 from modelsel.exceptions import StudyError
-from modelsel.machine.robotfile import load
+from modelsel.robot.files import load
 from modelsel.telling.config import parse_study
 from modelsel.telling.finished import Result
 from modelsel.telling.stored import RESIDUALS, WRITES

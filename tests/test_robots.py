@@ -9,10 +9,10 @@ import pytest
 from builders import drawn
 
 from modelsel.exceptions import StudyError
-from modelsel.machine.robot import Robot, forward, pose, screw_field
-from modelsel.machine.robotfile import builtin_names, load, read_robot, robot_from_table
 from modelsel.matrix.design import design, residuals
-from modelsel.words.rigid import turn
+from modelsel.robot.files import builtin_names, load, read_robot, robot_from_table
+from modelsel.robot.kinematics import Robot, forward, pose, screw_field
+from modelsel.robot.rigid import turn
 from modelsel.wrong.mechanisms.geometry import geometric
 
 POSES = tomllib.loads((Path(__file__).parent / "poses.toml").read_text(encoding="utf-8"))["pose"]

@@ -21,9 +21,10 @@ from modelsel.elsewhere.confidence import confidence as certainty
 from modelsel.exceptions import StudyError
 from modelsel.fitting.fit import Fit, fit
 from modelsel.fitting.noise import Instrument, weigh
-from modelsel.machine.robot import forward
 from modelsel.matrix.design import Model, design
 from modelsel.matrix.scene import Scene
+from modelsel.robot.kinematics import forward
+from modelsel.robot.rigid import rpy
 from modelsel.sure import sampling as engine
 from modelsel.sure.components import components
 from modelsel.sure.constants import constants
@@ -35,7 +36,6 @@ from modelsel.sure.sampling import Sampling, State, sample
 from modelsel.sure.target import TAIL, Target
 from modelsel.telling.checkpoint import Checkpoint
 from modelsel.telling.stored import WRITES
-from modelsel.words.rigid import rpy
 from modelsel.wrong.causes import q, sin
 from modelsel.wrong.mechanisms.environment import tracker_step
 from modelsel.wrong.registry import BUILTIN, mechanism
@@ -351,7 +351,7 @@ xyz_mm = [350, 0, 0]
 @pytest.fixture
 def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
     """A study of its own in a folder, with an angle of joint 2 off."""
-    from modelsel.machine.robotfile import read_robot
+    from modelsel.robot.files import read_robot
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "robot.toml").write_text(ROBOT)
     arm = read_robot(tmp_path / "robot.toml")

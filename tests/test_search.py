@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from scipy import integrate, stats
 
 from modelsel.fitting.fit import fit
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model, design
+from modelsel.robot.files import load
 from modelsel.which import criteria
 from modelsel.which.candidates import Candidate
 from modelsel.which.folds import Folded, assign, fold, pad

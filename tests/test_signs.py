@@ -14,11 +14,11 @@ from scipy.integrate import quad
 from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
 from modelsel.fitting.fit import fit
-from modelsel.machine.gravity import torques
-from modelsel.machine.robot import Robot, forward, pose
-from modelsel.machine.robotfile import builtin_names, load
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene
+from modelsel.robot.files import builtin_names, load
+from modelsel.robot.gravity import torques
+from modelsel.robot.kinematics import Robot, forward, pose
 from modelsel.which.candidates import Candidate, candidates
 from modelsel.why.errormap import Scan, basis, columns, scan, stacked
 from modelsel.why.evidence import log_bayes_factors, shares

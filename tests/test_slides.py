@@ -14,8 +14,8 @@ from builders import bind, measured, small_arm, study_of
 
 from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
-from modelsel.machine.robot import Robot, forward, pose
 from modelsel.matrix.design import Model
+from modelsel.robot.kinematics import Robot, forward, pose
 from modelsel.which.candidates import PITCHES, candidates
 from modelsel.why.extend import Effect
 from modelsel.why.words import what

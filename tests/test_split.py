@@ -8,7 +8,7 @@ from builders import seeds
 from modelsel.data.measurements import Measurements, measurements
 from modelsel.elsewhere.prepare import Plan, split
 from modelsel.exceptions import StudyError
-from modelsel.machine.robotfile import load
+from modelsel.robot.files import load
 from modelsel.which.split import _features, choose
 
 ARM = load("puma760")

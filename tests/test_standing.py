@@ -9,12 +9,12 @@ from builders import drawn, small_arm
 
 from modelsel import Study, report, run, save
 from modelsel.data.measurements import measurements
-from modelsel.machine.robot import forward
+from modelsel.robot.kinematics import forward
+from modelsel.robot.rigid import rpy
 from modelsel.telling.report.drawing import read
 from modelsel.telling.report.front import data as data_page
 from modelsel.telling.standing import standing_sentences
 from modelsel.telling.tables import sentences
-from modelsel.words.rigid import rpy
 
 PLACES = {"a": ((0.3, -0.5, 2.0), (2500.0, -800.0, 400.0)), "b": ((-0.1, 0.2, -1.0), (100.0, 3000.0, 0.0))}
 TOOL = (30.0, -20.0, 80.0)

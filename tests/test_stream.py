@@ -8,10 +8,10 @@ from builders import drawn, planted
 
 from modelsel.exceptions import DataError
 from modelsel.fitting.fit import fit
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model
 from modelsel.matrix.identify import solve
 from modelsel.matrix.scene import Scene
+from modelsel.robot.files import load
 from modelsel.which.folds import cross_validate, fold
 from modelsel.which.search import all_subsets
 from modelsel.which.stream import Parts, Stream, fit_parts, fold_of, parts_of

@@ -10,10 +10,10 @@ from builders import drawn, planted, seeds
 
 from modelsel.exceptions import StudyError
 from modelsel.fitting.fit import fit
-from modelsel.machine.robotfile import load, robot_from_table
 from modelsel.matrix.design import Model, residuals
 from modelsel.matrix.usual import usual_sizes
-from modelsel.use.records import mechanism_of, mechanism_record, robot_of, robot_record
+from modelsel.robot.files import load, robot_from_table, robot_of, robot_record
+from modelsel.use.records import mechanism_of, mechanism_record
 from modelsel.wrong.mechanisms.geometry import OPEN, geometric, setup
 
 PUMA = load("puma760")

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from modelsel.cli import main
 from modelsel.commands.compensate import _sentence
-from modelsel.machine.robotfile import load
+from modelsel.robot.files import load
 from modelsel.telling.report.document import Source
 from modelsel.telling.report.evidence import _quantiles, significance
 from modelsel.telling.report.figures.finding import height

@@ -6,10 +6,10 @@ from math import copysign, cos
 
 import numpy as np
 
-from modelsel.machine.chain import Space
-from modelsel.machine.robot import Robot
 from modelsel.matrix.design import assemble
 from modelsel.matrix.reduce import STREAM
+from modelsel.robot._kernels import Space
+from modelsel.robot.kinematics import Robot
 
 from .timing import TOOL, arm_scene, interleaved
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from modelsel.machine.robot import forward
-from modelsel.machine.robotfile import load
+from modelsel.robot.files import load
+from modelsel.robot.kinematics import forward
 from modelsel.telling.config import read_study
 from modelsel.telling.fleet import cluster, run_fleet
 from modelsel.telling.fleetfile import read_fleet

@@ -8,10 +8,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from modelsel.data.measurements import measurements
-from modelsel.machine.robot import forward
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene, scene
+from modelsel.robot.files import load
+from modelsel.robot.kinematics import forward
 from modelsel.wrong.registry import mechanism
 
 TOOL = np.array([0.0, 0.0, 100.0])

@@ -9,10 +9,10 @@ import numpy as np
 from modelsel._typing import Array
 from modelsel.data.measurements import measurements
 from modelsel.fitting.fit import Fit, fit
-from modelsel.machine.robot import forward
-from modelsel.machine.robotfile import load
 from modelsel.matrix.design import Model, residuals
 from modelsel.matrix.scene import Scene, scene
+from modelsel.robot.files import load
+from modelsel.robot.kinematics import forward
 from modelsel.which.candidates import Candidate, candidates
 from modelsel.why.errormap import Columns, Scan, basis, columns, scan, stacked
 from modelsel.wrong.registry import every, mechanism

@@ -12,10 +12,10 @@ import numpy as np
 
 from modelsel._typing import Array
 from modelsel.data.measurements import measurements
-from modelsel.machine.robot import Robot, forward
-from modelsel.machine.robotfile import builtin_names, load
 from modelsel.matrix.design import design
 from modelsel.matrix.scene import Scene, scene
+from modelsel.robot.files import builtin_names, load
+from modelsel.robot.kinematics import Robot, forward
 from modelsel.telling.inspect import mechanism_card
 from modelsel.why.errormap import basis
 from modelsel.wrong.registry import BUILTIN, Registry, Scanned, parts

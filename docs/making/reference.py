@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 import modelsel
 from modelsel.cli import COMMANDS, main
-from modelsel.machine.robot import Robot
+from modelsel.robot.kinematics import Robot
 from modelsel.telling.config import Held, Study
 from modelsel.telling.fleetfile import FleetFile
 

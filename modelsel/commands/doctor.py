@@ -54,7 +54,7 @@ def _numbers(text: str) -> tuple[int, ...]:
 
 
 def _plugins() -> list[dict[str, Any]]:
-    from ..machine.robotfile import load
+    from ..robot.files import load
     from ..wrong.registry import BUILTIN, with_plugins
     table, broken = with_plugins(robot=load("puma760"))
     return [*(_check(f"plug-in {name}", False, why) for name, why in broken.items()),
@@ -73,7 +73,7 @@ def _calibration() -> dict[str, Any]:
     """Plant the geometry and a backlash on the PUMA, fit, and look whether they come back."""
     import numpy as np
 
-    from ..machine.robotfile import load
+    from ..robot.files import load
     from ..testing import LawBroken, check_mechanism
     from ..wrong.registry import mechanism
     robot = load("puma760")

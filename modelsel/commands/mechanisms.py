@@ -39,7 +39,7 @@ def _begin(name: str) -> None:
 
 
 def _try(where: str, robot: str | None, as_json: bool) -> None:
-    from ..machine.robotfile import builtin_names, load
+    from ..robot.files import builtin_names, load
     from ..use.skeleton import table, tried
     found = tried(table(where), [load(n) for n in ([robot] if robot else builtin_names())])
     wrong = [(m, r, what) for m, r, what in found if what]
@@ -53,7 +53,7 @@ def _try(where: str, robot: str | None, as_json: bool) -> None:
 
 
 def _show(name: str | None, robot: str, as_json: bool) -> None:
-    from ..machine.robotfile import load
+    from ..robot.files import load
     from ..telling.inspect import mechanism_card
     from ..wrong.registry import every, parts, with_plugins
     arm = load(robot)

@@ -11,7 +11,7 @@ from . import print_json
 @click.option("--json", "as_json", is_flag=True)
 def robots(name: str | None, as_json: bool) -> None:
     """The built-in nominal robots, each with its source."""
-    from ..machine.robotfile import builtin_names, load
+    from ..robot.files import builtin_names, load
     from ..telling.inspect import robot_card
     cards = [robot_card(load(n)) for n in ([name] if name else builtin_names())]
     if as_json:

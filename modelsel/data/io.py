@@ -13,7 +13,7 @@ from .._names import plain_word
 from .._typing import Array
 from ..exceptions import StudyError, one_line, suggest
 from ..notices import Note
-from ..words.rigid import from_quaternion
+from ..robot.rigid import from_quaternion
 from .cells import READINGS, as_numbers, labels, measured, numbers, together
 from .copies import copies, duplicates
 from .kinds import COLUMNS, Kinds, read_kinds, read_positions, read_quaternions, read_uncertainties

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .._typing import Array, Index
 from ..exceptions import DataError
 from ..notices import Note
-from ..words.rigid import to_quaternion
+from ..robot.rigid import to_quaternion
 from .features import COORDINATES, KINDS, Feature, features_of, framed
 from .rest import resting, said
 from .sequence import campaign

@@ -19,11 +19,11 @@ from ..fitting.mistakes import mistake
 from ..fitting.noise import Floor
 from ..fitting.orientations import orientation_mistake
 from ..fitting.otherarm import other_robot, shifted_rows
-from ..machine.robot import Robot
-from ..machine.robotfile import builtin_names, load
 from ..matrix.design import whitened
 from ..matrix.scene import Scene
 from ..notices import ALARMS, HOPELESS, MISTAKEN, NOISE, OTHER, ROWS, SAME_ROWS, Note, alarms
+from ..robot.files import builtin_names, load
+from ..robot.kinematics import Robot
 from ..which.compare import Data, Rung
 from ..why.faults import Fault
 from ..why.mistaken_rows import slipped, slipped_before

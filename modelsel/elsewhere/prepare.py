@@ -16,10 +16,10 @@ from ..exceptions import DataError, NotEstimable, StudyError, sentence_list, sug
 from ..fitting.fixtures import place, unseen
 from ..fitting.noise import Floor, Instrument, weigh
 from ..fitting.register import register, undetermined
-from ..machine.robot import Robot
 from ..matrix.design import residuals
 from ..matrix.scene import scene
 from ..notices import Note
+from ..robot.kinematics import Robot
 from ..which.compare import Data
 from ..which.folds import assign
 from ..which.split import choose

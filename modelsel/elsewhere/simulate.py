@@ -11,9 +11,9 @@ from .._typing import Array
 from ..data.measurements import Measurements, measurements
 from ..exceptions import StudyError
 from ..fitting.fixtures import place
-from ..machine.robot import Robot
 from ..matrix.design import residuals
 from ..matrix.scene import scene
+from ..robot.kinematics import Robot
 from ..wrong.screws import Screw, Term
 
 if TYPE_CHECKING:

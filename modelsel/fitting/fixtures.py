@@ -15,7 +15,7 @@ from ..exceptions import DataError
 from ..matrix.design import residuals
 from ..matrix.gauges import Fixtures
 from ..matrix.scene import Scene
-from ..words.rigid import align_z
+from ..robot.rigid import align_z
 
 FLAT = 1e-2        # least over largest spread of positions below which an anchor could stand on either side of them
 SCALE_MM = 5.0     # what a nominal arm is off by: residuals beyond count less

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..exceptions import DataError, NotEstimable, sentence_list
-from ..machine.robot import pose
 from ..matrix.scene import Scene
+from ..robot.kinematics import pose
 from .otherarm import better
 from .register import register
 

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exceptions import DataError, NotEstimable
-from ..machine.robot import pose
 from ..matrix.design import residuals
 from ..matrix.scene import Scene
+from ..robot.kinematics import pose
 from .offsets import Arm, of_joint, of_links, several
 from .otherarm import better
 from .register import register, undetermined

@@ -14,9 +14,9 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import sentence_list
-from ..machine.robot import Pose, Robot, pose
 from ..matrix.scene import Scene
-from ..words.rigid import nearest_rotation, transform
+from ..robot.kinematics import Pose, Robot, pose
+from ..robot.rigid import nearest_rotation, transform
 from .placing import COARSE, LOSS, NORMAL, ROUNDS, STATED_MM, USUAL_MM, cross, descend, kabsch
 from .slips import Mistake, linear
 

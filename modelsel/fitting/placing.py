@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array, Index
-from ..words.rigid import nearest_rotation, rotation_vector
+from ..robot.rigid import nearest_rotation, rotation_vector
 
 USUAL_MM = 500.0    # prior standard deviation of a target's coordinates on the flange where the study says none,
 STATED_MM = 50.0    # about those it says

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from .._typing import Array
-from ..words.rigid import nearest_rotation, rotation_vector
+from ..robot.rigid import nearest_rotation, rotation_vector
 from .placing import Placed, Sight, rigid
 
 REWEIGHT = 12

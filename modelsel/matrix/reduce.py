@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg.lapack import dtpqrt
 
 from .._typing import Array
-from ..machine.chain import Space
+from ..robot._kernels import Space
 from ..wrong.screws import Term
 from .design import assemble, whiten
 from .scene import Scene

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..data.measurements import Measurements
-from ..machine.gravity import moment, moments, unit_moments
-from ..machine.robot import Pose, Robot, pose
+from ..robot.gravity import moment, moments, unit_moments
+from ..robot.kinematics import Pose, Robot, pose
 from ..wrong.causes import Cause
 from .gauges import Fixtures, readings
 

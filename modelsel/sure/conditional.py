@@ -17,8 +17,8 @@ import numpy as np
 from .._typing import Array, Index
 from ..matrix.design import design
 from ..matrix.scene import Scene
+from ..robot.rigid import AXES
 from ..why.evidence import RATIOS
-from ..words.rigid import AXES
 from ..wrong.screws import Screw, Term
 from .constants import GRID, Constant
 

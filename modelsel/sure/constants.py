@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .._typing import Array, Index
-from ..machine.robot import Robot
 from ..matrix.design import PLACE, Model
 from ..matrix.scene import Scene
+from ..robot.kinematics import Robot
 from ..wrong.registry import Registry, Scanned
 from ..wrong.screws import Mechanism, Screw
 

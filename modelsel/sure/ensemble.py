@@ -12,11 +12,11 @@ from functools import cached_property
 import numpy as np
 
 from .._typing import Array, Index
-from ..machine.robot import pose
 from ..matrix.design import PLACE, fixture_values
 from ..matrix.gauges import predicted
 from ..matrix.scene import Scene
-from ..words.rigid import rotation_vector
+from ..robot.kinematics import pose
+from ..robot.rigid import rotation_vector
 from ..wrong.screws import Term
 
 ROWS = 8192        # draws x configurations in one block: its arrays stay in cache

@@ -17,10 +17,10 @@ from ..elsewhere.confidence import Request, confidence, sampled
 from ..elsewhere.explain import explain, nested
 from ..elsewhere.prepare import Plan, prepare, reweigh_rotation
 from ..fitting.noise import Floor
-from ..machine.robot import Robot
 from ..matrix.design import Model
 from ..matrix.identify import unidentifiable
 from ..notices import Note
+from ..robot.kinematics import Robot
 from ..sure.sampling import Keeper
 from ..which.candidates import Candidate
 from ..which.compare import Data, Rung, rung

@@ -15,9 +15,8 @@ from .._text import read_text, toml
 from .._typing import LARGEST
 from ..data.table import Source, digest
 from ..exceptions import StudyError, suggest
-from ..machine.robot import Robot
-from ..machine.robotfile import named
-from ..use.records import robot_record
+from ..robot.files import named, robot_record
+from ..robot.kinematics import Robot
 from .wording import plain_values, wording
 
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]

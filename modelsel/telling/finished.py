@@ -13,9 +13,9 @@ from ..elsewhere.checks import turned
 from ..elsewhere.confidence import Confidence
 from ..elsewhere.explain import Nested
 from ..fitting.noise import Floor
-from ..machine.robot import Robot
 from ..matrix.identify import Unidentifiable
 from ..notices import HOPELESS, Note
+from ..robot.kinematics import Robot
 from ..which.compare import Data, Rung
 from ..which.table import Comparison
 from ..which.validate import Gain

@@ -13,7 +13,6 @@ from ..fitting.fixtures import place
 from ..fitting.mistakes import LEAST
 from ..fitting.noise import from_repeats, from_target_pairs
 from ..fitting.register import register
-from ..machine.robot import Robot
 from ..matrix.design import Model, residuals
 from ..matrix.identify import identify, unidentifiable
 from ..matrix.reduce import reduce_scene
@@ -21,6 +20,7 @@ from ..matrix.scene import scene
 from ..matrix.size import as_drawn
 from ..matrix.usual import fitted_terms
 from ..notices import MISTAKEN, alarms
+from ..robot.kinematics import Robot
 from ..wrong.mechanisms.geometry import geometric, setup
 from ..wrong.screws import Mechanism
 from .standing import standing, standing_sentences

@@ -16,6 +16,7 @@ from ..matrix.design import fixture_values, whitened
 from ..matrix.gauges import LENGTH
 from ..matrix.scene import Scene
 from ..notices import Note
+from ..robot.rigid import turn
 from ..which.candidates import Candidate
 from ..which.compare import Data, Rung
 from ..which.validate import errors
@@ -24,7 +25,6 @@ from ..why.predictor import Predictable, predictable
 from ..why.robust import GROSS, far_off
 from ..why.search import LEVEL
 from ..why.words import display
-from ..words.rigid import turn
 from ..wrong.causes import Member
 from .findings import CLEARLY, RARELY, detection_limit
 

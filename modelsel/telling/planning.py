@@ -14,7 +14,7 @@ from ..data.io import read_measurements
 from ..data.measurements import Measurements, measurements
 from ..data.table import Source
 from ..exceptions import StudyError, suggest
-from ..machine.robot import Robot
+from ..robot.kinematics import Robot
 from ..use.calibration import Calibration
 from ..use.plan import RIVALS, Rivals, determine, distinct, indices, more_needed, pool, tell_apart, told_with
 from ..why.extend import Effect

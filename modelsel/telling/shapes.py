@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from .._json import Each, Maybe
-from ..words.rigid import AXES
+from ..robot.rigid import AXES
 
 NUMBER, TEXTS = Maybe(float), Each(str)
 THREE, PAIR = Each(float, 3), Each(float, 2)

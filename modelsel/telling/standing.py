@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..matrix.scene import Scene
-from ..words.rigid import to_rpy
+from ..robot.rigid import to_rpy
 
 SHOWN = 6  # groups, targets
 

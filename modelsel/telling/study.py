@@ -18,9 +18,9 @@ from ..elsewhere.prepare import Plan, prepare, tools_of
 from ..elsewhere.simulate import simulate, simulate_rows
 from ..exceptions import DataError, StudyError
 from ..fitting.noise import Instrument
-from ..machine.robot import Robot
-from ..machine.robotfile import load, read_robot
 from ..matrix.scene import scene
+from ..robot.files import load, read_robot
+from ..robot.kinematics import Robot
 from ..wrong.causes import parse
 from ..wrong.registry import BUILTIN, Registry, counted_from, every, faults, mechanism, parts
 from ..wrong.screws import Mechanism, Screw, unstorable

@@ -20,14 +20,15 @@ from ..data.measurements import Measurements
 from ..exceptions import DataError, StudyError, suggest
 from ..fitting.fit import Fit
 from ..fitting.noise import Floor
-from ..machine.robot import Pose, Robot
 from ..matrix.design import Model, columns_of, field_of, twist_of
 from ..matrix.scene import Scene
+from ..robot.files import numbers, robot_of, robot_record, rotation
+from ..robot.kinematics import Pose, Robot
 from ..which.compare import Data
 from ..wrong.causes import Member
 from ..wrong.screws import Term
 from .agreement import contradiction
-from .records import CALIBRATION, mechanism_of, mechanism_record, numbers, robot_of, robot_record, rotation
+from .records import CALIBRATION, mechanism_of, mechanism_record
 from .refit import Refits, part_of, refits_of, refits_record
 
 if TYPE_CHECKING:

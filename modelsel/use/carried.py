@@ -9,10 +9,10 @@ import numpy as np
 from .._typing import Array
 from ..data.io import RESERVED
 from ..data.measurements import Measurements, measurements
-from ..machine.robot import Robot
 from ..matrix.design import PLACE
 from ..matrix.scene import Scene
-from ..words.rigid import transform, turn
+from ..robot.kinematics import Robot
+from ..robot.rigid import transform, turn
 from ..wrong.causes import Cause, Combined, Member, Number
 from ..wrong.screws import Screw, Term
 from .calibration import Calibration, pose_of

@@ -19,9 +19,9 @@ from ..data.io import read_measurements
 from ..data.measurements import Measurements
 from ..data.table import Source
 from ..exceptions import sentence_list
-from ..machine.robot import forward
 from ..matrix.scene import Scene
-from ..words.rigid import rotation_vector
+from ..robot.kinematics import forward
+from ..robot.rigid import rotation_vector
 from .calibration import Calibration, in_tracker, pose_of, uncertainty
 
 if TYPE_CHECKING:

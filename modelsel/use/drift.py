@@ -17,8 +17,8 @@ from ..fitting.believed import SMALLER, Lack, against, lack, likeliest
 from ..fitting.noise import Floor
 from ..fitting.placing import kabsch
 from ..matrix.scene import Scene
+from ..robot.rigid import rotation_vector
 from ..why.mistaken_rows import slipped
-from ..words.rigid import rotation_vector
 from .calibration import Calibration, pose_of, predict, uncertainty
 
 SURE = 0.01        # p below which a calibration is called drifted

@@ -15,12 +15,12 @@ import numpy as np
 from .._names import guarded, quoted, unfit, unguarded
 from .._typing import Array
 from ..exceptions import StudyError
-from ..machine.dh import robot_file, rows_of
-from ..machine.robot import Robot, forward
-from ..machine.robotfile import robot_from_table
-from ..machine.urdf import read_urdf_text, write_urdf
 from ..matrix.scene import Scene
-from ..words.rigid import AXES, inverse, transform
+from ..robot.dh import robot_file, rows_of
+from ..robot.files import robot_from_table
+from ..robot.kinematics import Robot, forward
+from ..robot.rigid import AXES, inverse, transform
+from ..robot.urdf import read_urdf_text, write_urdf
 from ..wrong.causes import Applied, Bump, Cause, Combined, Named, parse
 from ..wrong.screws import Screw, Term
 from .calibration import Calibration, in_tracker, pose_of

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._typing import Array
 from ..matrix.scene import Scene
-from ..words.rigid import AXES
+from ..robot.rigid import AXES
 from .calibration import Calibration
 from .carried import Part
 

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
-
-import numpy as np
 
 from .._json import PAIR, THREE, Each, Maybe, misfit
 from .._names import TEXT, plain_word, unfit
-from .._typing import LARGEST, Array
+from .._typing import LARGEST
 from ..exceptions import StudyError
-from ..machine.robot import Joint, Robot
-from ..words.rigid import AXES
+from ..robot.files import JOINT, ROTATION, TRANSFORM
+from ..robot.rigid import AXES
 from ..wrong.causes import FUNCTIONS, RANK, Applied, Bump, Cause, Combined, Member, Named, Number
 from ..wrong.screws import Mechanism, Screw, Term, foreign
 from .refit import REFITS
 
-RIGID = 1e-6    # a stored rotation differs from one by less
 DEEPEST = 200   # a cause nested more deeply than this is no cause of ours
-ROTATION, TRANSFORM = Each(THREE, 3), Each(Each(float, 4), 3)
 SCREW = {"frame": int, "axis": frozenset(AXES), "cause": {}, "prints": str}
 TERM = {"symbol": str, "unit": str, "size": Maybe(PAIR), "sign": int, "usual?": float, "screws": Each(SCREW, least=1)}
-JOINT = {"before_mm": TRANSFORM, "prismatic": bool, "limits": Maybe(PAIR), "mass_kg": Maybe(float), "com_mm": THREE}
 CALIBRATION = {
     "kind": frozenset(["calibration"]), "study": str,
     "robot": {"name": str, "source": str, "gravity": Maybe(THREE), "joints": Each(JOINT, least=1), "last_mm": TRANSFORM,
@@ -126,57 +121,3 @@ def mechanism_of(record: Mapping[str, Any]) -> Mechanism:
         raise ValueError(f"the usual size of a parameter of {record['name']} must be above 0")
     return Mechanism(record["name"], terms, record["sentence"], record["equation"], record["source"],
                      record.get("contrary", ""))
-
-
-def robot_record(robot: Robot) -> dict[str, Any]:
-    """The nominal robot in full."""
-    return {"name": robot.name, "source": robot.source, "gravity": None if robot.gravity is None else list(robot.gravity),
-            "usual": list(robot.usual),
-            "joints": [{"before_mm": j.before[:3].tolist(), "prismatic": j.prismatic,
-                        "limits": None if j.limits is None else list(j.limits), "mass_kg": j.mass, "com_mm": list(j.com)}
-                       for j in robot.joints], "last_mm": robot.last[:3].tolist()}
-
-
-def robot_of(record: Mapping[str, Any]) -> Robot:
-    """The nominal robot of a record of its shape. Raises ValueError where a transform is not rigid, or a limit none."""
-    joints = []
-    for k, j in enumerate(record["joints"], 1):
-        limits, (x, y, z) = j["limits"], numbers(j["com_mm"]).tolist()
-        if limits is not None and not -LARGEST < limits[0] < limits[1] < LARGEST or not 0 <= (j["mass_kg"] or 0) <= LARGEST:
-            raise ValueError(f"the limits or the mass of joint {k} are none")
-        joints.append(Joint(square(j["before_mm"]), j["prismatic"],
-                            None if limits is None else (float(limits[0]), float(limits[1])),
-                            None if j["mass_kg"] is None else float(j["mass_kg"]), (x, y, z)))
-    g = record["gravity"]
-    if g is not None and abs(float(np.linalg.norm(g)) - 1) > RIGID:
-        raise ValueError("the direction of gravity is not of length one")
-    return Robot(record["name"], record["source"], tuple(joints), square(record["last_mm"]),
-                 None if g is None else (float(g[0]), float(g[1]), float(g[2])), _usual_pair(record.get("usual", Robot.usual)))
-
-
-def _usual_pair(pair: Sequence[float]) -> tuple[float, float]:
-    if not all(0 < size < LARGEST for size in pair):
-        raise ValueError("the robot's usual errors (mm, rad) must be above 0")
-    return float(pair[0]), float(pair[1])
-
-
-def square(rows: Sequence[Sequence[float]]) -> Array:
-    """The (4, 4) transform of its upper three rows [mm]. Raises ValueError."""
-    upper = numbers(rows)
-    return np.vstack([np.column_stack([rotation(upper[:, :3]), upper[:, 3]]), [0, 0, 0, 1]])
-
-
-def rotation(rows: Array | Sequence[Sequence[float]]) -> Array:
-    """A rotation (3, 3). Raises ValueError."""
-    R = numbers(rows)
-    if np.abs(R @ R.T - np.eye(3)).max() > RIGID or np.linalg.det(R) < 0:
-        raise ValueError(f"three columns are not a rotation: {R.round(6).tolist()}")
-    return R
-
-
-def numbers(value: Any) -> Array:
-    """An array of lengths no arm or room exceeds. Raises ValueError."""
-    out = np.array(value, dtype=float)
-    if not (np.abs(out) <= LARGEST).all():
-        raise ValueError(f"a length is beyond {LARGEST:g}")
-    return out

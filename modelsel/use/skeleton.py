@@ -13,7 +13,7 @@ from types import ModuleType
 import numpy as np
 
 from ..exceptions import StudyError
-from ..machine.robot import Robot
+from ..robot.kinematics import Robot
 from ..testing import broken
 from ..wrong.registry import Registry, parts, unsound
 

@@ -14,11 +14,11 @@ from itertools import combinations
 import numpy as np
 
 from ..data.temperature import TEMPERATURE
-from ..machine.gravity import arm_pair, under_gravity
-from ..machine.robot import Robot
 from ..matrix.design import Model
 from ..matrix.scene import Scene
-from ..words.rigid import AXES
+from ..robot.gravity import arm_pair, under_gravity
+from ..robot.kinematics import Robot
+from ..robot.rigid import AXES
 from ..wrong.causes import Applied, Bump, Cause, Named, cos, q, sign, sin, torque
 from ..wrong.mechanisms.environment import warmth
 from ..wrong.mechanisms.gravity_effects import far, near

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from .._typing import Array, Index
 from ..data.measurements import Measurements, in_turn
 from ..exceptions import NotEstimable
-from ..machine.chain import Space
 from ..matrix.design import assemble, blocks, whiten
 from ..matrix.identify import identify, solve
 from ..matrix.reduce import STREAM, Reduction, spread
 from ..matrix.scene import BLOCK, Scene
+from ..robot._kernels import Space
 from ..wrong.screws import Term
 
 DEPENDENT = 1e-9   # 1 − largest eigenvalue of Q_kᵀQ_k: below it the model is not estimable without the fold

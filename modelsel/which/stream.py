@@ -20,10 +20,10 @@ from ..data.measurements import SAME_READING, Measurements
 from ..data.table import row_groups
 from ..exceptions import DataError, StudyError
 from ..fitting.fit import Fit, fit
-from ..machine.robot import Robot
 from ..matrix.design import Model
 from ..matrix.reduce import Reduction, Source, merged, reduce_scene
 from ..matrix.scene import Scene, scene
+from ..robot.kinematics import Robot
 from ..wrong.screws import Term
 from .folds import CrossValidation, Folded, cross_validate, pad
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array
+from ..robot.rigid import AXES
 from ..which.candidates import Candidate
-from ..words.rigid import AXES
 from ..wrong.causes import Bump, Cause
 from ..wrong.screws import Mechanism
 from .extend import Extension

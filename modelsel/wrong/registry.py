@@ -11,7 +11,7 @@ from functools import partial
 
 from ..data.temperature import REFERENCE
 from ..exceptions import StudyError, one_line, suggest
-from ..machine.robot import Robot
+from ..robot.kinematics import Robot
 from .mechanisms import compliance, couplings, environment, geometry, gravity_effects, motion, transmission
 from .screws import Mechanism, unstorable
 

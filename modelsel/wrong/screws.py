@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from .._hashing import hashed_once
 from .._names import TEXT, unfit, unseen
-from ..words.rigid import AXES
+from ..robot.rigid import AXES
 from .causes import FUNCTIONS, ONE, Applied, Bump, Cause, Combined, Member, Named, Number
 
 FIXTURE_AXES = (*AXES, "length")      # of a feature of the set-up: its place, its tilt, a length

@@ -1,8 +1,8 @@
 """What yields under weight: drives, bearings, links, tool; with the arm's own masses or with a payload."""
 from __future__ import annotations
 
-from ...machine.gravity import arm_pair, under_gravity
-from ...machine.robot import Robot
+from ...robot.gravity import arm_pair, under_gravity
+from ...robot.kinematics import Robot
 from ..causes import Named, q, shifted, sin, torque
 from ..screws import Mechanism, Screw, Term
 

@@ -1,7 +1,7 @@
 """Couplings: a joint that turns because another one does."""
 from __future__ import annotations
 
-from ...machine.robot import Robot
+from ...robot.kinematics import Robot
 from ..causes import q
 from ..screws import Mechanism, Screw, Term
 

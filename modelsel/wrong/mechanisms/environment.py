@@ -5,8 +5,8 @@ import numpy as np
 
 from ..._typing import Array
 from ...data.temperature import REFERENCE, TEMPERATURE
-from ...machine.robot import Robot
-from ...words.rigid import AXES
+from ...robot.kinematics import Robot
+from ...robot.rigid import AXES
 from ..causes import Applied, Bump, Cause, Combined, Named, Number, shifted, sign
 from ..screws import Mechanism, Screw, Term
 

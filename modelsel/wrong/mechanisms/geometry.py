@@ -4,8 +4,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...data.features import Feature
-from ...machine.robot import Robot
-from ...words.rigid import AXES
+from ...robot.kinematics import Robot
+from ...robot.rigid import AXES
 from ..causes import ONE, Cause, Member
 from ..screws import Mechanism, Screw, Term, letter
 

@@ -1,9 +1,9 @@
 """What gravity does: twist of the arm's two great joints, backlash that it takes up, tilt of the base."""
 from __future__ import annotations
 
-from ...machine.gravity import ArmPair, arm_pair, under_gravity
-from ...machine.robot import Robot
-from ...words.rigid import AXES
+from ...robot.gravity import ArmPair, arm_pair, under_gravity
+from ...robot.kinematics import Robot
+from ...robot.rigid import AXES
 from ..causes import Cause, Named, Number, cos, q, shifted, sign, torque
 from ..screws import Mechanism, Screw, Term
 

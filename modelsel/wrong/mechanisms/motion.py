@@ -1,7 +1,7 @@
 """What depends on how a configuration was reached: play in gears, readings taken too early."""
 from __future__ import annotations
 
-from ...machine.robot import Robot
+from ...robot.kinematics import Robot
 from ..causes import Named
 from ..screws import Mechanism, Screw, Term
 

@@ -1,7 +1,7 @@
 """What turns unevenly: gears, encoders, bearings. Every one exists once a joint."""
 from __future__ import annotations
 
-from ...machine.robot import Robot
+from ...robot.kinematics import Robot
 from ..causes import cos, q, sin
 from ..screws import Mechanism, Screw, Term
 

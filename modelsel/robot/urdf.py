@@ -1,4 +1,5 @@
 """URDF -> Robot: the one serial chain of moving joints in a file, base to tip."""
+
 from __future__ import annotations
 
 import re
@@ -14,8 +15,8 @@ from .._names import unfit
 from .._text import read_text
 from .._typing import LARGEST, Array
 from ..exceptions import StudyError, one_line, suggest
-from ..words.rigid import align_z, inverse, rpy, to_rpy, transform
-from .robot import Joint, Robot
+from .kinematics import Joint, Robot
+from .rigid import align_z, inverse, rpy, to_rpy, transform
 
 MOVING = ("revolute", "continuous", "prismatic")
 AROUND = 'Or name a chain without it: base = "…", tip = "…".'

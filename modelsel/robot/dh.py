@@ -4,6 +4,7 @@ A fixed transform between two joints is Rz(φ) Tz(d) · Tx(a) Rx(α) · Rz(ψ) T
 along the normal, along the second axis (Denavit & Hartenberg 1955). What turns about an axis or slides along it goes into
 its own joint's row.
 """
+
 from __future__ import annotations
 
 import json
@@ -14,8 +15,8 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import one_line
-from ..words.rigid import inverse, transform, turn
-from .robot import Robot
+from .kinematics import Robot
+from .rigid import inverse, transform, turn
 
 PARALLEL = 1e-9      # rad: two axes closer than this have no common normal worth naming; 1e-6 mm at a metre
 NEARLY = 0.02        # rad: below this, offsets along the axes are many times the link

@@ -6,6 +6,7 @@ N_k nominal transform before joint k, T_k = Rz(q_k) or Tz(q_k), H = Trans(a,b,c)
 frame, P the placement of frame 0 in the tracker's frame. Frame n+1 has its origin at the target and the flange's axes.
 Written once: the nominal model is H = I, and a column of the design matrix is its derivative (Lynch & Park 2017, 5.1).
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from .._typing import Array
-from .chain import BASE, SAME, Fixed, Frame, Space, add, screws_into, sparse, spin_into, turn_into, turns_of, twisted
+from ._kernels import BASE, SAME, Fixed, Frame, Space, add, screws_into, sparse, spin_into, turn_into, turns_of, twisted
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,7 @@
 
 Masses are the robot file's; where it has none, 1 kg at each later frame's origin and at the target. g = 9.81 m/s².
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array
-from .robot import Pose, Robot, cross, pose, spin
+from .kinematics import Pose, Robot, cross, pose, spin
 
 G = 9.81
 NEGLIGIBLE = 1e-6  # of a metre of lever

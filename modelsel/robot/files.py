@@ -1,19 +1,21 @@
 """Robot TOML files -> Robot: 3x4 transforms, URDF-like origins, standard and modified DH rows, in any mixture."""
+
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .._json import PAIR, THREE, Each, Maybe
 from .._names import TEXT, unfit
 from .._text import read_text, toml
 from .._typing import LARGEST, Array
 from ..exceptions import StudyError, suggest
-from ..words.rigid import align_z, inverse, rpy, transform, turn
-from .robot import Joint, Robot
+from .kinematics import Joint, Robot
+from .rigid import align_z, inverse, rpy, transform, turn
 
 FORMS = ("transform_mm", "xyz_mm", "dh")
 JOINT_KEYS = {*FORMS, "rpy_deg", "axis", "kind", "limits_deg", "limits_mm", "mass_kg", "com_mm", "name"}
@@ -171,7 +173,7 @@ def read_robot(path: Path, base: str | None = None, tip: str | None = None) -> R
 
 def builtin_names() -> list[str]:
     """Names of the built-in robots, sorted."""
-    return sorted(entry.name.removesuffix(".toml") for entry in files("modelsel").joinpath("robots").iterdir()
+    return sorted(entry.name.removesuffix(".toml") for entry in files("modelsel").joinpath("robot", "catalogue").iterdir()
                   if entry.name.endswith(".toml"))
 
 
@@ -179,5 +181,63 @@ def load(name: str) -> Robot:
     """A built-in robot by name. Raises StudyError with a suggestion."""
     if name not in builtin_names():
         raise StudyError(f'unknown robot "{name}". {suggest(name, builtin_names())}')
-    text = files("modelsel").joinpath("robots").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    text = files("modelsel").joinpath("robot", "catalogue").joinpath(f"{name}.toml").read_text(encoding="utf-8")
     return robot_from_table(toml(text, f"{name}.toml"), f"{name}.toml")
+
+RIGID = 1e-6    # a stored rotation differs from one by less
+ROTATION, TRANSFORM = Each(THREE, 3), Each(Each(float, 4), 3)
+JOINT = {"before_mm": TRANSFORM, "prismatic": bool, "limits": Maybe(PAIR), "mass_kg": Maybe(float), "com_mm": THREE}
+
+
+def robot_record(robot: Robot) -> dict[str, Any]:
+    """The nominal robot in full."""
+    return {"name": robot.name, "source": robot.source, "gravity": None if robot.gravity is None else list(robot.gravity),
+            "usual": list(robot.usual),
+            "joints": [{"before_mm": j.before[:3].tolist(), "prismatic": j.prismatic,
+                        "limits": None if j.limits is None else list(j.limits), "mass_kg": j.mass, "com_mm": list(j.com)}
+                       for j in robot.joints], "last_mm": robot.last[:3].tolist()}
+
+
+def robot_of(record: Mapping[str, Any]) -> Robot:
+    """The nominal robot of a record of its shape. Raises ValueError where a transform is not rigid, or a limit none."""
+    joints = []
+    for k, j in enumerate(record["joints"], 1):
+        limits, (x, y, z) = j["limits"], numbers(j["com_mm"]).tolist()
+        if limits is not None and not -LARGEST < limits[0] < limits[1] < LARGEST or not 0 <= (j["mass_kg"] or 0) <= LARGEST:
+            raise ValueError(f"the limits or the mass of joint {k} are none")
+        joints.append(Joint(square(j["before_mm"]), j["prismatic"],
+                            None if limits is None else (float(limits[0]), float(limits[1])),
+                            None if j["mass_kg"] is None else float(j["mass_kg"]), (x, y, z)))
+    g = record["gravity"]
+    if g is not None and abs(float(np.linalg.norm(g)) - 1) > RIGID:
+        raise ValueError("the direction of gravity is not of length one")
+    return Robot(record["name"], record["source"], tuple(joints), square(record["last_mm"]),
+                 None if g is None else (float(g[0]), float(g[1]), float(g[2])), _usual_pair(record.get("usual", Robot.usual)))
+
+
+def _usual_pair(pair: Sequence[float]) -> tuple[float, float]:
+    if not all(0 < size < LARGEST for size in pair):
+        raise ValueError("the robot's usual errors (mm, rad) must be above 0")
+    return float(pair[0]), float(pair[1])
+
+
+def square(rows: Sequence[Sequence[float]]) -> Array:
+    """The (4, 4) transform of its upper three rows [mm]. Raises ValueError."""
+    upper = numbers(rows)
+    return np.vstack([np.column_stack([rotation(upper[:, :3]), upper[:, 3]]), [0, 0, 0, 1]])
+
+
+def rotation(rows: Array | Sequence[Sequence[float]]) -> Array:
+    """A rotation (3, 3). Raises ValueError."""
+    R = numbers(rows)
+    if np.abs(R @ R.T - np.eye(3)).max() > RIGID or np.linalg.det(R) < 0:
+        raise ValueError(f"three columns are not a rotation: {R.round(6).tolist()}")
+    return R
+
+
+def numbers(value: Any) -> Array:
+    """An array of lengths no arm or room exceeds. Raises ValueError."""
+    out = np.array(value, dtype=float)
+    if not (np.abs(out) <= LARGEST).all():
+        raise ValueError(f"a length is beyond {LARGEST:g}")
+    return out

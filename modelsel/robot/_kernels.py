@@ -2,6 +2,7 @@
 
 Every array has its components first and the configurations last, so that an operation is one stride.
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence

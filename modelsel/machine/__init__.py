@@ -1,1 +1,0 @@
-"""The chain, its screw field, nominal robots, gravity's moments."""

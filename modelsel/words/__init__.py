@@ -1,1 +1,0 @@
-"""Named exceptions, rigid motions, the version."""
