@@ -18,10 +18,10 @@ import numpy as np
 from scipy.stats import chi2
 
 from modelsel import Model, mechanism, read_study
-from modelsel.data.measurements import measurements
 from modelsel.fitting.fit import Fit, fit
 from modelsel.matrix.design import residuals
 from modelsel.matrix.scene import Scene, scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.kinematics import Joint, Robot, forward
 from modelsel.sure import conditional
 from modelsel.sure import sampling as engine

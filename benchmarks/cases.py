@@ -9,8 +9,8 @@ from hidden_arm import Arm, Effect, State, arm, geometry, measured, off
 from hidden_effects import REGISTERED, UNREGISTERED
 from hidden_oracle import power
 
-from modelsel.data.measurements import measurements
 from modelsel.matrix.scene import Scene, scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load
 
 ROBOTS = ("puma760", "ur10", "irb120")

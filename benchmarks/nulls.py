@@ -26,11 +26,11 @@ import modelsel.why.predictor
 import modelsel.why.search
 from modelsel import Model, mechanism
 from modelsel._random import generator
-from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import residuals
 from modelsel.matrix.scene import Scene, scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.kinematics import forward
 from modelsel.sure.parameters import parameters, resampled
 from modelsel.sure.significance import nested

@@ -20,12 +20,12 @@ import numpy as np
 
 from modelsel import Model, mechanism
 from modelsel._random import generator
-from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model as Terms
 from modelsel.matrix.design import design, residuals
 from modelsel.matrix.scene import Scene, scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.sure.parameters import parameters, resampled

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 from ._version import VERSION
 
 if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_names.py holds the two alike
-    from .data.io import read_measurements as read_measurements
-    from .data.measurements import Measurements as Measurements
     from .exceptions import DataError as DataError
     from .exceptions import ModelselError as ModelselError
     from .exceptions import NotEstimable as NotEstimable
@@ -19,6 +17,8 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
     from .fitting.fit import Fit as Fit
     from .matrix.design import Model as Model
     from .matrix.design import residuals as residuals
+    from .measurements.measurements import Measurements as Measurements
+    from .measurements.reader import read_measurements as read_measurements
     from .robot.files import builtin_names as builtin_names
     from .robot.files import load as load
     from .robot.files import read_robot as read_robot
@@ -57,13 +57,13 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
 __version__ = VERSION
 
 _NAMES = {  # a name that is also a module's (fit, scene, extend …) is imported from there: from modelsel.fitting.fit import fit
-    "data.io": "read_measurements",
-    "data.measurements": "Measurements",
+    "measurements.reader": "read_measurements",
+    "measurements.measurements": "Measurements",
     "exceptions": "DataError ModelselError NotEstimable StudyError",
     "fitting.fit": "Fit",
-    "robot.kinematics": "Robot forward screw_field",
-    "robot.files": "builtin_names load read_robot",
     "matrix.design": "Model residuals",
+    "robot.files": "builtin_names load read_robot",
+    "robot.kinematics": "Robot forward screw_field",
     "telling.config": "Study read_study",
     "telling.finished": "Result",
     "telling.planning": "Planned plan_next",

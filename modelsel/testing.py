@@ -12,13 +12,13 @@ from dataclasses import fields, is_dataclass, replace
 import numpy as np
 
 from ._typing import Array
-from .data.measurements import measurements
 from .exceptions import StudyError
 from .fitting.fit import fit
 from .matrix.design import Model, design, residuals
 from .matrix.identify import identify
 from .matrix.reduce import reduce
 from .matrix.scene import Scene, scene
+from .measurements.measurements import measurements
 from .robot.kinematics import Robot, forward
 from .use.records import mechanism_of, mechanism_record
 from .wrong import causes

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from modelsel._typing import Array
-from modelsel.data.measurements import Measurements, measurements
 from modelsel.matrix.design import residuals
 from modelsel.matrix.scene import Scene, scene
+from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import Joint, Robot, forward
 from modelsel.which.compare import Data

@@ -15,7 +15,7 @@ from hidden_arm import Arm, Effect, State, arm, geometry, measured, off
 from hidden_effects import at as acting
 from hidden_effects import one
 
-from modelsel.data.measurements import measurements
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.kinematics import Robot
 from modelsel.telling.analysis import Question, Result, analyse
 from modelsel.telling.config import parse_study

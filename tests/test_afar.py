@@ -7,11 +7,11 @@ import pytest
 from drawn_arms import SIZES, error, target, turn
 from scipy.optimize import least_squares
 
-from modelsel.data.measurements import measurements
 from modelsel.fitting.fit import fit
 from modelsel.fitting.register import register
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load
 from modelsel.wrong.mechanisms.geometry import geometric, setup
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from builders import drawn, planted
 
-from modelsel.data.measurements import measurements
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.fit import fit
 from modelsel.fitting.noise import Floor
 from modelsel.matrix.design import Model, residuals
 from modelsel.matrix.scene import Scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load
 from modelsel.telling.config import read_study
 from modelsel.telling.stored import calibration_of, save

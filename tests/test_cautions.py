@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from builders import bind, measured, seeds, small_arm, study_of
 
-from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.telling.cautions import restricted, worse_than_nominal

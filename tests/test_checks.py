@@ -15,8 +15,6 @@ from scipy.spatial.transform import Rotation
 
 from modelsel._typing import Array
 from modelsel.cli import main
-from modelsel.data.io import read_measurements
-from modelsel.data.measurements import measurements
 from modelsel.elsewhere.checks import outcome, setup_notes, told_with
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.believed import lack, likeliest
@@ -25,6 +23,8 @@ from modelsel.fitting.mistakes import mistake
 from modelsel.fitting.noise import Floor, from_target_pairs
 from modelsel.fitting.orientations import orientation_mistake
 from modelsel.fitting.register import register
+from modelsel.measurements.measurements import measurements
+from modelsel.measurements.reader import read_measurements
 from modelsel.notices import ALARMS, HOPELESS, Note, alarms
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward, pose

@@ -13,9 +13,9 @@ from hidden_engine import Engine
 from test_calibration import wide
 
 from modelsel.cli import main
-from modelsel.data.measurements import measurements
 from modelsel.exceptions import DataError
 from modelsel.matrix.design import Model
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_quaternion

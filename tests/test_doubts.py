@@ -11,12 +11,12 @@ from builders import bind, planted, small_arm, study_of
 from scipy.stats import f as fisher
 from scipy.stats import kstest, multivariate_t
 
-from modelsel.data.measurements import measurements
 from modelsel.fitting.fit import fit
 from modelsel.fitting.noise import Floor, from_repeats
 from modelsel.fitting.shrink import fit_shrunk
 from modelsel.matrix.design import Model, design
 from modelsel.matrix.scene import Scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.kinematics import forward
 from modelsel.sure.parameters import resampled
 from modelsel.sure.significance import nested, significance

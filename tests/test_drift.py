@@ -10,12 +10,12 @@ from builders import drawn, measured, planted
 from click.testing import CliRunner
 
 from modelsel.cli import main
-from modelsel.data.measurements import Measurements
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.fit import fit
 from modelsel.fitting.noise import Floor
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene
+from modelsel.measurements.measurements import Measurements
 from modelsel.robot.files import load
 from modelsel.robot.rigid import rpy
 from modelsel.use.calibration import Calibration, calibrate, calibration_text

@@ -15,11 +15,11 @@ from builders import bind, one, planted, small_arm, study_of
 from scipy.special import bdtrc
 from scipy.stats import binom, kstest, t
 
-from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
 from modelsel.fitting.fit import Fit, fit
 from modelsel.matrix.design import Model, design
 from modelsel.matrix.scene import Scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.sure.parameters import Parameter, parameters, resampled
 from modelsel.sure.significance import nested

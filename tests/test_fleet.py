@@ -18,11 +18,11 @@ from pypdf import PdfReader
 
 from modelsel._files import claimed
 from modelsel.cli import main
-from modelsel.data.io import read_measurements
 from modelsel.exceptions import StudyError
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import scene
+from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load
 from modelsel.telling import fleet as fleets
 from modelsel.telling.config import read_study

@@ -8,10 +8,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from modelsel.data.measurements import measurements
 from modelsel.exceptions import NotEstimable
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model, design
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load
 from modelsel.which.folds import Folded, assign, cross_validate, fold, held_out_residuals, pad
 from modelsel.wrong.registry import mechanism

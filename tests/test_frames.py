@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 from builders import drawn, small_arm
 
-from modelsel.data.io import read_labels, read_measurements
-from modelsel.data.measurements import Measurements, measurements
 from modelsel.exceptions import DataError
+from modelsel.measurements.measurements import Measurements, measurements
+from modelsel.measurements.reader import read_labels, read_measurements
 
 ARM = (False, False)
 FRAME = pd.DataFrame({"q1_rad": [0.1, 0.1, 0.5], "q2_deg": [0, 0, 45], "x_mm": [1.0, 2, 3], "y_mm": [4.0, 5, 6],

@@ -150,7 +150,7 @@ def test_found_before(case, tmp_path, monkeypatch) -> None:
 
 def test_simulated_data_keep_what_is_known(tmp_path) -> None:
     """Groups, order and directions of approach of the configurations that are measured anew."""
-    from modelsel.data.io import read_measurements
+    from modelsel.measurements.reader import read_measurements
     place = tmp_path / "work" / "files"
     text = base_files()["measurements.csv"].decode().splitlines()
     rng = np.random.default_rng(1)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from builders import bind, drawn
 
-from modelsel.data.measurements import measurements
 from modelsel.matrix.design import design
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import builtin_names, load, robot_from_table
 from modelsel.robot.gravity import G, arm_pair, moment, torques, under_gravity
 from modelsel.robot.kinematics import Robot, forward, pose

@@ -20,10 +20,10 @@ from hidden_effects import REGISTERED, UNREGISTERED
 from hidden_engine import Engine
 from hidden_oracle import critical_p, detection, held_by, naming_limit
 
-from modelsel.data.measurements import measurements
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene, scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load
 from modelsel.which.candidates import Candidate, candidates
 from modelsel.why import search

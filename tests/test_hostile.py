@@ -23,8 +23,8 @@ from hostile import NAMES, REFUSED
 
 from modelsel._names import guarded, unfit, unguarded
 from modelsel.cli import main
-from modelsel.data.io import read_measurements
 from modelsel.exceptions import DataError, ModelselError, StudyError
+from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.urdf import read_urdf_text
 from modelsel.telling.config import Study, parse_study

@@ -11,10 +11,6 @@ import pytest
 from gauged import ANCHORS, NOISE, TOOL, Campaign, hold
 from hidden_effects import at, one
 
-from modelsel.data.features import KINDS, UNKNOWN
-from modelsel.data.io import read_measurements
-from modelsel.data.kinds import Known, with_known
-from modelsel.data.measurements import Measurements, measurements
 from modelsel.elsewhere.explain import explain
 from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.elsewhere.simulate import simulate_rows
@@ -25,6 +21,10 @@ from modelsel.matrix.design import Model, design, residuals
 from modelsel.matrix.gauges import Fixtures
 from modelsel.matrix.identify import unidentifiable
 from modelsel.matrix.scene import Scene, scene
+from modelsel.measurements.features import KINDS, UNKNOWN
+from modelsel.measurements.measurements import Measurements, measurements
+from modelsel.measurements.observation_columns import Known, with_known
+from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load
 from modelsel.sure.components import components
 from modelsel.sure.ensemble import Ensemble

@@ -6,8 +6,8 @@ import pandas as pd
 import pytest
 from builders import drawn, one, planted
 
-from modelsel.data.measurements import blocks
 from modelsel.elsewhere import explain
+from modelsel.measurements.measurements import blocks
 from modelsel.telling.config import parse_study
 from modelsel.telling.study import run
 from modelsel.which import validate
@@ -57,7 +57,7 @@ def test_bundled_bootstrap_has_the_same_interval(rng, monkeypatch) -> None:
 
 def test_readings_alike_by_neighbours_or_by_tree(rng, monkeypatch) -> None:
     """Few close neighbours are compared along one direction, many by a tree: the same blocks."""
-    from modelsel.data import measurements
+    from modelsel.measurements import measurements
     few = np.repeat(rng.uniform(-1, 1, (50, 3)), 2, axis=0) + rng.uniform(-4e-7, 4e-7, (100, 3))
     monkeypatch.setattr(measurements, "_near", lambda q, order, close: None)
     by_tree = blocks(few, np.arange(100))

@@ -159,8 +159,8 @@ def test_setup_columns_with_orientation(rng) -> None:
     robot = ROBOTS["ur5"]
     at = drawn(robot, rng, 20)
     turned = at.pose(slice(None)).rotation.transpose(2, 0, 1)
-    from modelsel.data.measurements import measurements
     from modelsel.matrix.scene import scene
+    from modelsel.measurements.measurements import measurements
     data = measurements(at.data.q, at.data.position, rotation=turned)
     six = scene(robot, data, at.tools)
     assert six.components == 6

@@ -12,11 +12,11 @@ from builders import bind, drawn, one, planted, study_of
 from click.testing import CliRunner
 
 from modelsel.cli import main
-from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.telling.findings import beside

@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 from builders import drawn, seeds
 
-from modelsel.data.io import read_labels, read_measurements
-from modelsel.data.measurements import Measurements, in_turn, measurements
 from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.exceptions import DataError
 from modelsel.fitting.noise import from_repeats
+from modelsel.measurements.measurements import Measurements, in_turn, measurements
+from modelsel.measurements.reader import read_labels, read_measurements
 from modelsel.robot.files import load
 
 Q = "q1_rad,q2_rad"

@@ -18,8 +18,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from modelsel.data.measurements import measurements
 from modelsel.matrix.scene import scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.telling.analysis import Result

@@ -15,12 +15,12 @@ from click.testing import CliRunner
 
 from modelsel._typing import Array
 from modelsel.cli import main
-from modelsel.data.measurements import measurements
 from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.exceptions import DataError
 from modelsel.fitting.mistakes import mistake
 from modelsel.fitting.register import register
 from modelsel.matrix.scene import Scene
+from modelsel.measurements.measurements import measurements
 from modelsel.notices import MISTAKEN
 from modelsel.robot.files import load
 from modelsel.robot.rigid import rpy

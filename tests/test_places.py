@@ -4,10 +4,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from modelsel.data.io import read_measurements
-from modelsel.data.measurements import measurements
 from modelsel.elsewhere.simulate import simulate
 from modelsel.exceptions import DataError
+from modelsel.measurements.measurements import measurements
+from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load
 from modelsel.telling import tables
 from modelsel.telling.config import Study

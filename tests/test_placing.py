@@ -11,13 +11,13 @@ from builders import seeds
 from exact import Array, best, flanges, flanges_of, reached, seen
 from scipy.spatial.transform import Rotation
 
-from modelsel.data.io import read_measurements
-from modelsel.data.measurements import Measurements, measurements
 from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.register import register
 from modelsel.matrix.design import residuals
 from modelsel.matrix.scene import Scene, scene
+from modelsel.measurements.measurements import Measurements, measurements
+from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load, read_robot
 from modelsel.robot.kinematics import Joint, Robot
 

@@ -20,9 +20,9 @@ from test_floors import DOOR, FLOORS, PACKAGE
 
 import modelsel
 from modelsel.cli import COMMANDS, main
-from modelsel.data.io import read_measurements
 from modelsel.exceptions import StudyError
 from modelsel.matrix.design import design, residuals
+from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load
 from modelsel.telling.config import parse_study
 from modelsel.telling.tables import show

@@ -13,9 +13,9 @@ from click.testing import CliRunner
 from test_calibration import wide
 
 from modelsel.cli import main
-from modelsel.data.measurements import measurements
-from modelsel.data.temperature import reference
 from modelsel.exceptions import StudyError
+from modelsel.measurements.measurements import measurements
+from modelsel.measurements.reference_temperature import reference
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.robot.urdf import read_urdf_text

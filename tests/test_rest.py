@@ -4,9 +4,9 @@ from __future__ import annotations
 import numpy as np
 from builders import drawn, seeds, small_arm
 
-from modelsel.data.measurements import Measurements, measurements
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
+from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.which.candidates import candidates
 from modelsel.why.errormap import basis, columns, scan, stacked
 from modelsel.wrong.registry import every, mechanism

@@ -15,7 +15,6 @@ from scipy.integrate import quad
 
 from modelsel._typing import Array
 from modelsel.cli import main
-from modelsel.data.measurements import measurements
 from modelsel.elsewhere.confidence import Request, described, sampled, target_of
 from modelsel.elsewhere.confidence import confidence as certainty
 from modelsel.exceptions import StudyError
@@ -23,6 +22,7 @@ from modelsel.fitting.fit import Fit, fit
 from modelsel.fitting.noise import Instrument, weigh
 from modelsel.matrix.design import Model, design
 from modelsel.matrix.scene import Scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import rpy
 from modelsel.sure import sampling as engine

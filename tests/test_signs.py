@@ -11,11 +11,11 @@ import pytest
 from builders import bind, drawn, measured, seeds, small_arm, study_of
 from scipy.integrate import quad
 
-from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import builtin_names, load
 from modelsel.robot.gravity import torques
 from modelsel.robot.kinematics import Robot, forward, pose

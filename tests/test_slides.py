@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from builders import bind, measured, small_arm, study_of
 
-from modelsel.data.measurements import measurements
 from modelsel.elsewhere.explain import explain
 from modelsel.matrix.design import Model
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.kinematics import Robot, forward, pose
 from modelsel.which.candidates import PITCHES, candidates
 from modelsel.why.extend import Effect

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from builders import seeds
 
-from modelsel.data.measurements import Measurements, measurements
 from modelsel.elsewhere.prepare import Plan, split
 from modelsel.exceptions import StudyError
+from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.robot.files import load
 from modelsel.which.split import _features, choose
 

@@ -8,7 +8,7 @@ import pytest
 from builders import drawn, small_arm
 
 from modelsel import Study, report, run, save
-from modelsel.data.measurements import measurements
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import rpy
 from modelsel.telling.report.drawing import read

@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from modelsel.data.measurements import measurements
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene, scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.wrong.registry import mechanism

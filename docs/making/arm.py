@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from modelsel._typing import Array
-from modelsel.data.measurements import measurements
 from modelsel.matrix.design import twist_of
 from modelsel.matrix.scene import Scene, scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.kinematics import Robot, forward, pose
 from modelsel.telling.report.style import BLUE, ORANGE, QUIET, scaled, styled, svg
 from modelsel.wrong.screws import Mechanism, Term

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from modelsel._typing import Array
-from modelsel.data.measurements import measurements
 from modelsel.fitting.fit import Fit, fit
 from modelsel.matrix.design import Model, residuals
 from modelsel.matrix.scene import Scene, scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.which.candidates import Candidate, candidates

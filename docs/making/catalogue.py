@@ -11,9 +11,9 @@ import arm
 import numpy as np
 
 from modelsel._typing import Array
-from modelsel.data.measurements import measurements
 from modelsel.matrix.design import design
 from modelsel.matrix.scene import Scene, scene
+from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import builtin_names, load
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.telling.inspect import mechanism_card

@@ -17,7 +17,7 @@ from . import mapped, print_json
 @click.option("--json", "as_json", is_flag=True)
 def check(data: Path, robot: str, base: str | None, tip: str | None, columns: dict[str, str], as_json: bool) -> None:
     """What is in a measurements file, what it can tell and what it cannot."""
-    from ..data.io import read_measurements
+    from ..measurements.reader import read_measurements
     from ..robot.files import load, read_robot
     from ..telling.inspect import describe, sentences
     arm = read_robot(Path(robot), base, tip) if robot.endswith((".toml", ".urdf", ".xml")) else load(robot)

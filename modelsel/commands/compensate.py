@@ -33,7 +33,7 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
     the units that they were given in.
     """
     from .._files import write_frame
-    from ..data.io import read_measurements
+    from ..measurements.reader import read_measurements
     from ..use.calibration import load_calibration, predict
     from ..use.compensate import at_limits, commands_frame, from_order, outside, refuse
     from ..use.compensate import compensate as corrected

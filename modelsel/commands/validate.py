@@ -17,7 +17,7 @@ from . import mapped, print_json
 @click.option("--json", "as_json", is_flag=True)
 def validate(result: Path, data: Path, register: bool, columns: dict[str, str], as_json: bool) -> None:
     """Whether a stored calibration still holds on new measurements; nothing of it is refitted."""
-    from ..data.io import read_measurements
+    from ..measurements.reader import read_measurements
     from ..use.calibration import load_calibration
     from ..use.compensate import outside
     from ..use.drift import judge, sentences

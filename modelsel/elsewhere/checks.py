@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..data.cells import SMALLEST
 from ..exceptions import NotEstimable, sentence_list
 from ..fitting.believed import Lack, against, lack, likeliest
 from ..fitting.fit import Fit
@@ -21,6 +20,7 @@ from ..fitting.orientations import orientation_mistake
 from ..fitting.otherarm import other_robot, shifted_rows
 from ..matrix.design import whitened
 from ..matrix.scene import Scene
+from ..measurements.columns import SMALLEST
 from ..notices import ALARMS, HOPELESS, MISTAKEN, NOISE, OTHER, ROWS, SAME_ROWS, Note, alarms
 from ..robot.files import builtin_names, load
 from ..robot.kinematics import Robot

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from .._random import generator
 from .._typing import Array
-from ..data.features import KINDS
-from ..data.measurements import Measurements
 from ..exceptions import DataError, NotEstimable, StudyError, sentence_list, suggest
 from ..fitting.fixtures import place, unseen
 from ..fitting.noise import Floor, Instrument, weigh
 from ..fitting.register import register, undetermined
 from ..matrix.design import residuals
 from ..matrix.scene import scene
+from ..measurements.features import KINDS
+from ..measurements.measurements import Measurements
 from ..notices import Note
 from ..robot.kinematics import Robot
 from ..which.compare import Data

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._typing import Array
-from ..data.measurements import Measurements, measurements
 from ..exceptions import StudyError
 from ..fitting.fixtures import place
 from ..matrix.design import residuals
 from ..matrix.scene import scene
+from ..measurements.measurements import Measurements, measurements
 from ..robot.kinematics import Robot
 from ..wrong.screws import Screw, Term
 

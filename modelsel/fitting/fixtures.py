@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array, Index
-from ..data.features import Feature
-from ..data.measurements import Measurements
 from ..exceptions import DataError
 from ..matrix.design import residuals
 from ..matrix.gauges import Fixtures
 from ..matrix.scene import Scene
+from ..measurements.features import Feature
+from ..measurements.measurements import Measurements
 from ..robot.rigid import align_z
 
 FLAT = 1e-2        # least over largest spread of positions below which an anchor could stand on either side of them

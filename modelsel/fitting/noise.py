@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array
-from ..data.measurements import SAME_READING, Measurements
 from ..exceptions import StudyError
 from ..matrix.scene import Scene
+from ..measurements.measurements import SAME_READING, Measurements
 
 NORMAL = 1.4826   # standard deviation over median absolute deviation: a swapped reflector must not set the floor
 LACKING = "lack-of-fit"     # code of the warning that a model leaves another noise than is known

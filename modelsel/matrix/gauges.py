@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array
-from ..data.measurements import Gauges
+from ..measurements.measurements import Gauges
 from ..wrong.screws import FIXTURE_AXES
 
 LENGTH = FIXTURE_AXES.index("length")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array, Index
-from ..data.measurements import Measurements
+from ..measurements.measurements import Measurements
 from ..robot.gravity import moment, moments, unit_moments
 from ..robot.kinematics import Pose, Robot, pose
 from ..wrong.causes import Cause

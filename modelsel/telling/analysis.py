@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from .._random import generator
 from .._typing import Say
 from .._version import VERSION
-from ..data.measurements import Measurements
 from ..elsewhere.checks import believed, outcome, told_with, turns_believed, unsaid
 from ..elsewhere.confidence import Request, confidence, sampled
 from ..elsewhere.explain import explain, nested
@@ -19,6 +18,7 @@ from ..elsewhere.prepare import Plan, prepare, reweigh_rotation
 from ..fitting.noise import Floor
 from ..matrix.design import Model
 from ..matrix.identify import unidentifiable
+from ..measurements.measurements import Measurements
 from ..notices import Note
 from ..robot.kinematics import Robot
 from ..sure.sampling import Keeper

@@ -13,8 +13,8 @@ from pydantic import SerializerFunctionWrapHandler as Plain
 from .._names import as_name
 from .._text import read_text, toml
 from .._typing import LARGEST
-from ..data.table import Source, digest
 from ..exceptions import StudyError, suggest
+from ..measurements.table import Source, digest
 from ..robot.files import named, robot_record
 from ..robot.kinematics import Robot
 from .wording import plain_values, wording

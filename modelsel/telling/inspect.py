@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from ..data.features import KINDS
-from ..data.measurements import Measurements
 from ..elsewhere.checks import setup_notes
 from ..exceptions import DataError, NotEstimable
 from ..fitting.fixtures import place
@@ -19,6 +17,8 @@ from ..matrix.reduce import reduce_scene
 from ..matrix.scene import scene
 from ..matrix.size import as_drawn
 from ..matrix.usual import fitted_terms
+from ..measurements.features import KINDS
+from ..measurements.measurements import Measurements
 from ..notices import MISTAKEN, alarms
 from ..robot.kinematics import Robot
 from ..wrong.mechanisms.geometry import geometric, setup

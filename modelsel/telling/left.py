@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..data.measurements import SAME_READING, Measurements
 from ..fitting.fit import Fit
 from ..fitting.noise import LACKING, MEDIAN, Floor
 from ..matrix.design import fixture_values, whitened
 from ..matrix.gauges import LENGTH
 from ..matrix.scene import Scene
+from ..measurements.measurements import SAME_READING, Measurements
 from ..notices import Note
 from ..robot.rigid import turn
 from ..which.candidates import Candidate

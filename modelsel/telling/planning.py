@@ -9,11 +9,11 @@ import numpy as np
 
 from .._random import generator
 from .._typing import Array
-from ..data.cells import READINGS, UNITS
-from ..data.io import read_measurements
-from ..data.measurements import Measurements, measurements
-from ..data.table import Source
 from ..exceptions import StudyError, suggest
+from ..measurements.columns import READINGS, UNITS
+from ..measurements.measurements import Measurements, measurements
+from ..measurements.reader import read_measurements
+from ..measurements.table import Source
 from ..robot.kinematics import Robot
 from ..use.calibration import Calibration
 from ..use.plan import RIVALS, Rivals, determine, distinct, indices, more_needed, pool, tell_apart, told_with

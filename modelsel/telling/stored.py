@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._files import write_all
-from ..data.table import damaged
 from ..exceptions import StudyError
+from ..measurements.table import damaged
 from ..use.calibration import NAME, Calibration, calibrate, calibration_text, load_calibration
 from ..use.refit import refitted
 from .finished import Result

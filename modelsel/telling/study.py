@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from .._random import generator
 from .._typing import Say
-from ..data.io import read_labels, read_measurements
-from ..data.kinds import Known, with_known
-from ..data.measurements import Measurements, measurements
-from ..data.table import Source, digest
 from ..elsewhere.prepare import Plan, prepare, tools_of
 from ..elsewhere.simulate import simulate, simulate_rows
 from ..exceptions import DataError, StudyError
 from ..fitting.noise import Instrument
 from ..matrix.scene import scene
+from ..measurements.measurements import Measurements, measurements
+from ..measurements.observation_columns import Known, with_known
+from ..measurements.reader import read_labels, read_measurements
+from ..measurements.table import Source, digest
 from ..robot.files import load, read_robot
 from ..robot.kinematics import Robot
 from ..wrong.causes import parse

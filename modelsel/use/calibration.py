@@ -16,12 +16,12 @@ import numpy as np
 
 from .._json import misfit, read, strict
 from .._typing import Array, Index
-from ..data.measurements import Measurements
 from ..exceptions import DataError, StudyError, suggest
 from ..fitting.fit import Fit
 from ..fitting.noise import Floor
 from ..matrix.design import Model, columns_of, field_of, twist_of
 from ..matrix.scene import Scene
+from ..measurements.measurements import Measurements
 from ..robot.files import numbers, robot_of, robot_record, rotation
 from ..robot.kinematics import Pose, Robot
 from ..which.compare import Data

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array
-from ..data.io import RESERVED
-from ..data.measurements import Measurements, measurements
 from ..matrix.design import PLACE
 from ..matrix.scene import Scene
+from ..measurements.measurements import Measurements, measurements
+from ..measurements.reader import RESERVED
 from ..robot.kinematics import Robot
 from ..robot.rigid import transform, turn
 from ..wrong.causes import Cause, Combined, Member, Number

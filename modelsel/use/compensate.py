@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..data.io import read_measurements
-from ..data.measurements import Measurements
-from ..data.table import Source
 from ..exceptions import sentence_list
 from ..matrix.scene import Scene
+from ..measurements.measurements import Measurements
+from ..measurements.reader import read_measurements
+from ..measurements.table import Source
 from ..robot.kinematics import forward
 from ..robot.rigid import rotation_vector
 from .calibration import Calibration, in_tracker, pose_of, uncertainty

@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array, Index
-from ..data.cells import SMALLEST
-from ..data.measurements import Measurements
 from ..exceptions import DataError, sentence_list
 from ..fitting.believed import SMALLER, Lack, against, lack, likeliest
 from ..fitting.noise import Floor
 from ..fitting.placing import kabsch
 from ..matrix.scene import Scene
+from ..measurements.columns import SMALLEST
+from ..measurements.measurements import Measurements
 from ..robot.rigid import rotation_vector
 from ..why.mistaken_rows import slipped
 from .calibration import Calibration, pose_of, predict, uncertainty

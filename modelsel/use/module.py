@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..data.io import RESERVED
 from ..matrix.design import PLACE
+from ..measurements.reader import RESERVED
 from ..wrong.causes import Applied, Bump, Cause, Combined, Named, Number
 from .calibration import Calibration
 from .carried import constants, parts

@@ -3,8 +3,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..data.temperature import TEMPERATURE
 from ..exceptions import sentence_list
+from ..measurements.reference_temperature import TEMPERATURE
 from ..wrong.causes import Member
 from ..wrong.mechanisms.environment import counted
 from .calibration import Calibration

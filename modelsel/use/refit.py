@@ -13,10 +13,10 @@ import numpy as np
 
 from .._json import Each, Maybe
 from .._typing import Array
-from ..data.temperature import TEMPERATURE
 from ..exceptions import NotEstimable
 from ..fitting.fit import Fit
 from ..matrix.design import Model
+from ..measurements.reference_temperature import TEMPERATURE
 from ..which.compare import Data, Rung, rung
 from ..which.validate import errors
 from ..wrong.mechanisms.geometry import SETUP

@@ -13,9 +13,9 @@ from itertools import combinations
 
 import numpy as np
 
-from ..data.temperature import TEMPERATURE
 from ..matrix.design import Model
 from ..matrix.scene import Scene
+from ..measurements.reference_temperature import TEMPERATURE
 from ..robot.gravity import arm_pair, under_gravity
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array, Index
-from ..data.measurements import Measurements, in_turn
 from ..exceptions import NotEstimable
 from ..matrix.design import assemble, blocks, whiten
 from ..matrix.identify import identify, solve
 from ..matrix.reduce import STREAM, Reduction, spread
 from ..matrix.scene import BLOCK, Scene
+from ..measurements.measurements import Measurements, in_turn
 from ..robot._kernels import Space
 from ..wrong.screws import Term
 

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..data.measurements import Measurements, in_turn
+from ..measurements.measurements import Measurements, in_turn
 
 SWEEPS = 40
 LARGE = 20_000     # beyond it a seeded random choice covers everything by itself

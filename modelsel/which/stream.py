@@ -15,14 +15,14 @@ from zlib import crc32
 import numpy as np
 
 from .._typing import Array, Index
-from ..data.io import read_measurements
-from ..data.measurements import SAME_READING, Measurements
-from ..data.table import row_groups
 from ..exceptions import DataError, StudyError
 from ..fitting.fit import Fit, fit
 from ..matrix.design import Model
 from ..matrix.reduce import Reduction, Source, merged, reduce_scene
 from ..matrix.scene import Scene, scene
+from ..measurements.measurements import SAME_READING, Measurements
+from ..measurements.reader import read_measurements
+from ..measurements.table import row_groups
 from ..robot.kinematics import Robot
 from ..wrong.screws import Term
 from .folds import CrossValidation, Folded, cross_validate, pad

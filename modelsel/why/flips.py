@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from .._typing import Array, Index
-from ..data.measurements import Measurements
+from ..measurements.measurements import Measurements
 from .errormap import Scan
 from .evidence import by_size, least_p, null_evidence, shares
 

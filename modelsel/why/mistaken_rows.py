@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array, Index
-from ..data.table import Where
 from ..exceptions import DataError, NotEstimable
 from ..fitting.otherarm import better
 from ..fitting.register import register
 from ..fitting.slips import RAD, SCALES, axis_changes
 from ..matrix.design import residuals
 from ..matrix.scene import Scene
+from ..measurements.table import Where
 from .faults import MATCH
 from .robust import scale_of
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array
-from ..data.measurements import Measurements
+from ..measurements.measurements import Measurements
 from .flips import LASTING, together
 
 LENGTHS = (0.3, 0.6, 1.2, 2.4)      # of the kernel, in units of sine and cosine of a joint's angle, all joints together

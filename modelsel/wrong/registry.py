@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-from ..data.temperature import REFERENCE
 from ..exceptions import StudyError, one_line, suggest
+from ..measurements.reference_temperature import REFERENCE
 from ..robot.kinematics import Robot
 from .mechanisms import compliance, couplings, environment, geometry, gravity_effects, motion, transmission
 from .screws import Mechanism, unstorable

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...data.table import where_of
+from ...measurements.table import where_of
 from ..views import name_of
 from .document import Block, Source, heading, points, table, text
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...data.table import Where, where_of
+from ...measurements.table import Where, where_of
 from ...why.words import quantity
 from ..tables import mm
 from ..views import name_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..._typing import Array
-from ...data.temperature import REFERENCE, TEMPERATURE
+from ...measurements.reference_temperature import REFERENCE, TEMPERATURE
 from ...robot.kinematics import Robot
 from ...robot.rigid import AXES
 from ..causes import Applied, Bump, Cause, Combined, Named, Number, shifted, sign

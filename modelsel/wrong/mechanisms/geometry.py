@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...data.features import Feature
+from ...measurements.features import Feature
 from ...robot.kinematics import Robot
 from ...robot.rigid import AXES
 from ..causes import ONE, Cause, Member

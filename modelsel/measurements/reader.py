@@ -1,4 +1,5 @@
 """The contract's columns -> Measurements, from CSV, Parquet or a DataFrame: strict, and every refusal says place and remedy."""
+
 from __future__ import annotations
 
 import re
@@ -14,12 +15,12 @@ from .._typing import Array
 from ..exceptions import StudyError, one_line, suggest
 from ..notices import Note
 from ..robot.rigid import from_quaternion
-from .cells import READINGS, as_numbers, labels, measured, numbers, together
-from .copies import copies, duplicates
-from .kinds import COLUMNS, Kinds, read_kinds, read_positions, read_quaternions, read_uncertainties
+from .columns import READINGS, as_numbers, labels, measured, numbers, together
+from .duplicates import copies, duplicates
 from .measurements import Measurements, measurements, numbered
+from .observation_columns import COLUMNS, Kinds, read_kinds, read_positions, read_quaternions, read_uncertainties
 from .table import Source, Table, Where, read_table, renamed
-from .units import mapped_units, other_units
+from .unit_names import mapped_units, other_units
 
 JOINT = re.compile(r"q([0-9]{1,9})_(?:rad|deg|mm|m)")
 TEXT = ("target", "configuration", "group")

@@ -1,4 +1,5 @@
 """Named columns from a CSV or Parquet file or a DataFrame: every refusal says its place."""
+
 from __future__ import annotations
 
 import csv

@@ -1,11 +1,12 @@
 """Columns of the contract in units that it does not read: refused with the right name, never taken for a covariate."""
+
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
 
 from ..exceptions import DataError
-from .cells import READINGS
+from .columns import READINGS
 from .table import Table, Where
 
 # one of a unit in those that the contract reads

@@ -1,4 +1,5 @@
 """What rows measure that are no points, and the features they share: anchors, spheres, points, planes."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence

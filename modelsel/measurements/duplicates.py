@@ -1,4 +1,5 @@
 """Rows that stand in a file twice: the same row again, cell for cell, or the same measurement under another number or name."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence

@@ -2,6 +2,7 @@
 
 A column `kind` says it; `feature` names what rows share; `length_mm` and `s_mm` are the measured length and its uncertainty.
 """
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -11,8 +12,8 @@ import numpy as np
 
 from .._typing import LARGEST, Array
 from ..exceptions import StudyError, suggest
-from .cells import SMALLEST, Mask, blank, measured, named, numbers, together
-from .copies import duplicates
+from .columns import SMALLEST, Mask, blank, measured, named, numbers, together
+from .duplicates import duplicates
 from .features import KINDS, UNKNOWN
 from .measurements import Measurements
 from .table import Table

@@ -1,4 +1,5 @@
 """The place of every row in the campaign that it was measured in."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,4 +1,5 @@
 """Joints that rest while their encoders flicker: a difference of readings that is noise is no motion."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -1,4 +1,5 @@
 """From which temperature thermal effects are counted."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping

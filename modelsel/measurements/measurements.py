@@ -14,10 +14,10 @@ from ..exceptions import DataError
 from ..notices import Note
 from ..robot.rigid import to_quaternion
 from .features import COORDINATES, KINDS, Feature, features_of, framed
-from .rest import resting, said
-from .sequence import campaign
+from .reference_temperature import REFERENCE, reference
+from .resting_joints import resting, said
+from .row_order import campaign
 from .table import Where
-from .temperature import REFERENCE, reference
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,5 +1,6 @@
 """Columns of a table as numbers or labels: strict, and every refusal says place, column and remedy. `rows` (m,), where it is
 given, says which rows have a number in the column; the others are to be empty, and become nan."""
+
 from __future__ import annotations
 
 import re
