@@ -22,6 +22,8 @@ from modelsel.fitting.fit import Fit, fit
 from modelsel.matrix.design import residuals
 from modelsel.matrix.scene import Scene, scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.environment import tracker_step
+from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.kinematics import Joint, Robot, forward
 from modelsel.sure import conditional
 from modelsel.sure import sampling as engine
@@ -31,8 +33,6 @@ from modelsel.sure.posterior import Importance, importance, posterior, weighted
 from modelsel.sure.target import TAIL, Target
 from modelsel.telling.analysis import Result
 from modelsel.telling.study import run
-from modelsel.wrong.mechanisms.environment import tracker_step
-from modelsel.wrong.registry import BUILTIN
 
 TOOL = np.array([40.0, -25.0, 100.0])
 BINS = 10

@@ -31,6 +31,7 @@ from modelsel.fitting.fit import fit
 from modelsel.matrix.design import residuals
 from modelsel.matrix.scene import Scene, scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.registry import every
 from modelsel.robot.kinematics import forward
 from modelsel.sure.parameters import parameters, resampled
 from modelsel.sure.significance import nested
@@ -38,7 +39,6 @@ from modelsel.which.compare import Data
 from modelsel.which.folds import assign
 from modelsel.why.faults import misplaced
 from modelsel.why.predictor import predictable
-from modelsel.wrong.registry import every
 
 from .calibration import ARM, TOOL
 

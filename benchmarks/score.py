@@ -11,9 +11,9 @@ from hidden_oracle import critical_p, held_by, naming_limit
 
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
+from modelsel.mechanisms.registry import every, mechanism
 from modelsel.which.candidates import Candidate, candidates
 from modelsel.why.extend import extend
-from modelsel.wrong.registry import every, mechanism
 
 from .cases import EXPLAINS, NOISE, Array, Case, draw, oracle_error, powers
 from .rivals import as_candidates, bench, forward, lasso, stlsq

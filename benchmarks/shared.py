@@ -26,14 +26,14 @@ from modelsel.matrix.design import Model as Terms
 from modelsel.matrix.design import design, residuals
 from modelsel.matrix.scene import Scene, scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.causes import q, sin
+from modelsel.mechanisms.registry import every
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.sure.parameters import parameters, resampled
 from modelsel.which.compare import Data
 from modelsel.which.folds import assign
-from modelsel.wrong.causes import q, sin
-from modelsel.wrong.registry import every
-from modelsel.wrong.screws import Mechanism, Screw, Term
 
 from .calibration import ARM
 from .nulls import interval

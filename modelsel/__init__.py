@@ -19,6 +19,15 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
     from .matrix.design import residuals as residuals
     from .measurements.measurements import Measurements as Measurements
     from .measurements.reader import read_measurements as read_measurements
+    from .mechanisms.causes import Cause as Cause
+    from .mechanisms.registry import BUILTIN as BUILTIN
+    from .mechanisms.registry import PerJoint as PerJoint
+    from .mechanisms.registry import every as every
+    from .mechanisms.registry import mechanism as mechanism
+    from .mechanisms.registry import with_plugins as with_plugins
+    from .mechanisms.terms import Mechanism as Mechanism
+    from .mechanisms.terms import Screw as Screw
+    from .mechanisms.terms import Term as Term
     from .robot.files import builtin_names as builtin_names
     from .robot.files import load as load
     from .robot.files import read_robot as read_robot
@@ -44,24 +53,15 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
     from .use.compensate import correct as correct
     from .which.split import choose as choose
     from .which.validate import gain as gain
-    from .wrong.causes import Cause as Cause
-    from .wrong.registry import BUILTIN as BUILTIN
-    from .wrong.registry import PerJoint as PerJoint
-    from .wrong.registry import every as every
-    from .wrong.registry import mechanism as mechanism
-    from .wrong.registry import with_plugins as with_plugins
-    from .wrong.screws import Mechanism as Mechanism
-    from .wrong.screws import Screw as Screw
-    from .wrong.screws import Term as Term
 
 __version__ = VERSION
 
 _NAMES = {  # a name that is also a module's (fit, scene, extend …) is imported from there: from modelsel.fitting.fit import fit
-    "measurements.reader": "read_measurements",
-    "measurements.measurements": "Measurements",
     "exceptions": "DataError ModelselError NotEstimable StudyError",
     "fitting.fit": "Fit",
     "matrix.design": "Model residuals",
+    "measurements.measurements": "Measurements",
+    "measurements.reader": "read_measurements",
     "robot.files": "builtin_names load read_robot",
     "robot.kinematics": "Robot forward screw_field",
     "telling.config": "Study read_study",
@@ -73,9 +73,9 @@ _NAMES = {  # a name that is also a module's (fit, scene, extend …) is importe
     "use.compensate": "correct",
     "which.split": "choose",
     "which.validate": "gain",
-    "wrong.causes": "Cause",
-    "wrong.registry": "BUILTIN PerJoint every mechanism with_plugins",
-    "wrong.screws": "Mechanism Screw Term",
+    "mechanisms.causes": "Cause",
+    "mechanisms.registry": "BUILTIN PerJoint every mechanism with_plugins",
+    "mechanisms.terms": "Mechanism Screw Term",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)

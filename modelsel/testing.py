@@ -19,10 +19,10 @@ from .matrix.identify import identify
 from .matrix.reduce import reduce
 from .matrix.scene import Scene, scene
 from .measurements.measurements import measurements
+from .mechanisms import causes
+from .mechanisms.serialization import mechanism_of, mechanism_record
+from .mechanisms.terms import Mechanism, Screw, Term
 from .robot.kinematics import Robot, forward
-from .use.records import mechanism_of, mechanism_record
-from .wrong import causes
-from .wrong.screws import Mechanism, Screw, Term
 
 M = 60              # configurations
 SIGMA = 0.02        # mm, of L4's noise

@@ -29,8 +29,8 @@ from modelsel.fitting.fit import Fit, fit
 from modelsel.matrix.design import Model
 from modelsel.matrix.identify import identify, solve
 from modelsel.matrix.reduce import Reduction, Source, reduce
-from modelsel.wrong.causes import Named
-from modelsel.wrong.screws import Mechanism, Screw, Term
+from modelsel.mechanisms.causes import Named
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 
 LINEAR = ("norris", "pontius", "noint1", "noint2", "filip", "longley", *(f"wampler{k}" for k in range(1, 6)))
 DATA = Path(os.environ.get("MODELSEL_DATA") or Path(__file__).parents[2] / "shared" / "data") / "nist-strd"

@@ -14,6 +14,8 @@ from builders import bind, drawn
 from modelsel import testing as laws
 from modelsel.matrix.design import design, residuals
 from modelsel.matrix.scene import Scene
+from modelsel.mechanisms import causes
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.kinematics import Robot
 from modelsel.robot.rigid import AXES
 from modelsel.testing import (
@@ -25,8 +27,6 @@ from modelsel.testing import (
     step,
     usual,
 )
-from modelsel.wrong import causes
-from modelsel.wrong.screws import Mechanism, Screw, Term
 
 
 def check_mechanism(mechanism: Mechanism, robot: Robot, rng: np.random.Generator) -> None:

@@ -16,11 +16,11 @@ from hidden_effects import at as acting
 from hidden_effects import one
 
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.kinematics import Robot
 from modelsel.telling.analysis import Question, Result, analyse
 from modelsel.telling.config import parse_study
 from modelsel.telling.study import candidates_of, plan_of
-from modelsel.wrong.registry import BUILTIN
 
 ROBOT: Robot = replace(small_arm(), gravity=(0.0, 0.0, -1.0))
 TOOL, NOISE = (250.0, -60.0, 90.0), 0.04

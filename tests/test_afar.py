@@ -12,8 +12,8 @@ from modelsel.fitting.register import register
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.geometry import geometric, setup
 from modelsel.robot.files import load
-from modelsel.wrong.mechanisms.geometry import geometric, setup
 
 NOISE = 0.06
 UNIT = np.array([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3])

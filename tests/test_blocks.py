@@ -13,6 +13,7 @@ from modelsel.fitting.fit import fit
 from modelsel.matrix import reduce, scene
 from modelsel.matrix.design import Model, residuals
 from modelsel.matrix.scene import Scene
+from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.sure import posterior as closed
 from modelsel.sure import significance
@@ -22,7 +23,6 @@ from modelsel.which.compare import Data, rung
 from modelsel.which.folds import by_unit, fold
 from modelsel.which.table import compare
 from modelsel.why.errormap import stacked
-from modelsel.wrong.registry import mechanism
 
 ARM = load("puma760")
 BASE = Model((mechanism("geometric", ARM),))

@@ -10,6 +10,7 @@ from builders import drawn, one, planted, study_of
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
 from modelsel.matrix.reduce import reduce
+from modelsel.mechanisms.causes import cos, q, sin
 from modelsel.telling.config import parse_study
 from modelsel.telling.result import candidates_dict
 from modelsel.which import bound
@@ -18,7 +19,6 @@ from modelsel.which.criteria import bic
 from modelsel.which.folds import pad
 from modelsel.which.search import all_subsets
 from modelsel.which.table import compare
-from modelsel.wrong.causes import cos, q, sin
 
 N = 240
 

@@ -15,6 +15,10 @@ from modelsel.fitting.noise import Floor
 from modelsel.matrix.design import Model, residuals
 from modelsel.matrix.scene import Scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.causes import Bump, Member, Named, Number, cos, q, sign, sin
+from modelsel.mechanisms.registry import every, mechanism
+from modelsel.mechanisms.serialization import cause_of, cause_record
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.telling.config import read_study
 from modelsel.telling.stored import calibration_of, save
@@ -30,12 +34,8 @@ from modelsel.use.calibration import (
     predict,
     uncertainty,
 )
-from modelsel.use.records import cause_of, cause_record
 from modelsel.use.refit import refitted
 from modelsel.which.compare import Data
-from modelsel.wrong.causes import Bump, Member, Named, Number, cos, q, sign, sin
-from modelsel.wrong.registry import every, mechanism
-from modelsel.wrong.screws import Mechanism, Screw, Term
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"
 

@@ -12,6 +12,9 @@ from modelsel.elsewhere.explain import explain
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.causes import Applied, Named, q, sin
+from modelsel.mechanisms.registry import every, mechanism
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.telling.cautions import restricted, worse_than_nominal
@@ -21,9 +24,6 @@ from modelsel.which.candidates import Candidate, candidates
 from modelsel.which.validate import Gain
 from modelsel.why.extend import Effect, extend
 from modelsel.why.words import cautions
-from modelsel.wrong.causes import Applied, Named, q, sin
-from modelsel.wrong.registry import every, mechanism
-from modelsel.wrong.screws import Mechanism, Screw, Term
 
 STUDY = Path(__file__).parent.parent / "studies" / "puma760"
 ARM = load("ur10")

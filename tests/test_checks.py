@@ -25,6 +25,7 @@ from modelsel.fitting.orientations import orientation_mistake
 from modelsel.fitting.register import register
 from modelsel.measurements.measurements import measurements
 from modelsel.measurements.reader import read_measurements
+from modelsel.mechanisms.geometry import geometric
 from modelsel.notices import ALARMS, HOPELESS, Note, alarms
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward, pose
@@ -33,7 +34,6 @@ from modelsel.telling.finished import Result
 from modelsel.telling.report.front import opening
 from modelsel.telling.study import rehearse, run
 from modelsel.telling.tables import sentences
-from modelsel.wrong.mechanisms.geometry import geometric
 
 NOISE = 0.05
 TOOLS = {"A": (40.0, -25.0, 100.0), "B": (-30.0, 40.0, 80.0)}

@@ -11,6 +11,9 @@ from builders import drawn, planted, seeds
 
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model, design
+from modelsel.mechanisms.causes import ONE, Named, cos, q, sin
+from modelsel.mechanisms.registry import every, mechanism
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.which.candidates import candidates
 from modelsel.which.compare import Data, rung
@@ -18,9 +21,6 @@ from modelsel.which.criteria import aic, bic
 from modelsel.which.folds import assign, fold
 from modelsel.which.search import all_subsets
 from modelsel.which.table import MOST, Comparison, compare, strongest
-from modelsel.wrong.causes import ONE, Named, cos, q, sin
-from modelsel.wrong.registry import every, mechanism
-from modelsel.wrong.screws import Mechanism, Screw, Term
 
 ARM = load("puma760")
 BASE = Model((mechanism("geometric", ARM),))

@@ -16,6 +16,8 @@ from modelsel.cli import main
 from modelsel.exceptions import DataError
 from modelsel.matrix.design import Model
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.registry import mechanism
+from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_quaternion
@@ -24,8 +26,6 @@ from modelsel.telling.stored import calibration_of
 from modelsel.telling.study import run
 from modelsel.use.calibration import calibration_text, predict
 from modelsel.use.compensate import BOUND, commanded, compensate, correct, from_order, nominal, outside, refuse
-from modelsel.wrong.registry import mechanism
-from modelsel.wrong.screws import Mechanism
 
 NOISE = 0.06
 STUDY = """name = "engine"

@@ -13,6 +13,8 @@ from modelsel.elsewhere.confidence import Request, target_of
 from modelsel.fitting.fit import Fit, fit
 from modelsel.matrix.design import Model, design
 from modelsel.matrix.scene import Scene
+from modelsel.mechanisms.environment import tracker_step
+from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.sure import sampling as engine
 from modelsel.sure.components import components
 from modelsel.sure.conditional import RATIOS
@@ -20,8 +22,6 @@ from modelsel.sure.constants import constants
 from modelsel.sure.posterior import Importance
 from modelsel.sure.sampling import sample
 from modelsel.sure.target import Target
-from modelsel.wrong.mechanisms.environment import tracker_step
-from modelsel.wrong.registry import BUILTIN, mechanism
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))

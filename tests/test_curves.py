@@ -11,6 +11,10 @@ from modelsel._typing import Array
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene
+from modelsel.mechanisms.causes import Named, cos, q, sin
+from modelsel.mechanisms.environment import STEPS
+from modelsel.mechanisms.registry import every, mechanism
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.kinematics import forward
 from modelsel.which.candidates import BETWEEN, Candidate, candidates
 from modelsel.why.curves import chain, curves, own_angle
@@ -18,10 +22,6 @@ from modelsel.why.errormap import basis, columns, scan, stacked, subset
 from modelsel.why.extend import Extension, extend
 from modelsel.why.naming import name, with_candidate
 from modelsel.why.search import LEVEL, Search
-from modelsel.wrong.causes import Named, cos, q, sin
-from modelsel.wrong.mechanisms.environment import STEPS
-from modelsel.wrong.registry import every, mechanism
-from modelsel.wrong.screws import Mechanism, Screw, Term
 
 SIGMA = 0.03
 

@@ -9,14 +9,14 @@ from test_report import PUMA
 
 from modelsel import read_study, run
 from modelsel.matrix.design import design
+from modelsel.mechanisms.causes import q
+from modelsel.mechanisms.registry import BUILTIN
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.telling.analysis import Question
 from modelsel.telling.report import drawing
 from modelsel.telling.report.details import thinned
 from modelsel.telling.report.findings import separation
 from modelsel.telling.study import candidates_of, plan_of, robot_of
-from modelsel.wrong.causes import q
-from modelsel.wrong.registry import BUILTIN
-from modelsel.wrong.screws import Mechanism, Screw, Term
 
 
 def entry(name: str | None, *screws: tuple[int, str, str]) -> dict:

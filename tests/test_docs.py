@@ -15,7 +15,7 @@ import pytest
 
 from modelsel.cli import COMMANDS, INTERRUPTED
 from modelsel.exceptions import CHECK_FAILED, DataError, ModelselError, NotEstimable, StudyError
-from modelsel.wrong.registry import BUILTIN
+from modelsel.mechanisms.registry import BUILTIN
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -17,6 +17,9 @@ from modelsel.fitting.shrink import fit_shrunk
 from modelsel.matrix.design import Model, design
 from modelsel.matrix.scene import Scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.causes import Bump
+from modelsel.mechanisms.registry import mechanism
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.kinematics import forward
 from modelsel.sure.parameters import resampled
 from modelsel.sure.significance import nested, significance
@@ -25,9 +28,6 @@ from modelsel.telling.left import LackOfFit, lack_of_fit, lacking
 from modelsel.which.compare import Data, rung
 from modelsel.which.validate import Gain
 from modelsel.why.faults import DRAWS, misplaced
-from modelsel.wrong.causes import Bump
-from modelsel.wrong.registry import mechanism
-from modelsel.wrong.screws import Mechanism, Screw, Term
 
 ARM, SIGMA = small_arm(), 0.05
 BASE = Model((mechanism("geometric", ARM),))

@@ -16,6 +16,8 @@ from modelsel.fitting.noise import Floor
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene
 from modelsel.measurements.measurements import Measurements
+from modelsel.mechanisms.registry import mechanism
+from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load
 from modelsel.robot.rigid import rpy
 from modelsel.use.calibration import Calibration, calibrate, calibration_text
@@ -23,8 +25,6 @@ from modelsel.use.campaigns import compare, holm, sentences
 from modelsel.use.drift import judge
 from modelsel.use.drift import sentences as told
 from modelsel.which.compare import Data
-from modelsel.wrong.registry import mechanism
-from modelsel.wrong.screws import Screw, Term
 
 NOISE = 0.05
 ROBOT = load("puma760")
@@ -187,8 +187,8 @@ def test_mechanisms_that_came_and_went(rng) -> None:
 
 def test_one_motion_under_two_names(rng) -> None:
     """The wind-up of joint 3, found as the catalogue's twist in one campaign and as a cell in the other, did not come or go."""
-    from modelsel.wrong.causes import cos, q
-    from modelsel.wrong.screws import Mechanism
+    from modelsel.mechanisms.causes import cos, q
+    from modelsel.mechanisms.terms import Mechanism
     twist = Mechanism("joint3-twist", (Term("h", (Screw(3, "rz", cos(q(2) + q(3))),)),))
     cell = Mechanism("cell", (Term("h0", (Screw(3, "rz", cos(q(3) + q(2))),)),))
     geometry, theta = truth(("geometric",))
@@ -201,8 +201,8 @@ def test_one_motion_under_two_names(rng) -> None:
 def test_what_is_named_once_or_twice_is_told_as_far_as_the_evidence_goes(rng) -> None:
     """The same effect under two names did not change, however its two sizes differ; a faint one, named in a long campaign alone,
     may have been there before; and how large a change would have been seen is said, and is."""
-    from modelsel.wrong.causes import cos, q
-    from modelsel.wrong.screws import Mechanism
+    from modelsel.mechanisms.causes import cos, q
+    from modelsel.mechanisms.terms import Mechanism
     twist = Mechanism("joint3-twist", (Term("h", (Screw(3, "rz", cos(q(2) + q(3))),)),))
     cell = Mechanism("cell", (Term("h0", (Screw(3, "rz", cos(q(3) + q(2))),)),))
     geometry, theta = truth(("geometric",))

@@ -7,10 +7,10 @@ from builders import drawn, seeds
 
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
+from modelsel.mechanisms.registry import every, mechanism
 from modelsel.which.candidates import Candidate, candidates
 from modelsel.why.errormap import Scan, basis, columns, scan, stacked
 from modelsel.why.evidence import RATIOS, evidence, factors, log_bayes_factors, null, p_value, shares
-from modelsel.wrong.registry import every, mechanism
 
 DRAWS = 40
 

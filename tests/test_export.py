@@ -19,6 +19,7 @@ from modelsel.exceptions import StudyError
 from modelsel.fitting.fit import fit
 from modelsel.fitting.noise import Floor
 from modelsel.matrix.design import Model
+from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.dh import rows_of
 from modelsel.robot.files import builtin_names, load, read_robot, robot_from_table
 from modelsel.robot.gravity import torques
@@ -30,7 +31,6 @@ from modelsel.use.calibration import calibrate, calibration_text, predict
 from modelsel.use.carried import alone, parts, points, workspace
 from modelsel.use.export import FORMS, export
 from modelsel.which.compare import Data
-from modelsel.wrong.registry import mechanism
 
 
 @pytest.fixture(scope="module")

@@ -20,6 +20,8 @@ from modelsel.fitting.fit import Fit, fit
 from modelsel.matrix.design import Model, design
 from modelsel.matrix.scene import Scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.causes import q
+from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.sure.parameters import Parameter, parameters, resampled
 from modelsel.sure.significance import nested
@@ -30,8 +32,6 @@ from modelsel.why.extend import Extension, extend
 from modelsel.why.flips import adjusted, together, units
 from modelsel.why.predictor import predictable
 from modelsel.why.view import view
-from modelsel.wrong.causes import q
-from modelsel.wrong.registry import every, mechanism
 
 ARM: Robot = replace(small_arm(), gravity=(0.0, 0.0, -1.0))
 BASE = Model((mechanism("geometric", ARM),))

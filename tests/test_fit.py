@@ -16,9 +16,9 @@ from modelsel.matrix.design import Model, design
 from modelsel.matrix.identify import identify
 from modelsel.matrix.reduce import Reduction, merged, reduce, reduce_scene
 from modelsel.matrix.scene import Scene
+from modelsel.mechanisms.causes import Named
+from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
-from modelsel.wrong.causes import Named
-from modelsel.wrong.registry import mechanism
 
 # -- scenes -----------------------------------------------------------------------------------------------------------
 

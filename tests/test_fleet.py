@@ -23,6 +23,7 @@ from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import scene
 from modelsel.measurements.reader import read_measurements
+from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.telling import fleet as fleets
 from modelsel.telling.config import read_study
@@ -31,7 +32,6 @@ from modelsel.telling.fleetfile import read_fleet
 from modelsel.telling.stored import WRITES, load_result
 from modelsel.telling.study import run
 from modelsel.which.stream import Parts, fit_parts, parts_of
-from modelsel.wrong.registry import mechanism
 
 TOOL = (40.0, -25.0, 100.0)
 STUDY = """

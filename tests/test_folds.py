@@ -12,9 +12,9 @@ from modelsel.exceptions import NotEstimable
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model, design
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.which.folds import Folded, assign, cross_validate, fold, held_out_residuals, pad
-from modelsel.wrong.registry import mechanism
 
 
 def parts_of(X: np.ndarray, y: np.ndarray, fold_of: np.ndarray) -> Folded:

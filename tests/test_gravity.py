@@ -9,11 +9,11 @@ from builders import bind, drawn
 
 from modelsel.matrix.design import design
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import builtin_names, load, robot_from_table
 from modelsel.robot.gravity import G, arm_pair, moment, torques, under_gravity
 from modelsel.robot.kinematics import Robot, forward, pose
 from modelsel.robot.rigid import transform, turn
-from modelsel.wrong.registry import mechanism
 
 
 def test_puma560_published_gravity_load() -> None:

@@ -24,13 +24,13 @@ from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene, scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.files import load
 from modelsel.which.candidates import Candidate, candidates
 from modelsel.why import search
 from modelsel.why.errormap import Scan, basis, columns, scan, stacked
 from modelsel.why.extend import Effect as Found
 from modelsel.why.extend import Extension, extend
-from modelsel.wrong.registry import every, mechanism
 
 CHOSEN = os.environ.get("MODELSEL_HIDDEN_SEED", "12")      # a run must be repeatable; "new" draws a seed
 SEED = secrets.randbits(32) if CHOSEN == "new" else int(CHOSEN)

@@ -25,6 +25,9 @@ from modelsel._names import guarded, unfit, unguarded
 from modelsel.cli import main
 from modelsel.exceptions import DataError, ModelselError, StudyError
 from modelsel.measurements.reader import read_measurements
+from modelsel.mechanisms.causes import q, sin
+from modelsel.mechanisms.registry import unsound
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.urdf import read_urdf_text
 from modelsel.telling.config import Study, parse_study
@@ -36,9 +39,6 @@ from modelsel.use.calibration import loads, predict
 from modelsel.use.carried import workspace
 from modelsel.use.export import FORMS, export
 from modelsel.use.module import data_in, module_of
-from modelsel.wrong.causes import q, sin
-from modelsel.wrong.registry import unsound
-from modelsel.wrong.screws import Mechanism, Screw, Term
 
 SIGNS = "=+-@\t\r\uff1d\uff0b\uff0d\uff20"
 INSIDE = re.compile(r"[\x00-\x09\x0b-\x1f\x7f\x85\u2028\u2029\u061c\u200b\u200e\u200f\u202a-\u202e\u2066-\u2069\ufeff]")

@@ -15,8 +15,8 @@ from modelsel.matrix.identify import Identified, identify, solve, unidentifiable
 from modelsel.matrix.reduce import reduce, reduce_scene
 from modelsel.matrix.scene import Scene
 from modelsel.matrix.usual import faint, usual_sizes
+from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
-from modelsel.wrong.registry import mechanism
 
 LEAST_MM = 4e-4        # rms at the usual size: less is seen by no instrument
 GEOMETRIC = ("geometric",)

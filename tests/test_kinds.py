@@ -25,6 +25,10 @@ from modelsel.measurements.features import KINDS, UNKNOWN
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.measurements.observation_columns import Known, with_known
 from modelsel.measurements.reader import read_measurements
+from modelsel.mechanisms.causes import Member
+from modelsel.mechanisms.geometry import setup
+from modelsel.mechanisms.registry import mechanism, parts
+from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load
 from modelsel.sure.components import components
 from modelsel.sure.ensemble import Ensemble
@@ -45,10 +49,6 @@ from modelsel.which.folds import assign, by_unit
 from modelsel.which.folds import fold as fold_scene
 from modelsel.which.stream import Parts, parts_of
 from modelsel.why.robust import gross, scale_of
-from modelsel.wrong.causes import Member
-from modelsel.wrong.mechanisms.geometry import setup
-from modelsel.wrong.registry import mechanism, parts
-from modelsel.wrong.screws import Screw, Term
 
 ARM = [False] * 6
 PUMA = load("puma760")

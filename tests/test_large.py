@@ -8,11 +8,11 @@ from builders import drawn, one, planted
 
 from modelsel.elsewhere import explain
 from modelsel.measurements.measurements import blocks
+from modelsel.mechanisms.causes import q
 from modelsel.telling.config import parse_study
 from modelsel.telling.study import run
 from modelsel.which import validate
 from modelsel.which.validate import gain
-from modelsel.wrong.causes import q
 
 STUDY = """
 name = "large"

@@ -10,12 +10,12 @@ import pytest
 from builders import drawn, one
 
 from modelsel.matrix import design
+from modelsel.mechanisms.causes import Cause, Named, Number, cos, q, sin
+from modelsel.mechanisms.geometry import setup
+from modelsel.mechanisms.registry import BUILTIN, Scanned, every, mechanism, parts
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import builtin_names, load
 from modelsel.robot.kinematics import Robot
-from modelsel.wrong.causes import Cause, Named, Number, cos, q, sin
-from modelsel.wrong.mechanisms.geometry import setup
-from modelsel.wrong.registry import BUILTIN, Scanned, every, mechanism, parts
-from modelsel.wrong.screws import Mechanism, Screw, Term
 
 ROBOTS = {name: load(name) for name in builtin_names()}
 JOINED = (laws.law1_columns_are_derivatives, laws.law2_rows_are_local, laws.law3_linear_in_the_cause, laws.law7_inputs_stay)

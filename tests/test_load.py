@@ -17,13 +17,13 @@ from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.causes import q, sin
+from modelsel.mechanisms.registry import every, mechanism, parts
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.telling.findings import beside
 from modelsel.which import candidates as possible
 from modelsel.which.candidates import candidates, crowded
-from modelsel.wrong.causes import q, sin
-from modelsel.wrong.registry import every, mechanism, parts
 
 PUMA, TOOL, SIGMA = load("puma760"), np.array([40.0, -25.0, 100.0]), 0.05
 STUDY = """

@@ -20,13 +20,13 @@ from scipy.spatial.transform import Rotation
 
 from modelsel.matrix.scene import scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.causes import Named, q, sin
+from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.telling.analysis import Result
 from modelsel.telling.config import parse_study
 from modelsel.telling.study import run
-from modelsel.wrong.causes import Named, q, sin
-from modelsel.wrong.screws import Screw, Term
 
 DH = ((10.0, 300.0, 50.0, -90.0), (-20.0, 20.0, 400.0, 15.0), (30.0, 40.0, 80.0, 80.0))    # deg, mm, mm, deg
 TOOL = (250.0, -60.0, 90.0)

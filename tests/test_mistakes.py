@@ -21,6 +21,8 @@ from modelsel.fitting.mistakes import mistake
 from modelsel.fitting.register import register
 from modelsel.matrix.scene import Scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.geometry import geometric
+from modelsel.mechanisms.registry import BUILTIN
 from modelsel.notices import MISTAKEN
 from modelsel.robot.files import load
 from modelsel.robot.rigid import rpy
@@ -28,8 +30,6 @@ from modelsel.telling.config import read_study
 from modelsel.telling.report.front import opening
 from modelsel.telling.study import asked, run
 from modelsel.telling.tables import sentences
-from modelsel.wrong.mechanisms.geometry import geometric
-from modelsel.wrong.registry import BUILTIN
 
 STUDIES = Path(__file__).parents[1] / "studies"
 RIGHT_ANGLE = np.pi / 2

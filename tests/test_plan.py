@@ -16,6 +16,8 @@ from modelsel.cli import main
 from modelsel.commands.plan import PURPOSES
 from modelsel.exceptions import DataError, StudyError
 from modelsel.matrix.design import design
+from modelsel.mechanisms.registry import mechanism, parts
+from modelsel.mechanisms.terms import Term
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.use.plan import (
@@ -32,8 +34,6 @@ from modelsel.use.plan import (
     tell_apart,
     told_with,
 )
-from modelsel.wrong.registry import mechanism, parts
-from modelsel.wrong.screws import Term
 
 ROBOT = load("puma760")
 GEOMETRY = mechanism("geometric", ROBOT)

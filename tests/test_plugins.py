@@ -15,14 +15,14 @@ from click.testing import CliRunner
 from modelsel import read_study, run, simulate_study
 from modelsel.cli import main
 from modelsel.exceptions import StudyError
+from modelsel.mechanisms.causes import Named, Number, q
+from modelsel.mechanisms.registry import BUILTIN, mechanism, unsound, with_plugins
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.telling.config import ModelTable
 from modelsel.testing import LawBroken, broken, check_mechanism
 from modelsel.use.calibration import load_calibration
 from modelsel.use.skeleton import skeleton, table, tried
-from modelsel.wrong.causes import Named, Number, q
-from modelsel.wrong.registry import BUILTIN, mechanism, unsound, with_plugins
-from modelsel.wrong.screws import Mechanism, Screw, Term
 
 PUMA = load("puma760")
 STUDY = """name = "outside"
@@ -93,8 +93,8 @@ def test_skeleton_obeys_the_laws(installed) -> None:
     assert by_name.stdout == "hose-twist on ur5: obeys the laws\n"
 
 
-WRONG = """from modelsel.wrong.causes import q, Named
-from modelsel.wrong.screws import Mechanism, Screw, Term
+WRONG = """from modelsel.mechanisms.causes import q, Named
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 def lever(robot):
     return Mechanism("lever", (Term("k", (Screw(2, "rz", Named("q3", "mm")),)),), "Wrong unit.", "k", "nowhere")
 def raises(robot):
@@ -137,9 +137,9 @@ def test_a_broken_plugin_is_listed_and_stops_nothing(tmp_path, monkeypatch) -> N
 
 
 OWN = """from dataclasses import dataclass
-from modelsel.wrong.causes import Applied, Named, q
-from modelsel.wrong.registry import PerJoint
-from modelsel.wrong.screws import Mechanism, Screw, Term
+from modelsel.mechanisms.causes import Applied, Named, q
+from modelsel.mechanisms.registry import PerJoint
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 @dataclass(frozen=True)
 class Squared(Named):
     def of(self, state):
@@ -169,7 +169,7 @@ def own_cause(tmp_path, monkeypatch) -> Path:
 
 def test_a_cause_that_no_calibration_can_store_is_refused_before_the_work(own_cause) -> None:
     """The plug-in is left out, and why is said; a study that names it is refused; nothing is written."""
-    says = "Squared is a kind of cause of its own, which no calibration can store: build it of those in modelsel.wrong.causes."
+    says = "Squared is a kind of cause of its own, which no calibration can store: build it of those in modelsel.mechanisms.causes."
     quick = ["--no-report", "--no-sampling"]
     study, out = own_cause / "study.toml", own_cause / "out"
     ran = CliRunner().invoke(main, ["study", str(study), "--out", str(out), *quick])

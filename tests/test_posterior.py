@@ -15,11 +15,11 @@ from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model, design, residuals, whitened
 from modelsel.matrix.scene import Scene
 from modelsel.matrix.usual import usual_sizes
+from modelsel.mechanisms.causes import cos, q
+from modelsel.mechanisms.geometry import setup
+from modelsel.mechanisms.registry import mechanism
 from modelsel.sure.ensemble import Ensemble
 from modelsel.sure.posterior import importance, posterior, weighted
-from modelsel.wrong.causes import cos, q
-from modelsel.wrong.mechanisms.geometry import setup
-from modelsel.wrong.registry import mechanism
 
 ARM = small_arm()
 MODEL = Model((mechanism("geometric", ARM), mechanism("joint-compliance:2", ARM)))

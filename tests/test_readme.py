@@ -23,10 +23,10 @@ from modelsel.cli import COMMANDS, main
 from modelsel.exceptions import StudyError
 from modelsel.matrix.design import design, residuals
 from modelsel.measurements.reader import read_measurements
+from modelsel.mechanisms.registry import BUILTIN, Registry, parts, with_plugins
 from modelsel.robot.files import load
 from modelsel.telling.config import parse_study
 from modelsel.telling.tables import show
-from modelsel.wrong.registry import BUILTIN, Registry, parts, with_plugins
 
 ROOT = Path(__file__).parents[1]
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"

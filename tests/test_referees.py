@@ -9,12 +9,12 @@ from builders import drawn
 
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model, design
+from modelsel.mechanisms.registry import mechanism
+from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import builtin_names, load
 from modelsel.robot.gravity import torques
 from modelsel.robot.kinematics import Robot, pose
 from modelsel.which.folds import assign, cross_validate, fold, held_out_residuals
-from modelsel.wrong.registry import mechanism
-from modelsel.wrong.screws import Screw, Term
 
 TOOL = np.array([40.0, -25.0, 100.0])
 

@@ -16,6 +16,9 @@ from modelsel.cli import main
 from modelsel.exceptions import StudyError
 from modelsel.measurements.measurements import measurements
 from modelsel.measurements.reference_temperature import reference
+from modelsel.mechanisms.causes import Combined, parse
+from modelsel.mechanisms.environment import warmth
+from modelsel.mechanisms.registry import BUILTIN, counted_from, mechanism
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.robot.urdf import read_urdf_text
@@ -26,9 +29,6 @@ from modelsel.telling.study import run
 from modelsel.use.calibration import Calibration, calibration_text, loads
 from modelsel.use.carried import alone, constants
 from modelsel.use.export import FORMS, export
-from modelsel.wrong.causes import Combined, parse
-from modelsel.wrong.mechanisms.environment import warmth
-from modelsel.wrong.registry import BUILTIN, counted_from, mechanism
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"
 NOISE = 0.02

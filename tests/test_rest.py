@@ -7,9 +7,9 @@ from builders import drawn, seeds, small_arm
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
 from modelsel.measurements.measurements import Measurements, measurements
+from modelsel.mechanisms.registry import every, mechanism
 from modelsel.which.candidates import candidates
 from modelsel.why.errormap import basis, columns, scan, stacked
-from modelsel.wrong.registry import every, mechanism
 
 
 def read(q: np.ndarray, **more: object) -> Measurements:

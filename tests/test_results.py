@@ -13,13 +13,13 @@ from builders import drawn as scene_of
 
 from modelsel import Study, calibration_of, load_result, report, run, save
 from modelsel.exceptions import StudyError
+from modelsel.mechanisms.causes import q
 from modelsel.robot.files import load
 from modelsel.telling.config import parse_study
 from modelsel.telling.finished import Result
 from modelsel.telling.stored import RESIDUALS, WRITES
 from modelsel.telling.views import TABLES
 from modelsel.use.calibration import calibration_text
-from modelsel.wrong.causes import q
 
 TOML = """name = "arm <b>7</b>"
 seed = 5

@@ -10,10 +10,10 @@ from builders import drawn
 
 from modelsel.exceptions import StudyError
 from modelsel.matrix.design import design, residuals
+from modelsel.mechanisms.geometry import geometric
 from modelsel.robot.files import builtin_names, load, read_robot, robot_from_table
 from modelsel.robot.kinematics import Robot, forward, pose, screw_field
 from modelsel.robot.rigid import turn
-from modelsel.wrong.mechanisms.geometry import geometric
 
 POSES = tomllib.loads((Path(__file__).parent / "poses.toml").read_text(encoding="utf-8"))["pose"]
 

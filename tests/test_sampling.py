@@ -23,6 +23,9 @@ from modelsel.fitting.noise import Instrument, weigh
 from modelsel.matrix.design import Model, design
 from modelsel.matrix.scene import Scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.causes import q, sin
+from modelsel.mechanisms.environment import tracker_step
+from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import rpy
 from modelsel.sure import sampling as engine
@@ -36,9 +39,6 @@ from modelsel.sure.sampling import Sampling, State, sample
 from modelsel.sure.target import TAIL, Target
 from modelsel.telling.checkpoint import Checkpoint
 from modelsel.telling.stored import WRITES
-from modelsel.wrong.causes import q, sin
-from modelsel.wrong.mechanisms.environment import tracker_step
-from modelsel.wrong.registry import BUILTIN, mechanism
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))

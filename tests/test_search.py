@@ -13,6 +13,9 @@ from scipy import integrate, stats
 
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model, design
+from modelsel.mechanisms.causes import ONE
+from modelsel.mechanisms.registry import mechanism
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.which import criteria
 from modelsel.which.candidates import Candidate
@@ -21,9 +24,6 @@ from modelsel.which.search import all_subsets
 from modelsel.which.tree import refined
 from modelsel.why.errormap import basis, columns, scan, stacked
 from modelsel.why.evidence import single_f
-from modelsel.wrong.causes import ONE
-from modelsel.wrong.registry import mechanism
-from modelsel.wrong.screws import Mechanism, Screw, Term
 
 N, K = 48, 4
 

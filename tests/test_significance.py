@@ -15,6 +15,8 @@ from modelsel._json import dumps
 from modelsel.elsewhere.confidence import Request, confidence, sampled
 from modelsel.fitting.fit import Fit, fit
 from modelsel.matrix.design import Model, design, residuals
+from modelsel.mechanisms.causes import Named, q, sin
+from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.sure.bootstrap import bootstrap, halves, signs
 from modelsel.sure.correlation import correlation, labels
 from modelsel.sure.parameters import difference_notes, parameters, resampled
@@ -22,8 +24,6 @@ from modelsel.sure.posterior import posterior
 from modelsel.sure.significance import Significance, nested, significance, stability
 from modelsel.which.compare import Data, rung
 from modelsel.which.folds import by_unit, fold
-from modelsel.wrong.causes import Named, q, sin
-from modelsel.wrong.registry import BUILTIN, mechanism
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))

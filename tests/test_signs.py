@@ -16,6 +16,8 @@ from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.registry import every, faults, mechanism
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import builtin_names, load
 from modelsel.robot.gravity import torques
 from modelsel.robot.kinematics import Robot, forward, pose
@@ -24,8 +26,6 @@ from modelsel.why.errormap import Scan, basis, columns, scan, stacked
 from modelsel.why.evidence import log_bayes_factors, shares
 from modelsel.why.extend import Effect
 from modelsel.why.words import sentence
-from modelsel.wrong.registry import every, faults, mechanism
-from modelsel.wrong.screws import Mechanism, Screw, Term
 
 ARM = load("ur10")
 BASE = Model((mechanism("geometric", ARM),))

@@ -15,11 +15,11 @@ from builders import bind, measured, small_arm, study_of
 from modelsel.elsewhere.explain import explain
 from modelsel.matrix.design import Model
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.kinematics import Robot, forward, pose
 from modelsel.which.candidates import PITCHES, candidates
 from modelsel.why.extend import Effect
 from modelsel.why.words import what
-from modelsel.wrong.registry import every, mechanism
 
 ARM: Robot = replace(small_arm(prismatic=True), gravity=(0.0, 0.0, -1.0))
 BASE = Model((mechanism("geometric", ARM),))

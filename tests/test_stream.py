@@ -11,11 +11,11 @@ from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model
 from modelsel.matrix.identify import solve
 from modelsel.matrix.scene import Scene
+from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.which.folds import cross_validate, fold
 from modelsel.which.search import all_subsets
 from modelsel.which.stream import Parts, Stream, fit_parts, fold_of, parts_of
-from modelsel.wrong.registry import mechanism
 
 TOOL = (40.0, -25.0, 100.0)
 

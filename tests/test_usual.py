@@ -12,9 +12,9 @@ from modelsel.exceptions import StudyError
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import Model, residuals
 from modelsel.matrix.usual import usual_sizes
+from modelsel.mechanisms.geometry import OPEN, geometric, setup
+from modelsel.mechanisms.serialization import mechanism_of, mechanism_record
 from modelsel.robot.files import load, robot_from_table, robot_of, robot_record
-from modelsel.use.records import mechanism_of, mechanism_record
-from modelsel.wrong.mechanisms.geometry import OPEN, geometric, setup
 
 PUMA = load("puma760")
 TABLE = {"joint": [{"dh": {"theta_deg": 0, "d_mm": 100, "a_mm": 300, "alpha_deg": 90}}] * 3}

@@ -10,13 +10,13 @@ from dataclasses import replace
 import pytest
 
 from modelsel._hashing import KEPT
-from modelsel.wrong.causes import Bump, Cause, Named, cos, q, sin
-from modelsel.wrong.screws import Screw
+from modelsel.mechanisms.causes import Bump, Cause, Named, cos, q, sin
+from modelsel.mechanisms.terms import Screw
 
 THERE = """
 import pickle, sys
-from modelsel.wrong.causes import Named, sin
-from modelsel.wrong.screws import Screw
+from modelsel.mechanisms.causes import Named, sin
+from modelsel.mechanisms.terms import Screw
 read, made = pickle.load(sys.stdin.buffer), Screw(4, "rz", sin(2.0 * Named("q4", "rad")))
 assert read == made and hash(read) == hash(made), (hash(read), hash(made))
 assert {made: 1}[read] == 1

@@ -10,6 +10,8 @@ from click.testing import CliRunner
 
 from modelsel.cli import main
 from modelsel.commands.compensate import _sentence
+from modelsel.mechanisms.causes import Bump
+from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load
 from modelsel.telling.report.document import Source
 from modelsel.telling.report.evidence import _quantiles, significance
@@ -18,8 +20,6 @@ from modelsel.telling.report.findings import separation
 from modelsel.telling.views import adds
 from modelsel.use.compensate import Commands
 from modelsel.why.words import amount, quantity
-from modelsel.wrong.causes import Bump
-from modelsel.wrong.screws import Screw, Term
 
 
 @pytest.mark.parametrize(("value", "error", "unit", "said"), [

@@ -10,9 +10,9 @@ import numpy as np
 from modelsel.matrix.design import Model
 from modelsel.matrix.scene import Scene, scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
-from modelsel.wrong.registry import mechanism
 
 TOOL = np.array([0.0, 0.0, 100.0])
 FLEXURE = ("geometric", "joint2-twist", "joint3-twist", "backlash:3")

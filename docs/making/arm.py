@@ -10,9 +10,9 @@ from modelsel._typing import Array
 from modelsel.matrix.design import twist_of
 from modelsel.matrix.scene import Scene, scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.terms import Mechanism, Term
 from modelsel.robot.kinematics import Robot, forward, pose
 from modelsel.telling.report.style import BLUE, ORANGE, QUIET, scaled, styled, svg
-from modelsel.wrong.screws import Mechanism, Term
 
 TOOL = (40.0, -25.0, 100.0)         # off the last axis, so that every joint moves the target
 REST = np.radians([-45.0, -35.0, 40.0, 35.0, 50.0, 20.0])

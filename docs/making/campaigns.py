@@ -11,12 +11,12 @@ from modelsel.fitting.fit import Fit, fit
 from modelsel.matrix.design import Model, residuals
 from modelsel.matrix.scene import Scene, scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.registry import every, mechanism
+from modelsel.mechanisms.terms import Term
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.which.candidates import Candidate, candidates
 from modelsel.why.errormap import Columns, Scan, basis, columns, scan, stacked
-from modelsel.wrong.registry import every, mechanism
-from modelsel.wrong.screws import Term
 
 ROBOT, TOOL = load("puma760"), (40.0, -25.0, 100.0)
 BASE = Model((mechanism("geometric", ROBOT),))

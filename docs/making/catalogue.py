@@ -14,12 +14,12 @@ from modelsel._typing import Array
 from modelsel.matrix.design import design
 from modelsel.matrix.scene import Scene, scene
 from modelsel.measurements.measurements import measurements
+from modelsel.mechanisms.registry import BUILTIN, Registry, Scanned, parts
+from modelsel.mechanisms.serialization import mechanism_card
+from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import builtin_names, load
 from modelsel.robot.kinematics import Robot, forward
-from modelsel.telling.inspect import mechanism_card
 from modelsel.why.errormap import basis
-from modelsel.wrong.registry import BUILTIN, Registry, Scanned, parts
-from modelsel.wrong.screws import Mechanism
 
 ROBOT = "puma760"
 TEXTS = Path(__file__).with_name("mechanisms.toml")

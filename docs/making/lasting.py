@@ -14,9 +14,9 @@ from campaigns import BASE, ROBOT, measured
 from modelsel._typing import Array
 from modelsel.fitting.fit import fit
 from modelsel.matrix.design import design
+from modelsel.mechanisms.registry import mechanism
 from modelsel.telling.report.style import BLUE, INK, ORANGE, QUIET, styled, svg
 from modelsel.which.folds import assign, cross_validate, fold
-from modelsel.wrong.registry import mechanism
 
 
 @cache

@@ -54,8 +54,8 @@ def _numbers(text: str) -> tuple[int, ...]:
 
 
 def _plugins() -> list[dict[str, Any]]:
+    from ..mechanisms.registry import BUILTIN, with_plugins
     from ..robot.files import load
-    from ..wrong.registry import BUILTIN, with_plugins
     table, broken = with_plugins(robot=load("puma760"))
     return [*(_check(f"plug-in {name}", False, why) for name, why in broken.items()),
             _check("mechanisms", True, f"{len(BUILTIN)} built in, {len(table) - len(BUILTIN)} from plug-ins")]
@@ -73,9 +73,9 @@ def _calibration() -> dict[str, Any]:
     """Plant the geometry and a backlash on the PUMA, fit, and look whether they come back."""
     import numpy as np
 
+    from ..mechanisms.registry import mechanism
     from ..robot.files import load
     from ..testing import LawBroken, check_mechanism
-    from ..wrong.registry import mechanism
     robot = load("puma760")
     try:
         for name in ("geometric", "backlash:3"):

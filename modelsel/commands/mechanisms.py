@@ -53,9 +53,9 @@ def _try(where: str, robot: str | None, as_json: bool) -> None:
 
 
 def _show(name: str | None, robot: str, as_json: bool) -> None:
+    from ..mechanisms.registry import every, parts, with_plugins
+    from ..mechanisms.serialization import mechanism_card
     from ..robot.files import load
-    from ..telling.inspect import mechanism_card
-    from ..wrong.registry import every, parts, with_plugins
     arm = load(robot)
     registry, broken = with_plugins(robot=arm)
     built = parts(name, arm, registry) if name else every(arm, registry)

@@ -30,12 +30,12 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     gc.set_threshold(COLLECT)     # a study makes many small values and drops few: looking for lost ones costs a twentieth of it
     from .._files import check_writable, claimed
     from ..exceptions import StudyError
+    from ..mechanisms.registry import with_plugins
     from ..telling.checkpoint import Checkpoint
     from ..telling.config import read_study
     from ..telling.report.drawing import draw
     from ..telling.stored import WRITES, save
     from ..telling.study import rehearse, robot_of, run
-    from ..wrong.registry import with_plugins
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
     registry, broken = with_plugins(robot=robot_of(read, path.parent))

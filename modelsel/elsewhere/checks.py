@@ -21,13 +21,13 @@ from ..fitting.otherarm import other_robot, shifted_rows
 from ..matrix.design import whitened
 from ..matrix.scene import Scene
 from ..measurements.columns import SMALLEST
+from ..mechanisms.causes import ONE
 from ..notices import ALARMS, HOPELESS, MISTAKEN, NOISE, OTHER, ROWS, SAME_ROWS, Note, alarms
 from ..robot.files import builtin_names, load
 from ..robot.kinematics import Robot
 from ..which.compare import Data, Rung
 from ..why.faults import Fault
 from ..why.mistaken_rows import slipped, slipped_before
-from ..wrong.causes import ONE
 
 TOLERANCE = {"mm": 5.0, "rad": np.pi / 180}     # what makers allow a link or an axis at most
 SURE = 10.0                 # standard errors beyond it, before it is said: those of a misfit are too small

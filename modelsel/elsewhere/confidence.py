@@ -13,6 +13,7 @@ from ..exceptions import sentence_list
 from ..fitting.fit import Fit
 from ..fitting.noise import Instrument
 from ..matrix.design import Model
+from ..mechanisms.registry import Registry
 from ..notices import Note
 from ..sure.components import components, single
 from ..sure.constants import constants
@@ -23,7 +24,6 @@ from ..sure.sampling import PER_NAME, WALKERS, Keeper, Sampling, sample
 from ..sure.significance import Significance, significance
 from ..sure.target import TAIL, Target
 from ..which.compare import Data
-from ..wrong.registry import Registry
 
 MOST = {"default": 24, "all": 64}      # coefficients that are sampled; the others are integrated out
 ROWS = 9_000                           # walkers x rows a step, up to which the chain itself is evaluated

@@ -16,13 +16,13 @@ from .._typing import Index, Say
 from ..fitting.fit import fit
 from ..matrix.design import Model, whitened
 from ..matrix.scene import Scene
+from ..mechanisms.terms import Mechanism
 from ..which.candidates import Candidate, candidates
 from ..which.compare import Data
 from ..which.folds import assign
 from ..which.validate import Errors, errors
 from ..why.extend import Extension, extend
 from ..why.robust import GROSS, LEFT, MOST, far_off, gross
-from ..wrong.screws import Mechanism
 
 OUTLIER_ROUNDS = 3
 SCANNED = 2500      # rows: beyond it the columns of all candidates take a gigabyte and more

@@ -13,8 +13,8 @@ from ..fitting.fixtures import place
 from ..matrix.design import residuals
 from ..matrix.scene import scene
 from ..measurements.measurements import Measurements, measurements
+from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
-from ..wrong.screws import Screw, Term
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -17,7 +17,7 @@ from ..matrix.scene import Scene
 from ..matrix.size import as_drawn
 from ..matrix.smooth import penalty
 from ..matrix.usual import WeakPrior, faint, fitted_terms, usual_sizes, weak_prior
-from ..wrong.screws import Term
+from ..mechanisms.terms import Term
 
 Held = Literal["nothing", "geometry", "all"]
 STEP_MM = 1e-4     # 0.1 µm

@@ -12,11 +12,11 @@ from functools import cached_property
 import numpy as np
 
 from .._typing import Array
+from ..mechanisms.causes import ONE, Member
+from ..mechanisms.terms import FIXTURE_AXES, Mechanism, Screw, Term, terms_of
 from ..robot._kernels import Frame, Space, screws_into
 from ..robot.kinematics import Pose, walk
 from ..robot.rigid import AXES, rotation_vector
-from ..wrong.causes import ONE, Member
-from ..wrong.screws import FIXTURE_AXES, Mechanism, Screw, Term, terms_of
 from .gauges import gradients, predicted
 from .scene import Scene
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from .._typing import Array
 from ..measurements.measurements import Gauges
-from ..wrong.screws import FIXTURE_AXES
+from ..mechanisms.terms import FIXTURE_AXES
 
 LENGTH = FIXTURE_AXES.index("length")
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import sentence_list
-from ..wrong.screws import Term
+from ..mechanisms.terms import Term
 from .reduce import Reduction, independent
 
 SHARE = 1e-4        # a smaller part of a combination is not worth a word

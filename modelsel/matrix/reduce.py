@@ -12,8 +12,8 @@ import numpy as np
 from scipy.linalg.lapack import dtpqrt
 
 from .._typing import Array
+from ..mechanisms.terms import Term
 from ..robot._kernels import Space
-from ..wrong.screws import Term
 from .design import assemble, whiten
 from .scene import Scene
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..measurements.measurements import Measurements
+from ..mechanisms.causes import Cause
 from ..robot.gravity import moment, moments, unit_moments
 from ..robot.kinematics import Pose, Robot, pose
-from ..wrong.causes import Cause
 from .gauges import Fixtures, readings
 
 REMEMBER = 20_000  # rows up to which causes are kept once evaluated

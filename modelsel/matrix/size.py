@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..wrong.causes import ONE, Number
-from ..wrong.screws import Term
+from ..mechanisms.causes import ONE, Number
+from ..mechanisms.terms import Term
 from .identify import Identified
 from .reduce import Source
 from .scene import Scene

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from .._typing import Array, Index
-from ..wrong.causes import Bump, Cause, factors
-from ..wrong.screws import Term
+from ..mechanisms.causes import Bump, Cause, factors
+from ..mechanisms.terms import Term
 
 LENGTH = 3.0        # knots over which a free function keeps its value, roughly
 JITTER = 1e-6

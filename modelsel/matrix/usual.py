@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array, Index
-from ..wrong.mechanisms.geometry import OPEN
-from ..wrong.screws import Term
+from ..mechanisms.geometry import OPEN
+from ..mechanisms.terms import Term
 from .design import Model
 from .identify import Identified
 from .reduce import Reduction

@@ -17,9 +17,9 @@ import numpy as np
 from .._typing import Array, Index
 from ..matrix.design import design
 from ..matrix.scene import Scene
+from ..mechanisms.terms import Screw, Term
 from ..robot.rigid import AXES
 from ..why.evidence import RATIOS
-from ..wrong.screws import Screw, Term
 from .constants import GRID, Constant
 
 POINTS = 20_000    # walkers that are worked out together

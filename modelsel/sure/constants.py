@@ -9,9 +9,9 @@ import numpy as np
 from .._typing import Array, Index
 from ..matrix.design import PLACE, Model
 from ..matrix.scene import Scene
+from ..mechanisms.registry import Registry, Scanned
+from ..mechanisms.terms import Mechanism, Screw
 from ..robot.kinematics import Robot
-from ..wrong.registry import Registry, Scanned
-from ..wrong.screws import Mechanism, Screw
 
 GRID = 401     # values at which a cause is worked out; between them it is interpolated
 

@@ -9,7 +9,7 @@ import numpy as np
 from .._typing import Array
 from ..fitting.fit import Fit
 from ..matrix.design import Model
-from ..wrong.causes import Bump
+from ..mechanisms.causes import Bump
 
 STRONG = 0.9
 

@@ -15,9 +15,9 @@ from .._typing import Array, Index
 from ..matrix.design import PLACE, fixture_values
 from ..matrix.gauges import predicted
 from ..matrix.scene import Scene
+from ..mechanisms.terms import Term
 from ..robot.kinematics import pose
 from ..robot.rigid import rotation_vector
-from ..wrong.screws import Term
 
 ROWS = 8192        # draws x configurations in one block: its arrays stay in cache
 Place = tuple[int, int]

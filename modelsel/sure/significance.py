@@ -17,11 +17,11 @@ from ..matrix.design import Model
 from ..matrix.identify import identify, solve
 from ..matrix.reduce import Reduction, reduce_scene
 from ..matrix.smooth import spline
+from ..mechanisms.geometry import SETUP
+from ..mechanisms.terms import Mechanism
 from ..which.compare import Data
 from ..which.criteria import log_evidence
 from ..which.folds import Folded, cross_validate, fold
-from ..wrong.mechanisms.geometry import SETUP
-from ..wrong.screws import Mechanism
 from .bootstrap import Bootstrap, halves
 from .ensemble import Ensemble
 

@@ -19,6 +19,9 @@ from ..fitting.noise import Floor
 from ..matrix.design import Model
 from ..matrix.identify import unidentifiable
 from ..measurements.measurements import Measurements
+from ..mechanisms.geometry import setup
+from ..mechanisms.registry import Registry, mechanism
+from ..mechanisms.terms import Mechanism, Screw
 from ..notices import Note
 from ..robot.kinematics import Robot
 from ..sure.sampling import Keeper
@@ -30,9 +33,6 @@ from ..why.extend import Extension
 from ..why.faults import misplaced
 from ..why.maps import error_map
 from ..why.view import models
-from ..wrong.mechanisms.geometry import setup
-from ..wrong.registry import Registry, mechanism
-from ..wrong.screws import Mechanism, Screw
 from .cautions import restricted, worse_than_nominal
 from .config import Study
 from .findings import Finding, beside, opposed, surprised, uneven

@@ -9,6 +9,8 @@ import numpy as np
 
 from .._typing import Array
 from ..matrix.scene import Scene
+from ..mechanisms.causes import Bump
+from ..mechanisms.terms import Term
 from ..notices import Note
 from ..which.candidates import Candidate, crowded
 from ..which.compare import Data, Rung
@@ -18,8 +20,6 @@ from ..why.extend import Effect, Extension
 from ..why.faults import Fault
 from ..why.naming import Entry
 from ..why.words import display, sentence
-from ..wrong.causes import Bump
-from ..wrong.screws import Term
 
 PLAIN = ("payload_kg", "temperature_C", "time_s")
 POWER = 0.90

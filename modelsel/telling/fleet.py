@@ -19,9 +19,9 @@ from .._files import claimed, csv_bytes, write_beside
 from .._json import dumps
 from ..exceptions import CHECK_FAILED, DataError, ModelselError, StudyError
 from ..matrix.design import Model
+from ..mechanisms.registry import mechanism, with_plugins
 from ..robot.files import builtin_names, load, read_robot
 from ..which.stream import Parts, fit_parts, parts_of
-from ..wrong.registry import mechanism, with_plugins
 from .analysis import provenance
 from .config import find_data
 from .fleetfile import Fleet, PartsTable, Task, matching

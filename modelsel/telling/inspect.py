@@ -1,4 +1,5 @@
 """What is in a file, a mechanism, a robot: plain values for people and programs."""
+
 from __future__ import annotations
 
 from typing import Any
@@ -19,24 +20,12 @@ from ..matrix.size import as_drawn
 from ..matrix.usual import fitted_terms
 from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
+from ..mechanisms.geometry import geometric, setup
 from ..notices import MISTAKEN, alarms
 from ..robot.kinematics import Robot
-from ..wrong.mechanisms.geometry import geometric, setup
-from ..wrong.screws import Mechanism
 from .standing import standing, standing_sentences
 
 MOST = 2000        # points that are registered
-
-def mechanism_card(mechanism: Mechanism) -> dict[str, Any]:
-    """A mechanism as plain values."""
-    def expected(size: tuple[float, float] | None, sign: int) -> str:
-        words = [] if size is None else [f"usually {size[0]:g} to {size[1]:g}"]
-        if sign:
-            words.append("positive" if sign > 0 else "negative")
-        return f"  ({', '.join(words)})" if words else ""
-    return {"name": mechanism.name, "sentence": mechanism.sentence, "equation": mechanism.equation, "source": mechanism.source,
-            "terms": [{"symbol": t.symbol, "unit": t.unit, "screws": [str(s) for s in t.screws], "size": t.size, "sign": t.sign,
-                       "expected": expected(t.size, t.sign)} for t in mechanism.terms]}
 
 
 def robot_card(robot: Robot) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from ..matrix.design import fixture_values, whitened
 from ..matrix.gauges import LENGTH
 from ..matrix.scene import Scene
 from ..measurements.measurements import SAME_READING, Measurements
+from ..mechanisms.causes import Member
 from ..notices import Note
 from ..robot.rigid import turn
 from ..which.candidates import Candidate
@@ -25,7 +26,6 @@ from ..why.predictor import Predictable, predictable
 from ..why.robust import GROSS, far_off
 from ..why.search import LEVEL
 from ..why.words import display
-from ..wrong.causes import Member
 from .findings import CLEARLY, RARELY, detection_limit
 
 ENOUGH = 10         # degrees of freedom of a floor before a model is held against it

@@ -14,11 +14,11 @@ from ..measurements.columns import READINGS, UNITS
 from ..measurements.measurements import Measurements, measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import Source
+from ..mechanisms.terms import Term
 from ..robot.kinematics import Robot
 from ..use.calibration import Calibration
 from ..use.plan import RIVALS, Rivals, determine, distinct, indices, more_needed, pool, tell_apart, told_with
 from ..why.extend import Effect
-from ..wrong.screws import Term
 from .finished import Result
 from .stored import calibration_of
 

@@ -19,11 +19,11 @@ from ..measurements.measurements import Measurements, measurements
 from ..measurements.observation_columns import Known, with_known
 from ..measurements.reader import read_labels, read_measurements
 from ..measurements.table import Source, digest
+from ..mechanisms.causes import parse
+from ..mechanisms.registry import BUILTIN, Registry, counted_from, every, faults, mechanism, parts
+from ..mechanisms.terms import Mechanism, Screw, unstorable
 from ..robot.files import load, read_robot
 from ..robot.kinematics import Robot
-from ..wrong.causes import parse
-from ..wrong.registry import BUILTIN, Registry, counted_from, every, faults, mechanism, parts
-from ..wrong.screws import Mechanism, Screw, unstorable
 from .analysis import Question, analyse, provenance, with_sampling
 from .checkpoint import Checkpoint
 from .config import Study, data_of, read_study

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._typing import Array
 from ..matrix.design import Model
-from .records import members
+from ..mechanisms.serialization import members
 
 SAME = 1e-6      # relative: two numbers of a file that say the same
 

@@ -22,13 +22,14 @@ from ..fitting.noise import Floor
 from ..matrix.design import Model, columns_of, field_of, twist_of
 from ..matrix.scene import Scene
 from ..measurements.measurements import Measurements
+from ..mechanisms.causes import Member
+from ..mechanisms.serialization import mechanism_of, mechanism_record
+from ..mechanisms.terms import Term
 from ..robot.files import numbers, robot_of, robot_record, rotation
 from ..robot.kinematics import Pose, Robot
 from ..which.compare import Data
-from ..wrong.causes import Member
-from ..wrong.screws import Term
 from .agreement import contradiction
-from .records import CALIBRATION, mechanism_of, mechanism_record
+from .records import CALIBRATION
 from .refit import Refits, part_of, refits_of, refits_record
 
 if TYPE_CHECKING:

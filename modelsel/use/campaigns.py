@@ -15,8 +15,8 @@ from ..exceptions import StudyError
 from ..matrix.design import design
 from ..matrix.identify import identify
 from ..matrix.reduce import reduce
-from ..wrong.mechanisms.geometry import setup
-from ..wrong.screws import Term
+from ..mechanisms.geometry import setup
+from ..mechanisms.terms import Term
 from .calibration import Calibration
 from .carried import workspace
 from .motions import LEVEL, SEEN, MechanismChange, Motions, mechanisms, quantile, told, two_sided

@@ -11,10 +11,10 @@ from ..matrix.design import PLACE
 from ..matrix.scene import Scene
 from ..measurements.measurements import Measurements, measurements
 from ..measurements.reader import RESERVED
+from ..mechanisms.causes import Cause, Combined, Member, Number
+from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..robot.rigid import transform, turn
-from ..wrong.causes import Cause, Combined, Member, Number
-from ..wrong.screws import Screw, Term
 from .calibration import Calibration, pose_of
 from .refit import carries, part_of
 

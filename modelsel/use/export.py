@@ -16,20 +16,20 @@ from .._names import guarded, quoted, unfit, unguarded
 from .._typing import Array
 from ..exceptions import StudyError
 from ..matrix.scene import Scene
+from ..mechanisms.causes import Applied, Bump, Cause, Combined, Named, parse
+from ..mechanisms.serialization import cause_of, cause_record
+from ..mechanisms.terms import Screw, Term
 from ..robot.dh import robot_file, rows_of
 from ..robot.files import robot_from_table
 from ..robot.kinematics import Robot, forward
 from ..robot.rigid import AXES, inverse, transform
 from ..robot.urdf import read_urdf_text, write_urdf
-from ..wrong.causes import Applied, Bump, Cause, Combined, Named, parse
-from ..wrong.screws import Screw, Term
 from .calibration import Calibration, in_tracker, pose_of
 from .carried import Carried, Part, alone, carried, constants, enough, missing, parts, points, rms_and_most, workspace
 from .exported import predicted
 from .lookup import FINE_MM, read_table, still, tables, write_tables
 from .module import data_in, data_of, module_of
 from .notes import notes_of
-from .records import cause_of, cause_record
 
 
 @dataclass(frozen=True)

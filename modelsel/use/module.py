@@ -13,7 +13,7 @@ import numpy as np
 
 from ..matrix.design import PLACE
 from ..measurements.reader import RESERVED
-from ..wrong.causes import Applied, Bump, Cause, Combined, Named, Number
+from ..mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
 from .calibration import Calibration
 from .carried import constants, parts
 

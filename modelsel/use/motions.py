@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from .._typing import Array
-from ..wrong.mechanisms.geometry import SETUP
-from ..wrong.screws import Term
+from ..mechanisms.geometry import SETUP
+from ..mechanisms.terms import Term
 from .calibration import Calibration
 
 LEVEL = 0.05

@@ -5,8 +5,8 @@ import numpy as np
 
 from ..exceptions import sentence_list
 from ..measurements.reference_temperature import TEMPERATURE
-from ..wrong.causes import Member
-from ..wrong.mechanisms.environment import counted
+from ..mechanisms.causes import Member
+from ..mechanisms.environment import counted
 from .calibration import Calibration
 from .refit import carries
 

@@ -15,7 +15,7 @@ from .._typing import Array
 from ..exceptions import DataError
 from ..matrix.design import design
 from ..matrix.scene import Scene
-from ..wrong.screws import Term
+from ..mechanisms.terms import Term
 
 FREE_MM = 10.0        # what a term that nothing is known of may move the target, rms: its prior
 HOPELESS = 1.0        # χ² over a whole pool below which no choice from it tells two apart

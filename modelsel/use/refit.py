@@ -17,10 +17,10 @@ from ..exceptions import NotEstimable
 from ..fitting.fit import Fit
 from ..matrix.design import Model
 from ..measurements.reference_temperature import TEMPERATURE
+from ..mechanisms.geometry import SETUP
+from ..mechanisms.terms import Term
 from ..which.compare import Data, Rung, rung
 from ..which.validate import errors
-from ..wrong.mechanisms.geometry import SETUP
-from ..wrong.screws import Term
 
 PLACED = frozenset(("target", "group", "feature"))      # names that are fixed where a robot description is written
 TABLED = 2                                              # values of the state that a table may hang on

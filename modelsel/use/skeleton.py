@@ -13,9 +13,9 @@ from types import ModuleType
 import numpy as np
 
 from ..exceptions import StudyError
+from ..mechanisms.registry import Registry, parts, unsound
 from ..robot.kinematics import Robot
 from ..testing import broken
-from ..wrong.registry import Registry, parts, unsound
 
 PYPROJECT = '''[build-system]
 requires = ["hatchling"]

@@ -16,14 +16,14 @@ import numpy as np
 from ..matrix.design import Model
 from ..matrix.scene import Scene
 from ..measurements.reference_temperature import TEMPERATURE
+from ..mechanisms.causes import Applied, Bump, Cause, Named, cos, q, sign, sin, torque
+from ..mechanisms.drives import WAVES, wave
+from ..mechanisms.environment import warmth
+from ..mechanisms.gravity_effects import far, near
+from ..mechanisms.terms import Mechanism, Screw, Term
 from ..robot.gravity import arm_pair, under_gravity
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
-from ..wrong.causes import Applied, Bump, Cause, Named, cos, q, sign, sin, torque
-from ..wrong.mechanisms.environment import warmth
-from ..wrong.mechanisms.gravity_effects import far, near
-from ..wrong.mechanisms.transmission import WAVES, wave
-from ..wrong.screws import Mechanism, Screw, Term
 
 REGISTERED = 0.6
 KNOTS = tuple(np.radians(degrees) for degrees in (40.0, 20.0, 10.0, 4.0, 2.0))

@@ -20,8 +20,8 @@ from ..matrix.identify import identify, solve
 from ..matrix.reduce import STREAM, Reduction, spread
 from ..matrix.scene import BLOCK, Scene
 from ..measurements.measurements import Measurements, in_turn
+from ..mechanisms.terms import Term
 from ..robot._kernels import Space
-from ..wrong.screws import Term
 
 DEPENDENT = 1e-9   # 1 − largest eigenvalue of Q_kᵀQ_k: below it the model is not estimable without the fold
 

@@ -23,8 +23,8 @@ from ..matrix.scene import Scene, scene
 from ..measurements.measurements import SAME_READING, Measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import row_groups
+from ..mechanisms.terms import Term
 from ..robot.kinematics import Robot
-from ..wrong.screws import Term
 from .folds import CrossValidation, Folded, cross_validate, pad
 
 Mapper = Callable[[Callable[[Any], Any], Sequence[Any]], Iterable[Any]]      # map, or a cluster's; results in the items' order

@@ -17,7 +17,7 @@ from ..fitting.fit import Fit, typical_weight
 from ..fitting.step import Step, one_step
 from ..matrix.design import Model
 from ..matrix.reduce import Reduction, spread
-from ..wrong.screws import Mechanism, Screw
+from ..mechanisms.terms import Mechanism, Screw
 from .bound import Certified, best_subset
 from .candidates import Candidate
 from .compare import Data, Rung, described

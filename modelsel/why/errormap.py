@@ -19,8 +19,8 @@ from .._typing import Array, Index
 from ..matrix.design import blocks
 from ..matrix.scene import Scene
 from ..matrix.smooth import spline, splines
+from ..mechanisms.terms import Term
 from ..which.candidates import Candidate
-from ..wrong.screws import Term
 from .signs import Sides, least, sides
 
 ABSORBED = 1e-5     # share of a direction's squared norm that must be left beyond the model for it to count

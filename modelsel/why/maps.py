@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array
+from ..mechanisms.causes import Bump, Cause
+from ..mechanisms.terms import Mechanism
 from ..robot.rigid import AXES
 from ..which.candidates import Candidate
-from ..wrong.causes import Bump, Cause
-from ..wrong.screws import Mechanism
 from .extend import Extension
 
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from .._typing import Array
+from ..mechanisms.causes import Bump
+from ..mechanisms.terms import LETTERS, Mechanism, Term
 from ..which.candidates import Candidate
-from ..wrong.causes import Bump
-from ..wrong.screws import LETTERS, Mechanism, Term
 from .extend import Effect
 
 PREFIX = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"))

@@ -14,9 +14,9 @@ import numpy as np
 from ..._typing import Array
 from ...matrix.design import PLACE, blocks, field_of
 from ...matrix.scene import Scene
+from ...mechanisms.causes import Applied, Cause, Combined, Named, Number
 from ...which.compare import Rung
 from ...why.errormap import basis
-from ...wrong.causes import Applied, Cause, Combined, Named, Number
 
 if TYPE_CHECKING:
     from ..finished import Result

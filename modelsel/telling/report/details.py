@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..._typing import Array, Index
 from ...matrix.design import directions, field_of, residuals
 from ...matrix.scene import Scene
-from ..inspect import mechanism_card
+from ...mechanisms.serialization import mechanism_card
 from .cells import cells_dict
 from .panels import finding_panels
 

@@ -16,9 +16,9 @@ import numpy as np
 from ..._typing import Array, Index
 from ...matrix.design import PLACE, columns_of
 from ...matrix.scene import Scene
+from ...mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named
+from ...mechanisms.terms import Term
 from ...why.words import what
-from ...wrong.causes import FUNCTIONS, Applied, Bump, Cause, Named
-from ...wrong.screws import Term
 from .cells import wave
 
 if TYPE_CHECKING:

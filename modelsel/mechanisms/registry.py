@@ -3,6 +3,7 @@
 An entry is a function `robot -> Mechanism` (None where it does not apply), or PerJoint for one that exists once a joint.
 Outsiders join by the entry point group `modelsel.mechanisms`: () -> dict of entries (`with_plugins`).
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
@@ -12,8 +13,11 @@ from functools import partial
 from ..exceptions import StudyError, one_line, suggest
 from ..measurements.reference_temperature import REFERENCE
 from ..robot.kinematics import Robot
-from .mechanisms import compliance, couplings, environment, geometry, gravity_effects, motion, transmission
-from .screws import Mechanism, unstorable
+from . import compliance, environment, geometry, gravity_effects
+from . import drives as couplings
+from . import drives as motion
+from . import drives as transmission
+from .terms import Mechanism, unstorable
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,11 @@
 """What yields under weight: drives, bearings, links, tool; with the arm's own masses or with a payload."""
+
 from __future__ import annotations
 
-from ...robot.gravity import arm_pair, under_gravity
-from ...robot.kinematics import Robot
-from ..causes import Named, q, shifted, sin, torque
-from ..screws import Mechanism, Screw, Term
+from ..robot.gravity import arm_pair, under_gravity
+from ..robot.kinematics import Robot
+from .causes import Named, q, shifted, sin, torque
+from .terms import Mechanism, Screw, Term
 
 COMPLIANCE = (1e-8, 1e-3)   # rad/(N m)
 HEAVY = (1e-8, 1e-3)        # rad/(N m) times some kg

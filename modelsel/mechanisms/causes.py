@@ -4,6 +4,7 @@ A cause is a value: `sin(2 * q(4))` prints as "sin(2*q4)", equals any other caus
 local in rows: evaluated on some rows of the state it gives those rows of the whole. Nothing is ever parsed back inside
 the program; `parse` serves study files alone and evaluates no code.
 """
+
 from __future__ import annotations
 
 import ast

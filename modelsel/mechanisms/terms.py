@@ -3,6 +3,7 @@
 The screw of frame k sits between the nominal transform N_k and the joint's own rotation, as H_k in the paper; its axes
 are tx ty tz rx ry rz of that frame; with cause 1 they are the paper's a b c α β γ. Frame n+1 is the target.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterable

@@ -1,14 +1,15 @@
 """What comes from temperature, time and the measuring instrument."""
+
 from __future__ import annotations
 
 import numpy as np
 
-from ..._typing import Array
-from ...measurements.reference_temperature import REFERENCE, TEMPERATURE
-from ...robot.kinematics import Robot
-from ...robot.rigid import AXES
-from ..causes import Applied, Bump, Cause, Combined, Named, Number, shifted, sign
-from ..screws import Mechanism, Screw, Term
+from .._typing import Array
+from ..measurements.reference_temperature import REFERENCE, TEMPERATURE
+from ..robot.kinematics import Robot
+from ..robot.rigid import AXES
+from .causes import Applied, Bump, Cause, Combined, Named, Number, shifted, sign
+from .terms import Mechanism, Screw, Term
 
 PROGRESS: Cause = Named("progress")   # place in the order of motion, 0 to 1: every file has it, clock or not
 DRIFT = {"t": (1e-3, 2.0), "r": (1e-6, 2e-3)}     # mm, rad

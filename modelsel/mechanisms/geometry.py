@@ -1,13 +1,14 @@
 """Geometry: the six screws of every frame with cause 1, and what the set-up adds to them."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...measurements.features import Feature
-from ...robot.kinematics import Robot
-from ...robot.rigid import AXES
-from ..causes import ONE, Cause, Member
-from ..screws import Mechanism, Screw, Term, letter
+from ..measurements.features import Feature
+from ..robot.kinematics import Robot
+from ..robot.rigid import AXES
+from .causes import ONE, Cause, Member
+from .terms import Mechanism, Screw, Term, letter
 
 SETUP = "set-up"    # name of the placement and the targets: no error of the arm
 OPEN = {"t": 100.0, "r": 0.1}      # mm, rad: standard deviation of a placement or a target that registration has found already

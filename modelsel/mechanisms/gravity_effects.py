@@ -1,11 +1,12 @@
 """What gravity does: twist of the arm's two great joints, backlash that it takes up, tilt of the base."""
+
 from __future__ import annotations
 
-from ...robot.gravity import ArmPair, arm_pair, under_gravity
-from ...robot.kinematics import Robot
-from ...robot.rigid import AXES
-from ..causes import Cause, Named, Number, cos, q, shifted, sign, torque
-from ..screws import Mechanism, Screw, Term
+from ..robot.gravity import ArmPair, arm_pair, under_gravity
+from ..robot.kinematics import Robot
+from ..robot.rigid import AXES
+from .causes import Cause, Named, Number, cos, q, shifted, sign, torque
+from .terms import Mechanism, Screw, Term
 
 PAPER = "Positioning error analysis (the reference), Eq. 6-7"
 TWIST = (2e-5, 1e-2)     # rad at full lever: 10 N m … 1 kN m over 1e5 … 1e6 N m/rad
