@@ -18,9 +18,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from modelsel import Model, mechanism, read_study
-from modelsel.fitting.fit import Fit, fit
-from modelsel.matrix.design import residuals
-from modelsel.matrix.scene import Scene, scene
+from modelsel.fitting.design import residuals
+from modelsel.fitting.least_squares import Fit, fit
+from modelsel.fitting.problem import Scene, scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN

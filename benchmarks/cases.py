@@ -9,7 +9,7 @@ from hidden_arm import Arm, Effect, State, arm, geometry, measured, off
 from hidden_effects import REGISTERED, UNREGISTERED
 from hidden_oracle import power
 
-from modelsel.matrix.scene import Scene, scene
+from modelsel.fitting.problem import Scene, scene
 from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load
 

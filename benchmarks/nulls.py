@@ -27,9 +27,9 @@ import modelsel.why.search
 from modelsel import Model, mechanism
 from modelsel._random import generator
 from modelsel.elsewhere.explain import explain
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import residuals
-from modelsel.matrix.scene import Scene, scene
+from modelsel.fitting.design import residuals
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.problem import Scene, scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import every
 from modelsel.robot.kinematics import forward

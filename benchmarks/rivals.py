@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import betaincc, gammaln
 
-from modelsel.fitting.fit import Fit
-from modelsel.matrix.design import Model
-from modelsel.matrix.scene import Scene
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import Fit
+from modelsel.fitting.problem import Scene
 from modelsel.which.candidates import Candidate
 from modelsel.why.errormap import Columns, Scan, basis, columns, scan, stacked
 

@@ -9,8 +9,8 @@ import numpy as np
 from hidden_arm import geometry, holds, said
 from hidden_oracle import critical_p, held_by, naming_limit
 
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.which.candidates import Candidate, candidates
 from modelsel.why.extend import extend

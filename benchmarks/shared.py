@@ -21,10 +21,10 @@ import numpy as np
 from modelsel import Model, mechanism
 from modelsel._random import generator
 from modelsel.elsewhere.explain import explain
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model as Terms
-from modelsel.matrix.design import design, residuals
-from modelsel.matrix.scene import Scene, scene
+from modelsel.fitting.design import Model as Terms
+from modelsel.fitting.design import design, residuals
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.problem import Scene, scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import every

@@ -14,9 +14,9 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
     from .exceptions import ModelselError as ModelselError
     from .exceptions import NotEstimable as NotEstimable
     from .exceptions import StudyError as StudyError
-    from .fitting.fit import Fit as Fit
-    from .matrix.design import Model as Model
-    from .matrix.design import residuals as residuals
+    from .fitting.design import Model as Model
+    from .fitting.design import residuals as residuals
+    from .fitting.least_squares import Fit as Fit
     from .measurements.measurements import Measurements as Measurements
     from .measurements.reader import read_measurements as read_measurements
     from .mechanisms.causes import Cause as Cause
@@ -58,10 +58,13 @@ __version__ = VERSION
 
 _NAMES = {  # a name that is also a module's (fit, scene, extend …) is imported from there: from modelsel.fitting.fit import fit
     "exceptions": "DataError ModelselError NotEstimable StudyError",
-    "fitting.fit": "Fit",
-    "matrix.design": "Model residuals",
+    "fitting.least_squares": "Fit",
+    "fitting.design": "Model residuals",
     "measurements.measurements": "Measurements",
     "measurements.reader": "read_measurements",
+    "mechanisms.causes": "Cause",
+    "mechanisms.registry": "BUILTIN PerJoint every mechanism with_plugins",
+    "mechanisms.terms": "Mechanism Screw Term",
     "robot.files": "builtin_names load read_robot",
     "robot.kinematics": "Robot forward screw_field",
     "telling.config": "Study read_study",
@@ -73,9 +76,6 @@ _NAMES = {  # a name that is also a module's (fit, scene, extend …) is importe
     "use.compensate": "correct",
     "which.split": "choose",
     "which.validate": "gain",
-    "mechanisms.causes": "Cause",
-    "mechanisms.registry": "BUILTIN PerJoint every mechanism with_plugins",
-    "mechanisms.terms": "Mechanism Screw Term",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)

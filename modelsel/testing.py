@@ -13,11 +13,11 @@ import numpy as np
 
 from ._typing import Array
 from .exceptions import StudyError
-from .fitting.fit import fit
-from .matrix.design import Model, design, residuals
-from .matrix.identify import identify
-from .matrix.reduce import reduce
-from .matrix.scene import Scene, scene
+from .fitting.design import Model, design, residuals
+from .fitting.identifiability import identify
+from .fitting.least_squares import fit
+from .fitting.problem import Scene, scene
+from .fitting.reduction import reduce
 from .measurements.measurements import measurements
 from .mechanisms import causes
 from .mechanisms.serialization import mechanism_of, mechanism_record

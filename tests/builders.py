@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from modelsel._typing import Array
-from modelsel.matrix.design import residuals
-from modelsel.matrix.scene import Scene, scene
+from modelsel.fitting.design import residuals
+from modelsel.fitting.problem import Scene, scene
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load

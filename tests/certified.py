@@ -25,10 +25,10 @@ import scipy.optimize
 
 from modelsel._typing import Array
 from modelsel.exceptions import ModelselError
-from modelsel.fitting.fit import Fit, fit
-from modelsel.matrix.design import Model
-from modelsel.matrix.identify import identify, solve
-from modelsel.matrix.reduce import Reduction, Source, reduce
+from modelsel.fitting.design import Model
+from modelsel.fitting.identifiability import identify, solve
+from modelsel.fitting.least_squares import Fit, fit
+from modelsel.fitting.reduction import Reduction, Source, reduce
 from modelsel.mechanisms.causes import Named
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 

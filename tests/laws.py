@@ -12,8 +12,8 @@ import numpy as np
 from builders import bind, drawn
 
 from modelsel import testing as laws
-from modelsel.matrix.design import design, residuals
-from modelsel.matrix.scene import Scene
+from modelsel.fitting.design import design, residuals
+from modelsel.fitting.problem import Scene
 from modelsel.mechanisms import causes
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.kinematics import Robot

@@ -7,10 +7,10 @@ import pytest
 from drawn_arms import SIZES, error, target, turn
 from scipy.optimize import least_squares
 
-from modelsel.fitting.fit import fit
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.problem import scene
 from modelsel.fitting.register import register
-from modelsel.matrix.design import Model
-from modelsel.matrix.scene import scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.geometry import geometric, setup
 from modelsel.robot.files import load

@@ -9,10 +9,11 @@ import pytest
 from builders import drawn, planted, study_of
 
 from modelsel.elsewhere.confidence import confidence
-from modelsel.fitting.fit import fit
-from modelsel.matrix import reduce, scene
-from modelsel.matrix.design import Model, residuals
-from modelsel.matrix.scene import Scene
+from modelsel.fitting import problem as scene
+from modelsel.fitting import reduction as reduce
+from modelsel.fitting.design import Model, residuals
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.problem import Scene
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.sure import posterior as closed

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from builders import drawn, one, planted, study_of
 
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model
-from modelsel.matrix.reduce import reduce
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.reduction import reduce
 from modelsel.mechanisms.causes import cos, q, sin
 from modelsel.telling.config import parse_study
 from modelsel.telling.result import candidates_dict

@@ -10,10 +10,10 @@ import pytest
 from builders import drawn, planted
 
 from modelsel.exceptions import DataError, StudyError
-from modelsel.fitting.fit import fit
+from modelsel.fitting.design import Model, residuals
+from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
-from modelsel.matrix.design import Model, residuals
-from modelsel.matrix.scene import Scene
+from modelsel.fitting.problem import Scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import Bump, Member, Named, Number, cos, q, sign, sin
 from modelsel.mechanisms.registry import every, mechanism

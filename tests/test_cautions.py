@@ -9,8 +9,8 @@ import pytest
 from builders import bind, measured, seeds, small_arm, study_of
 
 from modelsel.elsewhere.explain import explain
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import Applied, Named, q, sin
 from modelsel.mechanisms.registry import every, mechanism

@@ -17,10 +17,10 @@ from modelsel._typing import Array
 from modelsel.cli import main
 from modelsel.elsewhere.checks import outcome, setup_notes, told_with
 from modelsel.exceptions import DataError, NotEstimable
-from modelsel.fitting.believed import lack, likeliest
 from modelsel.fitting.labels import labels_mistake
 from modelsel.fitting.mistakes import mistake
 from modelsel.fitting.noise import Floor, from_target_pairs
+from modelsel.fitting.noise_check import lack, likeliest
 from modelsel.fitting.orientations import orientation_mistake
 from modelsel.fitting.register import register
 from modelsel.measurements.measurements import measurements
@@ -507,7 +507,7 @@ def test_validate_finds_a_new_target_where_it_registers(rng, tmp_path) -> None:
 
 def test_drawn_scenes_have_no_slips(rng) -> None:
     """The nominal arm with the errors of an assembled one, gross rows in random directions: no slip explains these."""
-    from modelsel.matrix.design import residuals
+    from modelsel.fitting.design import residuals
     from modelsel.why.mistaken_rows import slipped
     for _ in range(20):
         at = drawn("puma760", rng, 60)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from builders import drawn, planted, seeds
 
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model, design
+from modelsel.fitting.design import Model, design
+from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.causes import ONE, Named, cos, q, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term

@@ -14,7 +14,7 @@ from test_calibration import wide
 
 from modelsel.cli import main
 from modelsel.exceptions import DataError
-from modelsel.matrix.design import Model
+from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism
@@ -200,7 +200,7 @@ def test_command(made, tmp_path) -> None:
 
 def test_a_slide_is_compensated(rng) -> None:
     """A joint that slides takes part."""
-    from modelsel.fitting.fit import fit
+    from modelsel.fitting.least_squares import fit
     from modelsel.fitting.noise import Floor
     from modelsel.use.calibration import calibrate
     from modelsel.which.compare import Data

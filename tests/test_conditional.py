@@ -10,9 +10,9 @@ from scipy.special import logsumexp
 
 from modelsel._typing import Array
 from modelsel.elsewhere.confidence import Request, target_of
-from modelsel.fitting.fit import Fit, fit
-from modelsel.matrix.design import Model, design
-from modelsel.matrix.scene import Scene
+from modelsel.fitting.design import Model, design
+from modelsel.fitting.least_squares import Fit, fit
+from modelsel.fitting.problem import Scene
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.sure import sampling as engine

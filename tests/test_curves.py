@@ -8,9 +8,9 @@ import pytest
 from builders import drawn, measured, planted, seeds
 
 from modelsel._typing import Array
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model
-from modelsel.matrix.scene import Scene
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.problem import Scene
 from modelsel.mechanisms.causes import Named, cos, q, sin
 from modelsel.mechanisms.environment import STEPS
 from modelsel.mechanisms.registry import every, mechanism

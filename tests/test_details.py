@@ -8,7 +8,7 @@ import pytest
 from test_report import PUMA
 
 from modelsel import read_study, run
-from modelsel.matrix.design import design
+from modelsel.fitting.design import design
 from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.mechanisms.terms import Mechanism, Screw, Term

@@ -137,7 +137,7 @@ def test_what_is_drawn_is_what_the_chain_does() -> None:
     import catalogue
     import numpy as np
 
-    from modelsel.matrix.design import design
+    from modelsel.fitting.design import design
     from modelsel.robot.files import load
     robot = load(catalogue.ROBOT)
     for stem in BUILTIN:

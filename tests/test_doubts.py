@@ -11,11 +11,11 @@ from builders import bind, planted, small_arm, study_of
 from scipy.stats import f as fisher
 from scipy.stats import kstest, multivariate_t
 
-from modelsel.fitting.fit import fit
+from modelsel.fitting.design import Model, design
+from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor, from_repeats
-from modelsel.fitting.shrink import fit_shrunk
-from modelsel.matrix.design import Model, design
-from modelsel.matrix.scene import Scene
+from modelsel.fitting.problem import Scene
+from modelsel.fitting.shrinkage import fit_shrunk
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.registry import mechanism

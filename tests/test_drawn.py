@@ -11,8 +11,8 @@ import pytest
 from drawn_arms import LONGER, UP, Campaign, campaign
 
 from modelsel import Result, Study, run
-from modelsel.matrix.design import residuals
-from modelsel.matrix.usual import usual_sizes
+from modelsel.fitting.design import residuals
+from modelsel.fitting.prior import usual_sizes
 
 SIX, SEVEN = ("ur5e", "puma760", "irb120", "ur10e"), ("iiwa14", "fr3")
 

@@ -11,10 +11,10 @@ from click.testing import CliRunner
 
 from modelsel.cli import main
 from modelsel.exceptions import DataError, StudyError
-from modelsel.fitting.fit import fit
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
-from modelsel.matrix.design import Model
-from modelsel.matrix.scene import Scene
+from modelsel.fitting.problem import Scene
 from modelsel.measurements.measurements import Measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Screw, Term

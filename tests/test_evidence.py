@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from builders import drawn, seeds
 
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.which.candidates import Candidate, candidates
 from modelsel.why.errormap import Scan, basis, columns, scan, stacked

@@ -16,9 +16,9 @@ from test_robots import screw_x, screw_z
 
 from modelsel.cli import main
 from modelsel.exceptions import StudyError
-from modelsel.fitting.fit import fit
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
-from modelsel.matrix.design import Model
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.dh import rows_of
 from modelsel.robot.files import builtin_names, load, read_robot, robot_from_table

@@ -16,9 +16,9 @@ from scipy.special import bdtrc
 from scipy.stats import binom, kstest, t
 
 from modelsel.elsewhere.explain import explain
-from modelsel.fitting.fit import Fit, fit
-from modelsel.matrix.design import Model, design
-from modelsel.matrix.scene import Scene
+from modelsel.fitting.design import Model, design
+from modelsel.fitting.least_squares import Fit, fit
+from modelsel.fitting.problem import Scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import every, mechanism

@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modelsel.exceptions import NotEstimable
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model, design
-from modelsel.matrix.identify import identify
-from modelsel.matrix.reduce import Reduction, merged, reduce, reduce_scene
-from modelsel.matrix.scene import Scene
+from modelsel.fitting.design import Model, design
+from modelsel.fitting.identifiability import identify
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.problem import Scene
+from modelsel.fitting.reduction import Reduction, merged, reduce, reduce_scene
 from modelsel.mechanisms.causes import Named
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
@@ -120,7 +120,7 @@ def same(one: Reduction, other: Reduction) -> None:
 @pytest.mark.parametrize("late", [False, True], ids=["dependent", "not dependent after all"])
 def test_dependent_terms_are_put_back(late, rng, monkeypatch) -> None:
     """Terms left out of the factorisation come back as they are; one that only the probe's rows made dependent is noticed."""
-    from modelsel.matrix import reduce as reducer
+    from modelsel.fitting import reduction as reducer
     which = Model((*whole().mechanisms, one(4, "rx", Named("payload_kg", "kg"))))
     at = planted(drawn("puma760", rng, 400), which.terms, 1e-4 * rng.normal(size=len(which.terms)), rng, 0.1)
     load_ = np.full(400, 2.0)

@@ -19,9 +19,9 @@ from pypdf import PdfReader
 from modelsel._files import claimed
 from modelsel.cli import main
 from modelsel.exceptions import StudyError
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model
-from modelsel.matrix.scene import scene
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.problem import scene
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from modelsel.exceptions import NotEstimable
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model, design
+from modelsel.fitting.design import Model, design
+from modelsel.fitting.least_squares import fit
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
@@ -126,7 +126,7 @@ def test_folds_stream(size, rng, monkeypatch) -> None:
     """Folds that many blocks of rows feed, with weights, are those of one block."""
     from dataclasses import replace
 
-    from modelsel.matrix import reduce
+    from modelsel.fitting import reduction as reduce
     from modelsel.which import folds
     which = Model((mechanism("geometric", load("ur5")),))
     at = planted(drawn("ur5", rng, 60), which.terms, np.zeros(len(which.terms)), rng, 0.1)

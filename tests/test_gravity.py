@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from builders import bind, drawn
 
-from modelsel.matrix.design import design
+from modelsel.fitting.design import design
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import builtin_names, load, robot_from_table

@@ -20,9 +20,9 @@ from hidden_effects import REGISTERED, UNREGISTERED
 from hidden_engine import Engine
 from hidden_oracle import critical_p, detection, held_by, naming_limit
 
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model
-from modelsel.matrix.scene import Scene, scene
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.problem import Scene, scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.files import load

@@ -9,12 +9,12 @@ from builders import OFF_AXIS, ON_AXIS, drawn, planted, seeds
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model, design, residuals
-from modelsel.matrix.identify import Identified, identify, solve, unidentifiable, without
-from modelsel.matrix.reduce import reduce, reduce_scene
-from modelsel.matrix.scene import Scene
-from modelsel.matrix.usual import faint, usual_sizes
+from modelsel.fitting.design import Model, design, residuals
+from modelsel.fitting.identifiability import Identified, identify, solve, unidentifiable, without
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.prior import faint, usual_sizes
+from modelsel.fitting.problem import Scene
+from modelsel.fitting.reduction import reduce, reduce_scene
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 

@@ -15,12 +15,13 @@ from modelsel.elsewhere.explain import explain
 from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.elsewhere.simulate import simulate_rows
 from modelsel.exceptions import DataError, StudyError
-from modelsel.fitting.fit import fit
+from modelsel.fitting.batch import Ensemble
+from modelsel.fitting.design import Model, design, residuals
+from modelsel.fitting.identifiability import unidentifiable
+from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor, Instrument
-from modelsel.matrix.design import Model, design, residuals
-from modelsel.matrix.gauges import Fixtures
-from modelsel.matrix.identify import unidentifiable
-from modelsel.matrix.scene import Scene, scene
+from modelsel.fitting.observation import Fixtures
+from modelsel.fitting.problem import Scene, scene
 from modelsel.measurements.features import KINDS, UNKNOWN
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.measurements.observation_columns import Known, with_known
@@ -31,7 +32,6 @@ from modelsel.mechanisms.registry import mechanism, parts
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load
 from modelsel.sure.components import components
-from modelsel.sure.ensemble import Ensemble
 from modelsel.sure.target import Target
 from modelsel.telling.config import parse_study
 from modelsel.telling.inspect import describe

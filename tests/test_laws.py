@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from builders import drawn, one
 
-from modelsel.matrix import design
+from modelsel.fitting import design
 from modelsel.mechanisms.causes import Cause, Named, Number, cos, q, sin
 from modelsel.mechanisms.geometry import setup
 from modelsel.mechanisms.registry import BUILTIN, Scanned, every, mechanism, parts
@@ -159,14 +159,14 @@ def test_setup_columns_with_orientation(rng) -> None:
     robot = ROBOTS["ur5"]
     at = drawn(robot, rng, 20)
     turned = at.pose(slice(None)).rotation.transpose(2, 0, 1)
-    from modelsel.matrix.scene import scene
+    from modelsel.fitting.problem import scene
     from modelsel.measurements.measurements import measurements
     data = measurements(at.data.q, at.data.position, rotation=turned)
     six = scene(robot, data, at.tools)
     assert six.components == 6
     whole = setup(robot, 1, 1, True, True)
     both = Mechanism("all", (*whole.terms, *mechanism("wrist-coupling", robot).terms))
-    from modelsel.matrix.design import design, residuals
+    from modelsel.fitting.design import design, residuals
     columns, residual = design(six, both.terms)
     assert np.abs(residual).max() < 1e-9
     for j, term in enumerate(both.terms):

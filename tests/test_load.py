@@ -13,9 +13,9 @@ from click.testing import CliRunner
 
 from modelsel.cli import main
 from modelsel.elsewhere.explain import explain
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model
-from modelsel.matrix.scene import Scene
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.problem import Scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import every, mechanism, parts

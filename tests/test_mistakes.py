@@ -18,8 +18,8 @@ from modelsel.cli import main
 from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.exceptions import DataError
 from modelsel.fitting.mistakes import mistake
+from modelsel.fitting.problem import Scene
 from modelsel.fitting.register import register
-from modelsel.matrix.scene import Scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.geometry import geometric
 from modelsel.mechanisms.registry import BUILTIN

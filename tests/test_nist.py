@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from certified import DATA, LINEAR, MOST, curves, fitted, in_any_order, iterated, linear, nonlinear, peers, shipped
 
-from modelsel.matrix.identify import identify, solve
-from modelsel.matrix.reduce import reduce
+from modelsel.fitting.identifiability import identify, solve
+from modelsel.fitting.reduction import reduce
 
 ENOUGH, HALF, ORDERS = 12.0, 0.5, 15
 # NIST's first start is far away on purpose; from these the fit ends elsewhere (docs/reliability.md shows which)

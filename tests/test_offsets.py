@@ -11,7 +11,7 @@ from builders import drawn as drawn_arm
 from test_mistakes import arm, said, shifted
 
 from modelsel._typing import Array
-from modelsel.matrix.scene import Scene
+from modelsel.fitting.problem import Scene
 from modelsel.robot.kinematics import forward
 
 

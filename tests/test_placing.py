@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.exceptions import DataError, NotEstimable
+from modelsel.fitting.design import residuals
+from modelsel.fitting.problem import Scene, scene
 from modelsel.fitting.register import register
-from modelsel.matrix.design import residuals
-from modelsel.matrix.scene import Scene, scene
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load, read_robot

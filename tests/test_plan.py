@@ -15,7 +15,7 @@ from modelsel import run as study_run
 from modelsel.cli import main
 from modelsel.commands.plan import PURPOSES
 from modelsel.exceptions import DataError, StudyError
-from modelsel.matrix.design import design
+from modelsel.fitting.design import design
 from modelsel.mechanisms.registry import mechanism, parts
 from modelsel.mechanisms.terms import Term
 from modelsel.robot.files import load
@@ -136,8 +136,8 @@ def test_what_no_choice_tells_is_one(rng) -> None:
 
 
 def kept(p: Pool) -> list[Term]:
-    from modelsel.matrix.identify import identify
-    from modelsel.matrix.reduce import reduce
+    from modelsel.fitting.identifiability import identify
+    from modelsel.fitting.reduction import reduce
     A = p.known[:, :, :len(GEOMETRY.terms)].reshape(-1, len(GEOMETRY.terms))
     return [GEOMETRY.terms[k] for k in identify(reduce(A, A[:, 0])).kept]
 
@@ -281,9 +281,9 @@ def test_every_target_is_seen_at_every_configuration(rng) -> None:
 
 def load_calibration_like(at):
     """A calibration of the geometry alone, for its robot."""
-    from modelsel.fitting.fit import fit
+    from modelsel.fitting.design import Model
+    from modelsel.fitting.least_squares import fit
     from modelsel.fitting.noise import Floor
-    from modelsel.matrix.design import Model
     from modelsel.use.calibration import calibrate
     from modelsel.which.compare import Data
     rows = np.ones(len(at), bool)

@@ -11,14 +11,14 @@ from builders import drawn, one, planted, small_arm
 from scipy.stats import chi2
 
 from modelsel._typing import Array
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model, design, residuals, whitened
-from modelsel.matrix.scene import Scene
-from modelsel.matrix.usual import usual_sizes
+from modelsel.fitting.batch import Ensemble
+from modelsel.fitting.design import Model, design, residuals, whitened
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.prior import usual_sizes
+from modelsel.fitting.problem import Scene
 from modelsel.mechanisms.causes import cos, q
 from modelsel.mechanisms.geometry import setup
 from modelsel.mechanisms.registry import mechanism
-from modelsel.sure.ensemble import Ensemble
 from modelsel.sure.posterior import importance, posterior, weighted
 
 ARM = small_arm()

@@ -21,7 +21,7 @@ from test_floors import DOOR, FLOORS, PACKAGE
 import modelsel
 from modelsel.cli import COMMANDS, main
 from modelsel.exceptions import StudyError
-from modelsel.matrix.design import design, residuals
+from modelsel.fitting.design import design, residuals
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import BUILTIN, Registry, parts, with_plugins
 from modelsel.robot.files import load

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from builders import drawn
 
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model, design
+from modelsel.fitting.design import Model, design
+from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import builtin_names, load

@@ -10,9 +10,9 @@ from builders import seeds
 from scipy.spatial.transform import Rotation
 
 from modelsel.exceptions import DataError
+from modelsel.fitting.design import residuals
+from modelsel.fitting.problem import Scene, scene
 from modelsel.fitting.register import register
-from modelsel.matrix.design import residuals
-from modelsel.matrix.scene import Scene, scene
 from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load, read_robot
 from modelsel.robot.kinematics import Robot, pose

@@ -4,8 +4,8 @@ from __future__ import annotations
 import numpy as np
 from builders import drawn, seeds, small_arm
 
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.which.candidates import candidates

@@ -9,7 +9,7 @@ import pytest
 from builders import drawn
 
 from modelsel.exceptions import StudyError
-from modelsel.matrix.design import design, residuals
+from modelsel.fitting.design import design, residuals
 from modelsel.mechanisms.geometry import geometric
 from modelsel.robot.files import builtin_names, load, read_robot, robot_from_table
 from modelsel.robot.kinematics import Robot, forward, pose, screw_field

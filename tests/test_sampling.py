@@ -18,10 +18,10 @@ from modelsel.cli import main
 from modelsel.elsewhere.confidence import Request, described, sampled, target_of
 from modelsel.elsewhere.confidence import confidence as certainty
 from modelsel.exceptions import StudyError
-from modelsel.fitting.fit import Fit, fit
+from modelsel.fitting.design import Model, design
+from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.noise import Instrument, weigh
-from modelsel.matrix.design import Model, design
-from modelsel.matrix.scene import Scene
+from modelsel.fitting.problem import Scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.environment import tracker_step

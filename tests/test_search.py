@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model, design
+from modelsel.fitting.design import Model, design
+from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.causes import ONE
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -114,7 +114,7 @@ def test_subsets_of_mechanisms(rng) -> None:
     fold_of = assign(at.data, 5, rng)
     X, r = design(at, terms)
     X, y, rows = X.reshape(150, -1), r.ravel(), fold_of.repeat(3)
-    from modelsel.matrix.identify import identify
+    from modelsel.fitting.identifiability import identify
     reduced = fold(at, terms, fold_of)
     base = list(identify(reduced.select(range(len(geometric.terms))).total).kept)
     ends = np.cumsum([len(geometric.terms), *(len(m.terms) for m in some)])

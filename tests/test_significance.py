@@ -13,8 +13,8 @@ from scipy.stats import binom
 
 from modelsel._json import dumps
 from modelsel.elsewhere.confidence import Request, confidence, sampled
-from modelsel.fitting.fit import Fit, fit
-from modelsel.matrix.design import Model, design, residuals
+from modelsel.fitting.design import Model, design, residuals
+from modelsel.fitting.least_squares import Fit, fit
 from modelsel.mechanisms.causes import Named, q, sin
 from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.sure.bootstrap import bootstrap, halves, signs

@@ -12,9 +12,9 @@ from builders import bind, drawn, measured, seeds, small_arm, study_of
 from scipy.integrate import quad
 
 from modelsel.elsewhere.explain import explain
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model
-from modelsel.matrix.scene import Scene
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.problem import Scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import every, faults, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term

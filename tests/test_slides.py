@@ -13,7 +13,7 @@ import pytest
 from builders import bind, measured, small_arm, study_of
 
 from modelsel.elsewhere.explain import explain
-from modelsel.matrix.design import Model
+from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.kinematics import Robot, forward, pose

@@ -7,10 +7,10 @@ import pytest
 from builders import drawn, planted
 
 from modelsel.exceptions import DataError
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model
-from modelsel.matrix.identify import solve
-from modelsel.matrix.scene import Scene
+from modelsel.fitting.design import Model
+from modelsel.fitting.identifiability import solve
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.problem import Scene
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.which.folds import cross_validate, fold

@@ -9,9 +9,9 @@ import pytest
 from builders import drawn, planted, seeds
 
 from modelsel.exceptions import StudyError
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import Model, residuals
-from modelsel.matrix.usual import usual_sizes
+from modelsel.fitting.design import Model, residuals
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.prior import usual_sizes
 from modelsel.mechanisms.geometry import OPEN, geometric, setup
 from modelsel.mechanisms.serialization import mechanism_of, mechanism_record
 from modelsel.robot.files import load, robot_from_table, robot_of, robot_record

@@ -6,8 +6,8 @@ from math import copysign, cos
 
 import numpy as np
 
-from modelsel.matrix.design import assemble
-from modelsel.matrix.reduce import STREAM
+from modelsel.fitting.design import assemble
+from modelsel.fitting.reduction import STREAM
 from modelsel.robot._kernels import Space
 from modelsel.robot.kinematics import Robot
 

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from modelsel.fitting.fit import fit
+from modelsel.fitting.least_squares import fit
 
 from .timing import arm_scene
 
@@ -19,7 +19,7 @@ def run() -> dict[str, float]:
         return {}
     import emcee
 
-    from modelsel.sure.ensemble import Ensemble
+    from modelsel.fitting.batch import Ensemble
     from modelsel.sure.posterior import posterior, weighted
     scene, model = arm_scene(M)
     fitted = fit(scene, model)

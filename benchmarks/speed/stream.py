@@ -6,9 +6,9 @@ import tracemalloc
 
 import numpy as np
 
-from modelsel.matrix.design import assemble
-from modelsel.matrix.identify import identify, solve
-from modelsel.matrix.reduce import reduce_scene
+from modelsel.fitting.design import assemble
+from modelsel.fitting.identifiability import identify, solve
+from modelsel.fitting.reduction import reduce_scene
 
 from .timing import arm_scene, interleaved
 

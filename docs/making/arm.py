@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from modelsel._typing import Array
-from modelsel.matrix.design import twist_of
-from modelsel.matrix.scene import Scene, scene
+from modelsel.fitting.design import twist_of
+from modelsel.fitting.problem import Scene, scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.terms import Mechanism, Term
 from modelsel.robot.kinematics import Robot, forward, pose

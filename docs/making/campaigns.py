@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from modelsel._typing import Array
-from modelsel.fitting.fit import Fit, fit
-from modelsel.matrix.design import Model, residuals
-from modelsel.matrix.scene import Scene, scene
+from modelsel.fitting.design import Model, residuals
+from modelsel.fitting.least_squares import Fit, fit
+from modelsel.fitting.problem import Scene, scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Term

@@ -11,8 +11,8 @@ import arm
 import numpy as np
 
 from modelsel._typing import Array
-from modelsel.matrix.design import design
-from modelsel.matrix.scene import Scene, scene
+from modelsel.fitting.design import design
+from modelsel.fitting.problem import Scene, scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import BUILTIN, Registry, Scanned, parts
 from modelsel.mechanisms.serialization import mechanism_card

@@ -12,8 +12,8 @@ from arm import short
 from campaigns import BASE, ROBOT, measured
 
 from modelsel._typing import Array
-from modelsel.fitting.fit import fit
-from modelsel.matrix.design import design
+from modelsel.fitting.design import design
+from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import mechanism
 from modelsel.telling.report.style import BLUE, INK, ORANGE, QUIET, styled, svg
 from modelsel.which.folds import assign, cross_validate, fold

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from .._typing import Array
 from ..exceptions import NotEstimable, sentence_list
-from ..fitting.believed import Lack, against, lack, likeliest
-from ..fitting.fit import Fit
+from ..fitting.design import whitened
 from ..fitting.labels import labels_mistake
+from ..fitting.least_squares import Fit
 from ..fitting.mistakes import mistake
 from ..fitting.noise import Floor
+from ..fitting.noise_check import Lack, against, lack, likeliest
 from ..fitting.orientations import orientation_mistake
 from ..fitting.otherarm import other_robot, shifted_rows
-from ..matrix.design import whitened
-from ..matrix.scene import Scene
+from ..fitting.problem import Scene
 from ..measurements.columns import SMALLEST
 from ..mechanisms.causes import ONE
 from ..notices import ALARMS, HOPELESS, MISTAKEN, NOISE, OTHER, ROWS, SAME_ROWS, Note, alarms

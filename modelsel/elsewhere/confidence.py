@@ -10,9 +10,9 @@ import numpy as np
 from .._random import generator
 from .._typing import Say
 from ..exceptions import sentence_list
-from ..fitting.fit import Fit
+from ..fitting.design import Model
+from ..fitting.least_squares import Fit
 from ..fitting.noise import Instrument
-from ..matrix.design import Model
 from ..mechanisms.registry import Registry
 from ..notices import Note
 from ..sure.components import components, single

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from .._random import generator
 from .._typing import Index, Say
-from ..fitting.fit import fit
-from ..matrix.design import Model, whitened
-from ..matrix.scene import Scene
+from ..fitting.design import Model, whitened
+from ..fitting.least_squares import fit
+from ..fitting.problem import Scene
 from ..mechanisms.terms import Mechanism
 from ..which.candidates import Candidate, candidates
 from ..which.compare import Data

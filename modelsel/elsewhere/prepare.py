@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from .._random import generator
 from .._typing import Array
 from ..exceptions import DataError, NotEstimable, StudyError, sentence_list, suggest
+from ..fitting.design import residuals
 from ..fitting.fixtures import place, unseen
 from ..fitting.noise import Floor, Instrument, weigh
+from ..fitting.problem import scene
 from ..fitting.register import register, undetermined
-from ..matrix.design import residuals
-from ..matrix.scene import scene
 from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
 from ..notices import Note

@@ -9,9 +9,9 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import StudyError
+from ..fitting.design import residuals
 from ..fitting.fixtures import place
-from ..matrix.design import residuals
-from ..matrix.scene import scene
+from ..fitting.problem import scene
 from ..measurements.measurements import Measurements, measurements
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..exceptions import DataError
-from ..matrix.design import residuals
-from ..matrix.gauges import Fixtures
-from ..matrix.scene import Scene
 from ..measurements.features import Feature
 from ..measurements.measurements import Measurements
 from ..robot.rigid import align_z
+from .design import residuals
+from .observation import Fixtures
+from .problem import Scene
 
 FLAT = 1e-2        # least over largest spread of positions below which an anchor could stand on either side of them
 SCALE_MM = 5.0     # what a nominal arm is off by: residuals beyond count less

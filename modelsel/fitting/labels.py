@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..exceptions import DataError, NotEstimable, sentence_list
-from ..matrix.scene import Scene
 from ..robot.kinematics import pose
 from .otherarm import better
+from .problem import Scene
 from .register import register
 
 ROUNDS = 8

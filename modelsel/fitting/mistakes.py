@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exceptions import DataError, NotEstimable
-from ..matrix.design import residuals
-from ..matrix.scene import Scene
 from ..robot.kinematics import pose
+from .design import residuals
 from .offsets import Arm, of_joint, of_links, several
 from .otherarm import better
+from .problem import Scene
 from .register import register, undetermined
 from .slips import NOTHING, REGISTER, SCALES, Mistake, linear, of_joints, of_positions, senses
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import StudyError
-from ..matrix.scene import Scene
 from ..measurements.measurements import SAME_READING, Measurements
+from .problem import Scene
 
 NORMAL = 1.4826   # standard deviation over median absolute deviation: a swapped reflector must not set the floor
 LACKING = "lack-of-fit"     # code of the warning that a model leaves another noise than is known

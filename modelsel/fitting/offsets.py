@@ -14,10 +14,10 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import sentence_list
-from ..matrix.scene import Scene
 from ..robot.kinematics import Pose, Robot, pose
 from ..robot.rigid import nearest_rotation, transform
 from .placing import COARSE, LOSS, NORMAL, ROUNDS, STATED_MM, USUAL_MM, cross, descend, kabsch
+from .problem import Scene
 from .slips import Mistake, linear
 
 STEP = np.pi / 18          # of the angles that are tried of a joint's zero

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from .._typing import Array
 from ..exceptions import DataError, NotEstimable
-from ..matrix.scene import Scene
 from ..robot.rigid import from_quaternion, nearest_rotation, rotation_vector, to_quaternion
+from .problem import Scene
 from .register import register
 
 ROWS = 200      # that are looked at, spread over the file

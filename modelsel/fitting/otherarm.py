@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from .._typing import Index
 from ..exceptions import DataError, NotEstimable
-from ..matrix.design import residuals
-from ..matrix.scene import Scene
 from ..robot.kinematics import Robot
+from .design import residuals
+from .problem import Scene
 from .register import register
 
 ROWS = 120          # that are looked at, spread over the file

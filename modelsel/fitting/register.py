@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..exceptions import DataError, NotEstimable, sentence_list
-from ..matrix.scene import Scene
 from ..notices import Note
 from .placing import GROSS, NORMAL, Placed, Sight, lengths, middle, robust, settled, spread
+from .problem import Scene
 from .starts import THIN, about_lines, starts
 
 LEAST = 4           # configurations per placement

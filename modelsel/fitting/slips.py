@@ -8,8 +8,8 @@ from itertools import combinations
 import numpy as np
 
 from .._typing import Array
-from ..matrix.scene import Scene
 from ..robot.kinematics import Robot, pose
+from .problem import Scene
 
 REWEIGHT = 8
 TOGETHER = 64         # in one block of the linear solution

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .._typing import Array, Index
-from ..fitting.fit import Fit
-from ..matrix.identify import solve
-from ..matrix.reduce import Reduction
+from ..fitting.identifiability import solve
+from ..fitting.least_squares import Fit
+from ..fitting.reduction import Reduction
 from ..which.folds import Folded
 
 REPLICATES = 999

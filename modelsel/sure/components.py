@@ -10,7 +10,7 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..fitting.noise import Instrument
-from ..matrix.scene import Scene
+from ..fitting.problem import Scene
 
 SINGLE = "noise scale"
 

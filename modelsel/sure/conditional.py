@@ -15,8 +15,8 @@ from functools import cached_property
 import numpy as np
 
 from .._typing import Array, Index
-from ..matrix.design import design
-from ..matrix.scene import Scene
+from ..fitting.design import design
+from ..fitting.problem import Scene
 from ..mechanisms.terms import Screw, Term
 from ..robot.rigid import AXES
 from ..why.evidence import RATIOS

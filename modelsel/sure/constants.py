@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .._typing import Array, Index
-from ..matrix.design import PLACE, Model
-from ..matrix.scene import Scene
+from ..fitting.design import PLACE, Model
+from ..fitting.problem import Scene
 from ..mechanisms.registry import Registry, Scanned
 from ..mechanisms.terms import Mechanism, Screw
 from ..robot.kinematics import Robot

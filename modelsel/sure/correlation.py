@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .._typing import Array
-from ..fitting.fit import Fit
-from ..matrix.design import Model
+from ..fitting.design import Model
+from ..fitting.least_squares import Fit
 from ..mechanisms.causes import Bump
 
 STRONG = 0.9

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array
-from ..fitting.fit import Fit
-from ..matrix.design import blocks
+from ..fitting.design import blocks
+from ..fitting.least_squares import Fit
 from ..notices import Note
 from ..which.compare import Data
 from ..which.folds import by_unit

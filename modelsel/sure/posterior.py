@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .._typing import Array
-from ..fitting.fit import Fit
-from ..matrix.reduce import reduce_scene
-from ..matrix.scene import Scene
-from .ensemble import Ensemble
+from ..fitting.batch import Ensemble
+from ..fitting.least_squares import Fit
+from ..fitting.problem import Scene
+from ..fitting.reduction import reduce_scene
 
 DRAWS = (400, 4000)     # fewest and most
 WORK = 1_000_000        # draws x configurations to stay within

@@ -12,18 +12,18 @@ import numpy as np
 
 from .._typing import Index
 from ..exceptions import NotEstimable
-from ..fitting.fit import Fit, with_prior
-from ..matrix.design import Model
-from ..matrix.identify import identify, solve
-from ..matrix.reduce import Reduction, reduce_scene
-from ..matrix.smooth import spline
+from ..fitting.batch import Ensemble
+from ..fitting.design import Model
+from ..fitting.identifiability import identify, solve
+from ..fitting.least_squares import Fit, with_prior
+from ..fitting.reduction import Reduction, reduce_scene
+from ..fitting.splines import spline
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Mechanism
 from ..which.compare import Data
 from ..which.criteria import log_evidence
 from ..which.folds import Folded, cross_validate, fold
 from .bootstrap import Bootstrap, halves
-from .ensemble import Ensemble
 
 HALVES = 100
 LEVEL = 0.05

@@ -24,11 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..fitting.fit import Fit
+from ..fitting.batch import Ensemble
+from ..fitting.least_squares import Fit
 from .components import Components
 from .conditional import Conditional, conditionals
 from .constants import Constant
-from .ensemble import Ensemble
 from .posterior import posterior
 
 TAIL = "tail 1/ν"
@@ -74,7 +74,7 @@ class Target:
     def _tangent(self) -> tuple[Array, Array]:
         """(columns (N + k, p), what is left (N + k,)) at the optimum; the N data rows in the order (coordinate, configuration),
         then a row per shrunk coefficient."""
-        from ..matrix.design import design
+        from ..fitting.design import design
         fitted = self.fitted
         X, left = design(self.noise.scene, fitted.terms, fitted.at())
         return (np.vstack([X.transpose(1, 0, 2).reshape(-1, len(fitted.theta))[self._rows], fitted.root]),
@@ -120,7 +120,7 @@ class Target:
     @cached_property
     def _reduced(self) -> Array:
         """(ψ, ψ) triangle of the linear problem with β projected out; the prior's rows are in."""
-        from ..matrix.reduce import Reduction
+        from ..fitting.reduction import Reduction
         reduction = self.fitted.reduction
         if self.fitted.prior is not None:
             reduction = Reduction(reduction.add(self.fitted.prior).R, reduction.rows)

@@ -15,9 +15,9 @@ from ..elsewhere.checks import believed, outcome, told_with, turns_believed, uns
 from ..elsewhere.confidence import Request, confidence, sampled
 from ..elsewhere.explain import explain, nested
 from ..elsewhere.prepare import Plan, prepare, reweigh_rotation
+from ..fitting.design import Model
+from ..fitting.identifiability import unidentifiable
 from ..fitting.noise import Floor
-from ..matrix.design import Model
-from ..matrix.identify import unidentifiable
 from ..measurements.measurements import Measurements
 from ..mechanisms.geometry import setup
 from ..mechanisms.registry import Registry, mechanism

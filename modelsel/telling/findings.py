@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._typing import Array
-from ..matrix.scene import Scene
+from ..fitting.problem import Scene
 from ..mechanisms.causes import Bump
 from ..mechanisms.terms import Term
 from ..notices import Note

@@ -12,8 +12,8 @@ from .._json import plain
 from ..elsewhere.checks import turned
 from ..elsewhere.confidence import Confidence
 from ..elsewhere.explain import Nested
+from ..fitting.identifiability import Unidentifiable
 from ..fitting.noise import Floor
-from ..matrix.identify import Unidentifiable
 from ..notices import HOPELESS, Note
 from ..robot.kinematics import Robot
 from ..which.compare import Data, Rung

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from .._files import claimed, csv_bytes, write_beside
 from .._json import dumps
 from ..exceptions import CHECK_FAILED, DataError, ModelselError, StudyError
-from ..matrix.design import Model
+from ..fitting.design import Model
 from ..mechanisms.registry import mechanism, with_plugins
 from ..robot.files import builtin_names, load, read_robot
 from ..which.stream import Parts, fit_parts, parts_of

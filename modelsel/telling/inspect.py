@@ -8,16 +8,15 @@ import numpy as np
 
 from ..elsewhere.checks import setup_notes
 from ..exceptions import DataError, NotEstimable
+from ..fitting.design import Model, residuals
 from ..fitting.fixtures import place
+from ..fitting.identifiability import as_drawn, identify, unidentifiable
 from ..fitting.mistakes import LEAST
 from ..fitting.noise import from_repeats, from_target_pairs
+from ..fitting.prior import fitted_terms
+from ..fitting.problem import scene
+from ..fitting.reduction import reduce_scene
 from ..fitting.register import register
-from ..matrix.design import Model, residuals
-from ..matrix.identify import identify, unidentifiable
-from ..matrix.reduce import reduce_scene
-from ..matrix.scene import scene
-from ..matrix.size import as_drawn
-from ..matrix.usual import fitted_terms
 from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
 from ..mechanisms.geometry import geometric, setup

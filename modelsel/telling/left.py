@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..fitting.fit import Fit
+from ..fitting.design import fixture_values, whitened
+from ..fitting.least_squares import Fit
 from ..fitting.noise import LACKING, MEDIAN, Floor
-from ..matrix.design import fixture_values, whitened
-from ..matrix.gauges import LENGTH
-from ..matrix.scene import Scene
+from ..fitting.observation import LENGTH
+from ..fitting.problem import Scene
 from ..measurements.measurements import SAME_READING, Measurements
 from ..mechanisms.causes import Member
 from ..notices import Note

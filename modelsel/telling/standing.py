@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..matrix.scene import Scene
+from ..fitting.problem import Scene
 from ..robot.rigid import to_rpy
 
 SHOWN = 6  # groups, targets

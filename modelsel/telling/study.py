@@ -14,7 +14,7 @@ from ..elsewhere.prepare import Plan, prepare, tools_of
 from ..elsewhere.simulate import simulate, simulate_rows
 from ..exceptions import DataError, StudyError
 from ..fitting.noise import Instrument
-from ..matrix.scene import scene
+from ..fitting.problem import scene
 from ..measurements.measurements import Measurements, measurements
 from ..measurements.observation_columns import Known, with_known
 from ..measurements.reader import read_labels, read_measurements

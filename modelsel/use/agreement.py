@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from .._typing import Array
-from ..matrix.design import Model
+from ..fitting.design import Model
 from ..mechanisms.serialization import members
 
 SAME = 1e-6      # relative: two numbers of a file that say the same

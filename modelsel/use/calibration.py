@@ -17,10 +17,10 @@ import numpy as np
 from .._json import misfit, read, strict
 from .._typing import Array, Index
 from ..exceptions import DataError, StudyError, suggest
-from ..fitting.fit import Fit
+from ..fitting.design import Model, columns_of, field_of, twist_of
+from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
-from ..matrix.design import Model, columns_of, field_of, twist_of
-from ..matrix.scene import Scene
+from ..fitting.problem import Scene
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Member
 from ..mechanisms.serialization import mechanism_of, mechanism_record

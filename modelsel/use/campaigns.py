@@ -12,9 +12,9 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import StudyError
-from ..matrix.design import design
-from ..matrix.identify import identify
-from ..matrix.reduce import reduce
+from ..fitting.design import design
+from ..fitting.identifiability import identify
+from ..fitting.reduction import reduce
 from ..mechanisms.geometry import setup
 from ..mechanisms.terms import Term
 from .calibration import Calibration

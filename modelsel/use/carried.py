@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array
-from ..matrix.design import PLACE
-from ..matrix.scene import Scene
+from ..fitting.design import PLACE
+from ..fitting.problem import Scene
 from ..measurements.measurements import Measurements, measurements
 from ..measurements.reader import RESERVED
 from ..mechanisms.causes import Cause, Combined, Member, Number

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .._typing import Array
 from ..exceptions import sentence_list
-from ..matrix.scene import Scene
+from ..fitting.problem import Scene
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import Source

@@ -11,10 +11,10 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..exceptions import DataError, sentence_list
-from ..fitting.believed import SMALLER, Lack, against, lack, likeliest
 from ..fitting.noise import Floor
+from ..fitting.noise_check import SMALLER, Lack, against, lack, likeliest
 from ..fitting.placing import kabsch
-from ..matrix.scene import Scene
+from ..fitting.problem import Scene
 from ..measurements.columns import SMALLEST
 from ..measurements.measurements import Measurements
 from ..robot.rigid import rotation_vector

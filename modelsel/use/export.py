@@ -15,7 +15,7 @@ import numpy as np
 from .._names import guarded, quoted, unfit, unguarded
 from .._typing import Array
 from ..exceptions import StudyError
-from ..matrix.scene import Scene
+from ..fitting.problem import Scene
 from ..mechanisms.causes import Applied, Bump, Cause, Combined, Named, parse
 from ..mechanisms.serialization import cause_of, cause_record
 from ..mechanisms.terms import Screw, Term

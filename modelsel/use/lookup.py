@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from .._typing import Array
-from ..matrix.scene import Scene
+from ..fitting.problem import Scene
 from ..robot.rigid import AXES
 from .calibration import Calibration
 from .carried import Part

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..matrix.design import PLACE
+from ..fitting.design import PLACE
 from ..measurements.reader import RESERVED
 from ..mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
 from .calibration import Calibration

@@ -13,8 +13,8 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import DataError
-from ..matrix.design import design
-from ..matrix.scene import Scene
+from ..fitting.design import design
+from ..fitting.problem import Scene
 from ..mechanisms.terms import Term
 
 FREE_MM = 10.0        # what a term that nothing is known of may move the target, rms: its prior

@@ -14,8 +14,8 @@ import numpy as np
 from .._json import Each, Maybe
 from .._typing import Array
 from ..exceptions import NotEstimable
-from ..fitting.fit import Fit
-from ..matrix.design import Model
+from ..fitting.design import Model
+from ..fitting.least_squares import Fit
 from ..measurements.reference_temperature import TEMPERATURE
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..matrix.reduce import Reduction, independent
+from ..fitting.reduction import Reduction, independent
 from .criteria import bic
 
 NODES = 2000          # of the tree, each a fraction of a millisecond to a few

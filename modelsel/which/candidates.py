@@ -13,8 +13,8 @@ from itertools import combinations
 
 import numpy as np
 
-from ..matrix.design import Model
-from ..matrix.scene import Scene
+from ..fitting.design import Model
+from ..fitting.problem import Scene
 from ..measurements.reference_temperature import TEMPERATURE
 from ..mechanisms.causes import Applied, Bump, Cause, Named, cos, q, sign, sin, torque
 from ..mechanisms.drives import WAVES, wave

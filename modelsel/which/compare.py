@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..exceptions import NotEstimable
-from ..fitting.fit import Fit
-from ..fitting.shrink import fit_shrunk
-from ..matrix.design import Model
-from ..matrix.scene import Scene
+from ..fitting.design import Model
+from ..fitting.least_squares import Fit
+from ..fitting.problem import Scene
+from ..fitting.shrinkage import fit_shrunk
 from .criteria import aic, aicc, bic, gcv
 from .folds import CrossValidation, cross_validate, fold, held_out_residuals
 from .validate import Errors, errors

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..exceptions import NotEstimable
-from ..matrix.design import assemble, blocks, whiten
-from ..matrix.identify import identify, solve
-from ..matrix.reduce import STREAM, Reduction, spread
-from ..matrix.scene import BLOCK, Scene
+from ..fitting.design import assemble, blocks, whiten
+from ..fitting.identifiability import identify, solve
+from ..fitting.problem import BLOCK, Scene
+from ..fitting.reduction import STREAM, Reduction, spread
 from ..measurements.measurements import Measurements, in_turn
 from ..mechanisms.terms import Term
 from ..robot._kernels import Space

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..matrix.identify import identify
+from ..fitting.identifiability import identify
 from .folds import Folded
 from .tree import large_first, projected, refined
 

@@ -16,10 +16,10 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..exceptions import DataError, StudyError
-from ..fitting.fit import Fit, fit
-from ..matrix.design import Model
-from ..matrix.reduce import Reduction, Source, merged, reduce_scene
-from ..matrix.scene import Scene, scene
+from ..fitting.design import Model
+from ..fitting.least_squares import Fit, fit
+from ..fitting.problem import Scene, scene
+from ..fitting.reduction import Reduction, Source, merged, reduce_scene
 from ..measurements.measurements import SAME_READING, Measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import row_groups

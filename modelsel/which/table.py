@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..exceptions import NotEstimable
-from ..fitting.fit import Fit, typical_weight
-from ..fitting.step import Step, one_step
-from ..matrix.design import Model
-from ..matrix.reduce import Reduction, spread
+from ..fitting.design import Model
+from ..fitting.least_squares import Fit, typical_weight
+from ..fitting.linear_step import Step, one_step
+from ..fitting.reduction import Reduction, spread
 from ..mechanisms.terms import Mechanism, Screw
 from .bound import Certified, best_subset
 from .candidates import Candidate

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..matrix.reduce import TOLERANCE, Reduction
+from ..fitting.reduction import TOLERANCE, Reduction
 from .folds import DEPENDENT, Folded
 
 Mask = NDArray[np.bool_]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array, Index
-from ..matrix.smooth import spline
+from ..fitting.splines import spline
 from ..which.candidates import Candidate
 from .errormap import Columns, basis, scan, subset
 from .evidence import factors

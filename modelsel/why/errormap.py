@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array, Index
-from ..matrix.design import blocks
-from ..matrix.scene import Scene
-from ..matrix.smooth import spline, splines
+from ..fitting.design import blocks
+from ..fitting.problem import Scene
+from ..fitting.splines import spline, splines
 from ..mechanisms.terms import Term
 from ..which.candidates import Candidate
 from .signs import Sides, least, sides

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .._typing import Array
-from ..fitting.fit import STEP_MM, Fit
-from ..fitting.shrink import fit_shrunk
-from ..matrix.design import Model
-from ..matrix.scene import Scene
+from ..fitting.design import Model
+from ..fitting.least_squares import STEP_MM, Fit
+from ..fitting.problem import Scene
+from ..fitting.shrinkage import fit_shrunk
 from ..which.candidates import Candidate
 from .evidence import p_value, single_f
 from .naming import Named

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array, Index
-from ..fitting.fit import Fit
-from ..matrix.scene import Scene
+from ..fitting.least_squares import Fit
+from ..fitting.problem import Scene
 from .robust import Mask, scale_of
 
 MATCH = 8.0        # robust standard deviations within which a position fits another row

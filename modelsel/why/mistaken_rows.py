@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..exceptions import DataError, NotEstimable
+from ..fitting.design import residuals
 from ..fitting.otherarm import better
+from ..fitting.problem import Scene
 from ..fitting.register import register
 from ..fitting.slips import RAD, SCALES, axis_changes
-from ..matrix.design import residuals
-from ..matrix.scene import Scene
 from ..measurements.table import Where
 from .faults import MATCH
 from .robust import scale_of

@@ -5,11 +5,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..fitting.fit import fit
-from ..matrix.design import Model, design
-from ..matrix.identify import identify
-from ..matrix.reduce import reduce
-from ..matrix.scene import Scene
+from ..fitting.design import Model, design
+from ..fitting.identifiability import identify
+from ..fitting.least_squares import fit
+from ..fitting.problem import Scene
+from ..fitting.reduction import reduce
 
 TRIM = 0.75          # share of the rows that the concentration steps fit
 MEDIAN_3 = 1.5382    # median length of three standard normals

@@ -7,10 +7,10 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..exceptions import NotEstimable
-from ..fitting.fit import Fit
-from ..fitting.shrink import fit_shrunk
-from ..matrix.design import Model
-from ..matrix.scene import Scene
+from ..fitting.design import Model
+from ..fitting.least_squares import Fit
+from ..fitting.problem import Scene
+from ..fitting.shrinkage import fit_shrunk
 from ..which.candidates import Candidate
 from .curves import better, curves
 from .errormap import Columns, columns, flat

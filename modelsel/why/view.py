@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .._typing import Array
-from ..fitting.fit import Fit, prior_root
-from ..matrix.design import Model
-from ..matrix.scene import Scene
+from ..fitting.design import Model
+from ..fitting.least_squares import Fit, prior_root
+from ..fitting.problem import Scene
 from ..which.candidates import Candidate
 from .errormap import Columns, Scan, basis, scan, scan_without, stacked
 from .naming import Named

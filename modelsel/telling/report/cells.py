@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..._typing import Array
-from ...matrix.design import PLACE, blocks, field_of
-from ...matrix.scene import Scene
+from ...fitting.design import PLACE, blocks, field_of
+from ...fitting.problem import Scene
 from ...mechanisms.causes import Applied, Cause, Combined, Named, Number
 from ...which.compare import Rung
 from ...why.errormap import basis

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._typing import Array, Index
-from ...matrix.design import directions, field_of, residuals
-from ...matrix.scene import Scene
+from ...fitting.design import directions, field_of, residuals
+from ...fitting.problem import Scene
 from ...mechanisms.serialization import mechanism_card
 from .cells import cells_dict
 from .panels import finding_panels

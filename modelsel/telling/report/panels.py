@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..._typing import Array, Index
-from ...matrix.design import PLACE, columns_of
-from ...matrix.scene import Scene
+from ...fitting.design import PLACE, columns_of
+from ...fitting.problem import Scene
 from ...mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named
 from ...mechanisms.terms import Term
 from ...why.words import what

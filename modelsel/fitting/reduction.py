@@ -2,6 +2,7 @@
 
 R holds the columns and, last, the response: X'X = R'R of the stacked rows. LAPACK's dtpqrt puts a block onto R.
 """
+
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
@@ -15,7 +16,7 @@ from .._typing import Array
 from ..mechanisms.terms import Term
 from ..robot._kernels import Space
 from .design import assemble, whiten
-from .scene import Scene
+from .problem import Scene
 
 TOLERANCE = 1e-11   # of a unit column: structural dependence leaves 1e-14, NIST's Filip 1e-9 or more
 DEPENDENT = 1e-9    # of a column, in any row: what is left of a dependent one beyond its combination

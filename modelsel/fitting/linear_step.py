@@ -1,4 +1,5 @@
 """One linear step from a fit, worked out on triangles: what the table of subsets makes of many models without their rows."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -8,11 +9,11 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import NotEstimable
-from ..matrix.design import Model
-from ..matrix.identify import Identified, identify, solve
-from ..matrix.reduce import Reduction
-from ..matrix.usual import WeakPrior, weak_prior
-from .fit import Fit, cost, factor_of, prior_root, with_prior
+from .design import Model
+from .identifiability import Identified, identify, solve
+from .least_squares import Fit, cost, factor_of, prior_root, with_prior
+from .prior import WeakPrior, weak_prior
+from .reduction import Reduction
 
 
 @dataclass(frozen=True, eq=False)

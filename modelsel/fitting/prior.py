@@ -4,6 +4,7 @@ A combination of parameters that the data determine to better than a quarter of 
 Below that a normal prior of the usual size comes in, smoothly, and in full where the data say nothing; so no estimate goes
 beyond what the data and the usual size allow, and adding a parameter frees no other one.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -16,9 +17,9 @@ from .._typing import Array, Index
 from ..mechanisms.geometry import OPEN
 from ..mechanisms.terms import Term
 from .design import Model
-from .identify import Identified
-from .reduce import Reduction
-from .smooth import spline
+from .identifiability import Identified
+from .reduction import Reduction
+from .splines import spline
 
 PLENTY = 4.0                       # usual sizes over their standard error, beyond which least squares stands alone
 PRECISE = 1e-5                     # of the parameters' own effect: less noise would only lose digits

@@ -3,6 +3,7 @@
 Where only positions are measured, the target's position alone is carried from the flange back to the base,
 x = N_1 H_1 T_1 (… (Last (tool + t_{n+1}))): a third of the work of the whole pose (`robot.pose`, its referee in the tests).
 """
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -12,12 +13,12 @@ from functools import cached_property
 import numpy as np
 
 from .._typing import Array, Index
-from ..matrix.design import PLACE, fixture_values
-from ..matrix.gauges import predicted
-from ..matrix.scene import Scene
 from ..mechanisms.terms import Term
 from ..robot.kinematics import pose
 from ..robot.rigid import rotation_vector
+from .design import PLACE, fixture_values
+from .observation import predicted
+from .problem import Scene
 
 ROWS = 8192        # draws x configurations in one block: its arrays stay in cache
 Place = tuple[int, int]

@@ -1,4 +1,5 @@
 """Free functions are shrunk: every one's coefficients have a variance of their own, found by maximum marginal likelihood."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -6,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from .._typing import Array, Index
-from ..matrix.design import Model
-from ..matrix.scene import Scene
-from ..matrix.smooth import spline, splines
-from .fit import STEP_MM, Fit, Held, fit
+from .design import Model
+from .least_squares import STEP_MM, Fit, Held, fit
+from .problem import Scene
+from .splines import spline, splines
 
 ROUNDS = 60
 STIFFEST = 1e6    # largest precision of a coefficient, in squared norms of its column

@@ -1,4 +1,5 @@
 """Weighted, rank-revealing least squares, re-linearised on the exact chain until the step is below 0.1 µm."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -10,14 +11,13 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import NotEstimable
-from ..matrix.design import Model, residuals
-from ..matrix.identify import Identified, identify, solve, without
-from ..matrix.reduce import PROBE, Reduction, Source, reduce_scene
-from ..matrix.scene import Scene
-from ..matrix.size import as_drawn
-from ..matrix.smooth import penalty
-from ..matrix.usual import WeakPrior, faint, fitted_terms, usual_sizes, weak_prior
 from ..mechanisms.terms import Term
+from .design import Model, residuals
+from .identifiability import Identified, as_drawn, identify, solve, without
+from .prior import WeakPrior, faint, fitted_terms, usual_sizes, weak_prior
+from .problem import Scene
+from .reduction import PROBE, Reduction, Source, reduce_scene
+from .splines import penalty
 
 Held = Literal["nothing", "geometry", "all"]
 STEP_MM = 1e-4     # 0.1 µm

@@ -7,6 +7,7 @@ A row's gradient G (3, 3) turns the target's displacement, three rows of the des
 place tx ty tz, tilt rx ry and length ℓ, are columns beside them (small changes of c, n and ℓ; t shifts the plane along n).
 Everything is in the tracker's frame, components first and rows last; before them there may be further axes, of draws.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass

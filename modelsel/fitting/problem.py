@@ -2,6 +2,7 @@
 
 A scene gives causes their state (named values per row) and the design its blocks of rows. Frozen; `take` selects rows.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -17,7 +18,7 @@ from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Cause
 from ..robot.gravity import moment, moments, unit_moments
 from ..robot.kinematics import Pose, Robot, pose
-from .gauges import Fixtures, readings
+from .observation import Fixtures, readings
 
 REMEMBER = 20_000  # rows up to which causes are kept once evaluated
 NOWHERE = Fixtures.unknown(0)

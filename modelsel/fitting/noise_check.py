@@ -1,4 +1,5 @@
 """Uncertainties that are stated or measured, held against what a model leaves: how far apart, and the likeliest mistake."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -3,6 +3,7 @@
 Arrays keep configurations last: columns (p, c, m), residuals (c, m); reshaped to (p, c·m) a block is a Fortran-ordered
 matrix without a copy.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
@@ -17,8 +18,8 @@ from ..mechanisms.terms import FIXTURE_AXES, Mechanism, Screw, Term, terms_of
 from ..robot._kernels import Frame, Space, screws_into
 from ..robot.kinematics import Pose, walk
 from ..robot.rigid import AXES, rotation_vector
-from .gauges import gradients, predicted
-from .scene import Scene
+from .observation import gradients, predicted
+from .problem import Scene
 
 PLACE = {axis: a for a, axis in enumerate(AXES)}
 

@@ -3,6 +3,7 @@
 Prior of a spline's coefficients: variance times the Matérn 3/2 correlation of their centres, at a length of LENGTH knots
 (Rasmussen & Williams 2006, eq. 4.17). A penalised spline by another name; its variance is found from the data.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -1,1 +1,0 @@
-"""Robot and data bound together: columns, rank, alias groups."""
