@@ -58,8 +58,8 @@ __version__ = VERSION
 
 _NAMES = {  # a name that is also a module's (fit, scene, extend …) is imported from there: from modelsel.fitting.fit import fit
     "exceptions": "DataError ModelselError NotEstimable StudyError",
-    "fitting.least_squares": "Fit",
     "fitting.design": "Model residuals",
+    "fitting.least_squares": "Fit",
     "measurements.measurements": "Measurements",
     "measurements.reader": "read_measurements",
     "mechanisms.causes": "Cause",

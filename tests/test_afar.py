@@ -10,10 +10,10 @@ from scipy.optimize import least_squares
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import scene
-from modelsel.fitting.register import register
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.geometry import geometric, setup
 from modelsel.robot.files import load
+from modelsel.setup.registration import register
 
 NOISE = 0.06
 UNIT = np.array([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3])

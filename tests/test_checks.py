@@ -17,12 +17,8 @@ from modelsel._typing import Array
 from modelsel.cli import main
 from modelsel.elsewhere.checks import outcome, setup_notes, told_with
 from modelsel.exceptions import DataError, NotEstimable
-from modelsel.fitting.labels import labels_mistake
-from modelsel.fitting.mistakes import mistake
 from modelsel.fitting.noise import Floor, from_target_pairs
 from modelsel.fitting.noise_check import lack, likeliest
-from modelsel.fitting.orientations import orientation_mistake
-from modelsel.fitting.register import register
 from modelsel.measurements.measurements import measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import geometric
@@ -30,6 +26,10 @@ from modelsel.notices import ALARMS, HOPELESS, Note, alarms
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward, pose
 from modelsel.robot.rigid import rpy
+from modelsel.setup.measured_orientations import orientation_mistake
+from modelsel.setup.mistakes import mistake
+from modelsel.setup.registration import register
+from modelsel.setup.target_labels import labels_mistake
 from modelsel.telling.finished import Result
 from modelsel.telling.report.front import opening
 from modelsel.telling.study import rehearse, run

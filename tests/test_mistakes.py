@@ -17,15 +17,15 @@ from modelsel._typing import Array
 from modelsel.cli import main
 from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.exceptions import DataError
-from modelsel.fitting.mistakes import mistake
 from modelsel.fitting.problem import Scene
-from modelsel.fitting.register import register
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.geometry import geometric
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.notices import MISTAKEN
 from modelsel.robot.files import load
 from modelsel.robot.rigid import rpy
+from modelsel.setup.mistakes import mistake
+from modelsel.setup.registration import register
 from modelsel.telling.config import read_study
 from modelsel.telling.report.front import opening
 from modelsel.telling.study import asked, run

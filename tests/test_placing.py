@@ -15,11 +15,11 @@ from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Scene, scene
-from modelsel.fitting.register import register
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load, read_robot
 from modelsel.robot.kinematics import Joint, Robot
+from modelsel.setup.registration import register
 
 SIGMA = 0.05
 TOOL = np.array([40.0, -25.0, 100.0])

@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from modelsel.exceptions import DataError
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Scene, scene
-from modelsel.fitting.register import register
 from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load, read_robot
 from modelsel.robot.kinematics import Robot, pose
+from modelsel.setup.registration import register
 
 SIGMA = 0.05
 TOOLS = np.array([[40.0, -25, 100], [-60, 30, 80], [10, 70, 150]])

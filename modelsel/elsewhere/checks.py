@@ -12,19 +12,19 @@ from numpy.typing import NDArray
 from .._typing import Array
 from ..exceptions import NotEstimable, sentence_list
 from ..fitting.design import whitened
-from ..fitting.labels import labels_mistake
 from ..fitting.least_squares import Fit
-from ..fitting.mistakes import mistake
 from ..fitting.noise import Floor
 from ..fitting.noise_check import Lack, against, lack, likeliest
-from ..fitting.orientations import orientation_mistake
-from ..fitting.otherarm import other_robot, shifted_rows
 from ..fitting.problem import Scene
 from ..measurements.columns import SMALLEST
 from ..mechanisms.causes import ONE
 from ..notices import ALARMS, HOPELESS, MISTAKEN, NOISE, OTHER, ROWS, SAME_ROWS, Note, alarms
 from ..robot.files import builtin_names, load
 from ..robot.kinematics import Robot
+from ..setup.measured_orientations import orientation_mistake
+from ..setup.mistakes import mistake
+from ..setup.other_robots import other_robot, shifted_rows
+from ..setup.target_labels import labels_mistake
 from ..which.compare import Data, Rung
 from ..why.faults import Fault
 from ..why.mistaken_rows import slipped, slipped_before

@@ -12,14 +12,14 @@ from .._random import generator
 from .._typing import Array
 from ..exceptions import DataError, NotEstimable, StudyError, sentence_list, suggest
 from ..fitting.design import residuals
-from ..fitting.fixtures import place, unseen
 from ..fitting.noise import Floor, Instrument, weigh
 from ..fitting.problem import scene
-from ..fitting.register import register, undetermined
 from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
 from ..notices import Note
 from ..robot.kinematics import Robot
+from ..setup.feature_positions import place, unseen
+from ..setup.registration import register, undetermined
 from ..which.compare import Data
 from ..which.folds import assign
 from ..which.split import choose

@@ -10,11 +10,11 @@ import numpy as np
 from .._typing import Array
 from ..exceptions import StudyError
 from ..fitting.design import residuals
-from ..fitting.fixtures import place
 from ..fitting.problem import scene
 from ..measurements.measurements import Measurements, measurements
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
+from ..setup.feature_positions import place
 
 if TYPE_CHECKING:
     import pandas as pd

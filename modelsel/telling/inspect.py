@@ -9,19 +9,19 @@ import numpy as np
 from ..elsewhere.checks import setup_notes
 from ..exceptions import DataError, NotEstimable
 from ..fitting.design import Model, residuals
-from ..fitting.fixtures import place
 from ..fitting.identifiability import as_drawn, identify, unidentifiable
-from ..fitting.mistakes import LEAST
 from ..fitting.noise import from_repeats, from_target_pairs
 from ..fitting.prior import fitted_terms
 from ..fitting.problem import scene
 from ..fitting.reduction import reduce_scene
-from ..fitting.register import register
 from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
 from ..mechanisms.geometry import geometric, setup
 from ..notices import MISTAKEN, alarms
 from ..robot.kinematics import Robot
+from ..setup.feature_positions import place
+from ..setup.mistakes import LEAST
+from ..setup.registration import register
 from .standing import standing, standing_sentences
 
 MOST = 2000        # points that are registered

@@ -13,11 +13,11 @@ from .._typing import Array, Index
 from ..exceptions import DataError, sentence_list
 from ..fitting.noise import Floor
 from ..fitting.noise_check import SMALLER, Lack, against, lack, likeliest
-from ..fitting.placing import kabsch
 from ..fitting.problem import Scene
 from ..measurements.columns import SMALLEST
 from ..measurements.measurements import Measurements
 from ..robot.rigid import rotation_vector
+from ..setup.placement import kabsch
 from ..why.mistaken_rows import slipped
 from .calibration import Calibration, pose_of, predict, uncertainty
 

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from .._typing import Array, Index
 from ..exceptions import DataError, NotEstimable
 from ..fitting.design import residuals
-from ..fitting.otherarm import better
 from ..fitting.problem import Scene
-from ..fitting.register import register
-from ..fitting.slips import RAD, SCALES, axis_changes
 from ..measurements.table import Where
+from ..setup.other_robots import better
+from ..setup.registration import register
+from ..setup.simple_mistakes import RAD, SCALES, axis_changes
 from .faults import MATCH
 from .robust import scale_of
 

@@ -4,6 +4,7 @@ An affine map from the tracker to frame 0 with the targets' offsets is linear (m
 a line or a plane; a rigid fit needs the targets; measured orientations give the tracker's rotation alone, which is what tells
 where the target may sit at a point that no joint moves, as on a two-axis positioner.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -13,7 +14,7 @@ import numpy as np
 
 from .._typing import Array
 from ..robot.rigid import nearest_rotation, rotation_vector
-from .placing import Placed, Sight, rigid
+from .placement import Placed, Sight, rigid
 
 REWEIGHT = 12
 FAR = 2.8           # rad between two orientations, beyond which the axis of their turn is not trusted

@@ -1,4 +1,5 @@
 """Whether another robot fits the readings better, or the same readings a row earlier or later."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
@@ -9,10 +10,10 @@ from numpy.typing import NDArray
 
 from .._typing import Index
 from ..exceptions import DataError, NotEstimable
+from ..fitting.design import residuals
+from ..fitting.problem import Scene
 from ..robot.kinematics import Robot
-from .design import residuals
-from .problem import Scene
-from .register import register
+from .registration import register
 
 ROWS = 120          # that are looked at, spread over the file
 LEAST = 10          # configurations

@@ -1,4 +1,5 @@
 """Simple mistakes of a set-up, as changes of the joints' readings and of the positions: senses, right angles, units, columns."""
+
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
@@ -8,8 +9,8 @@ from itertools import combinations
 import numpy as np
 
 from .._typing import Array
+from ..fitting.problem import Scene
 from ..robot.kinematics import Robot, pose
-from .problem import Scene
 
 REWEIGHT = 8
 TOGETHER = 64         # in one block of the linear solution

@@ -1,4 +1,5 @@
 """Whether the names of targets change places in a part of the file."""
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -9,10 +10,10 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..exceptions import DataError, NotEstimable, sentence_list
+from ..fitting.problem import Scene
 from ..robot.kinematics import pose
-from .otherarm import better
-from .problem import Scene
-from .register import register
+from .other_robots import better
+from .registration import register
 
 ROUNDS = 8
 LEAST = 2           # rows of another name, below which nothing is said: single rows are outliers, and looked at as such

@@ -4,6 +4,7 @@ Unknown are the placement, the target and a few numbers of the arm: a reading's 
 (the a b c of its frame). One at a time is descended on the exact chain by Levenberg-Marquardt on a redescending loss, a zero from
 the angles at which an affine map from the tracker would do best; then a second, a third and a fourth from where the best ended.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
@@ -14,11 +15,11 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import sentence_list
+from ..fitting.problem import Scene
 from ..robot.kinematics import Pose, Robot, pose
 from ..robot.rigid import nearest_rotation, transform
-from .placing import COARSE, LOSS, NORMAL, ROUNDS, STATED_MM, USUAL_MM, cross, descend, kabsch
-from .problem import Scene
-from .slips import Mistake, linear
+from .placement import COARSE, LOSS, NORMAL, ROUNDS, STATED_MM, USUAL_MM, cross, descend, kabsch
+from .simple_mistakes import Mistake, linear
 
 STEP = np.pi / 18          # of the angles that are tried of a joint's zero
 PEAKS = 2                  # angles of each joint from which it is descended

@@ -3,6 +3,7 @@
 A wire's and a ball-bar's lengths are linear in the anchor c and |c|² once squared (Smith & Abel 1987, spherical interpolation),
 a plane is the positions' least direction; the place is then refined robustly. The fit goes on from here.
 """
+
 from __future__ import annotations
 
 import numpy as np
@@ -10,12 +11,12 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..exceptions import DataError
+from ..fitting.design import residuals
+from ..fitting.observation import Fixtures
+from ..fitting.problem import Scene
 from ..measurements.features import Feature
 from ..measurements.measurements import Measurements
 from ..robot.rigid import align_z
-from .design import residuals
-from .observation import Fixtures
-from .problem import Scene
 
 FLAT = 1e-2        # least over largest spread of positions below which an anchor could stand on either side of them
 SCALE_MM = 5.0     # what a nominal arm is off by: residuals beyond count less

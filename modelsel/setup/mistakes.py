@@ -5,6 +5,7 @@ free affine map from the tracker to frame 0 and the best target are linear, and 
 least. Whatever does well is then registered as it stands. Zeros off by any angle and wrong links are fitted (`offsets`). Nothing
 is applied: the sentence says what would fit. A mistake counts only where the rows tell how the tracker then stands.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -15,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exceptions import DataError, NotEstimable
+from ..fitting.design import residuals
+from ..fitting.problem import Scene
 from ..robot.kinematics import pose
-from .design import residuals
-from .offsets import Arm, of_joint, of_links, several
-from .otherarm import better
-from .problem import Scene
-from .register import register, undetermined
-from .slips import NOTHING, REGISTER, SCALES, Mistake, linear, of_joints, of_positions, senses
+from .joint_offsets import Arm, of_joint, of_links, several
+from .other_robots import better
+from .registration import register, undetermined
+from .simple_mistakes import NOTHING, REGISTER, SCALES, Mistake, linear, of_joints, of_positions, senses
 
 ROWS = 120            # that are looked at, spread over the file
 LEAST = 10            # configurations, below which chance fits too much; twice as many for two mistakes at once

@@ -1,4 +1,5 @@
 """Whether the measured orientations are inverted, or their quaternions' columns stand in another order."""
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -8,9 +9,9 @@ from numpy.typing import NDArray
 
 from .._typing import Array
 from ..exceptions import DataError, NotEstimable
+from ..fitting.problem import Scene
 from ..robot.rigid import from_quaternion, nearest_rotation, rotation_vector, to_quaternion
-from .problem import Scene
-from .register import register
+from .registration import register
 
 ROWS = 200      # that are looked at, spread over the file
 LEAST = 10      # configurations

@@ -5,6 +5,7 @@ For known targets the placement is a rigid fit (Kabsch 1976); both together are 
 redescending loss (Geman & McClure 1985). A target is expected within STATED_MM of where the study has it, else within USUAL_MM
 of the flange: a weak prior, felt only where the rows do not tell.
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator

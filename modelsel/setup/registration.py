@@ -6,6 +6,7 @@ study says, where the flange pivots and around, and the measured orientations wh
 the points lie on a line or a plane, and where the target may sit at a point that no joint moves, as on a two-axis positioner.
 Groups that share no target are placed apart. What the rows leave open is refused, or said by `undetermined`.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -16,10 +17,10 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..exceptions import DataError, NotEstimable, sentence_list
+from ..fitting.problem import Scene
 from ..notices import Note
-from .placing import GROSS, NORMAL, Placed, Sight, lengths, middle, robust, settled, spread
-from .problem import Scene
-from .starts import THIN, about_lines, starts
+from .placement import GROSS, NORMAL, Placed, Sight, lengths, middle, robust, settled, spread
+from .starting_values import THIN, about_lines, starts
 
 LEAST = 4           # configurations per placement
 ROWS = 300          # rows on which starts are tried, spread over the data, or LEAST_ROWS of every group and target
