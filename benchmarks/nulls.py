@@ -33,10 +33,10 @@ from modelsel.fitting.problem import Scene, scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import every
 from modelsel.robot.kinematics import forward
+from modelsel.selection.evaluation import Data
+from modelsel.selection.splits import assign
 from modelsel.sure.parameters import parameters, resampled
 from modelsel.sure.significance import nested
-from modelsel.which.compare import Data
-from modelsel.which.folds import assign
 from modelsel.why.faults import misplaced
 from modelsel.why.predictor import predictable
 

@@ -31,9 +31,9 @@ from modelsel.mechanisms.registry import every
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import Robot, forward
+from modelsel.selection.evaluation import Data
+from modelsel.selection.splits import assign
 from modelsel.sure.parameters import parameters, resampled
-from modelsel.which.compare import Data
-from modelsel.which.folds import assign
 
 from .calibration import ARM
 from .nulls import interval

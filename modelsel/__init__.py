@@ -34,6 +34,8 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
     from .robot.kinematics import Robot as Robot
     from .robot.kinematics import forward as forward
     from .robot.kinematics import screw_field as screw_field
+    from .selection.evaluation import gain as gain
+    from .selection.splits import choose as choose
     from .telling.config import Study as Study
     from .telling.config import read_study as read_study
     from .telling.finished import Result as Result
@@ -51,8 +53,6 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
     from .use.calibration import load_calibration as load_calibration
     from .use.calibration import predict as predict
     from .use.compensate import correct as correct
-    from .which.split import choose as choose
-    from .which.validate import gain as gain
 
 __version__ = VERSION
 
@@ -74,8 +74,8 @@ _NAMES = {  # a name that is also a module's (fit, scene, extend …) is importe
     "telling.study": "rehearse run simulate_study",
     "use.calibration": "Calibration load_calibration predict",
     "use.compensate": "correct",
-    "which.split": "choose",
-    "which.validate": "gain",
+    "selection.splits": "choose",
+    "selection.evaluation": "gain",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)

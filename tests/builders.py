@@ -14,7 +14,7 @@ from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import Joint, Robot, forward
-from modelsel.which.compare import Data
+from modelsel.selection.evaluation import Data
 
 ON_AXIS, OFF_AXIS = (0.0, 0.0, 100.0), (40.0, -25.0, 100.0)   # target on and off the last joint's axis
 

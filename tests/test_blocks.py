@@ -16,13 +16,13 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Scene
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
+from modelsel.selection import cross_validation as folds
+from modelsel.selection.comparison import compare
+from modelsel.selection.cross_validation import by_unit, fold
+from modelsel.selection.evaluation import Data, rung
 from modelsel.sure import posterior as closed
 from modelsel.sure import significance
 from modelsel.sure.posterior import posterior, weighted
-from modelsel.which import folds
-from modelsel.which.compare import Data, rung
-from modelsel.which.folds import by_unit, fold
-from modelsel.which.table import compare
 from modelsel.why.errormap import stacked
 
 ARM = load("puma760")

@@ -11,14 +11,14 @@ from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.reduction import reduce
 from modelsel.mechanisms.causes import cos, q, sin
+from modelsel.selection import branch_and_bound as bound
+from modelsel.selection.branch_and_bound import best_subset
+from modelsel.selection.comparison import compare
+from modelsel.selection.criteria import bic
+from modelsel.selection.cross_validation import pad
+from modelsel.selection.subsets import all_subsets
 from modelsel.telling.config import parse_study
 from modelsel.telling.result import candidates_dict
-from modelsel.which import bound
-from modelsel.which.bound import best_subset
-from modelsel.which.criteria import bic
-from modelsel.which.folds import pad
-from modelsel.which.search import all_subsets
-from modelsel.which.table import compare
 
 N = 240
 

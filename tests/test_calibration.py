@@ -20,6 +20,7 @@ from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.serialization import cause_of, cause_record
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
+from modelsel.selection.evaluation import Data
 from modelsel.telling.config import read_study
 from modelsel.telling.stored import calibration_of, save
 from modelsel.telling.study import run
@@ -35,7 +36,6 @@ from modelsel.use.calibration import (
     uncertainty,
 )
 from modelsel.use.refit import refitted
-from modelsel.which.compare import Data
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"
 

@@ -17,11 +17,11 @@ from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
+from modelsel.selection.evaluation import Gain
 from modelsel.telling.cautions import restricted, worse_than_nominal
 from modelsel.telling.config import read_study
 from modelsel.telling.study import run
 from modelsel.which.candidates import Candidate, candidates
-from modelsel.which.validate import Gain
 from modelsel.why.extend import Effect, extend
 from modelsel.why.words import cautions
 

@@ -15,12 +15,13 @@ from modelsel.mechanisms.causes import ONE, Named, cos, q, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
+from modelsel.selection.comparison import MOST, Comparison, compare, strongest
+from modelsel.selection.criteria import aic, bic
+from modelsel.selection.cross_validation import fold
+from modelsel.selection.evaluation import Data, rung
+from modelsel.selection.splits import assign
+from modelsel.selection.subsets import all_subsets
 from modelsel.which.candidates import candidates
-from modelsel.which.compare import Data, rung
-from modelsel.which.criteria import aic, bic
-from modelsel.which.folds import assign, fold
-from modelsel.which.search import all_subsets
-from modelsel.which.table import MOST, Comparison, compare, strongest
 
 ARM = load("puma760")
 BASE = Model((mechanism("geometric", ARM),))

@@ -202,8 +202,8 @@ def test_a_slide_is_compensated(rng) -> None:
     """A joint that slides takes part."""
     from modelsel.fitting.least_squares import fit
     from modelsel.fitting.noise import Floor
+    from modelsel.selection.evaluation import Data
     from modelsel.use.calibration import calibrate
-    from modelsel.which.compare import Data
     puma = load("puma760")
     joints = [replace(j, prismatic=k == 2, limits=(0.0, 300.0) if k == 2 else j.limits) for k, j in enumerate(puma.joints)]
     robot = replace(puma, joints=tuple(joints))

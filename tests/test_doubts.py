@@ -21,12 +21,11 @@ from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.kinematics import forward
+from modelsel.selection.evaluation import Data, Gain, rung
 from modelsel.sure.parameters import resampled
 from modelsel.sure.significance import nested, significance
 from modelsel.telling.findings import Finding, fault_dict, opposed
 from modelsel.telling.left import LackOfFit, lack_of_fit, lacking
-from modelsel.which.compare import Data, rung
-from modelsel.which.validate import Gain
 from modelsel.why.faults import DRAWS, misplaced
 
 ARM, SIGMA = small_arm(), 0.05

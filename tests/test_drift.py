@@ -20,11 +20,11 @@ from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load
 from modelsel.robot.rigid import rpy
+from modelsel.selection.evaluation import Data
 from modelsel.use.calibration import Calibration, calibrate, calibration_text
 from modelsel.use.campaigns import compare, holm, sentences
 from modelsel.use.drift import judge
 from modelsel.use.drift import sentences as told
-from modelsel.which.compare import Data
 
 NOISE = 0.05
 ROBOT = load("puma760")

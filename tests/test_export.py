@@ -26,11 +26,11 @@ from modelsel.robot.gravity import torques
 from modelsel.robot.kinematics import Joint, Robot, forward, pose
 from modelsel.robot.rigid import rpy, to_rpy, transform
 from modelsel.robot.urdf import read_urdf_text, write_urdf
+from modelsel.selection.evaluation import Data
 from modelsel.telling.config import parse_study
 from modelsel.use.calibration import calibrate, calibration_text, predict
 from modelsel.use.carried import alone, parts, points, workspace
 from modelsel.use.export import FORMS, export
-from modelsel.which.compare import Data
 
 
 @pytest.fixture(scope="module")

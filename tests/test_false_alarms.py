@@ -23,10 +23,10 @@ from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.kinematics import Robot, forward
+from modelsel.selection.evaluation import Data
 from modelsel.sure.parameters import Parameter, parameters, resampled
 from modelsel.sure.significance import nested
 from modelsel.telling.findings import uneven
-from modelsel.which.compare import Data
 from modelsel.why.evidence import null
 from modelsel.why.extend import Extension, extend
 from modelsel.why.flips import adjusted, together, units

@@ -25,13 +25,13 @@ from modelsel.fitting.problem import scene
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
+from modelsel.selection.streaming import Parts, fit_parts, parts_of
 from modelsel.telling import fleet as fleets
 from modelsel.telling.config import read_study
 from modelsel.telling.fleet import cluster, run_fleet, save_summary
 from modelsel.telling.fleetfile import read_fleet
 from modelsel.telling.stored import WRITES, load_result
 from modelsel.telling.study import run
-from modelsel.which.stream import Parts, fit_parts, parts_of
 
 TOOL = (40.0, -25.0, 100.0)
 STUDY = """

@@ -144,13 +144,13 @@ def test_house(problems) -> None:
 
 
 BREACHES = {
-    "from, down": (floor_problems, {"fitting/fit.py": "from modelsel.which.search import best"}, "which.search from"),
+    "from, down": (floor_problems, {"fitting/fit.py": "from modelsel.selection.subsets import best"}, "which.search from"),
     "package, down": (floor_problems, {"fitting/fit.py": "from modelsel.which import search"}, "which.search from"),
-    "import, down": (floor_problems, {"fitting/fit.py": "import modelsel.which.search as s"}, "which.search from"),
+    "import, down": (floor_problems, {"fitting/fit.py": "import modelsel.selection.subsets as s"}, "which.search from"),
     "relative, down": (floor_problems, {"fitting/fit.py": "from ..which.search import best"}, "which.search from"),
     "dot, down": (floor_problems, {"fitting/fit.py": "from ..which import search"}, "which.search from"),
     "subpackage, down": (floor_problems, {"wrong/mechanisms/a.py": "from ...fitting.fit import f"}, "fitting.fit from"),
-    "late, down": (floor_problems, {"fitting/fit.py": "def f():\n    import modelsel.which.search"}, "which.search from"),
+    "late, down": (floor_problems, {"fitting/fit.py": "def f():\n    import modelsel.selection.subsets"}, "which.search from"),
     "front door": (floor_problems, {"fitting/fit.py": "from modelsel import __version__"}, "floor 'door'"),
     "no floor": (floor_problems, {"utils.py": ""}, "modelsel.utils stands on no floor"),
     "no module": (floor_problems, {"fitting/fit.py": "from .gone import x"}, "modelsel.fitting.gone, which does not exist"),

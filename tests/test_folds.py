@@ -14,7 +14,8 @@ from modelsel.fitting.least_squares import fit
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
-from modelsel.which.folds import Folded, assign, cross_validate, fold, held_out_residuals, pad
+from modelsel.selection.cross_validation import Folded, cross_validate, fold, held_out_residuals, pad
+from modelsel.selection.splits import assign
 
 
 def parts_of(X: np.ndarray, y: np.ndarray, fold_of: np.ndarray) -> Folded:
@@ -127,7 +128,7 @@ def test_folds_stream(size, rng, monkeypatch) -> None:
     from dataclasses import replace
 
     from modelsel.fitting import reduction as reduce
-    from modelsel.which import folds
+    from modelsel.selection import cross_validation as folds
     which = Model((mechanism("geometric", load("ur5")),))
     at = planted(drawn("ur5", rng, 60), which.terms, np.zeros(len(which.terms)), rng, 0.1)
     at = replace(at, whiten=rng.uniform(0.5, 2, (60, 1, 1)) * np.eye(3))

@@ -31,6 +31,11 @@ from modelsel.mechanisms.geometry import setup
 from modelsel.mechanisms.registry import mechanism, parts
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load
+from modelsel.selection.cross_validation import by_unit
+from modelsel.selection.cross_validation import fold as fold_scene
+from modelsel.selection.evaluation import Data
+from modelsel.selection.splits import assign
+from modelsel.selection.streaming import Parts, parts_of
 from modelsel.sure.components import components
 from modelsel.sure.target import Target
 from modelsel.telling.config import parse_study
@@ -44,10 +49,6 @@ from modelsel.telling.tables import sentences
 from modelsel.use.calibration import calibration_text, loads, predict
 from modelsel.use.drift import judge
 from modelsel.use.plan import pool
-from modelsel.which.compare import Data
-from modelsel.which.folds import assign, by_unit
-from modelsel.which.folds import fold as fold_scene
-from modelsel.which.stream import Parts, parts_of
 from modelsel.why.robust import gross, scale_of
 
 ARM = [False] * 6

@@ -9,10 +9,10 @@ from builders import drawn, one, planted
 from modelsel.elsewhere import explain
 from modelsel.measurements.measurements import blocks
 from modelsel.mechanisms.causes import q
+from modelsel.selection import evaluation as validate
+from modelsel.selection.evaluation import gain
 from modelsel.telling.config import parse_study
 from modelsel.telling.study import run
-from modelsel.which import validate
-from modelsel.which.validate import gain
 
 STUDY = """
 name = "large"

@@ -14,7 +14,8 @@ from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import builtin_names, load
 from modelsel.robot.gravity import torques
 from modelsel.robot.kinematics import Robot, pose
-from modelsel.which.folds import assign, cross_validate, fold, held_out_residuals
+from modelsel.selection.cross_validation import cross_validate, fold, held_out_residuals
+from modelsel.selection.splits import assign
 
 TOOL = np.array([40.0, -25.0, 100.0])
 

@@ -17,11 +17,11 @@ from modelsel.mechanisms.causes import ONE
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
-from modelsel.which import criteria
+from modelsel.selection import criteria
+from modelsel.selection.cross_validation import Folded, fold, pad
+from modelsel.selection.splits import assign
+from modelsel.selection.subsets import all_subsets, refined
 from modelsel.which.candidates import Candidate
-from modelsel.which.folds import Folded, assign, fold, pad
-from modelsel.which.search import all_subsets
-from modelsel.which.tree import refined
 from modelsel.why.errormap import basis, columns, scan, stacked
 from modelsel.why.evidence import single_f
 

@@ -9,7 +9,7 @@ from modelsel.elsewhere.prepare import Plan, split
 from modelsel.exceptions import StudyError
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.robot.files import load
-from modelsel.which.split import _features, choose
+from modelsel.selection.splits import _features, choose
 
 ARM = load("puma760")
 TURNS = tuple(j.prismatic for j in ARM.joints)

@@ -13,9 +13,9 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Scene
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
-from modelsel.which.folds import cross_validate, fold
-from modelsel.which.search import all_subsets
-from modelsel.which.stream import Parts, Stream, fit_parts, fold_of, parts_of
+from modelsel.selection.cross_validation import cross_validate, fold
+from modelsel.selection.streaming import Parts, Stream, fit_parts, fold_of, parts_of
+from modelsel.selection.subsets import all_subsets
 
 TOOL = (40.0, -25.0, 100.0)
 

@@ -6,7 +6,7 @@ import pytest
 from builders import seeds
 from scipy import stats
 
-from modelsel.which.validate import errors, gain
+from modelsel.selection.evaluation import errors, gain
 
 
 def test_errors_by_hand() -> None:

@@ -5,8 +5,8 @@ import time
 
 import numpy as np
 
-from modelsel.which.folds import pad
-from modelsel.which.search import Subsets, all_subsets
+from modelsel.selection.cross_validation import pad
+from modelsel.selection.subsets import Subsets, all_subsets
 
 from .timing import interleaved
 

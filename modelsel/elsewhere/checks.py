@@ -21,11 +21,11 @@ from ..mechanisms.causes import ONE
 from ..notices import ALARMS, HOPELESS, MISTAKEN, NOISE, OTHER, ROWS, SAME_ROWS, Note, alarms
 from ..robot.files import builtin_names, load
 from ..robot.kinematics import Robot
+from ..selection.evaluation import Data, Rung, turned
 from ..setup.measured_orientations import orientation_mistake
 from ..setup.mistakes import mistake
 from ..setup.other_robots import other_robot, shifted_rows
 from ..setup.target_labels import labels_mistake
-from ..which.compare import Data, Rung
 from ..why.faults import Fault
 from ..why.mistaken_rows import slipped, slipped_before
 
@@ -217,15 +217,3 @@ def _hopeless(data: Data, chosen: Rung, floor: Floor, notes: Sequence[Note], per
                   'a tracker moved between groups (register = "per group")' if not per_group and len(scene.data.groups) > 1 else
                   "a tracker or target moved during the campaign"))
     return f"This fit explains the data badly, and nothing that follows can be relied on: {what}. {reasons}."
-
-
-def turned(data: Data, nominal: Rung, chosen: Rung) -> tuple[float, float] | None:
-    """Root mean square angles [rad] of orientation that the nominal and the chosen model leave: on held-out rows, without any
-    on those that estimate, outliers left out; None where no orientation was measured."""
-    if chosen.residual.shape[1] < 6:
-        return None
-    rows = ~data.outlying if data.scene.measured is None else ~data.outlying & data.scene.measured[:, 3]
-    rows = rows & ~data.estimation if (rows & ~data.estimation).any() else rows
-    before, after = (float(np.sqrt(np.square(r.residual[rows][:, 3:]).sum(1).mean())) if rows.any() else 0.0
-                     for r in (nominal, chosen))
-    return before, after

@@ -15,6 +15,7 @@ from ..fitting.least_squares import Fit
 from ..fitting.noise import Instrument
 from ..mechanisms.registry import Registry
 from ..notices import Note
+from ..selection.evaluation import Data
 from ..sure.components import components, single
 from ..sure.constants import constants
 from ..sure.correlation import Correlation, correlation, free, labels
@@ -23,7 +24,6 @@ from ..sure.posterior import draws_for, importance, posterior, weighted
 from ..sure.sampling import PER_NAME, WALKERS, Keeper, Sampling, sample
 from ..sure.significance import Significance, significance
 from ..sure.target import TAIL, Target
-from ..which.compare import Data
 
 MOST = {"default": 24, "all": 64}      # coefficients that are sampled; the others are integrated out
 ROWS = 9_000                           # walkers x rows a step, up to which the chain itself is evaluated

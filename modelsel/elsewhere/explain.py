@@ -17,10 +17,9 @@ from ..fitting.design import Model, whitened
 from ..fitting.least_squares import fit
 from ..fitting.problem import Scene
 from ..mechanisms.terms import Mechanism
+from ..selection.evaluation import Data, Errors, errors
+from ..selection.splits import assign
 from ..which.candidates import Candidate, candidates
-from ..which.compare import Data
-from ..which.folds import assign
-from ..which.validate import Errors, errors
 from ..why.extend import Extension, extend
 from ..why.robust import GROSS, LEFT, MOST, far_off, gross
 

@@ -18,11 +18,10 @@ from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
 from ..notices import Note
 from ..robot.kinematics import Robot
+from ..selection.evaluation import Data
+from ..selection.splits import assign, choose
 from ..setup.feature_positions import place, unseen
 from ..setup.registration import register, undetermined
-from ..which.compare import Data
-from ..which.folds import assign
-from ..which.split import choose
 from .checks import setup_notes
 
 

@@ -16,7 +16,7 @@ from .._typing import Array, Index
 from ..fitting.identifiability import solve
 from ..fitting.least_squares import Fit
 from ..fitting.reduction import Reduction
-from ..which.folds import Folded
+from ..selection.cross_validation import Folded
 
 REPLICATES = 999
 SIGNS = 4_000_000  # drawn at once

@@ -10,8 +10,8 @@ from .._typing import Array
 from ..fitting.design import blocks
 from ..fitting.least_squares import Fit
 from ..notices import Note
-from ..which.compare import Data
-from ..which.folds import by_unit
+from ..selection.cross_validation import by_unit
+from ..selection.evaluation import Data
 from ..why.flips import LASTING, together
 from .bootstrap import Bootstrap, bootstrap
 from .correlation import labels, owners

@@ -20,9 +20,9 @@ from ..fitting.reduction import Reduction, reduce_scene
 from ..fitting.splines import spline
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Mechanism
-from ..which.compare import Data
-from ..which.criteria import log_evidence
-from ..which.folds import Folded, cross_validate, fold
+from ..selection.criteria import log_evidence
+from ..selection.cross_validation import Folded, cross_validate, fold
+from ..selection.evaluation import Data
 from .bootstrap import Bootstrap, halves
 
 HALVES = 100

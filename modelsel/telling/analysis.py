@@ -24,11 +24,10 @@ from ..mechanisms.registry import Registry, mechanism
 from ..mechanisms.terms import Mechanism, Screw
 from ..notices import Note
 from ..robot.kinematics import Robot
+from ..selection.comparison import MOST, Comparison, compare, strongest
+from ..selection.evaluation import Data, Gain, Resampled, Rung, paired, rung
 from ..sure.sampling import Keeper
 from ..which.candidates import Candidate
-from ..which.compare import Data, Rung, rung
-from ..which.table import MOST, Comparison, compare, strongest
-from ..which.validate import Gain, Resampled, paired
 from ..why.extend import Extension
 from ..why.faults import misplaced
 from ..why.maps import error_map

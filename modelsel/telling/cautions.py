@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from ..exceptions import sentence_list
 from ..notices import Note
-from ..which.validate import Gain
+from ..selection.evaluation import Gain
 
 
 def of_those_asked(asked: Sequence[str] | str) -> str:

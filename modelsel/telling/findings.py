@@ -12,9 +12,8 @@ from ..fitting.problem import Scene
 from ..mechanisms.causes import Bump
 from ..mechanisms.terms import Term
 from ..notices import Note
+from ..selection.evaluation import Data, Gain, Rung, surprise
 from ..which.candidates import Candidate, crowded
-from ..which.compare import Data, Rung
-from ..which.validate import Gain, surprise
 from ..why.evidence import RATIOS
 from ..why.extend import Effect, Extension
 from ..why.faults import Fault

@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from .._json import plain
-from ..elsewhere.checks import turned
 from ..elsewhere.confidence import Confidence
 from ..elsewhere.explain import Nested
 from ..fitting.identifiability import Unidentifiable
 from ..fitting.noise import Floor
 from ..notices import HOPELESS, Note
 from ..robot.kinematics import Robot
-from ..which.compare import Data, Rung
-from ..which.table import Comparison
-from ..which.validate import Gain
+from ..selection.comparison import Comparison
+from ..selection.evaluation import Data, Gain, Rung, turned
 from ..why.extend import Extension
 from ..why.faults import Fault
 from ..why.maps import ErrorMap

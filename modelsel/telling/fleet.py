@@ -21,7 +21,7 @@ from ..exceptions import CHECK_FAILED, DataError, ModelselError, StudyError
 from ..fitting.design import Model
 from ..mechanisms.registry import mechanism, with_plugins
 from ..robot.files import builtin_names, load, read_robot
-from ..which.stream import Parts, fit_parts, parts_of
+from ..selection.streaming import Parts, fit_parts, parts_of
 from .analysis import provenance
 from .config import find_data
 from .fleetfile import Fleet, PartsTable, Task, matching

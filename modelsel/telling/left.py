@@ -18,9 +18,8 @@ from ..measurements.measurements import SAME_READING, Measurements
 from ..mechanisms.causes import Member
 from ..notices import Note
 from ..robot.rigid import turn
+from ..selection.evaluation import Data, Rung, errors
 from ..which.candidates import Candidate
-from ..which.compare import Data, Rung
-from ..which.validate import errors
 from ..why.extend import Extension
 from ..why.predictor import Predictable, predictable
 from ..why.robust import GROSS, far_off

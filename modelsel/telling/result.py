@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from ..which.compare import Rung
-from ..which.table import Comparison
+from ..selection.comparison import Comparison
+from ..selection.evaluation import Rung
 
 
 def rung_dict(rung: Rung) -> dict[str, Any]:

@@ -7,8 +7,8 @@ import numpy as np
 
 from ..exceptions import sentence_list
 from ..notices import ALARMS, HOPELESS, alarms
+from ..selection.evaluation import Errors
 from ..sure.bootstrap import REPLICATES
-from ..which.validate import Errors
 from ..why.maps import strongest_causes
 from .standing import standing_sentences
 from .views import adds

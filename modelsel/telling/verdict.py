@@ -7,8 +7,7 @@ from math import degrees
 
 from ..exceptions import sentence_list
 from ..fitting.noise import Floor
-from ..which.compare import Rung
-from ..which.validate import Gain
+from ..selection.evaluation import Gain, Rung
 from .cautions import of_those_asked
 
 SHOWN = 6  # names in a sentence

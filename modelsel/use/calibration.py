@@ -27,7 +27,7 @@ from ..mechanisms.serialization import mechanism_of, mechanism_record
 from ..mechanisms.terms import Term
 from ..robot.files import numbers, robot_of, robot_record, rotation
 from ..robot.kinematics import Pose, Robot
-from ..which.compare import Data
+from ..selection.evaluation import Data
 from .agreement import contradiction
 from .records import CALIBRATION
 from .refit import Refits, part_of, refits_of, refits_record

@@ -19,8 +19,7 @@ from ..fitting.least_squares import Fit
 from ..measurements.reference_temperature import TEMPERATURE
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term
-from ..which.compare import Data, Rung, rung
-from ..which.validate import errors
+from ..selection.evaluation import Data, Rung, errors, rung
 
 PLACED = frozenset(("target", "group", "feature"))      # names that are fixed where a robot description is written
 TABLED = 2                                              # values of the state that a table may hang on

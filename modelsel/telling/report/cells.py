@@ -15,7 +15,7 @@ from ..._typing import Array
 from ...fitting.design import PLACE, blocks, field_of
 from ...fitting.problem import Scene
 from ...mechanisms.causes import Applied, Cause, Combined, Named, Number
-from ...which.compare import Rung
+from ...selection.evaluation import Rung
 from ...why.errormap import basis
 
 if TYPE_CHECKING:

@@ -3,6 +3,7 @@
 Every row is one linear step from the base's fit. A block of rows evaluates its causes once for all models, in three passes;
 what is solved is solved on triangles. Any number of configurations costs memory for a length a row and model, for nothing else.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -18,13 +19,12 @@ from ..fitting.least_squares import Fit, typical_weight
 from ..fitting.linear_step import Step, one_step
 from ..fitting.reduction import Reduction, spread
 from ..mechanisms.terms import Mechanism, Screw
-from .bound import Certified, best_subset
-from .candidates import Candidate
-from .compare import Data, Rung, described
+from ..which.candidates import Candidate
+from .branch_and_bound import Certified, best_subset
 from .criteria import aicc, bic, log_evidence, scan_price, weights
-from .folds import CrossValidation, Folded, cross_validate, fold, folds, held_out_residuals
-from .search import Subsets, all_subsets, some_subsets
-from .validate import errors_of
+from .cross_validation import CrossValidation, Folded, cross_validate, fold, folds, held_out_residuals
+from .evaluation import Data, Rung, described, errors_of
+from .subsets import Subsets, all_subsets, some_subsets
 
 MOST = 12      # mechanisms in the table of all subsets, unless the study asks for more
 SHOWN = 12     # rows of it that are listed

@@ -1,10 +1,11 @@
 """Which configurations estimate and which are held out: spread in joints and covariates by D-optimal exchange."""
+
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._typing import Array
+from .._typing import Array, Index
 from ..measurements.measurements import Measurements, in_turn
 
 SWEEPS = 40
@@ -59,3 +60,15 @@ def _exchange(X: Array, inside: NDArray[np.bool_], weight: NDArray[np.intp]) -> 
         if gain[best] <= 1 + 1e-6:
             return
         inside[out[keep[best[0]]]], inside[into[join[best[1]]]] = False, True
+
+
+def assign(data: Measurements, folds: int, rng: np.random.Generator, by: str = "configuration") -> Index:
+    """(m,) fold of every row: equal readings never apart; by="group" keeps groups whole. folds = 0 leaves one out."""
+    unit, first = in_turn(data.group if by == "group" else data.block, data.progress)
+    count = len(first) if folds <= 0 else min(folds, len(first))
+    order = rng.permutation(len(first))
+    if data.gauges is not None:             # rows of one feature go to different folds: each can be told without any one of them
+        order = order[np.argsort(data.gauges.feature[first][order], kind="stable")]
+    fold = np.empty(len(first), dtype=np.intp)
+    fold[order] = np.arange(len(first)) % count
+    return fold[unit]

@@ -8,6 +8,7 @@ whose effects are clear, both sides are equal: mostly the first node is the proo
 over the values that could still beat the best known, and w_g is what BIC charges for the group in units of that chord. With a
 known σ BIC is linear in RSS, and its slope 1/σ² takes the chord's place.
 """
+
 from __future__ import annotations
 
 import heapq

@@ -4,6 +4,7 @@ With Q an orthonormal basis of the design, Q_k its rows in fold k and e the resi
     beta(-k) = beta − R⁻¹ (I − Q_kᵀQ_k)⁻¹ Q_kᵀ e_k                 (Cook & Weisberg 1982; methods.md A.1).
 Each fold enters reduced to a small block [columns | response], so any number of rows costs the same.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
@@ -19,23 +20,10 @@ from ..fitting.design import assemble, blocks, whiten
 from ..fitting.identifiability import identify, solve
 from ..fitting.problem import BLOCK, Scene
 from ..fitting.reduction import STREAM, Reduction, spread
-from ..measurements.measurements import Measurements, in_turn
 from ..mechanisms.terms import Term
 from ..robot._kernels import Space
 
 DEPENDENT = 1e-9   # 1 − largest eigenvalue of Q_kᵀQ_k: below it the model is not estimable without the fold
-
-
-def assign(data: Measurements, folds: int, rng: np.random.Generator, by: str = "configuration") -> Index:
-    """(m,) fold of every row: equal readings never apart; by="group" keeps groups whole. folds = 0 leaves one out."""
-    unit, first = in_turn(data.group if by == "group" else data.block, data.progress)
-    count = len(first) if folds <= 0 else min(folds, len(first))
-    order = rng.permutation(len(first))
-    if data.gauges is not None:             # rows of one feature go to different folds: each can be told without any one of them
-        order = order[np.argsort(data.gauges.feature[first][order], kind="stable")]
-    fold = np.empty(len(first), dtype=np.intp)
-    fold[order] = np.arange(len(first)) % count
-    return fold[unit]
 
 
 @dataclass(frozen=True, eq=False)

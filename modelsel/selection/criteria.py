@@ -1,4 +1,5 @@
 """Information criteria and evidence as plain functions of rss, rows and rank (methods.md A.3, A.5)."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -3,6 +3,7 @@
 Associative: `add` a scene of some configurations, `merge` what other machines have seen; the answers of cross-validation and
 of the search over subsets are those of all rows at once.
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
@@ -25,7 +26,7 @@ from ..measurements.reader import read_measurements
 from ..measurements.table import row_groups
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Robot
-from .folds import CrossValidation, Folded, cross_validate, pad
+from .cross_validation import CrossValidation, Folded, cross_validate, pad
 
 Mapper = Callable[[Callable[[Any], Any], Sequence[Any]], Iterable[Any]]      # map, or a cluster's; results in the items' order
 
