@@ -20,13 +20,15 @@ import numpy as np
 from scipy.special import stdtrit
 from scipy.stats import beta, kstest
 
+import modelsel.diagnosis.state
+import modelsel.diagnosis.unexplained
 import modelsel.sure.bootstrap
 import modelsel.sure.parameters
-import modelsel.why.predictor
-import modelsel.why.search
 from modelsel import Model, mechanism
 from modelsel._random import generator
-from modelsel.elsewhere.explain import explain
+from modelsel.diagnosis.outliers import misplaced
+from modelsel.diagnosis.procedure import explain
+from modelsel.diagnosis.unexplained import predictable
 from modelsel.fitting.design import residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Scene, scene
@@ -37,8 +39,6 @@ from modelsel.selection.evaluation import Data
 from modelsel.selection.splits import assign
 from modelsel.sure.parameters import parameters, resampled
 from modelsel.sure.significance import nested
-from modelsel.why.faults import misplaced
-from modelsel.why.predictor import predictable
 
 from .calibration import ARM, TOOL
 
@@ -118,9 +118,9 @@ class Study:
 
 def take_equal_noise_for_granted() -> None:
     """The program as it would be without the signs of whole postures and groups."""
-    modelsel.why.search.Search.in_units = lambda self, view: []
-    modelsel.why.search.Search.by_signs = lambda *_: 0.0
-    modelsel.why.predictor.together = lambda *_: 1.0
+    modelsel.diagnosis.state.Search.in_units = lambda self, view: []
+    modelsel.diagnosis.state.Search.by_signs = lambda *_: 0.0
+    modelsel.diagnosis.unexplained.together = lambda *_: 1.0
     modelsel.sure.bootstrap.Bootstrap.p_value = lambda *_: 0.0
     own = modelsel.sure.parameters.bootstrap
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import betaincc, gammaln
 
+from modelsel.diagnosis.candidates import Candidate
+from modelsel.diagnosis.scan import Columns, Scan, basis, columns, scan, stacked
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import Fit
 from modelsel.fitting.problem import Scene
-from modelsel.which.candidates import Candidate
-from modelsel.why.errormap import Columns, Scan, basis, columns, scan, stacked
 
 MOST = 40       # groups at which forward selection gives up
 FOLDS = 5

@@ -9,11 +9,11 @@ import numpy as np
 from hidden_arm import geometry, holds, said
 from hidden_oracle import critical_p, held_by, naming_limit
 
+from modelsel.diagnosis.candidates import Candidate, candidates
+from modelsel.diagnosis.stepwise import extend
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import every, mechanism
-from modelsel.which.candidates import Candidate, candidates
-from modelsel.why.extend import extend
 
 from .cases import EXPLAINS, NOISE, Array, Case, draw, oracle_error, powers
 from .rivals import as_candidates, bench, forward, lasso, stlsq

@@ -20,7 +20,7 @@ import numpy as np
 
 from modelsel import Model, mechanism
 from modelsel._random import generator
-from modelsel.elsewhere.explain import explain
+from modelsel.diagnosis.procedure import explain
 from modelsel.fitting.design import Model as Terms
 from modelsel.fitting.design import design, residuals
 from modelsel.fitting.least_squares import fit

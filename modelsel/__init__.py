@@ -67,6 +67,8 @@ _NAMES = {  # a name that is also a module's (fit, scene, extend …) is importe
     "mechanisms.terms": "Mechanism Screw Term",
     "robot.files": "builtin_names load read_robot",
     "robot.kinematics": "Robot forward screw_field",
+    "selection.evaluation": "gain",
+    "selection.splits": "choose",
     "telling.config": "Study read_study",
     "telling.finished": "Result",
     "telling.planning": "Planned plan_next",
@@ -74,8 +76,6 @@ _NAMES = {  # a name that is also a module's (fit, scene, extend …) is importe
     "telling.study": "rehearse run simulate_study",
     "use.calibration": "Calibration load_calibration predict",
     "use.compensate": "correct",
-    "selection.splits": "choose",
-    "selection.evaluation": "gain",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)

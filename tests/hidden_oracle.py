@@ -8,7 +8,7 @@ import numpy as np
 from hidden_arm import Effect, State, geometry, off
 from scipy.special import betaincc, fdtri, ncfdtr, ndtr
 
-from modelsel.why.errormap import Scan
+from modelsel.diagnosis.scan import Scan
 
 CERTAIN = 60.0
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from builders import drawn, planted, study_of
 
+from modelsel.diagnosis.scan import stacked
 from modelsel.elsewhere.confidence import confidence
 from modelsel.fitting import problem as scene
 from modelsel.fitting import reduction as reduce
@@ -23,7 +24,6 @@ from modelsel.selection.evaluation import Data, rung
 from modelsel.sure import posterior as closed
 from modelsel.sure import significance
 from modelsel.sure.posterior import posterior, weighted
-from modelsel.why.errormap import stacked
 
 ARM = load("puma760")
 BASE = Model((mechanism("geometric", ARM),))

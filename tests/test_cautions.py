@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 from builders import bind, measured, seeds, small_arm, study_of
 
-from modelsel.elsewhere.explain import explain
+from modelsel.diagnosis.candidates import Candidate, candidates
+from modelsel.diagnosis.procedure import explain
+from modelsel.diagnosis.sentences import cautions
+from modelsel.diagnosis.stepwise import Effect, extend
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.measurements.measurements import measurements
@@ -21,9 +24,6 @@ from modelsel.selection.evaluation import Gain
 from modelsel.telling.cautions import restricted, worse_than_nominal
 from modelsel.telling.config import read_study
 from modelsel.telling.study import run
-from modelsel.which.candidates import Candidate, candidates
-from modelsel.why.extend import Effect, extend
-from modelsel.why.words import cautions
 
 STUDY = Path(__file__).parent.parent / "studies" / "puma760"
 ARM = load("ur10")

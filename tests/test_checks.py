@@ -507,8 +507,8 @@ def test_validate_finds_a_new_target_where_it_registers(rng, tmp_path) -> None:
 
 def test_drawn_scenes_have_no_slips(rng) -> None:
     """The nominal arm with the errors of an assembled one, gross rows in random directions: no slip explains these."""
+    from modelsel.diagnosis.mistaken_rows import slipped
     from modelsel.fitting.design import residuals
-    from modelsel.why.mistaken_rows import slipped
     for _ in range(20):
         at = drawn("puma760", rng, 60)
         x = at.data.position + rng.normal(0, 0.5, (60, 3))

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from builders import drawn, planted, seeds
 
+from modelsel.diagnosis.candidates import candidates, strongest
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.causes import ONE, Named, cos, q, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
-from modelsel.selection.comparison import MOST, Comparison, compare, strongest
+from modelsel.selection.comparison import MOST, Comparison, compare
 from modelsel.selection.criteria import aic, bic
 from modelsel.selection.cross_validation import fold
 from modelsel.selection.evaluation import Data, rung
 from modelsel.selection.splits import assign
 from modelsel.selection.subsets import all_subsets
-from modelsel.which.candidates import candidates
 
 ARM = load("puma760")
 BASE = Model((mechanism("geometric", ARM),))

@@ -8,6 +8,12 @@ import pytest
 from builders import drawn, measured, planted, seeds
 
 from modelsel._typing import Array
+from modelsel.diagnosis.candidates import BETWEEN, Candidate, candidates
+from modelsel.diagnosis.credible_sets import name, with_candidate
+from modelsel.diagnosis.joint_curves import chain, curves, own_angle
+from modelsel.diagnosis.scan import basis, columns, scan, stacked, subset
+from modelsel.diagnosis.state import LEVEL, Search
+from modelsel.diagnosis.stepwise import Extension, extend
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Scene
@@ -16,12 +22,6 @@ from modelsel.mechanisms.environment import STEPS
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.kinematics import forward
-from modelsel.which.candidates import BETWEEN, Candidate, candidates
-from modelsel.why.curves import chain, curves, own_angle
-from modelsel.why.errormap import basis, columns, scan, stacked, subset
-from modelsel.why.extend import Extension, extend
-from modelsel.why.naming import name, with_candidate
-from modelsel.why.search import LEVEL, Search
 
 SIGMA = 0.03
 

@@ -202,10 +202,10 @@ def test_every_key_of_a_calibration_is_explained() -> None:
 
 
 def test_constants_are_the_program_s() -> None:
-    from modelsel.which.candidates import REGISTERED
-    from modelsel.why.extend import MOST
-    from modelsel.why.naming import ALIKE, CREDIBLE, LISTED, SURE
-    from modelsel.why.search import LEVEL
+    from modelsel.diagnosis.candidates import REGISTERED
+    from modelsel.diagnosis.credible_sets import ALIKE, CREDIBLE, LISTED, SURE
+    from modelsel.diagnosis.state import LEVEL
+    from modelsel.diagnosis.stepwise import MOST
     said = {page: (DOCS / f"{page}.md").read_text(encoding="utf-8") for page in ("statistics", "choose", "limits", "contract")}
     assert f"share {REGISTERED} of the prior" in said["statistics"]
     assert f"hold {SURE} of the probability" in said["statistics"]

@@ -11,6 +11,7 @@ from builders import bind, planted, small_arm, study_of
 from scipy.stats import f as fisher
 from scipy.stats import kstest, multivariate_t
 
+from modelsel.diagnosis.outliers import DRAWS, misplaced
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor, from_repeats
@@ -26,7 +27,6 @@ from modelsel.sure.parameters import resampled
 from modelsel.sure.significance import nested, significance
 from modelsel.telling.findings import Finding, fault_dict, opposed
 from modelsel.telling.left import LackOfFit, lack_of_fit, lacking
-from modelsel.why.faults import DRAWS, misplaced
 
 ARM, SIGMA = small_arm(), 0.05
 BASE = Model((mechanism("geometric", ARM),))

@@ -15,7 +15,12 @@ from builders import bind, one, planted, small_arm, study_of
 from scipy.special import bdtrc
 from scipy.stats import binom, kstest, t
 
-from modelsel.elsewhere.explain import explain
+from modelsel.diagnosis.evidence import null
+from modelsel.diagnosis.procedure import explain
+from modelsel.diagnosis.residual_tests import adjusted, together, units
+from modelsel.diagnosis.state import view
+from modelsel.diagnosis.stepwise import Extension, extend
+from modelsel.diagnosis.unexplained import predictable
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Scene
@@ -27,11 +32,6 @@ from modelsel.selection.evaluation import Data
 from modelsel.sure.parameters import Parameter, parameters, resampled
 from modelsel.sure.significance import nested
 from modelsel.telling.findings import uneven
-from modelsel.why.evidence import null
-from modelsel.why.extend import Extension, extend
-from modelsel.why.flips import adjusted, together, units
-from modelsel.why.predictor import predictable
-from modelsel.why.view import view
 
 ARM: Robot = replace(small_arm(), gravity=(0.0, 0.0, -1.0))
 BASE = Model((mechanism("geometric", ARM),))
@@ -269,9 +269,9 @@ def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:
     """Where the noise is equal and normal, flipped residuals have the evidence that the exact null has."""
     from scipy.stats import ks_2samp
 
-    from modelsel.which.candidates import candidates
-    from modelsel.why.errormap import columns
-    from modelsel.why.evidence import by_size, null_evidence, shares
+    from modelsel.diagnosis.candidates import candidates
+    from modelsel.diagnosis.evidence import by_size, null_evidence, shares
+    from modelsel.diagnosis.scan import columns
     at, _ = campaign(even, rng)
     base_fit = fit(at, BASE, held="nothing")
     found = candidates(at, BASE, every(ARM))

@@ -20,17 +20,17 @@ from hidden_effects import REGISTERED, UNREGISTERED
 from hidden_engine import Engine
 from hidden_oracle import critical_p, detection, held_by, naming_limit
 
+from modelsel.diagnosis import state as search
+from modelsel.diagnosis.candidates import Candidate, candidates
+from modelsel.diagnosis.scan import Scan, basis, columns, scan, stacked
+from modelsel.diagnosis.stepwise import Effect as Found
+from modelsel.diagnosis.stepwise import Extension, extend
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Scene, scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.files import load
-from modelsel.which.candidates import Candidate, candidates
-from modelsel.why import search
-from modelsel.why.errormap import Scan, basis, columns, scan, stacked
-from modelsel.why.extend import Effect as Found
-from modelsel.why.extend import Extension, extend
 
 CHOSEN = os.environ.get("MODELSEL_HIDDEN_SEED", "12")      # a run must be repeatable; "new" draws a seed
 SEED = secrets.randbits(32) if CHOSEN == "new" else int(CHOSEN)

@@ -11,7 +11,8 @@ import pytest
 from gauged import ANCHORS, NOISE, TOOL, Campaign, hold
 from hidden_effects import at, one
 
-from modelsel.elsewhere.explain import explain
+from modelsel.diagnosis.outliers import gross, scale_of
+from modelsel.diagnosis.procedure import explain
 from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.elsewhere.simulate import simulate_rows
 from modelsel.exceptions import DataError, StudyError
@@ -49,7 +50,6 @@ from modelsel.telling.tables import sentences
 from modelsel.use.calibration import calibration_text, loads, predict
 from modelsel.use.drift import judge
 from modelsel.use.plan import pool
-from modelsel.why.robust import gross, scale_of
 
 ARM = [False] * 6
 PUMA = load("puma760")

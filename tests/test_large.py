@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from builders import drawn, one, planted
 
-from modelsel.elsewhere import explain
+from modelsel.diagnosis import procedure as explain
 from modelsel.measurements.measurements import blocks
 from modelsel.mechanisms.causes import q
 from modelsel.selection import evaluation as validate

@@ -12,7 +12,9 @@ from builders import bind, drawn, one, planted, study_of
 from click.testing import CliRunner
 
 from modelsel.cli import main
-from modelsel.elsewhere.explain import explain
+from modelsel.diagnosis import candidates as possible
+from modelsel.diagnosis.candidates import candidates, crowded
+from modelsel.diagnosis.procedure import explain
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Scene
@@ -22,8 +24,6 @@ from modelsel.mechanisms.registry import every, mechanism, parts
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.telling.findings import beside
-from modelsel.which import candidates as possible
-from modelsel.which.candidates import candidates, crowded
 
 PUMA, TOOL, SIGMA = load("puma760"), np.array([40.0, -25.0, 100.0]), 0.05
 STUDY = """

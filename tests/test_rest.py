@@ -4,12 +4,12 @@ from __future__ import annotations
 import numpy as np
 from builders import drawn, seeds, small_arm
 
+from modelsel.diagnosis.candidates import candidates
+from modelsel.diagnosis.scan import basis, columns, scan, stacked
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.mechanisms.registry import every, mechanism
-from modelsel.which.candidates import candidates
-from modelsel.why.errormap import basis, columns, scan, stacked
 
 
 def read(q: np.ndarray, **more: object) -> Measurements:

@@ -11,6 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
+from modelsel.diagnosis.candidates import Candidate
+from modelsel.diagnosis.evidence import single_f
+from modelsel.diagnosis.scan import basis, columns, scan, stacked
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.causes import ONE
@@ -21,9 +24,6 @@ from modelsel.selection import criteria
 from modelsel.selection.cross_validation import Folded, fold, pad
 from modelsel.selection.splits import assign
 from modelsel.selection.subsets import all_subsets, refined
-from modelsel.which.candidates import Candidate
-from modelsel.why.errormap import basis, columns, scan, stacked
-from modelsel.why.evidence import single_f
 
 N, K = 48, 4
 

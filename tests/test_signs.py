@@ -11,7 +11,12 @@ import pytest
 from builders import bind, drawn, measured, seeds, small_arm, study_of
 from scipy.integrate import quad
 
-from modelsel.elsewhere.explain import explain
+from modelsel.diagnosis.candidates import Candidate, candidates
+from modelsel.diagnosis.evidence import log_bayes_factors, shares
+from modelsel.diagnosis.procedure import explain
+from modelsel.diagnosis.scan import Scan, basis, columns, scan, stacked
+from modelsel.diagnosis.sentences import sentence
+from modelsel.diagnosis.stepwise import Effect
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Scene
@@ -21,11 +26,6 @@ from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import builtin_names, load
 from modelsel.robot.gravity import torques
 from modelsel.robot.kinematics import Robot, forward, pose
-from modelsel.which.candidates import Candidate, candidates
-from modelsel.why.errormap import Scan, basis, columns, scan, stacked
-from modelsel.why.evidence import log_bayes_factors, shares
-from modelsel.why.extend import Effect
-from modelsel.why.words import sentence
 
 ARM = load("ur10")
 BASE = Model((mechanism("geometric", ARM),))

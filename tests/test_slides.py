@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from builders import bind, measured, small_arm, study_of
 
-from modelsel.elsewhere.explain import explain
+from modelsel.diagnosis.candidates import PITCHES, candidates
+from modelsel.diagnosis.procedure import explain
+from modelsel.diagnosis.sentences import what
+from modelsel.diagnosis.stepwise import Effect
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.kinematics import Robot, forward, pose
-from modelsel.which.candidates import PITCHES, candidates
-from modelsel.why.extend import Effect
-from modelsel.why.words import what
 
 ARM: Robot = replace(small_arm(prismatic=True), gravity=(0.0, 0.0, -1.0))
 BASE = Model((mechanism("geometric", ARM),))

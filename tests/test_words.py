@@ -10,6 +10,7 @@ from click.testing import CliRunner
 
 from modelsel.cli import main
 from modelsel.commands.compensate import _sentence
+from modelsel.diagnosis.sentences import amount, quantity
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load
@@ -19,7 +20,6 @@ from modelsel.telling.report.figures.finding import height
 from modelsel.telling.report.findings import separation
 from modelsel.telling.views import adds
 from modelsel.use.compensate import Commands
-from modelsel.why.words import amount, quantity
 
 
 @pytest.mark.parametrize(("value", "error", "unit", "said"), [

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from modelsel.why.errormap import Block, Columns, Scan, basis, grams_of, scan
-from modelsel.why.evidence import evidence, factors, null, p_value
+from modelsel.diagnosis.evidence import evidence, factors, null, p_value
+from modelsel.diagnosis.scan import Block, Columns, Scan, basis, grams_of, scan
 
 from .timing import interleaved
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from modelsel._typing import Array
+from modelsel.diagnosis.candidates import Candidate, candidates
+from modelsel.diagnosis.scan import Columns, Scan, basis, columns, scan, stacked
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Scene, scene
@@ -15,8 +17,6 @@ from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Term
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
-from modelsel.which.candidates import Candidate, candidates
-from modelsel.why.errormap import Columns, Scan, basis, columns, scan, stacked
 
 ROBOT, TOOL = load("puma760"), (40.0, -25.0, 100.0)
 BASE = Model((mechanism("geometric", ROBOT),))

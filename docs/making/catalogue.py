@@ -11,6 +11,7 @@ import arm
 import numpy as np
 
 from modelsel._typing import Array
+from modelsel.diagnosis.scan import basis
 from modelsel.fitting.design import design
 from modelsel.fitting.problem import Scene, scene
 from modelsel.measurements.measurements import measurements
@@ -19,7 +20,6 @@ from modelsel.mechanisms.serialization import mechanism_card
 from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import builtin_names, load
 from modelsel.robot.kinematics import Robot, forward
-from modelsel.why.errormap import basis
 
 ROBOT = "puma760"
 TEXTS = Path(__file__).with_name("mechanisms.toml")

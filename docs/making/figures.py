@@ -13,13 +13,13 @@ from arm import short
 from campaigns import BASE, NOISE, ROBOT, View, effect, look, measured
 
 from modelsel._typing import Array
+from modelsel.diagnosis.credible_sets import name
+from modelsel.diagnosis.evidence import RATIOS, evidence, factors, log_bayes_factors, null, shares
+from modelsel.diagnosis.state import LEVEL
+from modelsel.diagnosis.stepwise import extend
+from modelsel.diagnosis.unexplained import POWER, detection_limit
 from modelsel.mechanisms.registry import mechanism
-from modelsel.telling.findings import POWER, detection_limit
 from modelsel.telling.report.style import BLUE, GREY, INK, ORANGE, QUIET, styled, svg
-from modelsel.why.evidence import RATIOS, evidence, factors, log_bayes_factors, null, shares
-from modelsel.why.extend import extend
-from modelsel.why.naming import name
-from modelsel.why.search import LEVEL
 
 Figure = Callable[[], tuple[bytes, str]]
 PLANTED, SIZE = "wrist-coupling:5", 1.15e-4

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
+from ..diagnosis.mistaken_rows import slipped, slipped_before
+from ..diagnosis.outliers import Fault
 from ..exceptions import NotEstimable, sentence_list
 from ..fitting.design import whitened
 from ..fitting.least_squares import Fit
@@ -26,8 +28,6 @@ from ..setup.measured_orientations import orientation_mistake
 from ..setup.mistakes import mistake
 from ..setup.other_robots import other_robot, shifted_rows
 from ..setup.target_labels import labels_mistake
-from ..why.faults import Fault
-from ..why.mistaken_rows import slipped, slipped_before
 
 TOLERANCE = {"mm": 5.0, "rad": np.pi / 180}     # what makers allow a link or an axis at most
 SURE = 10.0                 # standard errors beyond it, before it is said: those of a misfit are too small

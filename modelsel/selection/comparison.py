@@ -19,7 +19,6 @@ from ..fitting.least_squares import Fit, typical_weight
 from ..fitting.linear_step import Step, one_step
 from ..fitting.reduction import Reduction, spread
 from ..mechanisms.terms import Mechanism, Screw
-from ..which.candidates import Candidate
 from .branch_and_bound import Certified, best_subset
 from .criteria import aicc, bic, log_evidence, scan_price, weights
 from .cross_validation import CrossValidation, Folded, cross_validate, fold, folds, held_out_residuals
@@ -41,26 +40,6 @@ class Comparison:
     considered: tuple[str, ...]
     set_aside: tuple[str, ...]
     certified: Certified | None = None              # of more mechanisms than all subsets of which can be walked
-
-
-def strongest(found: Sequence[Candidate], single_f: Array, named: Sequence[Candidate] = (), most: int = MOST
-              ) -> tuple[tuple[Mechanism, ...], tuple[str, ...]]:
-    """(at most `most` registered mechanisms: the `named`, then those of largest single F, in the registry's order; names of
-    the others). Of a scanned mechanism the best constant, or the named one, stands for it."""
-    best: dict[str, tuple[float, int]] = {}
-    for g, candidate in enumerate(found):
-        f = np.inf if any(candidate is n for n in named) else float(single_f[g])
-        if candidate.registered and f > best.get(candidate.mechanism.name, (0.0, -1))[0]:
-            best[candidate.mechanism.name] = (f, g)
-    ranked = [g for _, g in sorted(best.values(), key=lambda pair: -pair[0])]
-    screws = {g: {t.screws for t in found[g].mechanism.terms} for g in ranked}
-    first = {g for f, g in best.values() if f == np.inf}
-    parts = {g for g in ranked if g not in first and any(screws[g] < screws[h] for h in first)}
-    unions = {g for g in ranked if g not in first
-              and screws[g] == set().union(*(screws[h] for h in ranked if screws[h] < screws[g]))}
-    single = [g for g in ranked if g not in unions | parts]  # gravity-twist is joint2-twist and joint3-twist, no third thing
-    aside = tuple(found[g].mechanism.name for g in ranked if g not in single[:most])
-    return tuple(found[g].mechanism for g in sorted(single[:most])), aside
 
 
 def compare(data: Data, base: Model, base_fit: Fit, candidates: Sequence[Mechanism], base_names: Sequence[str],

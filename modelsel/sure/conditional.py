@@ -15,11 +15,11 @@ from functools import cached_property
 import numpy as np
 
 from .._typing import Array, Index
+from ..diagnosis.evidence import RATIOS
 from ..fitting.design import design
 from ..fitting.problem import Scene
 from ..mechanisms.terms import Screw, Term
 from ..robot.rigid import AXES
-from ..why.evidence import RATIOS
 from .constants import GRID, Constant
 
 POINTS = 20_000    # walkers that are worked out together

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array
+from ..diagnosis.residual_tests import LASTING, together
 from ..fitting.design import blocks
 from ..fitting.least_squares import Fit
 from ..notices import Note
 from ..selection.cross_validation import by_unit
 from ..selection.evaluation import Data
-from ..why.flips import LASTING, together
 from .bootstrap import Bootstrap, bootstrap
 from .correlation import labels, owners
 from .posterior import Draws

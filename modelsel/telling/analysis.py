@@ -11,9 +11,15 @@ from numpy.typing import NDArray
 from .._random import generator
 from .._typing import Say
 from .._version import VERSION
+from ..diagnosis.candidates import Candidate, strongest
+from ..diagnosis.error_map import error_map
+from ..diagnosis.outliers import misplaced
+from ..diagnosis.procedure import explain, nested
+from ..diagnosis.state import models
+from ..diagnosis.stepwise import Extension
+from ..diagnosis.unexplained import estimated_floor, nothing_else, predictable_left, rows_seen, thinned
 from ..elsewhere.checks import believed, outcome, told_with, turns_believed, unsaid
 from ..elsewhere.confidence import Request, confidence, sampled
-from ..elsewhere.explain import explain, nested
 from ..elsewhere.prepare import Plan, prepare, reweigh_rotation
 from ..fitting.design import Model
 from ..fitting.identifiability import unidentifiable
@@ -24,30 +30,14 @@ from ..mechanisms.registry import Registry, mechanism
 from ..mechanisms.terms import Mechanism, Screw
 from ..notices import Note
 from ..robot.kinematics import Robot
-from ..selection.comparison import MOST, Comparison, compare, strongest
+from ..selection.comparison import MOST, Comparison, compare
 from ..selection.evaluation import Data, Gain, Resampled, Rung, paired, rung
 from ..sure.sampling import Keeper
-from ..which.candidates import Candidate
-from ..why.extend import Extension
-from ..why.faults import misplaced
-from ..why.maps import error_map
-from ..why.view import models
 from .cautions import restricted, worse_than_nominal
 from .config import Study
 from .findings import Finding, beside, opposed, surprised, uneven
 from .finished import Result
-from .left import (
-    estimated_floor,
-    held_out_outliers,
-    lack_of_fit,
-    lacking,
-    nothing_else,
-    per_row,
-    predictable_left,
-    remeasured,
-    rows_seen,
-    thinned,
-)
+from .left import held_out_outliers, lack_of_fit, lacking, per_row, remeasured
 
 
 @dataclass(frozen=True, eq=False)

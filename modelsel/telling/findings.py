@@ -1,4 +1,5 @@
 """From named effects to the contract's findings, and what absence of a finding means."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -8,20 +9,18 @@ from typing import Any
 import numpy as np
 
 from .._typing import Array
+from ..diagnosis.candidates import Candidate, crowded
+from ..diagnosis.credible_sets import Entry
+from ..diagnosis.outliers import Fault
+from ..diagnosis.sentences import display, sentence
+from ..diagnosis.stepwise import Effect, Extension
 from ..fitting.problem import Scene
 from ..mechanisms.causes import Bump
 from ..mechanisms.terms import Term
 from ..notices import Note
 from ..selection.evaluation import Data, Gain, Rung, surprise
-from ..which.candidates import Candidate, crowded
-from ..why.evidence import RATIOS
-from ..why.extend import Effect, Extension
-from ..why.faults import Fault
-from ..why.naming import Entry
-from ..why.words import display, sentence
 
 PLAIN = ("payload_kg", "temperature_C", "time_s")
-POWER = 0.90
 CLEARLY, RARELY = 1.25, 1e-3      # how much more held-out rows err than promised, and how rarely so by chance, to be said
 
 
@@ -109,26 +108,6 @@ def fault_dict(fault: Fault) -> dict[str, Any]:
     return {"sentence": fault.sentence, "verdict": "found", "p_value": fault.p, "rows": fault.rows,
             "credible_set": [{"mechanism": f"fault:{fault.name}", "probability": fault.probability, "screws": [], "alike": True}],
             "more_entries": 0, "estimate": [], "gain": asdict(Gain(None, None, None))}
-
-
-def detection_limit(extension: Extension, priors: Sequence[float], configurations: int, sigma: float) -> float | None:
-    """Root mean square displacement per row [whitened units of sigma] beyond the model of a single-column effect that the
-    scan would find with 90 %: the noncentrality at which its evidence passes the bound (methods.md A.7). None where the data
-    are so few that nothing passes it, however large."""
-    from scipy.special import chndtr
-    log_prior = float(np.log(np.median(priors)))
-    freedom = extension.fit.beyond
-    share = np.concatenate([np.linspace(0.0, 0.9, 4001)[1:], 1 - np.logspace(-1, -7, 1201)[1:]])
-    best = np.max([log_prior - 0.5 * np.log1p(r) - 0.5 * freedom * np.log1p(-share * r / (1 + r)) for r in RATIOS], axis=0)
-    if freedom <= 1 or not (best > extension.bound).any():
-        return None
-    passing = share[np.argmax(best > extension.bound)]
-    critical = passing / (1 - passing) * (freedom - 1)
-    low, high = 0.0, 10 * critical + 100
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (middle, high) if 1 - chndtr(critical, 1, middle) < POWER else (low, middle)
-    return float(sigma * np.sqrt(high / configurations))
 
 
 def uneven(extension: Extension) -> tuple[Note, ...]:

@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from .._json import plain
+from ..diagnosis.error_map import ErrorMap
+from ..diagnosis.outliers import Fault
+from ..diagnosis.procedure import Nested
+from ..diagnosis.stepwise import Extension
+from ..diagnosis.unexplained import Predictable
 from ..elsewhere.confidence import Confidence
-from ..elsewhere.explain import Nested
 from ..fitting.identifiability import Unidentifiable
 from ..fitting.noise import Floor
 from ..notices import HOPELESS, Note
 from ..robot.kinematics import Robot
 from ..selection.comparison import Comparison
 from ..selection.evaluation import Data, Gain, Rung, turned
-from ..why.extend import Extension
-from ..why.faults import Fault
-from ..why.maps import ErrorMap
-from ..why.predictor import Predictable
 from .config import Study
 from .findings import Finding, fault_dict, finding_dict, screws_of
 from .left import Placed, features, lack_of_fit, noise_dict

@@ -1,4 +1,5 @@
 """What is left of a study's residuals: held-out outliers, the noise they show, what a further effect would have had to be."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -9,6 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
+from ..diagnosis.outliers import GROSS, far_off
+from ..diagnosis.sentences import display
+from ..diagnosis.unexplained import ENOUGH, VERY_MANY
 from ..fitting.design import fixture_values, whitened
 from ..fitting.least_squares import Fit
 from ..fitting.noise import LACKING, MEDIAN, Floor
@@ -19,27 +23,7 @@ from ..mechanisms.causes import Member
 from ..notices import Note
 from ..robot.rigid import turn
 from ..selection.evaluation import Data, Rung, errors
-from ..which.candidates import Candidate
-from ..why.extend import Extension
-from ..why.predictor import Predictable, predictable
-from ..why.robust import GROSS, far_off
-from ..why.search import LEVEL
-from ..why.words import display
-from .findings import CLEARLY, RARELY, detection_limit
-
-ENOUGH = 10         # degrees of freedom of a floor before a model is held against it
-VERY_MANY = 1e9     # degrees of freedom of a floor that is stated
-
-
-def thinned(extension: Extension, data: Data) -> bool:
-    """Whether naming has seen only some of the estimation rows."""
-    return extension.fit.rows < data.training().coordinates
-
-
-def rows_seen(extension: Extension, data: Data) -> int:
-    """How many rows naming has seen."""
-    training = data.training()
-    return extension.fit.rows * len(training) // training.coordinates
+from .findings import CLEARLY, RARELY
 
 
 def held_out_outliers(data: Data, rungs: Sequence[Rung]) -> NDArray[np.bool_]:
@@ -55,34 +39,6 @@ def remeasured(r: Rung, data: Data) -> Rung:
     """A rung with its errors taken again, the outlying rows left out."""
     return replace(r, estimation=errors(r.residual[data.estimation], data.outlying[data.estimation]),
                    held_out=errors(r.residual[~data.estimation], data.outlying[~data.estimation]))
-
-
-def nothing_else(extension: Extension, found: tuple[Candidate, ...], data: Data, chosen: Rung) -> tuple[str, float | None]:
-    """(sentence, limit in mm): what a further effect would have had to be to be found."""
-    if not found or extension.left is None:
-        return "No mechanism may extend the base in this study: nothing was searched.", None
-    sigma = estimated_floor(chosen, data).coordinate_mm
-    limit = detection_limit(extension, [c.prior for c in found], rows_seen(extension, data), sigma)
-    if extension.left_p <= LEVEL:
-        first = extension.left.entries[0]
-        stopped = (f"The search stopped after {len(extension.effects)} effects, but something systematic is left: chance alone "
-                   f"would explain it with probability {extension.left_p:.2g}. It looks most like {first.candidate.label} "
-                   f"(probability {first.probability:.2f}).")
-        return stopped, limit
-    more = "else " if extension.effects else ""
-    left = f" The strongest of what is left would come by chance with probability {extension.left_p:.2g}."
-    if limit is None:
-        return f"Nothing {more}was found; the data are too few for any further effect to be found, however large.{left}", None
-    return (f"Nothing {more}was found; an effect above {display(limit)} rms beyond what the geometry absorbs would have been "
-            f"found with 90 %.{left}"), limit
-
-
-def estimated_floor(rung_: Rung, data: Data) -> Floor:
-    """One coordinate's standard deviation [mm] from the residuals of a fitted model."""
-    fitted = rung_.fit
-    square = np.square(rung_.residual[data.used][:, :3])
-    mean = square.mean() if data.scene.measured is None else square.sum() / data.scene.measured[data.used][:, :3].sum()
-    return Floor(float(np.sqrt(mean * fitted.rows / fitted.freedom)), "estimated", fitted.freedom)
 
 
 @dataclass(frozen=True)
@@ -207,13 +163,3 @@ def features(scene: Scene, fitted: Fit) -> tuple[Placed, ...]:
 def _three(vector: Array) -> tuple[float, float, float]:
     x, y, z = vector.tolist()
     return x, y, z
-
-
-def predictable_left(data: Data, last: Rung, rng: np.random.Generator) -> Predictable | None:
-    """Whether any smooth function of the configuration still predicts what the last rung leaves; where not every row is a point,
-    of the rows of the kind and feature that has most."""
-    rows, gauges = data.used, data.scene.data.gauges
-    if gauges is not None:
-        code = gauges.kind * (len(gauges.features) + 1) + gauges.feature + 1
-        rows = rows & (code == np.bincount(code[rows]).argmax())
-    return predictable(data.scene.data.take(rows), last.residual[rows][:, :3], data.scene.robot.prismatic, rng)

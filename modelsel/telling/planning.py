@@ -9,6 +9,7 @@ import numpy as np
 
 from .._random import generator
 from .._typing import Array
+from ..diagnosis.stepwise import Effect
 from ..exceptions import StudyError, suggest
 from ..measurements.columns import READINGS, UNITS
 from ..measurements.measurements import Measurements, measurements
@@ -18,7 +19,6 @@ from ..mechanisms.terms import Term
 from ..robot.kinematics import Robot
 from ..use.calibration import Calibration
 from ..use.plan import RIVALS, Rivals, determine, distinct, indices, more_needed, pool, tell_apart, told_with
-from ..why.extend import Effect
 from .finished import Result
 from .stored import calibration_of
 

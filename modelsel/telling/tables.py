@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..diagnosis.error_map import strongest_causes
 from ..exceptions import sentence_list
 from ..notices import ALARMS, HOPELESS, alarms
 from ..selection.evaluation import Errors
 from ..sure.bootstrap import REPLICATES
-from ..why.maps import strongest_causes
 from .standing import standing_sentences
 from .views import adds
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array, Index
+from ..diagnosis.mistaken_rows import slipped
 from ..exceptions import DataError, sentence_list
 from ..fitting.noise import Floor
 from ..fitting.noise_check import SMALLER, Lack, against, lack, likeliest
@@ -18,7 +19,6 @@ from ..measurements.columns import SMALLEST
 from ..measurements.measurements import Measurements
 from ..robot.rigid import rotation_vector
 from ..setup.placement import kabsch
-from ..why.mistaken_rows import slipped
 from .calibration import Calibration, pose_of, predict, uncertainty
 
 SURE = 0.01        # p below which a calibration is called drifted

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..._typing import Array
+from ...diagnosis.scan import basis
 from ...fitting.design import PLACE, blocks, field_of
 from ...fitting.problem import Scene
 from ...mechanisms.causes import Applied, Cause, Combined, Named, Number
 from ...selection.evaluation import Rung
-from ...why.errormap import basis
 
 if TYPE_CHECKING:
     from ..finished import Result

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...why.words import prefixed
+from ...diagnosis.sentences import prefixed
 from ..tables import mm
 from .document import Block, Source, heading, points, table, text
 from .figures import ladder, parameters, space

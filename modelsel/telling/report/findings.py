@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...diagnosis.sentences import quantity
 from ...measurements.table import Where, where_of
-from ...why.words import quantity
 from ..tables import mm
 from ..views import name_of
 from .document import Block, Source, heading, points, table, text

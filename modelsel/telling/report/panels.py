@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..._typing import Array, Index
+from ...diagnosis.sentences import what
 from ...fitting.design import PLACE, columns_of
 from ...fitting.problem import Scene
 from ...mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named
 from ...mechanisms.terms import Term
-from ...why.words import what
 from .cells import wave
 
 if TYPE_CHECKING:

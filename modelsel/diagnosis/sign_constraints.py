@@ -1,4 +1,5 @@
 """Terms that physics gives a sign: how far the fit of each is on its side."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -3,6 +3,7 @@
 With Q an orthonormal basis of the fitted model and X_g a candidate's columns, everything needed is X_gᵀX_g, X_gᵀQ and
 X_gᵀr: the projected Gram is X_gᵀX_g − (X_gᵀQ)(X_gᵀQ)ᵀ, and no projected column is ever stored.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
@@ -20,8 +21,8 @@ from ..fitting.design import blocks
 from ..fitting.problem import Scene
 from ..fitting.splines import spline, splines
 from ..mechanisms.terms import Term
-from ..which.candidates import Candidate
-from .signs import Sides, least, sides
+from .candidates import Candidate
+from .sign_constraints import Sides, least, sides
 
 ABSORBED = 1e-5     # share of a direction's squared norm that must be left beyond the model for it to count
 SMALL = {"t": 100.0, "r": 0.1}      # mm, rad: an error screw is small; what would have to be larger is not the cause

@@ -1,4 +1,5 @@
 """Rows far off that a simple slip explains: other units, a sign, two axes that changed places, a position of the row before."""
+
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
@@ -15,8 +16,7 @@ from ..measurements.table import Where
 from ..setup.other_robots import better
 from ..setup.registration import register
 from ..setup.simple_mistakes import RAD, SCALES, axis_changes
-from .faults import MATCH
-from .robust import scale_of
+from .outliers import MATCH, scale_of
 
 FAR = 20.0         # times as near as a row comes by a slip, a row has to be off: chance does not come so near
 Residuals = Callable[[Scene], Array]

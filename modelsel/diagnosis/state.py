@@ -1,24 +1,25 @@
 """What the loop that extends a model shares and asks: fits, names, the null, the signs of the residual's own rows."""
+
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from .._typing import Array, Index
 from ..exceptions import NotEstimable
 from ..fitting.design import Model
-from ..fitting.least_squares import Fit
+from ..fitting.least_squares import Fit, prior_root
 from ..fitting.problem import Scene
 from ..fitting.shrinkage import fit_shrunk
-from ..which.candidates import Candidate
-from .curves import better, curves
-from .errormap import Columns, columns, flat
+from .candidates import Candidate
+from .credible_sets import Named, name, name_again, own_evidence, with_candidate
 from .evidence import familywise, null
-from .flips import DRAWS as FLIPS
-from .flips import adjusted, flipped, flipped_p, units
-from .naming import Named, name, name_again, own_evidence, with_candidate
-from .view import View, models, view
+from .joint_curves import better, curves
+from .residual_tests import DRAWS as FLIPS
+from .residual_tests import adjusted, flipped, flipped_p, units
+from .scan import Columns, Scan, basis, columns, flat, scan, scan_without, stacked
 
 LEVEL = 0.05            # family-wise
 BETTER = np.log(3)      # log odds at which a re-named effect changes its name
@@ -130,3 +131,60 @@ class Search:
             mechanism = self.found[k].mechanism
             return mechanism.terms[0].screws[0].frame if mechanism.name.startswith("free(") else (k,)
         return [*(k for k in chosen if subject(k) != subject(g)), g]
+
+
+# A fitted model seen as projections: what lies beyond it, and beyond it without one of its effects, with no refit.
+
+
+def models(base: Model, chosen: Sequence[Candidate]) -> Model:
+    """The base and the mechanisms of some candidates."""
+    return base + tuple(dict.fromkeys(c.mechanism for c in chosen))
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A fitted model seen as projections: orthonormal Q, its R (A_kept = Q R), columns A (N, p), the fit's residual `raw` and r,
+    its part off the model; the prior's rows of shrunk terms stand below the data's. What geometry can do at any size is taken by
+    geometry: the columns `kept` are those that do not depend on others, and the prior of usual sizes has no say."""
+
+    model: Model
+    fitted: Fit
+    kept: tuple[int, ...]
+    A: Array
+    Q: Array
+    R: Array
+    raw: Array
+    r: Array
+    seen: Scan
+    asked: dict[int, tuple[Named, float]] = field(default_factory=dict, repr=False)      # what `_Search.again` has answered
+
+    def own(self, *effects: Candidate) -> Array:
+        """(p,) mask of the terms that these effects alone bring."""
+        whose = [e.mechanism for e in effects]
+        mine = {t.screws for m in whose for t in m.terms}
+        shared = {t.screws for m in self.model.mechanisms if m not in whose for t in m.terms}
+        return np.array([t.screws in mine and t.screws not in shared for t in self.model.terms])
+
+    def freed(self, *effects: Candidate) -> tuple[Array, Array]:
+        """(D (N, d), the residual with the effects put back): no refit, the directions that only they bring are Q R⁻ᵀ E."""
+        own = self.own(*effects)
+        E = np.eye(len(self.kept))[:, [i for i, k in enumerate(self.kept) if own[k]]]
+        D: Array = self.Q @ basis(np.asarray(np.linalg.solve(self.R.T, E)))
+        effect = self.A[:, own] @ self.fitted.theta[own]
+        return D, self.r + D @ (D.T @ (self.raw + effect))
+
+    def without(self, candidate: Candidate) -> tuple[Scan, Array]:
+        """(the scan from the model without one effect, the residual with that effect put back)."""
+        D, response = self.freed(candidate)
+        return scan_without(self.seen, D), response
+
+
+def view(scene: Scene, columns: Columns, model: Model, fitted: Fit) -> View:
+    """A fitted model's projections, and every candidate beyond it."""
+    A, r = stacked(scene, model.terms, fitted.at())
+    if fitted.precision is not None:
+        root = prior_root(fitted.terms, fitted.precision)
+        A, r = np.vstack([A, root]), np.concatenate([r, -root @ fitted.theta])
+    kept = fitted.representatives
+    Q, R = np.linalg.qr(A[:, list(kept)])
+    return View(model, fitted, kept, A, Q, R, r, r - Q @ (Q.T @ r), scan(columns, Q))

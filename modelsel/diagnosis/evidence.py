@@ -1,4 +1,5 @@
 """The evidence of every candidate for a residual, and what chance alone would give: Bayes factors, the exact null, p-values."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -6,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from .._typing import Array, Index
-from .errormap import CACHED, Bucket, Scan, Strength, pieces
+from .scan import CACHED, Bucket, Scan, Strength, pieces
 
 RATIOS = np.logspace(0.5, 5.0, 8)   # v / s2, scanned
 SLACK = 1e-3        # in log evidence: far beyond single precision's rounding

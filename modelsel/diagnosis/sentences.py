@@ -1,4 +1,5 @@
 """Findings in a metrologist's words: what, how much, how sure, what else it could be."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -8,8 +9,8 @@ import numpy as np
 from .._typing import Array
 from ..mechanisms.causes import Bump
 from ..mechanisms.terms import LETTERS, Mechanism, Term
-from ..which.candidates import Candidate
-from .extend import Effect
+from .candidates import Candidate
+from .stepwise import Effect
 
 PREFIX = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"))
 MOST_WAVES = 90

@@ -19,9 +19,9 @@ from ..fitting.problem import Scene
 from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Data, Errors, errors
 from ..selection.splits import assign
-from ..which.candidates import Candidate, candidates
-from ..why.extend import Extension, extend
-from ..why.robust import GROSS, LEFT, MOST, far_off, gross
+from .candidates import Candidate, candidates
+from .outliers import GROSS, LEFT, MOST, far_off, gross
+from .stepwise import Extension, extend
 
 OUTLIER_ROUNDS = 3
 SCANNED = 2500      # rows: beyond it the columns of all candidates take a gigabyte and more

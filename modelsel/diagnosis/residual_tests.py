@@ -7,6 +7,7 @@ residual's own rows are always asked too: with signs drawn for whole postures (f
 whatever rows of a posture share stays, and only what is systematic across postures is lost (Freedman & Lane 1983; Winkler et al.
 2014; Cameron, Gelbach & Miller 2008).
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
@@ -15,8 +16,8 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..measurements.measurements import Measurements
-from .errormap import Scan
 from .evidence import by_size, least_p, null_evidence, shares
+from .scan import Scan
 
 DRAWS = (999, 185)  # of a small study and of a large one
 CHUNK = 37          # draws after which a clear answer stops

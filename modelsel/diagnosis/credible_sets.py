@@ -1,4 +1,5 @@
 """Naming one effect: from the evidence of every candidate to a credible set and a verdict."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
@@ -6,9 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .._typing import Array, Index
-from ..which.candidates import Candidate
-from .errormap import Scan
+from .candidates import Candidate
 from .evidence import evidence, factors
+from .scan import Scan
 
 CREDIBLE = 0.95
 LISTED = 20

@@ -4,6 +4,7 @@ A kink or a soft step of one joint looks like a gear's eccentricity at first, th
 passes, and none is the cause. So the findings that act through one joint's own angle are held, together, against a free
 function of that angle, and a free function against a few waves: whichever the data make more probable stands.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -13,9 +14,9 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..fitting.splines import spline
-from ..which.candidates import Candidate
-from .errormap import Columns, basis, scan, subset
+from .candidates import Candidate
 from .evidence import factors
+from .scan import Columns, basis, scan, subset
 
 LONGEST = 4     # waves and the like that one curve may be made of
 

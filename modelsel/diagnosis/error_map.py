@@ -1,4 +1,5 @@
 """The error map as values: places x causes, what each cell alone would explain beyond the base, and by what chance."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -10,8 +11,8 @@ from .._typing import Array
 from ..mechanisms.causes import Bump, Cause
 from ..mechanisms.terms import Mechanism
 from ..robot.rigid import AXES
-from ..which.candidates import Candidate
-from .extend import Extension
+from .candidates import Candidate
+from .stepwise import Extension
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ A candidate is one explanation: one effect with its own coefficients. Registered
 evenly by name (the constants of a scanned one share its part), the cells the rest: physics first, but never only what was
 foreseen.
 """
+
 from __future__ import annotations
 
 import re
@@ -13,6 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
+from .._typing import Array
 from ..fitting.design import Model
 from ..fitting.problem import Scene
 from ..measurements.reference_temperature import TEMPERATURE
@@ -24,6 +26,7 @@ from ..mechanisms.terms import Mechanism, Screw, Term
 from ..robot.gravity import arm_pair, under_gravity
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
+from ..selection.comparison import MOST
 
 REGISTERED = 0.6
 KNOTS = tuple(np.radians(degrees) for degrees in (40.0, 20.0, 10.0, 4.0, 2.0))
@@ -228,3 +231,23 @@ def _distinct(scene: Scene, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
             seen.add(key)
             out.append(m)
     return out
+
+
+def strongest(found: Sequence[Candidate], single_f: Array, named: Sequence[Candidate] = (), most: int = MOST
+              ) -> tuple[tuple[Mechanism, ...], tuple[str, ...]]:
+    """(at most `most` registered mechanisms: the `named`, then those of largest single F, in the registry's order; names of
+    the others). Of a scanned mechanism the best constant, or the named one, stands for it."""
+    best: dict[str, tuple[float, int]] = {}
+    for g, candidate in enumerate(found):
+        f = np.inf if any(candidate is n for n in named) else float(single_f[g])
+        if candidate.registered and f > best.get(candidate.mechanism.name, (0.0, -1))[0]:
+            best[candidate.mechanism.name] = (f, g)
+    ranked = [g for _, g in sorted(best.values(), key=lambda pair: -pair[0])]
+    screws = {g: {t.screws for t in found[g].mechanism.terms} for g in ranked}
+    first = {g for f, g in best.values() if f == np.inf}
+    parts = {g for g in ranked if g not in first and any(screws[g] < screws[h] for h in first)}
+    unions = {g for g in ranked if g not in first
+              and screws[g] == set().union(*(screws[h] for h in ranked if screws[h] < screws[g]))}
+    single = [g for g in ranked if g not in unions | parts]  # gravity-twist is joint2-twist and joint3-twist, no third thing
+    aside = tuple(found[g].mechanism.name for g in ranked if g not in single[:most])
+    return tuple(found[g].mechanism for g in sorted(single[:most])), aside

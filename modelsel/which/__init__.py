@@ -1,1 +1,0 @@
-"""Folds, criteria, subsets, the split, errors and gain, what could be wrong."""

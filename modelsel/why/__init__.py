@@ -1,1 +1,0 @@
-"""Outliers, the scan, credible sets, the loop that extends the model."""
