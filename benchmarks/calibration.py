@@ -25,14 +25,13 @@ from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.kinematics import Joint, Robot, forward
-from modelsel.sure import conditional
-from modelsel.sure import sampling as engine
-from modelsel.sure.components import components
-from modelsel.sure.constants import constants
-from modelsel.sure.posterior import Importance, importance, posterior, weighted
-from modelsel.sure.target import TAIL, Target
 from modelsel.telling.analysis import Result
 from modelsel.telling.study import run
+from modelsel.uncertainty import conditional_priors as conditional
+from modelsel.uncertainty import sampler as engine
+from modelsel.uncertainty.log_posterior import TAIL, Target
+from modelsel.uncertainty.nuisance import components, constants
+from modelsel.uncertainty.posterior import Importance, importance, posterior, weighted
 
 TOOL = np.array([40.0, -25.0, 100.0])
 BINS = 10
@@ -158,7 +157,7 @@ def stepped(at: float) -> Model:
 def snookers(rng: np.random.Generator, d: int = 11) -> list[str]:
     import emcee
 
-    from modelsel.sure.moves import moves
+    from modelsel.uncertainty.mcmc import moves
     spread = []
     for mix in ([(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)], moves()):
         sampler = emcee.EnsembleSampler(48, d, lambda x: -0.5 * np.square(x).sum(1), moves=mix, vectorize=True)

@@ -22,8 +22,8 @@ from scipy.stats import beta, kstest
 
 import modelsel.diagnosis.state
 import modelsel.diagnosis.unexplained
-import modelsel.sure.bootstrap
-import modelsel.sure.parameters
+import modelsel.uncertainty.bootstrap
+import modelsel.uncertainty.parameters
 from modelsel import Model, mechanism
 from modelsel._random import generator
 from modelsel.diagnosis.outliers import misplaced
@@ -37,8 +37,8 @@ from modelsel.mechanisms.registry import every
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Data
 from modelsel.selection.splits import assign
-from modelsel.sure.parameters import parameters, resampled
-from modelsel.sure.significance import nested
+from modelsel.uncertainty.parameters import parameters, resampled
+from modelsel.uncertainty.significance import nested
 
 from .calibration import ARM, TOOL
 
@@ -121,14 +121,14 @@ def take_equal_noise_for_granted() -> None:
     modelsel.diagnosis.state.Search.in_units = lambda self, view: []
     modelsel.diagnosis.state.Search.by_signs = lambda *_: 0.0
     modelsel.diagnosis.unexplained.together = lambda *_: 1.0
-    modelsel.sure.bootstrap.Bootstrap.p_value = lambda *_: 0.0
-    own = modelsel.sure.parameters.bootstrap
+    modelsel.uncertainty.bootstrap.Bootstrap.p_value = lambda *_: 0.0
+    own = modelsel.uncertainty.parameters.bootstrap
 
-    def nothing(*given: object) -> modelsel.sure.bootstrap.Bootstrap:
+    def nothing(*given: object) -> modelsel.uncertainty.bootstrap.Bootstrap:
         """Errors of nought on the degrees of freedom of least squares, whose errors are the larger then."""
         found = own(*given)
         return replace(found, errors=np.zeros_like(found.errors), units=np.full_like(found.units, given[1].freedom + 1))
-    modelsel.sure.parameters.bootstrap = nothing
+    modelsel.uncertainty.parameters.bootstrap = nothing
 
 
 def study(condition: str, seed: Sequence[int]) -> Study:

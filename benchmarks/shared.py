@@ -33,7 +33,7 @@ from modelsel.robot.files import load
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.selection.evaluation import Data
 from modelsel.selection.splits import assign
-from modelsel.sure.parameters import parameters, resampled
+from modelsel.uncertainty.parameters import parameters, resampled
 
 from .calibration import ARM
 from .nulls import interval

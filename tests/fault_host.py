@@ -123,9 +123,9 @@ def run(place: Path, kills: int, rng: np.random.Generator, sampling: bool) -> di
         (place / name).write_bytes(content)
     words = ["study", str(place / "study.toml"), "--no-report", "--out"]
     if sampling:
-        from modelsel.elsewhere import confidence
-        from modelsel.sure import sampling as engine
         from modelsel.telling import checkpoint
+        from modelsel.uncertainty import sampler as engine
+        from modelsel.uncertainty import summary as confidence
         engine.LONG, engine.AGREE, confidence.ROWS, checkpoint.EVERY = 2, 100.0, 0, 0.0
     else:
         words.insert(2, "--no-sampling")

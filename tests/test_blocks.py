@@ -9,7 +9,6 @@ import pytest
 from builders import drawn, planted, study_of
 
 from modelsel.diagnosis.scan import stacked
-from modelsel.elsewhere.confidence import confidence
 from modelsel.fitting import problem as scene
 from modelsel.fitting import reduction as reduce
 from modelsel.fitting.design import Model, residuals
@@ -21,9 +20,10 @@ from modelsel.selection import cross_validation as folds
 from modelsel.selection.comparison import compare
 from modelsel.selection.cross_validation import by_unit, fold
 from modelsel.selection.evaluation import Data, rung
-from modelsel.sure import posterior as closed
-from modelsel.sure import significance
-from modelsel.sure.posterior import posterior, weighted
+from modelsel.uncertainty import posterior as closed
+from modelsel.uncertainty import significance
+from modelsel.uncertainty.posterior import posterior, weighted
+from modelsel.uncertainty.summary import confidence
 
 ARM = load("puma760")
 BASE = Model((mechanism("geometric", ARM),))

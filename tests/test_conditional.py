@@ -9,19 +9,18 @@ from builders import drawn, planted, small_arm, study_of
 from scipy.special import logsumexp
 
 from modelsel._typing import Array
-from modelsel.elsewhere.confidence import Request, target_of
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Scene
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN, mechanism
-from modelsel.sure import sampling as engine
-from modelsel.sure.components import components
-from modelsel.sure.conditional import RATIOS
-from modelsel.sure.constants import constants
-from modelsel.sure.posterior import Importance
-from modelsel.sure.sampling import sample
-from modelsel.sure.target import Target
+from modelsel.uncertainty import sampler as engine
+from modelsel.uncertainty.conditional_priors import RATIOS
+from modelsel.uncertainty.log_posterior import Target
+from modelsel.uncertainty.nuisance import components, constants
+from modelsel.uncertainty.posterior import Importance
+from modelsel.uncertainty.sampler import sample
+from modelsel.uncertainty.summary import Request, target_of
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))

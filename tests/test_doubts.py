@@ -23,10 +23,10 @@ from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Data, Gain, rung
-from modelsel.sure.parameters import resampled
-from modelsel.sure.significance import nested, significance
 from modelsel.telling.findings import Finding, fault_dict, opposed
 from modelsel.telling.left import LackOfFit, lack_of_fit, lacking
+from modelsel.uncertainty.parameters import resampled
+from modelsel.uncertainty.significance import nested, significance
 
 ARM, SIGMA = small_arm(), 0.05
 BASE = Model((mechanism("geometric", ARM),))

@@ -29,9 +29,9 @@ from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.selection.evaluation import Data
-from modelsel.sure.parameters import Parameter, parameters, resampled
-from modelsel.sure.significance import nested
 from modelsel.telling.findings import uneven
+from modelsel.uncertainty.parameters import Parameter, parameters, resampled
+from modelsel.uncertainty.significance import nested
 
 ARM: Robot = replace(small_arm(), gravity=(0.0, 0.0, -1.0))
 BASE = Model((mechanism("geometric", ARM),))

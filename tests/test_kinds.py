@@ -37,8 +37,6 @@ from modelsel.selection.cross_validation import fold as fold_scene
 from modelsel.selection.evaluation import Data
 from modelsel.selection.splits import assign
 from modelsel.selection.streaming import Parts, parts_of
-from modelsel.sure.components import components
-from modelsel.sure.target import Target
 from modelsel.telling.config import parse_study
 from modelsel.telling.inspect import describe
 from modelsel.telling.inspect import sentences as checked
@@ -47,6 +45,8 @@ from modelsel.telling.report.details import details, dumps
 from modelsel.telling.stored import calibration_of
 from modelsel.telling.study import known_features, run
 from modelsel.telling.tables import sentences
+from modelsel.uncertainty.log_posterior import Target
+from modelsel.uncertainty.nuisance import components
 from modelsel.use.calibration import calibration_text, loads, predict
 from modelsel.use.drift import judge
 from modelsel.use.plan import pool

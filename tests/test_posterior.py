@@ -19,7 +19,7 @@ from modelsel.fitting.problem import Scene
 from modelsel.mechanisms.causes import cos, q
 from modelsel.mechanisms.geometry import setup
 from modelsel.mechanisms.registry import mechanism
-from modelsel.sure.posterior import importance, posterior, weighted
+from modelsel.uncertainty.posterior import importance, posterior, weighted
 
 ARM = small_arm()
 MODEL = Model((mechanism("geometric", ARM), mechanism("joint-compliance:2", ARM)))

@@ -15,8 +15,6 @@ from scipy.integrate import quad
 
 from modelsel._typing import Array
 from modelsel.cli import main
-from modelsel.elsewhere.confidence import Request, described, sampled, target_of
-from modelsel.elsewhere.confidence import confidence as certainty
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import Fit, fit
@@ -28,17 +26,17 @@ from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import rpy
-from modelsel.sure import sampling as engine
-from modelsel.sure.components import components
-from modelsel.sure.constants import constants
-from modelsel.sure.correlation import labels
-from modelsel.sure.diagnostics import autocorrelation_time, r_hat
-from modelsel.sure.moves import snooker
-from modelsel.sure.posterior import Importance
-from modelsel.sure.sampling import Sampling, State, sample
-from modelsel.sure.target import TAIL, Target
 from modelsel.telling.checkpoint import Checkpoint
 from modelsel.telling.stored import WRITES
+from modelsel.uncertainty import sampler as engine
+from modelsel.uncertainty.log_posterior import TAIL, Target
+from modelsel.uncertainty.mcmc import autocorrelation_time, r_hat, snooker
+from modelsel.uncertainty.nuisance import components, constants
+from modelsel.uncertainty.parameters import labels
+from modelsel.uncertainty.posterior import Importance
+from modelsel.uncertainty.sampler import Sampling, State, sample
+from modelsel.uncertainty.summary import Request, described, sampled, target_of
+from modelsel.uncertainty.summary import confidence as certainty
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))
@@ -364,7 +362,7 @@ def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
 
 def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, str]:
     """The command; its chains on the QR-reduced data, which take a second."""
-    monkeypatch.setattr("modelsel.elsewhere.confidence.ROWS", 0)
+    monkeypatch.setattr("modelsel.uncertainty.summary.ROWS", 0)
     monkeypatch.setattr(sys, "argv", ["modelsel", *arguments])
     done = CliRunner().invoke(main, list(arguments))
     return done.exit_code, done.output

@@ -12,18 +12,17 @@ from scipy.linalg import sqrtm
 from scipy.stats import binom
 
 from modelsel._json import dumps
-from modelsel.elsewhere.confidence import Request, confidence, sampled
 from modelsel.fitting.design import Model, design, residuals
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.mechanisms.causes import Named, q, sin
 from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.selection.cross_validation import by_unit, fold
 from modelsel.selection.evaluation import Data, rung
-from modelsel.sure.bootstrap import bootstrap, halves, signs
-from modelsel.sure.correlation import correlation, labels
-from modelsel.sure.parameters import difference_notes, parameters, resampled
-from modelsel.sure.posterior import posterior
-from modelsel.sure.significance import Significance, nested, significance, stability
+from modelsel.uncertainty.bootstrap import bootstrap, halves, signs
+from modelsel.uncertainty.parameters import correlation, difference_notes, labels, parameters, resampled
+from modelsel.uncertainty.posterior import posterior
+from modelsel.uncertainty.significance import Significance, nested, significance, stability
+from modelsel.uncertainty.summary import Request, confidence, sampled
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))

@@ -14,13 +14,13 @@ M, STEPS, WALKERS = 80, 15_000, 60
 
 
 def run() -> dict[str, float]:
-    if importlib.util.find_spec("modelsel.sure.posterior") is None:
-        print("posterior: modelsel.sure.posterior is not there; its figure is left out")
+    if importlib.util.find_spec("modelsel.uncertainty.posterior") is None:
+        print("posterior: modelsel.uncertainty.posterior is not there; its figure is left out")
         return {}
     import emcee
 
     from modelsel.fitting.batch import Ensemble
-    from modelsel.sure.posterior import posterior, weighted
+    from modelsel.uncertainty.posterior import posterior, weighted
     scene, model = arm_scene(M)
     fitted = fit(scene, model)
     kept = list(fitted.found.kept)

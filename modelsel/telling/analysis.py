@@ -19,7 +19,6 @@ from ..diagnosis.state import models
 from ..diagnosis.stepwise import Extension
 from ..diagnosis.unexplained import estimated_floor, nothing_else, predictable_left, rows_seen, thinned
 from ..elsewhere.checks import believed, outcome, told_with, turns_believed, unsaid
-from ..elsewhere.confidence import Request, confidence, sampled
 from ..elsewhere.prepare import Plan, prepare, reweigh_rotation
 from ..fitting.design import Model
 from ..fitting.identifiability import unidentifiable
@@ -32,7 +31,8 @@ from ..notices import Note
 from ..robot.kinematics import Robot
 from ..selection.comparison import MOST, Comparison, compare
 from ..selection.evaluation import Data, Gain, Resampled, Rung, paired, rung
-from ..sure.sampling import Keeper
+from ..uncertainty.sampler import Keeper
+from ..uncertainty.summary import Request, confidence, sampled
 from .cautions import restricted, worse_than_nominal
 from .config import Study
 from .findings import Finding, beside, opposed, surprised, uneven

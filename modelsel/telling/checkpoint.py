@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .._files import HIDDEN, write_beside
 from ..exceptions import StudyError
-from ..sure.sampling import State
+from ..uncertainty.sampler import State
 
 EVERY = 5.0      # seconds between two copies; what is written has no part in the result
 WHAT = {"data_sha256": "the measurements", "study_sha256": "the study file", "modelsel": "modelsel's version",

@@ -14,13 +14,13 @@ from ..diagnosis.outliers import Fault
 from ..diagnosis.procedure import Nested
 from ..diagnosis.stepwise import Extension
 from ..diagnosis.unexplained import Predictable
-from ..elsewhere.confidence import Confidence
 from ..fitting.identifiability import Unidentifiable
 from ..fitting.noise import Floor
 from ..notices import HOPELESS, Note
 from ..robot.kinematics import Robot
 from ..selection.comparison import Comparison
 from ..selection.evaluation import Data, Gain, Rung, turned
+from ..uncertainty.summary import Confidence
 from .config import Study
 from .findings import Finding, fault_dict, finding_dict, screws_of
 from .left import Placed, features, lack_of_fit, noise_dict

@@ -9,7 +9,7 @@ from ..diagnosis.error_map import strongest_causes
 from ..exceptions import sentence_list
 from ..notices import ALARMS, HOPELESS, alarms
 from ..selection.evaluation import Errors
-from ..sure.bootstrap import REPLICATES
+from ..uncertainty.bootstrap import REPLICATES
 from .standing import standing_sentences
 from .views import adds
 

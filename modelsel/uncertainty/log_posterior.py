@@ -14,6 +14,7 @@ Priors: flat on coefficients and constants, 1/s on every scale (within a factor 
 coefficients keep their normal prior, its variance held at the most probable one; those that a constant bears on have the scan's
 (`conditional`). Constants of mechanisms of one name keep their order.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -26,9 +27,8 @@ from numpy.typing import NDArray
 from .._typing import Array
 from ..fitting.batch import Ensemble
 from ..fitting.least_squares import Fit
-from .components import Components
-from .conditional import Conditional, conditionals
-from .constants import Constant
+from .conditional_priors import Conditional, conditionals
+from .nuisance import Components, Constant
 from .posterior import posterior
 
 TAIL = "tail 1/ν"

@@ -5,6 +5,7 @@ together (wild cluster bootstrap; Cameron, Gelbach & Miller 2008). Each posture'
 takes from them, (I − H_kk)^(−1/2) (Bell & McCaffrey 2002), so that equal noise gives the analytic errors back. Linear about the
 optimum.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence

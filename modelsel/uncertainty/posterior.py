@@ -7,6 +7,7 @@ where it is Q₀,
 (Gelman et al. 2013, 14.2), so each θ is a t with ν degrees of freedom. A draw's weight is the exact posterior over this one; the
 effective number of draws, (Σw)²/Σw², says how good the linear posterior is.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field

@@ -4,6 +4,7 @@ Moves: differential evolution 0.8, snooker 0.2 (ter Braak 2006; ter Braak & Vrug
 posterior; a third of them draws an inner constant anew where there is one.
 The chain is done when it is longer than 50 autocorrelation times, these are stable, and R-hat is low.
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -13,10 +14,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from .._typing import Array
-from .diagnostics import autocorrelation_time, r_hat
-from .moves import moves
+from .log_posterior import Target
+from .mcmc import autocorrelation_time, moves, r_hat
 from .posterior import Importance
-from .target import Target
 
 if TYPE_CHECKING:
     import pandas as pd

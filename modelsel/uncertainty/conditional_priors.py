@@ -6,6 +6,7 @@ information about them beyond all other coefficients, here averaged over the con
 most probable, over the same ratios. Given the constant, the coefficients are normal up to the chain's curvature; walkers live in
 units of that distribution, so that a walker may change the constant alone and take its coefficients with it.
 """
+
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
@@ -20,7 +21,7 @@ from ..fitting.design import design
 from ..fitting.problem import Scene
 from ..mechanisms.terms import Screw, Term
 from ..robot.rigid import AXES
-from .constants import GRID, Constant
+from .nuisance import GRID, Constant
 
 POINTS = 20_000    # walkers that are worked out together
 

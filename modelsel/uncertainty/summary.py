@@ -1,4 +1,5 @@
 """How sure a study is of its chosen model: what is sampled and how, and everything that stands beside it."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -16,14 +17,23 @@ from ..fitting.noise import Instrument
 from ..mechanisms.registry import Registry
 from ..notices import Note
 from ..selection.evaluation import Data
-from ..sure.components import components, single
-from ..sure.constants import constants
-from ..sure.correlation import Correlation, correlation, free, labels
-from ..sure.parameters import Parameter, difference_notes, displacement, parameters, resampled, with_posterior
-from ..sure.posterior import draws_for, importance, posterior, weighted
-from ..sure.sampling import PER_NAME, WALKERS, Keeper, Sampling, sample
-from ..sure.significance import Significance, significance
-from ..sure.target import TAIL, Target
+from .log_posterior import TAIL, Target
+from .nuisance import components, constants, single
+from .parameters import (
+    Correlation,
+    Parameter,
+    correlation,
+    difference_notes,
+    displacement,
+    free,
+    labels,
+    parameters,
+    resampled,
+    with_posterior,
+)
+from .posterior import draws_for, importance, posterior, weighted
+from .sampler import PER_NAME, WALKERS, Keeper, Sampling, sample
+from .significance import Significance, significance
 
 MOST = {"default": 24, "all": 64}      # coefficients that are sampled; the others are integrated out
 ROWS = 9_000                           # walkers x rows a step, up to which the chain itself is evaluated

@@ -3,6 +3,7 @@
 All linear about the model's optimum: leaving a mechanism out is fitting the other columns to the residual with that mechanism's
 part put back.
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence

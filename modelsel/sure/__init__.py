@@ -1,1 +1,0 @@
-"""Posterior in closed form and by emcee, bootstrap, correlation, what each mechanism matters."""
