@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 from ._version import VERSION
 
 if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_names.py holds the two alike
+    from .config.study_file import Study as Study
+    from .config.study_file import read_study as read_study
     from .exceptions import DataError as DataError
     from .exceptions import ModelselError as ModelselError
     from .exceptions import NotEstimable as NotEstimable
@@ -36,8 +38,6 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
     from .robot.kinematics import screw_field as screw_field
     from .selection.evaluation import gain as gain
     from .selection.splits import choose as choose
-    from .telling.config import Study as Study
-    from .telling.config import read_study as read_study
     from .telling.finished import Result as Result
     from .telling.planning import Planned as Planned
     from .telling.planning import plan_next as plan_next
@@ -69,7 +69,7 @@ _NAMES = {  # a name that is also a module's (fit, scene, extend …) is importe
     "robot.kinematics": "Robot forward screw_field",
     "selection.evaluation": "gain",
     "selection.splits": "choose",
-    "telling.config": "Study read_study",
+    "config.study_file": "Study read_study",
     "telling.finished": "Result",
     "telling.planning": "Planned plan_next",
     "telling.stored": "StoredResult calibration_of load_result report save",

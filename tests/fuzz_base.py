@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from modelsel.config.study_file import parse_study
 from modelsel.robot.files import read_robot
 from modelsel.robot.kinematics import forward
 from modelsel.robot.urdf import write_urdf
-from modelsel.telling.config import parse_study
 from modelsel.telling.stored import save
 from modelsel.telling.study import run, simulate_study
 

@@ -15,11 +15,11 @@ from hidden_arm import Arm, Effect, State, arm, geometry, measured, off
 from hidden_effects import at as acting
 from hidden_effects import one
 
+from modelsel.config.study_file import parse_study
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.kinematics import Robot
 from modelsel.telling.analysis import Question, Result, analyse
-from modelsel.telling.config import parse_study
 from modelsel.telling.study import candidates_of, plan_of
 
 ROBOT: Robot = replace(small_arm(), gravity=(0.0, 0.0, -1.0))

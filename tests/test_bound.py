@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from builders import drawn, one, planted, study_of
 
+from modelsel.config.study_file import parse_study
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.reduction import reduce
@@ -17,7 +18,6 @@ from modelsel.selection.comparison import compare
 from modelsel.selection.criteria import bic
 from modelsel.selection.cross_validation import pad
 from modelsel.selection.subsets import all_subsets
-from modelsel.telling.config import parse_study
 from modelsel.telling.result import candidates_dict
 
 N = 240

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from builders import drawn, planted
 
+from modelsel.config.study_file import read_study
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import fit
@@ -21,7 +22,6 @@ from modelsel.mechanisms.serialization import cause_of, cause_record
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.selection.evaluation import Data
-from modelsel.telling.config import read_study
 from modelsel.telling.stored import calibration_of, save
 from modelsel.telling.study import run
 from modelsel.use.calibration import (

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from builders import bind, measured, seeds, small_arm, study_of
 
+from modelsel.config.study_file import read_study
 from modelsel.diagnosis.candidates import Candidate, candidates
 from modelsel.diagnosis.procedure import explain
 from modelsel.diagnosis.sentences import cautions
@@ -22,7 +23,6 @@ from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Gain
 from modelsel.telling.cautions import restricted, worse_than_nominal
-from modelsel.telling.config import read_study
 from modelsel.telling.study import run
 
 STUDY = Path(__file__).parent.parent / "studies" / "puma760"

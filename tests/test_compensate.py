@@ -13,6 +13,7 @@ from hidden_engine import Engine
 from test_calibration import wide
 
 from modelsel.cli import main
+from modelsel.config.study_file import parse_study
 from modelsel.exceptions import DataError
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import measurements
@@ -21,7 +22,6 @@ from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_quaternion
-from modelsel.telling.config import parse_study
 from modelsel.telling.stored import calibration_of
 from modelsel.telling.study import run
 from modelsel.use.calibration import calibration_text, predict

@@ -15,6 +15,7 @@ from test_calibration import wide
 from test_robots import screw_x, screw_z
 
 from modelsel.cli import main
+from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
@@ -27,7 +28,6 @@ from modelsel.robot.kinematics import Joint, Robot, forward, pose
 from modelsel.robot.rigid import rpy, to_rpy, transform
 from modelsel.robot.urdf import read_urdf_text, write_urdf
 from modelsel.selection.evaluation import Data
-from modelsel.telling.config import parse_study
 from modelsel.use.calibration import calibrate, calibration_text, predict
 from modelsel.use.carried import alone, parts, points, workspace
 from modelsel.use.export import FORMS, export

@@ -18,6 +18,8 @@ from pypdf import PdfReader
 
 from modelsel._files import claimed
 from modelsel.cli import main
+from modelsel.config.fleet_file import read_fleet
+from modelsel.config.study_file import read_study
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
@@ -27,9 +29,7 @@ from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.selection.streaming import Parts, fit_parts, parts_of
 from modelsel.telling import fleet as fleets
-from modelsel.telling.config import read_study
 from modelsel.telling.fleet import cluster, run_fleet, save_summary
-from modelsel.telling.fleetfile import read_fleet
 from modelsel.telling.stored import WRITES, load_result
 from modelsel.telling.study import run
 

@@ -23,6 +23,8 @@ from hostile import NAMES, REFUSED
 
 from modelsel._names import guarded, unfit, unguarded
 from modelsel.cli import main
+from modelsel.config.fleet_file import read_fleet
+from modelsel.config.study_file import Study, parse_study
 from modelsel.exceptions import DataError, ModelselError, StudyError
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.causes import q, sin
@@ -30,8 +32,6 @@ from modelsel.mechanisms.registry import unsound
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.urdf import read_urdf_text
-from modelsel.telling.config import Study, parse_study
-from modelsel.telling.fleetfile import read_fleet
 from modelsel.telling.report import drawing
 from modelsel.telling.report.html import page as page_of
 from modelsel.telling.stored import load_result

@@ -11,6 +11,7 @@ import pytest
 from gauged import ANCHORS, NOISE, TOOL, Campaign, hold
 from hidden_effects import at, one
 
+from modelsel.config.study_file import parse_study
 from modelsel.diagnosis.outliers import gross, scale_of
 from modelsel.diagnosis.procedure import explain
 from modelsel.elsewhere.prepare import Plan, prepare
@@ -37,7 +38,6 @@ from modelsel.selection.cross_validation import fold as fold_scene
 from modelsel.selection.evaluation import Data
 from modelsel.selection.splits import assign
 from modelsel.selection.streaming import Parts, parts_of
-from modelsel.telling.config import parse_study
 from modelsel.telling.inspect import describe
 from modelsel.telling.inspect import sentences as checked
 from modelsel.telling.left import lack_of_fit, lacking

@@ -6,12 +6,12 @@ import pandas as pd
 import pytest
 from builders import drawn, one, planted
 
+from modelsel.config.study_file import parse_study
 from modelsel.diagnosis import procedure as explain
 from modelsel.measurements.measurements import blocks
 from modelsel.mechanisms.causes import q
 from modelsel.selection import evaluation as validate
 from modelsel.selection.evaluation import gain
-from modelsel.telling.config import parse_study
 from modelsel.telling.study import run
 
 STUDY = """

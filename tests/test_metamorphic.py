@@ -18,6 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from modelsel.config.study_file import parse_study
 from modelsel.fitting.problem import scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import Named, q, sin
@@ -25,7 +26,6 @@ from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.telling.analysis import Result
-from modelsel.telling.config import parse_study
 from modelsel.telling.study import run
 
 DH = ((10.0, 300.0, 50.0, -90.0), (-20.0, 20.0, 400.0, 15.0), (30.0, 40.0, 80.0, 80.0))    # deg, mm, mm, deg

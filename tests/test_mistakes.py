@@ -15,6 +15,7 @@ from click.testing import CliRunner
 
 from modelsel._typing import Array
 from modelsel.cli import main
+from modelsel.config.study_file import read_study
 from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.exceptions import DataError
 from modelsel.fitting.problem import Scene
@@ -26,7 +27,6 @@ from modelsel.robot.files import load
 from modelsel.robot.rigid import rpy
 from modelsel.setup.mistakes import mistake
 from modelsel.setup.registration import register
-from modelsel.telling.config import read_study
 from modelsel.telling.report.front import opening
 from modelsel.telling.study import asked, run
 from modelsel.telling.tables import sentences

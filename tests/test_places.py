@@ -4,13 +4,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from modelsel.config.study_file import Study
 from modelsel.elsewhere.simulate import simulate
 from modelsel.exceptions import DataError
 from modelsel.measurements.measurements import measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load
 from modelsel.telling import tables
-from modelsel.telling.config import Study
 from modelsel.telling.report import drawing
 from modelsel.telling.report.document import book
 from modelsel.telling.stored import save

@@ -14,12 +14,12 @@ from click.testing import CliRunner
 
 from modelsel import read_study, run, simulate_study
 from modelsel.cli import main
+from modelsel.config.study_file import ModelTable
 from modelsel.exceptions import StudyError
 from modelsel.mechanisms.causes import Named, Number, q
 from modelsel.mechanisms.registry import BUILTIN, mechanism, unsound, with_plugins
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
-from modelsel.telling.config import ModelTable
 from modelsel.testing import LawBroken, broken, check_mechanism
 from modelsel.use.calibration import load_calibration
 from modelsel.use.skeleton import skeleton, table, tried

@@ -20,12 +20,12 @@ from test_floors import DOOR, FLOORS, PACKAGE
 
 import modelsel
 from modelsel.cli import COMMANDS, main
+from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import design, residuals
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import BUILTIN, Registry, parts, with_plugins
 from modelsel.robot.files import load
-from modelsel.telling.config import parse_study
 from modelsel.telling.tables import show
 
 ROOT = Path(__file__).parents[1]

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from modelsel.config.study_file import read_study
 from modelsel.telling.analysis import Result
-from modelsel.telling.config import read_study
 from modelsel.telling.study import run
 
 STUDIES = Path(__file__).parents[1] / "studies"

@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from test_calibration import wide
 
 from modelsel.cli import main
+from modelsel.config.study_file import parse_study, read_study
 from modelsel.exceptions import StudyError
 from modelsel.measurements.measurements import measurements
 from modelsel.measurements.reference_temperature import reference
@@ -22,7 +23,6 @@ from modelsel.mechanisms.registry import BUILTIN, counted_from, mechanism
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.robot.urdf import read_urdf_text
-from modelsel.telling.config import parse_study, read_study
 from modelsel.telling.finished import Result
 from modelsel.telling.stored import calibration_of
 from modelsel.telling.study import run

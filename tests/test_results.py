@@ -12,10 +12,10 @@ from builders import OFF_AXIS, one, planted, small_arm
 from builders import drawn as scene_of
 
 from modelsel import Study, calibration_of, load_result, report, run, save
+from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.mechanisms.causes import q
 from modelsel.robot.files import load
-from modelsel.telling.config import parse_study
 from modelsel.telling.finished import Result
 from modelsel.telling.stored import RESIDUALS, WRITES
 from modelsel.telling.views import TABLES

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from modelsel.config.fleet_file import read_fleet
+from modelsel.config.study_file import read_study
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
-from modelsel.telling.config import read_study
 from modelsel.telling.fleet import cluster, run_fleet
-from modelsel.telling.fleetfile import read_fleet
 from modelsel.telling.stored import save
 from modelsel.telling.study import run as alone
 

@@ -10,9 +10,9 @@ from pydantic import BaseModel
 
 import modelsel
 from modelsel.cli import COMMANDS, main
+from modelsel.config.fleet_file import FleetFile
+from modelsel.config.study_file import Held, Study
 from modelsel.robot.kinematics import Robot
-from modelsel.telling.config import Held, Study
-from modelsel.telling.fleetfile import FleetFile
 
 
 def commands() -> str:

@@ -24,8 +24,8 @@ def plan(study: Path, pool_file: Path | None, limits: bool, joints: tuple[str, .
          size: float | None, out: Path | None, as_json: bool) -> None:
     """What to measure next: what best tells a study's rival explanations apart, or determines its parameters."""
     from .._files import csv_bytes, write_beside
+    from ..config.study_file import read_study
     from ..mechanisms.registry import with_plugins
-    from ..telling.config import read_study
     from ..telling.planning import plan_next, sentences
     from ..telling.study import robot_of, run
     from ..use.plan import more_needed

@@ -29,10 +29,10 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     """Run a study: what is wrong, the ladder of models, the gain on held-out configurations."""
     gc.set_threshold(COLLECT)     # a study makes many small values and drops few: looking for lost ones costs a twentieth of it
     from .._files import check_writable, claimed
+    from ..config.study_file import read_study
     from ..exceptions import StudyError
     from ..mechanisms.registry import with_plugins
     from ..telling.checkpoint import Checkpoint
-    from ..telling.config import read_study
     from ..telling.report.drawing import draw
     from ..telling.stored import WRITES, save
     from ..telling.study import rehearse, robot_of, run

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from .._random import generator
 from .._typing import Say
 from .._version import VERSION
+from ..config.study_file import Study
 from ..diagnosis.candidates import Candidate, strongest
 from ..diagnosis.error_map import error_map
 from ..diagnosis.outliers import misplaced
@@ -34,7 +35,6 @@ from ..selection.evaluation import Data, Gain, Resampled, Rung, paired, rung
 from ..uncertainty.sampler import Keeper
 from ..uncertainty.summary import Request, confidence, sampled
 from .cautions import restricted, worse_than_nominal
-from .config import Study
 from .findings import Finding, beside, opposed, surprised, uneven
 from .finished import Result
 from .left import held_out_outliers, lack_of_fit, lacking, per_row, remeasured

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import NDArray
 
 from .._json import plain
+from ..config.study_file import Study
 from ..diagnosis.error_map import ErrorMap
 from ..diagnosis.outliers import Fault
 from ..diagnosis.procedure import Nested
@@ -21,7 +22,6 @@ from ..robot.kinematics import Robot
 from ..selection.comparison import Comparison
 from ..selection.evaluation import Data, Gain, Rung, turned
 from ..uncertainty.summary import Confidence
-from .config import Study
 from .findings import Finding, fault_dict, finding_dict, screws_of
 from .left import Placed, features, lack_of_fit, noise_dict
 from .result import candidates_dict, rung_dict

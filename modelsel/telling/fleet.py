@@ -17,14 +17,14 @@ from typing import TYPE_CHECKING, Any
 
 from .._files import claimed, csv_bytes, write_beside
 from .._json import dumps
+from ..config.fleet_file import Fleet, PartsTable, Task, matching
+from ..config.study_file import find_data
 from ..exceptions import CHECK_FAILED, DataError, ModelselError, StudyError
 from ..fitting.design import Model
 from ..mechanisms.registry import mechanism, with_plugins
 from ..robot.files import builtin_names, load, read_robot
 from ..selection.streaming import Parts, fit_parts, parts_of
 from .analysis import provenance
-from .config import find_data
-from .fleetfile import Fleet, PartsTable, Task, matching
 from .report.drawing import draw
 from .report.fleet import summary
 from .stored import WRITES, save

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .._random import generator
 from .._typing import Say
+from ..config.study_file import Study, data_of, read_study
 from ..elsewhere.prepare import Plan, prepare, tools_of
 from ..elsewhere.simulate import simulate, simulate_rows
 from ..exceptions import DataError, StudyError
@@ -26,7 +27,6 @@ from ..robot.files import load, read_robot
 from ..robot.kinematics import Robot
 from .analysis import Question, analyse, provenance, with_sampling
 from .checkpoint import Checkpoint
-from .config import Study, data_of, read_study
 from .finished import Result
 
 if TYPE_CHECKING:

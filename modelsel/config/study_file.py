@@ -1,4 +1,5 @@
 """A study: frozen values, from TOML or from Python; every problem is said at once, each with its place."""
+
 from __future__ import annotations
 
 import os
@@ -17,7 +18,7 @@ from ..exceptions import StudyError, suggest
 from ..measurements.table import Source, digest
 from ..robot.files import named, robot_record
 from ..robot.kinematics import Robot
-from .wording import plain_values, wording
+from .messages import plain_values, wording
 
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]

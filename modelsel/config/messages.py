@@ -1,4 +1,5 @@
 """Values of study and fleet files as their schemas want them, and what is wrong with one, in words of the file."""
+
 from __future__ import annotations
 
 import os

@@ -1,4 +1,5 @@
 """The fleet file: TOML -> the studies of one job, and measurements in pieces; every problem of a file is said at once."""
+
 from __future__ import annotations
 
 import os
@@ -13,8 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from .._names import unfit
 from .._text import read_text, toml
 from ..exceptions import StudyError, suggest
-from .config import FileName, Name, Study, Vector, find_data, read_study
-from .wording import plain_values, wording
+from .messages import plain_values, wording
+from .study_file import FileName, Name, Study, Vector, find_data, read_study
 
 # One part of a path on any system, not hidden, and not a name that Windows keeps for a device or the summary has.
 FOLDER = re.compile(r"(?!(?:con|prn|aux|nul|(?:com|lpt)[0-9\xb9\xb2\xb3]|summary)(?:\.|$))"
