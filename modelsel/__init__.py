@@ -10,6 +10,10 @@ from typing import TYPE_CHECKING, Any
 from ._version import VERSION
 
 if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_names.py holds the two alike
+    from .calibration.calibration import Calibration as Calibration
+    from .calibration.calibration import predict as predict
+    from .calibration.compensation import correct as correct
+    from .calibration.storage import load_calibration as load_calibration
     from .config.study_file import Study as Study
     from .config.study_file import read_study as read_study
     from .exceptions import DataError as DataError
@@ -49,14 +53,11 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
     from .telling.study import rehearse as rehearse
     from .telling.study import run as run
     from .telling.study import simulate_study as simulate_study
-    from .use.calibration import Calibration as Calibration
-    from .use.calibration import load_calibration as load_calibration
-    from .use.calibration import predict as predict
-    from .use.compensate import correct as correct
 
 __version__ = VERSION
 
 _NAMES = {  # a name that is also a module's (fit, scene, extend …) is imported from there: from modelsel.fitting.fit import fit
+    "config.study_file": "Study read_study",
     "exceptions": "DataError ModelselError NotEstimable StudyError",
     "fitting.design": "Model residuals",
     "fitting.least_squares": "Fit",
@@ -69,13 +70,13 @@ _NAMES = {  # a name that is also a module's (fit, scene, extend …) is importe
     "robot.kinematics": "Robot forward screw_field",
     "selection.evaluation": "gain",
     "selection.splits": "choose",
-    "config.study_file": "Study read_study",
     "telling.finished": "Result",
     "telling.planning": "Planned plan_next",
     "telling.stored": "StoredResult calibration_of load_result report save",
     "telling.study": "rehearse run simulate_study",
-    "use.calibration": "Calibration load_calibration predict",
-    "use.compensate": "correct",
+    "calibration.calibration": "Calibration predict",
+    "calibration.storage": "load_calibration",
+    "calibration.compensation": "correct",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 from builders import drawn, planted
 
+from modelsel.calibration.calibration import Calibration, calibrate, in_tracker, predict, uncertainty
+from modelsel.calibration.refitting import refitted
+from modelsel.calibration.storage import NAME, calibration_text, load_calibration, loads
 from modelsel.config.study_file import read_study
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.design import Model, residuals
@@ -24,18 +27,6 @@ from modelsel.robot.files import load
 from modelsel.selection.evaluation import Data
 from modelsel.telling.stored import calibration_of, save
 from modelsel.telling.study import run
-from modelsel.use.calibration import (
-    NAME,
-    Calibration,
-    calibrate,
-    calibration_text,
-    in_tracker,
-    load_calibration,
-    loads,
-    predict,
-    uncertainty,
-)
-from modelsel.use.refit import refitted
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"
 

@@ -12,6 +12,9 @@ from hidden_arm import arm
 from hidden_engine import Engine
 from test_calibration import wide
 
+from modelsel.calibration.calibration import predict
+from modelsel.calibration.compensation import BOUND, commanded, compensate, correct, from_order, nominal, outside, refuse
+from modelsel.calibration.storage import calibration_text
 from modelsel.cli import main
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import DataError
@@ -24,8 +27,6 @@ from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_quaternion
 from modelsel.telling.stored import calibration_of
 from modelsel.telling.study import run
-from modelsel.use.calibration import calibration_text, predict
-from modelsel.use.compensate import BOUND, commanded, compensate, correct, from_order, nominal, outside, refuse
 
 NOISE = 0.06
 STUDY = """name = "engine"
@@ -84,7 +85,7 @@ def test_orientation_is_kept_where_wanted(made, rng) -> None:
     kept = compensate(c, replace(data, rotation=wanted))
     assert kept.reached.mean() > 0.9
     def turned(found) -> np.ndarray:
-        from modelsel.use.calibration import pose_of
+        from modelsel.calibration.calibration import pose_of
         R = pose_of(commanded(c.scene(data), found.q), c.terms, c.theta).rotation.transpose(2, 0, 1)
         return np.arccos(np.clip((np.einsum("mij,mij->m", R, wanted) - 1) / 2, -1, 1))
     assert np.median(turned(kept)) < 1e-5 < np.median(turned(free))
@@ -200,10 +201,10 @@ def test_command(made, tmp_path) -> None:
 
 def test_a_slide_is_compensated(rng) -> None:
     """A joint that slides takes part."""
+    from modelsel.calibration.calibration import calibrate
     from modelsel.fitting.least_squares import fit
     from modelsel.fitting.noise import Floor
     from modelsel.selection.evaluation import Data
-    from modelsel.use.calibration import calibrate
     puma = load("puma760")
     joints = [replace(j, prismatic=k == 2, limits=(0.0, 300.0) if k == 2 else j.limits) for k, j in enumerate(puma.joints)]
     robot = replace(puma, joints=tuple(joints))
@@ -272,7 +273,7 @@ def test_orientation_errors_are_said(made, tmp_path) -> None:
     pose_at = c.scene(replace(data, rotation=np.tile(np.eye(3), (39, 1, 1)))).pose(slice(0, 39))
     wanted = pose_at.rotation.transpose(2, 0, 1)
     found, free = compensate(c, replace(data, rotation=wanted)), compensate(c, data)
-    from modelsel.use.calibration import pose_of
+    from modelsel.calibration.calibration import pose_of
     def off(q: np.ndarray) -> np.ndarray:
         R = pose_of(commanded(c.scene(replace(data, rotation=wanted)), q), c.terms, c.theta).rotation.transpose(2, 0, 1)
         return 2 * np.arcsin(np.clip(np.linalg.norm(R - wanted, axis=(1, 2)) / np.sqrt(8), 0, 1))

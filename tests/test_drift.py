@@ -9,6 +9,11 @@ import pytest
 from builders import drawn, measured, planted
 from click.testing import CliRunner
 
+from modelsel.calibration.calibration import Calibration, calibrate
+from modelsel.calibration.campaigns import compare, holm, sentences
+from modelsel.calibration.storage import calibration_text
+from modelsel.calibration.validation import judge
+from modelsel.calibration.validation import sentences as told
 from modelsel.cli import main
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.design import Model
@@ -21,10 +26,6 @@ from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load
 from modelsel.robot.rigid import rpy
 from modelsel.selection.evaluation import Data
-from modelsel.use.calibration import Calibration, calibrate, calibration_text
-from modelsel.use.campaigns import compare, holm, sentences
-from modelsel.use.drift import judge
-from modelsel.use.drift import sentences as told
 
 NOISE = 0.05
 ROBOT = load("puma760")

@@ -14,6 +14,10 @@ from click.testing import CliRunner
 from test_calibration import wide
 from test_robots import screw_x, screw_z
 
+from modelsel.calibration.calibration import calibrate, predict
+from modelsel.calibration.constant_part import alone, parts, points, workspace
+from modelsel.calibration.export import FORMS, export
+from modelsel.calibration.storage import calibration_text
 from modelsel.cli import main
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
@@ -28,9 +32,6 @@ from modelsel.robot.kinematics import Joint, Robot, forward, pose
 from modelsel.robot.rigid import rpy, to_rpy, transform
 from modelsel.robot.urdf import read_urdf_text, write_urdf
 from modelsel.selection.evaluation import Data
-from modelsel.use.calibration import calibrate, calibration_text, predict
-from modelsel.use.carried import alone, parts, points, workspace
-from modelsel.use.export import FORMS, export
 
 
 @pytest.fixture(scope="module")

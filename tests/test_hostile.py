@@ -22,6 +22,11 @@ from fuzz_base import ROBOT, STUDY, base_files
 from hostile import NAMES, REFUSED
 
 from modelsel._names import guarded, unfit, unguarded
+from modelsel.calibration.calibration import predict
+from modelsel.calibration.constant_part import workspace
+from modelsel.calibration.export import FORMS, export
+from modelsel.calibration.export.python import data_in, module_of
+from modelsel.calibration.storage import loads
 from modelsel.cli import main
 from modelsel.config.fleet_file import read_fleet
 from modelsel.config.study_file import Study, parse_study
@@ -35,10 +40,6 @@ from modelsel.robot.urdf import read_urdf_text
 from modelsel.telling.report import drawing
 from modelsel.telling.report.html import page as page_of
 from modelsel.telling.stored import load_result
-from modelsel.use.calibration import loads, predict
-from modelsel.use.carried import workspace
-from modelsel.use.export import FORMS, export
-from modelsel.use.module import data_in, module_of
 
 SIGNS = "=+-@\t\r\uff1d\uff0b\uff0d\uff20"
 INSIDE = re.compile(r"[\x00-\x09\x0b-\x1f\x7f\x85\u2028\u2029\u061c\u200b\u200e\u200f\u202a-\u202e\u2066-\u2069\ufeff]")

@@ -11,6 +11,10 @@ import pytest
 from gauged import ANCHORS, NOISE, TOOL, Campaign, hold
 from hidden_effects import at, one
 
+from modelsel.calibration.calibration import predict
+from modelsel.calibration.experiment_design import pool
+from modelsel.calibration.storage import calibration_text, loads
+from modelsel.calibration.validation import judge
 from modelsel.config.study_file import parse_study
 from modelsel.diagnosis.outliers import gross, scale_of
 from modelsel.diagnosis.procedure import explain
@@ -47,9 +51,6 @@ from modelsel.telling.study import known_features, run
 from modelsel.telling.tables import sentences
 from modelsel.uncertainty.log_posterior import Target
 from modelsel.uncertainty.nuisance import components
-from modelsel.use.calibration import calibration_text, loads, predict
-from modelsel.use.drift import judge
-from modelsel.use.plan import pool
 
 ARM = [False] * 6
 PUMA = load("puma760")

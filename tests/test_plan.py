@@ -12,15 +12,7 @@ from click.testing import CliRunner
 
 from modelsel import Study, plan_next
 from modelsel import run as study_run
-from modelsel.cli import main
-from modelsel.commands.plan import PURPOSES
-from modelsel.exceptions import DataError, StudyError
-from modelsel.fitting.design import design
-from modelsel.mechanisms.registry import mechanism, parts
-from modelsel.mechanisms.terms import Term
-from modelsel.robot.files import load
-from modelsel.robot.kinematics import forward
-from modelsel.use.plan import (
+from modelsel.calibration.experiment_design import (
     CRITERIA,
     Pool,
     Rivals,
@@ -34,6 +26,14 @@ from modelsel.use.plan import (
     tell_apart,
     told_with,
 )
+from modelsel.cli import main
+from modelsel.commands.plan import PURPOSES
+from modelsel.exceptions import DataError, StudyError
+from modelsel.fitting.design import design
+from modelsel.mechanisms.registry import mechanism, parts
+from modelsel.mechanisms.terms import Term
+from modelsel.robot.files import load
+from modelsel.robot.kinematics import forward
 
 ROBOT = load("puma760")
 GEOMETRY = mechanism("geometric", ROBOT)
@@ -281,11 +281,11 @@ def test_every_target_is_seen_at_every_configuration(rng) -> None:
 
 def load_calibration_like(at):
     """A calibration of the geometry alone, for its robot."""
+    from modelsel.calibration.calibration import calibrate
     from modelsel.fitting.design import Model
     from modelsel.fitting.least_squares import fit
     from modelsel.fitting.noise import Floor
     from modelsel.selection.evaluation import Data
-    from modelsel.use.calibration import calibrate
     rows = np.ones(len(at), bool)
     return calibrate("plan", Data(at, rows, ~rows, np.zeros(len(at), np.intp), True), fit(at, Model((GEOMETRY,))),
                      Floor(SIGMA, "stated"), None, False, {})

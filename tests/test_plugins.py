@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from modelsel import read_study, run, simulate_study
+from modelsel.calibration.storage import load_calibration
 from modelsel.cli import main
 from modelsel.config.study_file import ModelTable
 from modelsel.exceptions import StudyError
@@ -21,7 +22,6 @@ from modelsel.mechanisms.registry import BUILTIN, mechanism, unsound, with_plugi
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.testing import LawBroken, broken, check_mechanism
-from modelsel.use.calibration import load_calibration
 from modelsel.use.skeleton import skeleton, table, tried
 
 PUMA = load("puma760")

@@ -12,6 +12,10 @@ import pytest
 from click.testing import CliRunner
 from test_calibration import wide
 
+from modelsel.calibration.calibration import Calibration
+from modelsel.calibration.constant_part import alone, constants
+from modelsel.calibration.export import FORMS, export
+from modelsel.calibration.storage import calibration_text, loads
 from modelsel.cli import main
 from modelsel.config.study_file import parse_study, read_study
 from modelsel.exceptions import StudyError
@@ -26,9 +30,6 @@ from modelsel.robot.urdf import read_urdf_text
 from modelsel.telling.finished import Result
 from modelsel.telling.stored import calibration_of
 from modelsel.telling.study import run
-from modelsel.use.calibration import Calibration, calibration_text, loads
-from modelsel.use.carried import alone, constants
-from modelsel.use.export import FORMS, export
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"
 NOISE = 0.02

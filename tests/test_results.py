@@ -12,6 +12,7 @@ from builders import OFF_AXIS, one, planted, small_arm
 from builders import drawn as scene_of
 
 from modelsel import Study, calibration_of, load_result, report, run, save
+from modelsel.calibration.storage import calibration_text
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.mechanisms.causes import q
@@ -19,7 +20,6 @@ from modelsel.robot.files import load
 from modelsel.telling.finished import Result
 from modelsel.telling.stored import RESIDUALS, WRITES
 from modelsel.telling.views import TABLES
-from modelsel.use.calibration import calibration_text
 
 TOML = """name = "arm <b>7</b>"
 seed = 5

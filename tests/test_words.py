@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from modelsel.calibration.compensation import Commands
 from modelsel.cli import main
 from modelsel.commands.compensate import _sentence
 from modelsel.diagnosis.sentences import amount, quantity
@@ -19,7 +20,6 @@ from modelsel.telling.report.evidence import _quantiles, significance
 from modelsel.telling.report.figures.finding import height
 from modelsel.telling.report.findings import separation
 from modelsel.telling.views import adds
-from modelsel.use.compensate import Commands
 
 
 @pytest.mark.parametrize(("value", "error", "unit", "said"), [

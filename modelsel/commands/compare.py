@@ -16,9 +16,9 @@ def compare(before: Path, after: Path, as_json: bool) -> None:
     """What changed between two campaigns, each a study's folder, result.json or calibration.json."""
     from dataclasses import asdict
 
-    from ..use.calibration import load_calibration
-    from ..use.campaigns import compare as compared
-    from ..use.campaigns import sentences
+    from ..calibration.campaigns import compare as compared
+    from ..calibration.campaigns import sentences
+    from ..calibration.storage import load_calibration
     found = compared(load_calibration(before), load_calibration(after))
     if as_json:
         print_json({"sentences": sentences(found), **asdict(found)})

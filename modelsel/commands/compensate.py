@@ -12,7 +12,7 @@ from ..exceptions import CHECK_FAILED
 from . import mapped, print_json
 
 if TYPE_CHECKING:
-    from ..use.compensate import Commands
+    from ..calibration.compensation import Commands
 
 
 @click.command()
@@ -33,10 +33,11 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
     the units that they were given in.
     """
     from .._files import write_frame
+    from ..calibration.calibration import predict
+    from ..calibration.compensation import at_limits, commands_frame, from_order, outside, refuse
+    from ..calibration.compensation import compensate as corrected
+    from ..calibration.storage import load_calibration
     from ..measurements.reader import read_measurements
-    from ..use.calibration import load_calibration, predict
-    from ..use.compensate import at_limits, commands_frame, from_order, outside, refuse
-    from ..use.compensate import compensate as corrected
     c = load_calibration(result)
     data = read_measurements(targets, c.robot.prismatic, columns, positions=False, once=False)
     made, said = corrected(c, data), [*outside(c, data), *from_order(c, data)]
@@ -79,7 +80,7 @@ def _figures(made: Commands) -> dict[str, Any]:
 
 
 def _sentence(made: Commands, slides: NDArray[np.bool_]) -> str:
-    from ..use.compensate import REACHED_MM
+    from ..calibration.compensation import REACHED_MM
     before = f"{made.before_mm.mean():.3f} mm on average and {made.before_mm.max():.3f} mm at most"
     left = "" if made.left_mm.max() <= REACHED_MM else f" and {made.left_mm.mean():.3f} mm from what the commands leave"
     after = f"{made.expected_mm.mean():.3f} mm as measured is expected, {made.model_mm.mean():.3f} mm of it from the model{left}"

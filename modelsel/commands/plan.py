@@ -24,11 +24,11 @@ def plan(study: Path, pool_file: Path | None, limits: bool, joints: tuple[str, .
          size: float | None, out: Path | None, as_json: bool) -> None:
     """What to measure next: what best tells a study's rival explanations apart, or determines its parameters."""
     from .._files import csv_bytes, write_beside
+    from ..calibration.experiment_design import more_needed
     from ..config.study_file import read_study
     from ..mechanisms.registry import with_plugins
     from ..telling.planning import plan_next, sentences
     from ..telling.study import robot_of, run
-    from ..use.plan import more_needed
     own = dict(map(_range, joints))
     if pool_file is not None and (limits or own):
         raise click.UsageError("--pool gives the configurations themselves: leave --limits and --joint out.")

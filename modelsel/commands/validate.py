@@ -17,10 +17,10 @@ from . import mapped, print_json
 @click.option("--json", "as_json", is_flag=True)
 def validate(result: Path, data: Path, register: bool, columns: dict[str, str], as_json: bool) -> None:
     """Whether a stored calibration still holds on new measurements; nothing of it is refitted."""
+    from ..calibration.compensation import outside
+    from ..calibration.storage import load_calibration
+    from ..calibration.validation import judge, sentences
     from ..measurements.reader import read_measurements
-    from ..use.calibration import load_calibration
-    from ..use.compensate import outside
-    from ..use.drift import judge, sentences
     c = load_calibration(result)
     measured = read_measurements(data, c.robot.prismatic, columns)
     found = judge(c, measured, register)

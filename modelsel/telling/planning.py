@@ -9,6 +9,8 @@ import numpy as np
 
 from .._random import generator
 from .._typing import Array
+from ..calibration.calibration import Calibration
+from ..calibration.experiment_design import RIVALS, Rivals, determine, distinct, indices, more_needed, pool, tell_apart, told_with
 from ..diagnosis.stepwise import Effect
 from ..exceptions import StudyError, suggest
 from ..measurements.columns import READINGS, UNITS
@@ -17,8 +19,6 @@ from ..measurements.reader import read_measurements
 from ..measurements.table import Source
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Robot
-from ..use.calibration import Calibration
-from ..use.plan import RIVALS, Rivals, determine, distinct, indices, more_needed, pool, tell_apart, told_with
 from .finished import Result
 from .stored import calibration_of
 

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._files import write_all
+from ..calibration.calibration import Calibration, calibrate
+from ..calibration.refitting import refitted
+from ..calibration.storage import NAME, calibration_text, load_calibration
 from ..exceptions import StudyError
 from ..measurements.table import damaged
-from ..use.calibration import NAME, Calibration, calibrate, calibration_text, load_calibration
-from ..use.refit import refitted
 from .finished import Result
 from .report.details import details
 from .report.details import dumps as compact

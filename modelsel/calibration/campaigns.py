@@ -4,6 +4,7 @@ Two fits choose their own representatives of what the data cannot tell apart, so
 both are expressed in one set of representatives on common configurations (identify.relation), where the difference and its
 covariance are tested, corrected for their number (Holm 1979). What moved is then said in the fewest terms that explain it.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -18,8 +19,8 @@ from ..fitting.reduction import reduce
 from ..mechanisms.geometry import setup
 from ..mechanisms.terms import Term
 from .calibration import Calibration
-from .carried import workspace
-from .motions import LEVEL, SEEN, MechanismChange, Motions, mechanisms, quantile, told, two_sided
+from .constant_part import workspace
+from .mechanism_changes import LEVEL, SEEN, MechanismChange, Motions, mechanisms, quantile, told, two_sided
 
 SAME_MM = 1e-6        # two nominal robots alike to this are one
 CONFIGURATIONS = 300

@@ -1,14 +1,15 @@
 """What is to be said of an export: whose geometry it has, how good it is, at which temperature, and of which placement."""
+
 from __future__ import annotations
 
 import numpy as np
 
-from ..exceptions import sentence_list
-from ..measurements.reference_temperature import TEMPERATURE
-from ..mechanisms.causes import Member
-from ..mechanisms.environment import counted
-from .calibration import Calibration
-from .refit import carries
+from ...exceptions import sentence_list
+from ...measurements.reference_temperature import TEMPERATURE
+from ...mechanisms.causes import Member
+from ...mechanisms.environment import counted
+from ..calibration import Calibration
+from ..refitting import carries
 
 
 def notes_of(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:

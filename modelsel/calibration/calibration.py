@@ -4,39 +4,30 @@
 
 with H_k the sum of the stored terms at their estimates. Numbers are written in full: what is read back predicts as the study did.
 """
+
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._json import misfit, read, strict
 from .._typing import Array, Index
-from ..exceptions import DataError, StudyError, suggest
+from ..exceptions import DataError, suggest
 from ..fitting.design import Model, columns_of, field_of, twist_of
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
 from ..fitting.problem import Scene
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Member
-from ..mechanisms.serialization import mechanism_of, mechanism_record
 from ..mechanisms.terms import Term
-from ..robot.files import numbers, robot_of, robot_record, rotation
 from ..robot.kinematics import Pose, Robot
 from ..selection.evaluation import Data
-from .agreement import contradiction
-from .records import CALIBRATION
-from .refit import Refits, part_of, refits_of, refits_record
+from .refitting import Refits, part_of
 
 if TYPE_CHECKING:
     import pandas as pd
-
-SCHEMA = 1
-NAME = "calibration.json"
 DIGITS = 10      # of the covariance factor; everything else is written in full
 MIDDLE = 0.5     # of the campaign: where a drift is taken on data of another day
 
@@ -189,95 +180,3 @@ def uncertainty(calibration: Calibration, scene: Scene) -> Array:
         columns = columns_of(scene, field_of(scene, at, rows), calibration.terms, rows)[:, :3]
         out[rows] = np.einsum("pcm,pr->mcr", columns, calibration.factor)
     return out
-
-
-# -- the file ----------------------------------------------------------------------------------------------------------------
-
-
-def calibration_text(c: Calibration) -> str:
-    """Text of calibration.json; numbers in full."""
-    return json.dumps(_record(c), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
-
-
-def _record(c: Calibration) -> dict[str, Any]:
-    return {
-        "schema": SCHEMA, "kind": "calibration", "study": c.study, "robot": robot_record(c.robot),
-        "targets": [{"name": name, "tool_mm": c.tools[k].tolist(),
-                     "rotation": None if c.tool_rotations is None else c.tool_rotations[k].tolist()}
-                    for k, name in enumerate(c.targets)],
-        "groups": [{"name": name, "rotation": c.placement[0][k].tolist(), "translation_mm": c.placement[1][k].tolist()}
-                   for k, name in enumerate(c.groups)],
-        "registered": c.registered, "tracker_mm": list(c.tracker),
-        "mechanisms": [mechanism_record(m) for m in c.model.mechanisms],
-        "estimates": [{"symbol": t.symbol, "value": float(v), "standard_error": float(e), "unit": t.unit,
-                       "estimable": k in c.kept}
-                      for k, (t, v, e) in enumerate(zip(c.terms, c.theta, c.standard_errors, strict=True))],
-        "covariance_factor": {"says": "row k of the fitted terms (estimable), from its own column on: covariance = F Fᵀ",
-                              "rows": [c.factor[k, i:].tolist() for i, k in enumerate(c.kept)]},
-        "noise_floor": {"coordinate_mm": c.floor.coordinate_mm, "source": c.floor.source,
-                        "freedom": c.floor.freedom if np.isfinite(c.floor.freedom) else None},
-        "held_out_rms_mm": c.held_out_rms_mm,
-        "ranges": {name: list(pair) for name, pair in c.ranges.items()}, "provenance": dict(c.provenance),
-        **({} if c.refits is None else {"refits": refits_record(c.refits, [t.symbol for t in c.terms])})}
-
-
-def _restored(r: Mapping[str, Any]) -> Calibration:
-    """The calibration of a record of its shape. Raises ValueError where its parts do not agree."""
-    model = Model(tuple(mechanism_of(m) for m in r["mechanisms"]))
-    estimates, rows, robot = r["estimates"], r["covariance_factor"]["rows"], robot_of(r["robot"])
-    if [(e["symbol"], e["unit"]) for e in estimates] != [(t.symbol, t.unit) for t in model.terms]:
-        raise ValueError("its estimates are not those of its terms")
-    kept = tuple(k for k, e in enumerate(estimates) if e["estimable"])
-    if [len(row) for row in rows] != list(range(len(kept), 0, -1)):
-        raise ValueError("its covariance_factor has other rows than its estimable terms")
-    factor = np.zeros((len(estimates), len(kept)))
-    for i, (k, row) in enumerate(zip(kept, rows, strict=True)):
-        factor[k, i:] = row
-    for kind in ("targets", "groups"):
-        if len({each["name"] for each in r[kind]}) < len(r[kind]):
-            raise ValueError(f"two {kind} have one name")
-    turned = [None if t["rotation"] is None else rotation(t["rotation"]) for t in r["targets"]]
-    floor, held, (x, y, z) = r["noise_floor"], r["held_out_rms_mm"], numbers(r["tracker_mm"]).tolist()
-    c = Calibration(
-        r["study"], robot, tuple(t["name"] for t in r["targets"]), tuple(g["name"] for g in r["groups"]),
-        numbers([t["tool_mm"] for t in r["targets"]]), None if any(t is None for t in turned) else np.array(turned),
-        (np.array([rotation(g["rotation"]) for g in r["groups"]]), numbers([g["translation_mm"] for g in r["groups"]])),
-        r["registered"], (x, y, z), model, np.array([float(e["value"]) for e in estimates]), factor, kept,
-        Floor(float(floor["coordinate_mm"]), floor["source"], np.inf if floor["freedom"] is None else float(floor["freedom"])),
-        None if held is None else float(held), {k: (float(v[0]), float(v[1])) for k, v in r["ranges"].items()},
-        dict(r["provenance"]), refits_of(r["refits"], model) if "refits" in r else None)
-    if (what := contradiction(r, model, c.standard_errors)) is not None:
-        raise ValueError(what)
-    return c
-
-
-def loads(text: str, where: str = NAME) -> Calibration:
-    """The calibration of a file's text. Raises StudyError."""
-    try:
-        record = strict(text)
-    except ValueError as error:
-        raise StudyError(f"{where}: cannot be read: {error}. Run the study again.") from None
-    if not isinstance(record, dict) or record.get("kind") != "calibration":
-        raise StudyError(f"{where}: not a calibration; `modelsel study` writes one beside its result.json.")
-    if record.get("schema") is True or record.get("schema") != SCHEMA:
-        raise StudyError(f"{where}: schema {str(record.get('schema'))[:40]}, but this modelsel reads schema {SCHEMA}. Run the "
-                         "study again.")
-    try:
-        if (found := misfit(record, CALIBRATION)) is not None:
-            raise ValueError(found)
-        return _restored(record)
-    except ValueError as error:
-        raise StudyError(f"{where}: damaged: {error}. Run the study again.") from None
-
-
-def load_calibration(path: Path | str) -> Calibration:
-    """A stored calibration: its file, the result.json beside it, or the folder of both. Raises StudyError."""
-    path = Path(path)
-    path = path / NAME if path.is_dir() else path.with_name(NAME) if path.name == "result.json" else path
-    try:
-        text = read(path)
-    except FileNotFoundError:
-        raise StudyError(f"{path}: no such calibration; `modelsel study STUDY.toml` writes one beside its result.json.") from None
-    except ValueError as error:
-        raise StudyError(f"{path.name}: cannot be read: {error}. Run the study again.") from None
-    return loads(text, path.name)

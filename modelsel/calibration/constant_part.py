@@ -1,4 +1,5 @@
 """A calibration taken apart: the constant geometry, which any robot description can carry, and the rest, which none can."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +17,7 @@ from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..robot.rigid import transform, turn
 from .calibration import Calibration, pose_of
-from .refit import carries, part_of
+from .refitting import carries, part_of
 
 TRIED = 400     # configurations that a round trip is measured at
 

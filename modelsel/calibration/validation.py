@@ -3,6 +3,7 @@
 Neither refits what was calibrated. New data are judged by T = rᵀ V⁻¹ r, V = noise + parameters' covariance of all rows together,
 which under no change is a χ² (F where the noise was estimated); a set-up that may have moved is projected out.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass, replace

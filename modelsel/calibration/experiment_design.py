@@ -4,6 +4,7 @@ Rivals: if i is true, rival j beside all other terms still explains all but Δ_i
 is to be large (T-optimality: Atkinson & Fedorov 1975), and says how surely the right one is named.
 Parameters: D, A and the observability indices O1 to O5 of the singular values (Sun & Hollerbach 2008).
 """
+
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -3,6 +3,7 @@
 A geometry fitted beside other effects is the geometry of an arm without them, which nobody has: alone it may be worse than the
 drawing. A refit that does not predict better than something simpler, by cross-validation, gives way to it.
 """
+
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence

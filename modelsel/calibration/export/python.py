@@ -2,27 +2,33 @@
 
 Names come from files that anyone may have written. They are written as literals, read back as literals, and never run here.
 """
+
 from __future__ import annotations
 
 import ast
+from collections.abc import Sequence
 from importlib.resources import files
 from pprint import pformat
 from typing import Any
 
 import numpy as np
 
-from ..fitting.design import PLACE
-from ..measurements.reader import RESERVED
-from ..mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
-from .calibration import Calibration
-from .carried import constants, parts
+from ..._typing import Array
+from ...fitting.design import PLACE
+from ...fitting.problem import Scene
+from ...measurements.reader import RESERVED
+from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
+from ..calibration import Calibration, in_tracker, pose_of
+from ..constant_part import constants, parts, workspace
+from .form import Exported
+from .standalone import predicted
 
 START = "DATA: Data = "      # of the last line of exported.py, and of what a module has in its place
 
 
 def program() -> str:
     """The text of exported.py up to its data."""
-    text = files(__package__).joinpath("exported.py").read_text(encoding="utf-8")
+    text = files(__package__).joinpath("standalone.py").read_text(encoding="utf-8")
     before, _, data = text.rpartition(START)
     assert data == "{}\n"
     return before
@@ -80,3 +86,20 @@ def given(c: Calibration) -> list[str]:
     """Names that the model looks at and joint readings do not say: covariates, directions of approach, moves, progress."""
     return sorted(n for n in c.needs() - {"target", "group"} if n.startswith(("approach", "move")) or n == "progress"
                   or not RESERVED.fullmatch(n))
+
+
+# -- a function and a table ----------------------------------------------------------------------------------------------------
+
+
+def to_python(c: Calibration, notes: Sequence[str] = ()) -> Exported:
+    """A module of its own: numpy only, the numbers in it."""
+    text = module_of(data_of(c))
+    there = data_in(text)
+    def run(t: int, at: Scene) -> Array:
+        return predicted(there, at.data.q, c.targets[t], {n: at.value(n) for n in there["needs"]})[1]
+    worst = 0.0
+    for t in range(len(c.targets)):
+        at = workspace(c, t)
+        wanted = in_tracker(at, pose_of(at, c.terms, c.theta).target.T)
+        worst = max(worst, float(np.linalg.norm(run(t, at) - wanted, axis=1).max()))
+    return Exported(text, worst, len(at) * len(c.targets))

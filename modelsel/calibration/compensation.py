@@ -3,6 +3,7 @@
 Damped Gauss-Newton of least joint change, all rows at once (Levenberg 1944; Nakamura & Hanafusa 1986): the joints' own columns of
 the screw field are the derivative; that causes change with the reading as well is second order and left to the iteration.
 """
+
 from __future__ import annotations
 
 from collections.abc import Mapping

@@ -1,4 +1,5 @@
 """Lookup tables: the part of a correction that hangs on at most two values of the state, on a grid to interpolate in."""
+
 from __future__ import annotations
 
 import csv
@@ -9,11 +10,11 @@ from itertools import product
 
 import numpy as np
 
-from .._typing import Array
-from ..fitting.problem import Scene
-from ..robot.rigid import AXES
-from .calibration import Calibration
-from .carried import Part
+from ..._typing import Array
+from ...fitting.problem import Scene
+from ...robot.rigid import AXES
+from ..calibration import Calibration
+from ..constant_part import Part
 
 FINE_MM = 5e-4          # a grid is halved until what lies between its points is this near
 MOST = (8193, 129)      # points along each value, for tables of one and of two

@@ -5,6 +5,7 @@ tracker's frame; q is (m, joints). What else the model looks at (payload_kg=...,
 DATA["needs"] has the names, DATA["targets"] those of the targets. Made by modelsel export --format python: the program is the
 same for every arm, and all that it knows of this one stands in DATA, at the end. Edit nothing.
 """
+
 from __future__ import annotations
 
 from typing import Any

@@ -4,6 +4,7 @@ A name alone proves no change: another campaign has other noise, names what it c
 sizes are compared along the motion that both have in common, with their standard errors, and a mechanism came or went only if
 the campaign without it would have named it.
 """
+
 from __future__ import annotations
 
 from dataclasses import dataclass
