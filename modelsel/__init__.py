@@ -34,6 +34,12 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
     from .mechanisms.terms import Mechanism as Mechanism
     from .mechanisms.terms import Screw as Screw
     from .mechanisms.terms import Term as Term
+    from .results.result import Result as Result
+    from .results.storage import StoredResult as StoredResult
+    from .results.storage import calibration_of as calibration_of
+    from .results.storage import load_result as load_result
+    from .results.storage import report as report
+    from .results.storage import save as save
     from .robot.files import builtin_names as builtin_names
     from .robot.files import load as load
     from .robot.files import read_robot as read_robot
@@ -42,14 +48,8 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
     from .robot.kinematics import screw_field as screw_field
     from .selection.evaluation import gain as gain
     from .selection.splits import choose as choose
-    from .telling.finished import Result as Result
     from .telling.planning import Planned as Planned
     from .telling.planning import plan_next as plan_next
-    from .telling.stored import StoredResult as StoredResult
-    from .telling.stored import calibration_of as calibration_of
-    from .telling.stored import load_result as load_result
-    from .telling.stored import report as report
-    from .telling.stored import save as save
     from .telling.study import rehearse as rehearse
     from .telling.study import run as run
     from .telling.study import simulate_study as simulate_study
@@ -57,6 +57,9 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
 __version__ = VERSION
 
 _NAMES = {  # a name that is also a module's (fit, scene, extend …) is imported from there: from modelsel.fitting.fit import fit
+    "calibration.calibration": "Calibration predict",
+    "calibration.compensation": "correct",
+    "calibration.storage": "load_calibration",
     "config.study_file": "Study read_study",
     "exceptions": "DataError ModelselError NotEstimable StudyError",
     "fitting.design": "Model residuals",
@@ -70,13 +73,10 @@ _NAMES = {  # a name that is also a module's (fit, scene, extend …) is importe
     "robot.kinematics": "Robot forward screw_field",
     "selection.evaluation": "gain",
     "selection.splits": "choose",
-    "telling.finished": "Result",
+    "results.result": "Result",
     "telling.planning": "Planned plan_next",
-    "telling.stored": "StoredResult calibration_of load_result report save",
+    "results.storage": "StoredResult calibration_of load_result report save",
     "telling.study": "rehearse run simulate_study",
-    "calibration.calibration": "Calibration predict",
-    "calibration.storage": "load_calibration",
-    "calibration.compensation": "correct",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)

@@ -22,7 +22,7 @@ from fuzz_base import base_files
 
 from modelsel.cli import main
 from modelsel.exceptions import StudyError
-from modelsel.telling.stored import load_result
+from modelsel.results.storage import load_result
 
 ON_DISK = ("os.rename", "os.remove", "os.mkdir", "os.rmdir")
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT

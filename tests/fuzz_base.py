@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from modelsel.config.study_file import parse_study
+from modelsel.results.storage import save
 from modelsel.robot.files import read_robot
 from modelsel.robot.kinematics import forward
 from modelsel.robot.urdf import write_urdf
-from modelsel.telling.stored import save
 from modelsel.telling.study import run, simulate_study
 
 ROBOT = """name = "arm3"

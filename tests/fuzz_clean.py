@@ -13,7 +13,7 @@ from typing import Any
 
 from fuzz_judge import INSIDE, Outcome
 
-from modelsel.telling.stored import WRITES
+from modelsel.results.storage import WRITES
 
 WRITTEN = set(WRITES)
 NONE = re.compile(rb"\b-?(nan|inf|infinity)\b", re.IGNORECASE)

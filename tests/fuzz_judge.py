@@ -62,8 +62,8 @@ def program(debug: bool) -> None:
 def load(folder: Path) -> None:
     """Every table of a stored result, as JSON."""
     from modelsel.commands import print_json
-    from modelsel.telling.stored import calibration_of, load_result
-    from modelsel.telling.views import TABLES
+    from modelsel.results.storage import calibration_of, load_result
+    from modelsel.results.tables import TABLES
 
     found = load_result(folder)
     tables = {what: found.to_frame(what).to_dict("split") for what in (*TABLES, "residuals")}

@@ -12,13 +12,13 @@ from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.reduction import reduce
 from modelsel.mechanisms.causes import cos, q, sin
+from modelsel.results.record import candidates_dict
 from modelsel.selection import branch_and_bound as bound
 from modelsel.selection.branch_and_bound import best_subset
 from modelsel.selection.comparison import compare
 from modelsel.selection.criteria import bic
 from modelsel.selection.cross_validation import pad
 from modelsel.selection.subsets import all_subsets
-from modelsel.telling.result import candidates_dict
 
 N = 240
 

@@ -23,9 +23,9 @@ from modelsel.mechanisms.causes import Bump, Member, Named, Number, cos, q, sign
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.serialization import cause_of, cause_record
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.results.storage import calibration_of, save
 from modelsel.robot.files import load
 from modelsel.selection.evaluation import Data
-from modelsel.telling.stored import calibration_of, save
 from modelsel.telling.study import run
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"

@@ -19,10 +19,10 @@ from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import Applied, Named, q, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.results.cautions import restricted, worse_than_nominal
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Gain
-from modelsel.telling.cautions import restricted, worse_than_nominal
 from modelsel.telling.study import run
 
 STUDY = Path(__file__).parent.parent / "studies" / "puma760"

@@ -23,6 +23,7 @@ from modelsel.measurements.measurements import measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import geometric
 from modelsel.notices import ALARMS, HOPELESS, Note, alarms
+from modelsel.results.result import Result
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward, pose
 from modelsel.robot.rigid import rpy
@@ -30,7 +31,6 @@ from modelsel.setup.measured_orientations import orientation_mistake
 from modelsel.setup.mistakes import mistake
 from modelsel.setup.registration import register
 from modelsel.setup.target_labels import labels_mistake
-from modelsel.telling.finished import Result
 from modelsel.telling.report.front import opening
 from modelsel.telling.study import rehearse, run
 from modelsel.telling.tables import sentences
@@ -441,7 +441,7 @@ def test_targets_of_held_out_rows_alone(rng, tmp_path) -> None:
 
 
 def calibrated(folder: Path, data: pd.DataFrame, more: str = "") -> Path:
-    from modelsel.telling.stored import save
+    from modelsel.results.storage import save
     folder.mkdir()
     save(studied(folder, data, more=more), folder)
     return folder

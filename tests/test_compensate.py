@@ -22,10 +22,10 @@ from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism
+from modelsel.results.storage import calibration_of
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_quaternion
-from modelsel.telling.stored import calibration_of
 from modelsel.telling.study import run
 
 NOISE = 0.06

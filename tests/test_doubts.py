@@ -21,10 +21,10 @@ from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.results.finding_records import Finding, fault_dict, opposed
+from modelsel.results.goodness_of_fit import LackOfFit, lack_of_fit, lacking
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Data, Gain, rung
-from modelsel.telling.findings import Finding, fault_dict, opposed
-from modelsel.telling.left import LackOfFit, lack_of_fit, lacking
 from modelsel.uncertainty.parameters import resampled
 from modelsel.uncertainty.significance import nested, significance
 
@@ -115,7 +115,7 @@ def test_no_test_against_what_is_estimated(rng) -> None:
                                                 (None, False)])
 def test_a_finding_that_held_out_rows_speak_against(interval, said, monkeypatch) -> None:
     effect = SimpleNamespace(candidate=SimpleNamespace(label="play"))
-    monkeypatch.setattr("modelsel.telling.findings.sentence", lambda _: "Joint 2 has play.")
+    monkeypatch.setattr("modelsel.results.finding_records.sentence", lambda _: "Joint 2 has play.")
     finding = Finding(effect, Gain(0.1, 0.12, interval))
     assert finding.sentence.startswith("Joint 2 has play.")
     assert ("speak against it: their error grows by 0.01 mm to 0.03 mm rms" in finding.sentence) == said

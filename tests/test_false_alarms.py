@@ -27,9 +27,9 @@ from modelsel.fitting.problem import Scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import every, mechanism
+from modelsel.results.finding_records import uneven
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.selection.evaluation import Data
-from modelsel.telling.findings import uneven
 from modelsel.uncertainty.parameters import Parameter, parameters, resampled
 from modelsel.uncertainty.significance import nested
 

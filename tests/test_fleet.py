@@ -26,11 +26,11 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import scene
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import mechanism
+from modelsel.results.storage import WRITES, load_result
 from modelsel.robot.files import load
 from modelsel.selection.streaming import Parts, fit_parts, parts_of
 from modelsel.telling import fleet as fleets
 from modelsel.telling.fleet import cluster, run_fleet, save_summary
-from modelsel.telling.stored import WRITES, load_result
 from modelsel.telling.study import run
 
 TOOL = (40.0, -25.0, 100.0)

@@ -36,6 +36,9 @@ from modelsel.mechanisms.causes import Member
 from modelsel.mechanisms.geometry import setup
 from modelsel.mechanisms.registry import mechanism, parts
 from modelsel.mechanisms.terms import Screw, Term
+from modelsel.results.details import details, dumps
+from modelsel.results.goodness_of_fit import lack_of_fit, lacking
+from modelsel.results.storage import calibration_of
 from modelsel.robot.files import load
 from modelsel.selection.cross_validation import by_unit
 from modelsel.selection.cross_validation import fold as fold_scene
@@ -44,9 +47,6 @@ from modelsel.selection.splits import assign
 from modelsel.selection.streaming import Parts, parts_of
 from modelsel.telling.inspect import describe
 from modelsel.telling.inspect import sentences as checked
-from modelsel.telling.left import lack_of_fit, lacking
-from modelsel.telling.report.details import details, dumps
-from modelsel.telling.stored import calibration_of
 from modelsel.telling.study import known_features, run
 from modelsel.telling.tables import sentences
 from modelsel.uncertainty.log_posterior import Target

@@ -21,9 +21,9 @@ from modelsel.fitting.problem import Scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import every, mechanism, parts
+from modelsel.results.finding_records import beside
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
-from modelsel.telling.findings import beside
 
 PUMA, TOOL, SIGMA = load("puma760"), np.array([40.0, -25.0, 100.0]), 0.05
 STUDY = """

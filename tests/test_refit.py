@@ -24,11 +24,11 @@ from modelsel.measurements.reference_temperature import reference
 from modelsel.mechanisms.causes import Combined, parse
 from modelsel.mechanisms.environment import warmth
 from modelsel.mechanisms.registry import BUILTIN, counted_from, mechanism
+from modelsel.results.result import Result
+from modelsel.results.storage import calibration_of
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.robot.urdf import read_urdf_text
-from modelsel.telling.finished import Result
-from modelsel.telling.stored import calibration_of
 from modelsel.telling.study import run
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"

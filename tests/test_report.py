@@ -18,10 +18,10 @@ from click.testing import CliRunner
 from modelsel import read_study, run
 from modelsel.cli import main
 from modelsel.exceptions import StudyError
+from modelsel.results.storage import WRITES, save
 from modelsel.telling.report import drawing
 from modelsel.telling.report.document import book
 from modelsel.telling.report.pdf import ReportError, compiled, content
-from modelsel.telling.stored import WRITES, save
 from modelsel.telling.tables import TABLE_FOR
 
 ROOT = Path(__file__).parents[1]

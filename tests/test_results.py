@@ -16,10 +16,10 @@ from modelsel.calibration.storage import calibration_text
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.mechanisms.causes import q
+from modelsel.results.result import Result
+from modelsel.results.storage import RESIDUALS, WRITES
+from modelsel.results.tables import TABLES
 from modelsel.robot.files import load
-from modelsel.telling.finished import Result
-from modelsel.telling.stored import RESIDUALS, WRITES
-from modelsel.telling.views import TABLES
 
 TOML = """name = "arm <b>7</b>"
 seed = 5

@@ -24,10 +24,10 @@ from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN, mechanism
+from modelsel.results.storage import WRITES
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import rpy
 from modelsel.telling.checkpoint import Checkpoint
-from modelsel.telling.stored import WRITES
 from modelsel.uncertainty import sampler as engine
 from modelsel.uncertainty.log_posterior import TAIL, Target
 from modelsel.uncertainty.mcmc import autocorrelation_time, r_hat, snooker

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 import pytest
 
 from modelsel.fitting.noise import Floor
+from modelsel.results.verdict import verdict
 from modelsel.selection.evaluation import Gain
-from modelsel.telling.verdict import verdict
 
 FLOOR = Floor(0.03, "repeats", 100)
 GAIN = Gain(2.0, 1.0, (0.9, 1.1))

@@ -11,10 +11,10 @@ import pandas as pd
 
 from modelsel.config.fleet_file import read_fleet
 from modelsel.config.study_file import read_study
+from modelsel.results.storage import save
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.telling.fleet import cluster, run_fleet
-from modelsel.telling.stored import save
 from modelsel.telling.study import run as alone
 
 from .timing import TOOL

@@ -11,7 +11,7 @@ from ..exceptions import CHECK_FAILED
 from . import console, print_json, progress
 
 if TYPE_CHECKING:
-    from ..telling.finished import Result
+    from ..results.result import Result
 
 COLLECT = 50_000   # new values between two looks of Python's garbage collector
 
@@ -32,9 +32,9 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     from ..config.study_file import read_study
     from ..exceptions import StudyError
     from ..mechanisms.registry import with_plugins
+    from ..results.storage import WRITES, save
     from ..telling.checkpoint import Checkpoint
     from ..telling.report.drawing import draw
-    from ..telling.stored import WRITES, save
     from ..telling.study import rehearse, robot_of, run
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)

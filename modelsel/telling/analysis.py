@@ -29,15 +29,15 @@ from ..mechanisms.geometry import setup
 from ..mechanisms.registry import Registry, mechanism
 from ..mechanisms.terms import Mechanism, Screw
 from ..notices import Note
+from ..results.cautions import restricted, worse_than_nominal
+from ..results.finding_records import Finding, beside, opposed, surprised, uneven
+from ..results.goodness_of_fit import held_out_outliers, lack_of_fit, lacking, per_row, remeasured
+from ..results.result import Result
 from ..robot.kinematics import Robot
 from ..selection.comparison import MOST, Comparison, compare
 from ..selection.evaluation import Data, Gain, Resampled, Rung, paired, rung
 from ..uncertainty.sampler import Keeper
 from ..uncertainty.summary import Request, confidence, sampled
-from .cautions import restricted, worse_than_nominal
-from .findings import Finding, beside, opposed, surprised, uneven
-from .finished import Result
-from .left import held_out_outliers, lack_of_fit, lacking, per_row, remeasured
 
 
 @dataclass(frozen=True, eq=False)

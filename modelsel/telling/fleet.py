@@ -22,12 +22,12 @@ from ..config.study_file import find_data
 from ..exceptions import CHECK_FAILED, DataError, ModelselError, StudyError
 from ..fitting.design import Model
 from ..mechanisms.registry import mechanism, with_plugins
+from ..results.storage import WRITES, save
 from ..robot.files import builtin_names, load, read_robot
 from ..selection.streaming import Parts, fit_parts, parts_of
 from .analysis import provenance
 from .report.drawing import draw
 from .report.fleet import summary
-from .stored import WRITES, save
 from .study import run
 
 if TYPE_CHECKING:

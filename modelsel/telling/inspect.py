@@ -18,11 +18,11 @@ from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
 from ..mechanisms.geometry import geometric, setup
 from ..notices import MISTAKEN, alarms
+from ..results.placements import standing, standing_sentences
 from ..robot.kinematics import Robot
 from ..setup.feature_positions import place
 from ..setup.mistakes import LEAST
 from ..setup.registration import register
-from .standing import standing, standing_sentences
 
 MOST = 2000        # points that are registered
 

@@ -18,9 +18,9 @@ from ..measurements.measurements import Measurements, measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import Source
 from ..mechanisms.terms import Term
+from ..results.result import Result
+from ..results.storage import calibration_of
 from ..robot.kinematics import Robot
-from .finished import Result
-from .stored import calibration_of
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -23,11 +23,11 @@ from ..measurements.table import Source, digest
 from ..mechanisms.causes import parse
 from ..mechanisms.registry import BUILTIN, Registry, counted_from, every, faults, mechanism, parts
 from ..mechanisms.terms import Mechanism, Screw, unstorable
+from ..results.result import Result
 from ..robot.files import load, read_robot
 from ..robot.kinematics import Robot
 from .analysis import Question, analyse, provenance, with_sampling
 from .checkpoint import Checkpoint
-from .finished import Result
 
 if TYPE_CHECKING:
     import pandas as pd

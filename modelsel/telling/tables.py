@@ -8,15 +8,15 @@ import numpy as np
 from ..diagnosis.error_map import strongest_causes
 from ..exceptions import sentence_list
 from ..notices import ALARMS, HOPELESS, alarms
+from ..results.placements import standing_sentences
+from ..results.tables import adds
 from ..selection.evaluation import Errors
 from ..uncertainty.bootstrap import REPLICATES
-from .standing import standing_sentences
-from .views import adds
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from .finished import Result
+    from ..results.result import Result
 
 
 TABLE_FOR = ("The table asks which names predict best together, and may add one that chance brought; naming asks of each whether "

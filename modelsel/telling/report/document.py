@@ -3,26 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 from ...exceptions import StudyError, suggest
+from ...results.storage import Source
 
 Block = dict[str, Any]
-
-
-@dataclass(frozen=True, eq=False)
-class Source:
-    """What a page is made of: result.json and details.json as read, and `draw`, which keeps a picture by name."""
-
-    result: dict[str, Any]
-    details: dict[str, Any]
-    pictures: dict[str, bytes] = field(default_factory=dict)
-
-    def figure(self, name: str, picture: bytes, caption: str, alt: str) -> Block:
-        """A picture with a caption that says what to see and a text for those who cannot."""
-        self.pictures[f"{name}.svg"] = picture
-        return {"kind": "figure", "file": f"{name}.svg", "caption": caption, "alt": alt}
 
 
 def heading(text: str, level: int = 1, opens: bool = True) -> Block:

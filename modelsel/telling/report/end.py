@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from ...measurements.table import where_of
-from ..views import name_of
-from .document import Block, Source, heading, points, table, text
+from ...results.storage import Source
+from ...results.tables import name_of
+from .document import Block, heading, points, table, text
 
 ROWS = 60
 CALLED = {"data_sha256": "measurements, SHA-256", "study_sha256": "study file, SHA-256"}

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from ...diagnosis.sentences import prefixed
+from ...results.storage import Source
 from ..tables import mm
-from .document import Block, Source, heading, points, table, text
+from .document import Block, heading, points, table, text
 from .figures import ladder, parameters, space
 
 PAIRS = 8

@@ -6,9 +6,10 @@ from typing import Any
 
 from ...diagnosis.sentences import quantity
 from ...measurements.table import Where, where_of
+from ...results.storage import Source
+from ...results.tables import name_of
 from ..tables import mm
-from ..views import name_of
-from .document import Block, Source, heading, points, table, text
+from .document import Block, heading, points, table, text
 from .figures import finding as draw
 from .front import names_of
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from ...notices import Note, alarms
-from ..standing import standing_sentences
+from ...results.placements import standing_sentences
+from ...results.storage import Source
+from ...results.tables import alike, name_of
 from ..tables import mm
-from ..views import alike, name_of
-from .document import Block, Source, heading, points, table, text
+from .document import Block, heading, points, table, text
 from .figures import errormap, ladder, space
 from .style import shortened
 

@@ -8,8 +8,8 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
-from ..standing import standing_sentences
-from .document import Source
+from ...results.placements import standing_sentences
+from ...results.storage import Source
 from .end import CALLED
 from .figures import errormap, ladder
 from .front import opening

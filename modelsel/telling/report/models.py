@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...results.storage import Source
 from ..tables import TABLE_FOR, mm
-from .document import Block, Source, heading, table, text
+from .document import Block, heading, table, text
 from .figures import ladder
 
 SIDES = ("estimation", "held_out")

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ...exceptions import ModelselError
-from .document import Block, Source
+from ...results.storage import Source
+from .document import Block
 from .style import shortened
 
 

@@ -1,4 +1,5 @@
 """What result.json and details.json hold, as shapes: what a folder is read back by. Undefined figures are null."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping

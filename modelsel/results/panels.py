@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..._typing import Array, Index
-from ...diagnosis.sentences import what
-from ...fitting.design import PLACE, columns_of
-from ...fitting.problem import Scene
-from ...mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named
-from ...mechanisms.terms import Term
-from .cells import wave
+from .._typing import Array, Index
+from ..diagnosis.sentences import what
+from ..fitting.design import PLACE, columns_of
+from ..fitting.problem import Scene
+from ..mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named
+from ..mechanisms.terms import Term
+from .map_details import wave
 
 if TYPE_CHECKING:
-    from ..findings import Finding
-    from ..finished import Result
+    from .finding_records import Finding
+    from .result import Result
 
 PANELS = 3  # of a finding; the largest effects first
 POINTS = 240  # of a panel

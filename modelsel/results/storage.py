@@ -1,10 +1,11 @@
 """A result in its folder: result.json, details.json, calibration.json and residuals.parquet, written and read back."""
+
 from __future__ import annotations
 
 import io
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,17 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._files import write_all
+from .._json import misfit, strict
+from .._json import read as text
 from ..calibration.calibration import Calibration, calibrate
 from ..calibration.refitting import refitted
 from ..calibration.storage import NAME, calibration_text, load_calibration
 from ..exceptions import StudyError
 from ..measurements.table import damaged
-from .finished import Result
-from .report.details import details
-from .report.details import dumps as compact
-from .report.document import Source
-from .report.drawing import draw_source, read
-from .views import Views
+from ..telling.report.document import Block
+from ..telling.report.drawing import draw_source
+from .details import details
+from .details import dumps as compact
+from .result import Result
+from .schema import DETAILS, RESULT, disagreement
+from .tables import Views
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -165,3 +169,45 @@ def _whole(columns: Mapping[str, NDArray[Any]], rows: int) -> None:
             raise _Damaged(f"column {name} holds something else than {'truths' if name in truths else 'finite numbers'}")
     if len(columns["row"]) < rows or len(set(columns["row"].tolist())) < len(columns["row"]):
         raise _Damaged(f"it has {len(columns['row'])} rows, where {rows} different ones are expected")
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What a page is made of: result.json and details.json as read, and `draw`, which keeps a picture by name."""
+
+    result: dict[str, Any]
+    details: dict[str, Any]
+    pictures: dict[str, bytes] = field(default_factory=dict)
+
+    def figure(self, name: str, picture: bytes, caption: str, alt: str) -> Block:
+        """A picture with a caption that says what to see and a text for those who cannot."""
+        self.pictures[f"{name}.svg"] = picture
+        return {"kind": "figure", "file": f"{name}.svg", "caption": caption, "alt": alt}
+
+SCHEMA = 1
+
+
+def read(folder: Path) -> Source:
+    """result.json and details.json of a folder, whole and of one run. Raises StudyError with how to make them."""
+    again = "modelsel study STUDY.toml --out DIR makes it"
+    found = list[dict[str, Any]]()
+    for name, shape in (("result.json", RESULT), ("details.json", DETAILS)):
+        try:
+            table = strict(text(folder / name))
+            if not isinstance(table, dict) or table.get("schema") != SCHEMA or table.get("schema") is True:
+                version = table.get("schema") if isinstance(table, dict) else None
+                raise StudyError(f"{folder / name}: schema {str(version)[:40]}, this modelsel draws schema {SCHEMA}; {again} "
+                                 "anew.")
+            if found and any(found[0]["provenance"][key] != table.get(key) for key in ("data_sha256", "study_sha256")):
+                raise StudyError(f"{folder}: details.json belongs to another run than result.json; {again} anew.")
+            if (why := misfit(table, shape)) is not None:
+                raise ValueError(f"damaged: {why}")
+        except FileNotFoundError:
+            raise StudyError(f"{folder}: there is no {name}; {again}.") from None
+        except ValueError as error:
+            raise StudyError(f"{folder / name}: cannot be read: {error}; {again} anew.") from None
+        found.append(table)
+    result, more = found
+    if (why := disagreement(result, more)) is not None:
+        raise StudyError(f"{folder}: {why}; {again} anew.")
+    return Source(result, more)

@@ -1,4 +1,5 @@
 """What stands beside a study's answer so that it is not taken for more: a list that was asked alone, geometry that does harm."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -23,7 +23,7 @@ from ..mechanisms.causes import Member
 from ..notices import Note
 from ..robot.rigid import turn
 from ..selection.evaluation import Data, Rung, errors
-from .findings import CLEARLY, RARELY
+from .finding_records import CLEARLY, RARELY
 
 
 def held_out_outliers(data: Data, rungs: Sequence[Rung]) -> NDArray[np.bool_]:

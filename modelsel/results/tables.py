@@ -1,4 +1,5 @@
 """A finished study seen as tables: DataFrames of result.json's content, and a page for a notebook."""
+
 from __future__ import annotations
 
 from abc import ABC, abstractmethod

@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._typing import Array, Index
-from ...fitting.design import directions, field_of, residuals
-from ...fitting.problem import Scene
-from ...mechanisms.serialization import mechanism_card
-from .cells import cells_dict
+from .._typing import Array, Index
+from ..fitting.design import directions, field_of, residuals
+from ..fitting.problem import Scene
+from ..mechanisms.serialization import mechanism_card
+from .map_details import cells_dict
 from .panels import finding_panels
 
 if TYPE_CHECKING:
-    from ..finished import Result
+    from .result import Result
 
 ROWS = 480  # drawn; more say nothing more to the eye and make the page heavy
 OUTLIERS = 60

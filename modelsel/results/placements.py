@@ -1,4 +1,5 @@
 """Where the tracker and the targets stand, as registration found them: plain values, and in words with units and frames."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence

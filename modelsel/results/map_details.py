@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..._typing import Array
-from ...diagnosis.scan import basis
-from ...fitting.design import PLACE, blocks, field_of
-from ...fitting.problem import Scene
-from ...mechanisms.causes import Applied, Cause, Combined, Named, Number
-from ...selection.evaluation import Rung
+from .._typing import Array
+from ..diagnosis.scan import basis
+from ..fitting.design import PLACE, blocks, field_of
+from ..fitting.problem import Scene
+from ..mechanisms.causes import Applied, Cause, Combined, Named, Number
+from ..selection.evaluation import Rung
 
 if TYPE_CHECKING:
-    from ..finished import Result
+    from .result import Result
 
 MOST = 800  # rows from which the slopes are taken
 FAINT = 1e-5  # share of a column that must be left beyond the base for it to have a slope of its own

@@ -1,4 +1,5 @@
 """A finished study, as values."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -22,12 +23,12 @@ from ..robot.kinematics import Robot
 from ..selection.comparison import Comparison
 from ..selection.evaluation import Data, Gain, Rung, turned
 from ..uncertainty.summary import Confidence
-from .findings import Finding, fault_dict, finding_dict, screws_of
-from .left import Placed, features, lack_of_fit, noise_dict
-from .result import candidates_dict, rung_dict
-from .standing import standing
+from .finding_records import Finding, fault_dict, finding_dict, screws_of
+from .goodness_of_fit import Placed, features, lack_of_fit, noise_dict
+from .placements import standing
+from .record import candidates_dict, rung_dict
+from .tables import Views
 from .verdict import in_full, verdict
-from .views import Views
 
 if TYPE_CHECKING:
     import pandas as pd
