@@ -34,11 +34,11 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
     from .mechanisms.terms import Mechanism as Mechanism
     from .mechanisms.terms import Screw as Screw
     from .mechanisms.terms import Term as Term
+    from .report.drawing import report as report
     from .results.result import Result as Result
     from .results.storage import StoredResult as StoredResult
     from .results.storage import calibration_of as calibration_of
     from .results.storage import load_result as load_result
-    from .results.storage import report as report
     from .results.storage import save as save
     from .robot.files import builtin_names as builtin_names
     from .robot.files import load as load
@@ -69,13 +69,14 @@ _NAMES = {  # a name that is also a module's (fit, scene, extend …) is importe
     "mechanisms.causes": "Cause",
     "mechanisms.registry": "BUILTIN PerJoint every mechanism with_plugins",
     "mechanisms.terms": "Mechanism Screw Term",
+    "results.result": "Result",
+    "results.storage": "StoredResult calibration_of load_result save",
+    "report.drawing": "report",
     "robot.files": "builtin_names load read_robot",
     "robot.kinematics": "Robot forward screw_field",
     "selection.evaluation": "gain",
     "selection.splits": "choose",
-    "results.result": "Result",
     "telling.planning": "Planned plan_next",
-    "results.storage": "StoredResult calibration_of load_result report save",
     "telling.study": "rehearse run simulate_study",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}

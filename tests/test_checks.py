@@ -23,6 +23,8 @@ from modelsel.measurements.measurements import measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import geometric
 from modelsel.notices import ALARMS, HOPELESS, Note, alarms
+from modelsel.report.pages.front import opening
+from modelsel.report.terminal import sentences
 from modelsel.results.result import Result
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward, pose
@@ -31,9 +33,7 @@ from modelsel.setup.measured_orientations import orientation_mistake
 from modelsel.setup.mistakes import mistake
 from modelsel.setup.registration import register
 from modelsel.setup.target_labels import labels_mistake
-from modelsel.telling.report.front import opening
 from modelsel.telling.study import rehearse, run
-from modelsel.telling.tables import sentences
 
 NOISE = 0.05
 TOOLS = {"A": (40.0, -25.0, 100.0), "B": (-30.0, 40.0, 80.0)}

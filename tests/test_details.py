@@ -12,10 +12,10 @@ from modelsel.fitting.design import design
 from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.report import drawing
+from modelsel.report.pages.findings import separation
 from modelsel.results.details import thinned
 from modelsel.telling.analysis import Question
-from modelsel.telling.report import drawing
-from modelsel.telling.report.findings import separation
 from modelsel.telling.study import candidates_of, plan_of, robot_of
 
 

@@ -35,11 +35,11 @@ from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import unsound
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.report import drawing
+from modelsel.report.html import page as page_of
 from modelsel.results.storage import load_result
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.urdf import read_urdf_text
-from modelsel.telling.report import drawing
-from modelsel.telling.report.html import page as page_of
 
 SIGNS = "=+-@\t\r\uff1d\uff0b\uff0d\uff20"
 INSIDE = re.compile(r"[\x00-\x09\x0b-\x1f\x7f\x85\u2028\u2029\u061c\u200b\u200e\u200f\u202a-\u202e\u2066-\u2069\ufeff]")

@@ -36,6 +36,7 @@ from modelsel.mechanisms.causes import Member
 from modelsel.mechanisms.geometry import setup
 from modelsel.mechanisms.registry import mechanism, parts
 from modelsel.mechanisms.terms import Screw, Term
+from modelsel.report.terminal import sentences
 from modelsel.results.details import details, dumps
 from modelsel.results.goodness_of_fit import lack_of_fit, lacking
 from modelsel.results.storage import calibration_of
@@ -48,7 +49,6 @@ from modelsel.selection.streaming import Parts, parts_of
 from modelsel.telling.inspect import describe
 from modelsel.telling.inspect import sentences as checked
 from modelsel.telling.study import known_features, run
-from modelsel.telling.tables import sentences
 from modelsel.uncertainty.log_posterior import Target
 from modelsel.uncertainty.nuisance import components
 

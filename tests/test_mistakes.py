@@ -23,13 +23,13 @@ from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.geometry import geometric
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.notices import MISTAKEN
+from modelsel.report.pages.front import opening
+from modelsel.report.terminal import sentences
 from modelsel.robot.files import load
 from modelsel.robot.rigid import rpy
 from modelsel.setup.mistakes import mistake
 from modelsel.setup.registration import register
-from modelsel.telling.report.front import opening
 from modelsel.telling.study import asked, run
-from modelsel.telling.tables import sentences
 
 STUDIES = Path(__file__).parents[1] / "studies"
 RIGHT_ANGLE = np.pi / 2

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from browser import chromium, opened, requests, resize
 
-from modelsel.telling.report import drawing
-from modelsel.telling.report.html import page as html
+from modelsel.report import drawing
+from modelsel.report.html import page as html
 
 ROOT = Path(__file__).parents[1]
 

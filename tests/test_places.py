@@ -9,11 +9,11 @@ from modelsel.elsewhere.simulate import simulate
 from modelsel.exceptions import DataError
 from modelsel.measurements.measurements import measurements
 from modelsel.measurements.reader import read_measurements
+from modelsel.report import drawing
+from modelsel.report import terminal as tables
+from modelsel.report.document import book
 from modelsel.results.storage import save
 from modelsel.robot.files import load
-from modelsel.telling import tables
-from modelsel.telling.report import drawing
-from modelsel.telling.report.document import book
 from modelsel.telling.study import run
 
 

@@ -25,8 +25,8 @@ from modelsel.exceptions import StudyError
 from modelsel.fitting.design import design, residuals
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import BUILTIN, Registry, parts, with_plugins
+from modelsel.report.terminal import show
 from modelsel.robot.files import load
-from modelsel.telling.tables import show
 
 ROOT = Path(__file__).parents[1]
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"

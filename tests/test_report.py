@@ -18,11 +18,11 @@ from click.testing import CliRunner
 from modelsel import read_study, run
 from modelsel.cli import main
 from modelsel.exceptions import StudyError
+from modelsel.report import drawing
+from modelsel.report.document import book
+from modelsel.report.pdf import ReportError, compiled, content
+from modelsel.report.terminal import TABLE_FOR
 from modelsel.results.storage import WRITES, save
-from modelsel.telling.report import drawing
-from modelsel.telling.report.document import book
-from modelsel.telling.report.pdf import ReportError, compiled, content
-from modelsel.telling.tables import TABLE_FOR
 
 ROOT = Path(__file__).parents[1]
 PUMA = ROOT / "studies" / "puma760"
@@ -163,7 +163,7 @@ def test_nothing_runs_off_the_page(drawn) -> None:
 def test_same_bytes_anywhere(drawn, tmp_path) -> None:
     for name in ("result.json", "details.json"):
         shutil.copy(drawn / name, tmp_path)
-    code = f"from pathlib import Path; from modelsel.telling.report.drawing import draw; draw(Path({str(tmp_path)!r}))"
+    code = f"from pathlib import Path; from modelsel.report.drawing import draw; draw(Path({str(tmp_path)!r}))"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)          # another process, another hash seed
     for name in ("report.pdf", "report.html"):
         assert (tmp_path / name).read_bytes() == (drawn / name).read_bytes()

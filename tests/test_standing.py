@@ -9,12 +9,12 @@ from builders import drawn, small_arm
 
 from modelsel import Study, report, run, save
 from modelsel.measurements.measurements import measurements
+from modelsel.report.pages.front import data as data_page
+from modelsel.report.terminal import sentences
 from modelsel.results.placements import standing_sentences
 from modelsel.results.storage import read
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import rpy
-from modelsel.telling.report.front import data as data_page
-from modelsel.telling.tables import sentences
 
 PLACES = {"a": ((0.3, -0.5, 2.0), (2500.0, -800.0, 400.0)), "b": ((-0.1, 0.2, -1.0), (100.0, 3000.0, 0.0))}
 TOOL = (30.0, -20.0, 80.0)

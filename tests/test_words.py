@@ -14,12 +14,12 @@ from modelsel.commands.compensate import _sentence
 from modelsel.diagnosis.sentences import amount, quantity
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.terms import Screw, Term
+from modelsel.report.figures.finding import height
+from modelsel.report.pages.findings import separation
+from modelsel.report.pages.parameter_uncertainty import _quantiles, significance
 from modelsel.results.storage import Source
 from modelsel.results.tables import adds
 from modelsel.robot.files import load
-from modelsel.telling.report.evidence import _quantiles, significance
-from modelsel.telling.report.figures.finding import height
-from modelsel.telling.report.findings import separation
 
 
 @pytest.mark.parametrize(("value", "error", "unit", "said"), [

@@ -11,8 +11,8 @@ from modelsel.fitting.design import twist_of
 from modelsel.fitting.problem import Scene, scene
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.terms import Mechanism, Term
+from modelsel.report.style import BLUE, ORANGE, QUIET, scaled, styled, svg
 from modelsel.robot.kinematics import Robot, forward, pose
-from modelsel.telling.report.style import BLUE, ORANGE, QUIET, scaled, styled, svg
 
 TOOL = (40.0, -25.0, 100.0)         # off the last axis, so that every joint moves the target
 REST = np.radians([-45.0, -35.0, 40.0, 35.0, 50.0, 20.0])

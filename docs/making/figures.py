@@ -19,7 +19,7 @@ from modelsel.diagnosis.state import LEVEL
 from modelsel.diagnosis.stepwise import extend
 from modelsel.diagnosis.unexplained import POWER, detection_limit
 from modelsel.mechanisms.registry import mechanism
-from modelsel.telling.report.style import BLUE, GREY, INK, ORANGE, QUIET, styled, svg
+from modelsel.report.style import BLUE, GREY, INK, ORANGE, QUIET, styled, svg
 
 Figure = Callable[[], tuple[bytes, str]]
 PLANTED, SIZE = "wrist-coupling:5", 1.15e-4

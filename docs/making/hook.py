@@ -21,9 +21,9 @@ import notebooks
 import rates
 import reference
 
+from modelsel.report.document import book
+from modelsel.report.drawing import PAGES
 from modelsel.results.storage import Source, read
-from modelsel.telling.report.document import book
-from modelsel.telling.report.drawing import PAGES
 
 if TYPE_CHECKING:
     from mkdocs.config.defaults import MkDocsConfig

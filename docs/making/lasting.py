@@ -15,9 +15,9 @@ from modelsel._typing import Array
 from modelsel.fitting.design import design
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import mechanism
+from modelsel.report.style import BLUE, INK, ORANGE, QUIET, styled, svg
 from modelsel.selection.cross_validation import cross_validate, fold
 from modelsel.selection.splits import assign
-from modelsel.telling.report.style import BLUE, INK, ORANGE, QUIET, styled, svg
 
 
 @cache

@@ -32,9 +32,9 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     from ..config.study_file import read_study
     from ..exceptions import StudyError
     from ..mechanisms.registry import with_plugins
+    from ..report.drawing import draw
     from ..results.storage import WRITES, save
     from ..telling.checkpoint import Checkpoint
-    from ..telling.report.drawing import draw
     from ..telling.study import rehearse, robot_of, run
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
@@ -72,7 +72,7 @@ def _tell(result: Result, as_json: bool) -> None:
     if as_json:
         click.echo(result.to_json(), nl=False)
     else:
-        from ..telling.tables import show
+        from ..report.terminal import show
         show(result, console())
 
 

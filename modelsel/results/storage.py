@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import io
-import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,8 +19,7 @@ from ..calibration.refitting import refitted
 from ..calibration.storage import NAME, calibration_text, load_calibration
 from ..exceptions import StudyError
 from ..measurements.table import damaged
-from ..telling.report.document import Block
-from ..telling.report.drawing import draw_source
+from ..report.document import Block
 from .details import details
 from .details import dumps as compact
 from .result import Result
@@ -95,13 +93,6 @@ def load_result(folder: Path | str) -> StoredResult:
         table, of = _read_parquet(folder / RESIDUALS, counts["estimation"] + counts["held_out"])
         _one_run(of, source.result, folder, RESIDUALS)
     return StoredResult(source.result, source.details, calibration, table)
-
-
-def report(result: Result | StoredResult, folder: Path | str, pages: tuple[str, ...] | None = None,
-           say: Callable[[str], None] = lambda _: None) -> list[Path]:
-    """Draw report.pdf and report.html of a result into a folder; `pages` chooses from the PDF's. Files written. Raises StudyError
-    or ReportError."""
-    return draw_source(Source(dict(result.record), json.loads(_details(result))), Path(folder), pages, say)
 
 
 def _one_run(there: Mapping[str, Any], result: Mapping[str, Any], folder: Path, name: str) -> None:

@@ -22,12 +22,12 @@ from ..config.study_file import find_data
 from ..exceptions import CHECK_FAILED, DataError, ModelselError, StudyError
 from ..fitting.design import Model
 from ..mechanisms.registry import mechanism, with_plugins
+from ..report.drawing import draw
+from ..report.pages.fleet_summary import summary
 from ..results.storage import WRITES, save
 from ..robot.files import builtin_names, load, read_robot
 from ..selection.streaming import Parts, fit_parts, parts_of
 from .analysis import provenance
-from .report.drawing import draw
-from .report.fleet import summary
 from .study import run
 
 if TYPE_CHECKING:
@@ -193,7 +193,7 @@ def show_fleet(rows: Sequence[Row], console: Console) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from .tables import mm
+    from ..report.terminal import mm
     table = Table(title="Mean held-out error [mm]")
     for name, side in (("study", "left"), ("configurations", "right"), *((what, "right") for what in ERRORS), ("found", "left")):
         table.add_column(name, justify=side)  # type: ignore[arg-type]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...._typing import Array
+from ..._typing import Array
 from ..style import AFTER, BLUE, INK, ORANGE, QUIET, WIDTH, shortened, styled, svg
 
 VECTORS = 220  # drawn in one picture

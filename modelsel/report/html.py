@@ -8,11 +8,11 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
-from ...results.placements import standing_sentences
-from ...results.storage import Source
-from .end import CALLED
+from ..results.placements import standing_sentences
+from ..results.storage import Source
 from .figures import errormap, ladder
-from .front import opening
+from .pages.appendix import CALLED
+from .pages.front import opening
 
 SCRIPTS = ("plot.js", "space.js", "map.js", "page.js")
 
@@ -51,7 +51,7 @@ def _setup(placed: dict[str, Any] | None) -> str:
 
 def page(source: Source) -> bytes:
     """The whole page."""
-    result, details, folder = source.result, source.details, files(__package__) / "page"
+    result, details, folder = source.result, source.details, files(__package__) / "templates"
     counts, way = result["configurations"], ladder.rungs(result)
     data = {
         "result": slim(result),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...measurements.table import where_of
 from ...results.storage import Source
 from ...results.tables import name_of
-from .document import Block, heading, points, table, text
+from ..document import Block, heading, points, table, text
 
 ROWS = 60
 CALLED = {"data_sha256": "measurements, SHA-256", "study_sha256": "study file, SHA-256"}

@@ -8,9 +8,9 @@ from ...diagnosis.sentences import quantity
 from ...measurements.table import Where, where_of
 from ...results.storage import Source
 from ...results.tables import name_of
-from ..tables import mm
-from .document import Block, heading, points, table, text
-from .figures import finding as draw
+from ..document import Block, heading, points, table, text
+from ..figures import finding as draw
+from ..terminal import mm
 from .front import names_of
 
 ESTIMATES = 4  # numbers listed; a free function has dozens

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from ...exceptions import StudyError, suggest
-from ...results.storage import Source
+from ..exceptions import StudyError, suggest
+from ..results.storage import Source
 
 Block = dict[str, Any]
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ....results.tables import adds
+from ...results.tables import adds
 from ..style import AFTER, BLUE, GREY, INK, ORANGE, QUIET, WIDTH, shortened, styled, svg
 
 MOST, CURVES = 26, 6  # rungs that the ladder can hold, and the picture of their errors

@@ -8,10 +8,10 @@ from ...notices import Note, alarms
 from ...results.placements import standing_sentences
 from ...results.storage import Source
 from ...results.tables import alike, name_of
-from ..tables import mm
-from .document import Block, heading, points, table, text
-from .figures import errormap, ladder, space
-from .style import shortened
+from ..document import Block, heading, points, table, text
+from ..figures import errormap, ladder, space
+from ..style import shortened
+from ..terminal import mm
 
 NAMED, NAME, WHAT = 9, 40, 110  # rows of the first page's table, letters of a name and of what it means
 

@@ -1,4 +1,5 @@
 """Results as words and tables for a terminal or a log (rich)."""
+
 from __future__ import annotations
 
 from typing import TYPE_CHECKING

@@ -6,9 +6,10 @@ from typing import Any
 
 from ...diagnosis.sentences import prefixed
 from ...results.storage import Source
-from ..tables import mm
-from .document import Block, heading, points, table, text
-from .figures import ladder, parameters, space
+from ..document import Block, heading, points, table, text
+from ..figures import ladder, space
+from ..figures import parameter_plots as parameters
+from ..terminal import mm
 
 PAIRS = 8
 QUANTILES = 24

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from ..._version import VERSION
-from ..tables import mm
-from .document import Block, heading, table, text
-from .pdf import compiled
-from .style import shortened
+from ..document import Block, heading, table, text
+from ..pdf import compiled
+from ..style import shortened
+from ..terminal import mm
 
 Row = dict[str, Any]
 ROWS = 45  # lines of the table; a larger fleet has the others in summary.csv

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from ...results.storage import Source
-from ..tables import TABLE_FOR, mm
-from .document import Block, heading, table, text
-from .figures import ladder
+from ..document import Block, heading, table, text
+from ..figures import ladder
+from ..terminal import TABLE_FOR, mm
 
 SIDES = ("estimation", "held_out")
 ASIDE = 12  # names of what the table of subsets does not hold

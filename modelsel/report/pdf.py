@@ -8,8 +8,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from ...exceptions import ModelselError
-from ...results.storage import Source
+from ..exceptions import ModelselError
+from ..results.storage import Source
 from .document import Block
 from .style import shortened
 
@@ -32,7 +32,7 @@ def compiled(content: dict[str, Any], pictures: dict[str, bytes]) -> tuple[bytes
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "report.json").write_text(json.dumps(content, ensure_ascii=False), encoding="utf-8")
-        (folder / "template.typ").write_bytes((files(__package__) / "template.typ").read_bytes())
+        (folder / "template.typ").write_bytes((files(__package__) / "templates" / "report.typ").read_bytes())
         for file, picture in pictures.items():
             (folder / file).write_bytes(picture)
         compiler = typst.Compiler(
