@@ -25,8 +25,8 @@ from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.kinematics import Joint, Robot, forward
-from modelsel.telling.analysis import Result
-from modelsel.telling.study import run
+from modelsel.study.pipeline import Result
+from modelsel.study.runner import run
 from modelsel.uncertainty import conditional_priors as conditional
 from modelsel.uncertainty import sampler as engine
 from modelsel.uncertainty.log_posterior import TAIL, Target

@@ -48,11 +48,11 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
     from .robot.kinematics import screw_field as screw_field
     from .selection.evaluation import gain as gain
     from .selection.splits import choose as choose
-    from .telling.planning import Planned as Planned
-    from .telling.planning import plan_next as plan_next
-    from .telling.study import rehearse as rehearse
-    from .telling.study import run as run
-    from .telling.study import simulate_study as simulate_study
+    from .study.planning import Planned as Planned
+    from .study.planning import plan_next as plan_next
+    from .study.runner import rehearse as rehearse
+    from .study.runner import run as run
+    from .study.runner import simulate_study as simulate_study
 
 __version__ = VERSION
 
@@ -69,15 +69,15 @@ _NAMES = {  # a name that is also a module's (fit, scene, extend …) is importe
     "mechanisms.causes": "Cause",
     "mechanisms.registry": "BUILTIN PerJoint every mechanism with_plugins",
     "mechanisms.terms": "Mechanism Screw Term",
+    "report.drawing": "report",
     "results.result": "Result",
     "results.storage": "StoredResult calibration_of load_result save",
-    "report.drawing": "report",
     "robot.files": "builtin_names load read_robot",
     "robot.kinematics": "Robot forward screw_field",
     "selection.evaluation": "gain",
     "selection.splits": "choose",
-    "telling.planning": "Planned plan_next",
-    "telling.study": "rehearse run simulate_study",
+    "study.planning": "Planned plan_next",
+    "study.runner": "rehearse run simulate_study",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)

@@ -123,7 +123,7 @@ def run(place: Path, kills: int, rng: np.random.Generator, sampling: bool) -> di
         (place / name).write_bytes(content)
     words = ["study", str(place / "study.toml"), "--no-report", "--out"]
     if sampling:
-        from modelsel.telling import checkpoint
+        from modelsel.study import checkpoint
         from modelsel.uncertainty import sampler as engine
         from modelsel.uncertainty import summary as confidence
         engine.LONG, engine.AGREE, confidence.ROWS, checkpoint.EVERY = 2, 100.0, 0, 0.0

@@ -15,7 +15,7 @@ from modelsel.results.storage import save
 from modelsel.robot.files import read_robot
 from modelsel.robot.kinematics import forward
 from modelsel.robot.urdf import write_urdf
-from modelsel.telling.study import run, simulate_study
+from modelsel.study.runner import run, simulate_study
 
 ROBOT = """name = "arm3"
 source = "made up"

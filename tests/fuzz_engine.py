@@ -152,14 +152,14 @@ def fleet_here(monkey: Callable[[str, Any], None]) -> None:
     def nobody(*_: object) -> Iterator[None]:
         yield None
 
-    from modelsel.telling import fleet as module
+    from modelsel.study import fleet_runner as module
 
     def only_parts(read: Any, out: Path, client: Any, **_: Any) -> list[Any]:
         return [module._whole_set(part, read.folder, out / part.name, client) for part in read.parts]
 
-    monkey("modelsel.telling.fleet.cluster", nobody)
-    monkey("modelsel.telling.fleet.run_fleet", only_parts)
-    monkey("modelsel.telling.fleet._on_workers", lambda client, work, items: [work(item) for item in items])
+    monkey("modelsel.study.fleet_runner.cluster", nobody)
+    monkey("modelsel.study.fleet_runner.run_fleet", only_parts)
+    monkey("modelsel.study.fleet_runner._on_workers", lambda client, work, items: [work(item) for item in items])
 
 
 def _patch(dotted: str, value: Any) -> None:

@@ -19,8 +19,8 @@ from modelsel.config.study_file import parse_study
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.kinematics import Robot
-from modelsel.telling.analysis import Question, Result, analyse
-from modelsel.telling.study import candidates_of, plan_of
+from modelsel.study.pipeline import Question, Result, analyse
+from modelsel.study.runner import candidates_of, plan_of
 
 ROBOT: Robot = replace(small_arm(), gravity=(0.0, 0.0, -1.0))
 TOOL, NOISE = (250.0, -60.0, 90.0), 0.04

@@ -26,7 +26,7 @@ from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.results.storage import calibration_of, save
 from modelsel.robot.files import load
 from modelsel.selection.evaluation import Data
-from modelsel.telling.study import run
+from modelsel.study.runner import run
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"
 

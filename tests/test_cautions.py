@@ -23,7 +23,7 @@ from modelsel.results.cautions import restricted, worse_than_nominal
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Gain
-from modelsel.telling.study import run
+from modelsel.study.runner import run
 
 STUDY = Path(__file__).parent.parent / "studies" / "puma760"
 ARM = load("ur10")

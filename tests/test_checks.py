@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 
 from modelsel._typing import Array
 from modelsel.cli import main
-from modelsel.elsewhere.checks import outcome, setup_notes, told_with
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.noise import Floor, from_target_pairs
 from modelsel.fitting.noise_check import lack, likeliest
@@ -33,7 +32,8 @@ from modelsel.setup.measured_orientations import orientation_mistake
 from modelsel.setup.mistakes import mistake
 from modelsel.setup.registration import register
 from modelsel.setup.target_labels import labels_mistake
-from modelsel.telling.study import rehearse, run
+from modelsel.study.checks import outcome, setup_notes, told_with
+from modelsel.study.runner import rehearse, run
 
 NOISE = 0.05
 TOOLS = {"A": (40.0, -25.0, 100.0), "B": (-30.0, 40.0, 80.0)}

@@ -56,7 +56,7 @@ def test_an_output_without_greek_letters_loses_no_more_than_them(tmp_path) -> No
 
 
 def test_dry_run_computes_and_writes_nothing(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("modelsel.telling.study.analyse", lambda *a, **k: pytest.fail("it computed"))
+    monkeypatch.setattr("modelsel.study.runner.analyse", lambda *a, **k: pytest.fail("it computed"))
     said = invoked("study", PUMA, "--dry-run", "--out", tmp_path / "out")
     assert "80 configurations would estimate, 120 would be held out" in said
     assert not (tmp_path / "out").exists()

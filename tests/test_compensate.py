@@ -26,7 +26,7 @@ from modelsel.results.storage import calibration_of
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_quaternion
-from modelsel.telling.study import run
+from modelsel.study.runner import run
 
 NOISE = 0.06
 STUDY = """name = "engine"

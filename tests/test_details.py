@@ -15,8 +15,8 @@ from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.report import drawing
 from modelsel.report.pages.findings import separation
 from modelsel.results.details import thinned
-from modelsel.telling.analysis import Question
-from modelsel.telling.study import candidates_of, plan_of, robot_of
+from modelsel.study.pipeline import Question
+from modelsel.study.runner import candidates_of, plan_of, robot_of
 
 
 def entry(name: str | None, *screws: tuple[int, str, str]) -> dict:

@@ -71,7 +71,7 @@ def test_killed_at_any_step(kills, more, tmp_path) -> None:
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
 def test_interrupted(by, study, tmp_path) -> None:
     """130, with the command that goes on, and nothing left."""
-    code = ("import signal, sys, time, modelsel.telling.study as s\n"
+    code = ("import signal, sys, time, modelsel.study.runner as s\n"
             "signal.signal(signal.SIGINT, signal.default_int_handler)\n"       # a shell's background job begins deaf to it
             "s.analyse = lambda *a, **k: (print('there', flush=True), time.sleep(60))\n"
             "from modelsel.cli import main; main(prog_name='modelsel')")
@@ -136,7 +136,7 @@ def test_out_is_a_file(study, tmp_path) -> None:
 @pytest.mark.parametrize("what", ["gone", "changed"])
 def test_the_file_does_not_stay(what, study, tmp_path, monkeypatch) -> None:
     """The measurements vanish, or are written to, while they are read."""
-    from modelsel.telling import study as module
+    from modelsel.study import runner as module
     read = module.read_measurements
 
     def meddled(path: Path, *rest: object) -> object:

@@ -187,8 +187,8 @@ def test_reduction_is_the_gram_matrix(rng) -> None:
 def test_distances_are_from_where_the_tracker_stands(noise) -> None:
     """With or without the instrument's figures."""
     from modelsel import Study, load, read_measurements
-    from modelsel.elsewhere.prepare import prepare
-    from modelsel.telling.study import plan_of
+    from modelsel.study.preparation import prepare
+    from modelsel.study.runner import plan_of
     file = Path(__file__).parents[1] / "studies" / "puma760" / "measurements.csv"
     study = Study(name="far", robot={"name": "puma760", "tool_mm": [0, 0, 100]}, measurements=file, split={"estimation": 80},
                   noise={**noise, "tracker_mm": [4000, 0, 500]})

@@ -29,9 +29,9 @@ from modelsel.mechanisms.registry import mechanism
 from modelsel.results.storage import WRITES, load_result
 from modelsel.robot.files import load
 from modelsel.selection.streaming import Parts, fit_parts, parts_of
-from modelsel.telling import fleet as fleets
-from modelsel.telling.fleet import cluster, run_fleet, save_summary
-from modelsel.telling.study import run
+from modelsel.study import fleet_runner as fleets
+from modelsel.study.fleet_runner import cluster, run_fleet, save_summary
+from modelsel.study.runner import run
 
 TOOL = (40.0, -25.0, 100.0)
 STUDY = """

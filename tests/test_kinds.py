@@ -18,8 +18,6 @@ from modelsel.calibration.validation import judge
 from modelsel.config.study_file import parse_study
 from modelsel.diagnosis.outliers import gross, scale_of
 from modelsel.diagnosis.procedure import explain
-from modelsel.elsewhere.prepare import Plan, prepare
-from modelsel.elsewhere.simulate import simulate_rows
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.batch import Ensemble
 from modelsel.fitting.design import Model, design, residuals
@@ -46,9 +44,11 @@ from modelsel.selection.cross_validation import fold as fold_scene
 from modelsel.selection.evaluation import Data
 from modelsel.selection.splits import assign
 from modelsel.selection.streaming import Parts, parts_of
-from modelsel.telling.inspect import describe
-from modelsel.telling.inspect import sentences as checked
-from modelsel.telling.study import known_features, run
+from modelsel.study.inspection import describe
+from modelsel.study.inspection import sentences as checked
+from modelsel.study.preparation import Plan, prepare
+from modelsel.study.runner import known_features, run
+from modelsel.study.simulation import simulate_rows
 from modelsel.uncertainty.log_posterior import Target
 from modelsel.uncertainty.nuisance import components
 

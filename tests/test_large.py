@@ -12,7 +12,7 @@ from modelsel.measurements.measurements import blocks
 from modelsel.mechanisms.causes import q
 from modelsel.selection import evaluation as validate
 from modelsel.selection.evaluation import gain
-from modelsel.telling.study import run
+from modelsel.study.runner import run
 
 STUDY = """
 name = "large"

@@ -9,12 +9,12 @@ import pandas as pd
 import pytest
 from builders import drawn, seeds
 
-from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.exceptions import DataError
 from modelsel.fitting.noise import from_repeats
 from modelsel.measurements.measurements import Measurements, in_turn, measurements
 from modelsel.measurements.reader import read_labels, read_measurements
 from modelsel.robot.files import load
+from modelsel.study.preparation import Plan, prepare
 
 Q = "q1_rad,q2_rad"
 PLAIN = f"{Q},x_mm,y_mm,z_mm"

@@ -25,8 +25,8 @@ from modelsel.mechanisms.causes import Named, q, sin
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import robot_from_table
 from modelsel.robot.kinematics import Robot, forward
-from modelsel.telling.analysis import Result
-from modelsel.telling.study import run
+from modelsel.study.pipeline import Result
+from modelsel.study.runner import run
 
 DH = ((10.0, 300.0, 50.0, -90.0), (-20.0, 20.0, 400.0, 15.0), (30.0, 40.0, 80.0, 80.0))    # deg, mm, mm, deg
 TOOL = (250.0, -60.0, 90.0)

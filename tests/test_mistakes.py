@@ -16,7 +16,6 @@ from click.testing import CliRunner
 from modelsel._typing import Array
 from modelsel.cli import main
 from modelsel.config.study_file import read_study
-from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.exceptions import DataError
 from modelsel.fitting.problem import Scene
 from modelsel.measurements.measurements import measurements
@@ -29,7 +28,8 @@ from modelsel.robot.files import load
 from modelsel.robot.rigid import rpy
 from modelsel.setup.mistakes import mistake
 from modelsel.setup.registration import register
-from modelsel.telling.study import asked, run
+from modelsel.study.preparation import Plan, prepare
+from modelsel.study.runner import asked, run
 
 STUDIES = Path(__file__).parents[1] / "studies"
 RIGHT_ANGLE = np.pi / 2

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from modelsel.config.study_file import Study
-from modelsel.elsewhere.simulate import simulate
 from modelsel.exceptions import DataError
 from modelsel.measurements.measurements import measurements
 from modelsel.measurements.reader import read_measurements
@@ -14,7 +13,8 @@ from modelsel.report import terminal as tables
 from modelsel.report.document import book
 from modelsel.results.storage import save
 from modelsel.robot.files import load
-from modelsel.telling.study import run
+from modelsel.study.runner import run
+from modelsel.study.simulation import simulate
 
 
 def spoilt(tmp_path, kind: str, rng: np.random.Generator) -> tuple[object, np.ndarray, str]:

@@ -11,7 +11,6 @@ from builders import seeds
 from exact import Array, best, flanges, flanges_of, reached, seen
 from scipy.spatial.transform import Rotation
 
-from modelsel.elsewhere.prepare import Plan, prepare
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Scene, scene
@@ -20,6 +19,7 @@ from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load, read_robot
 from modelsel.robot.kinematics import Joint, Robot
 from modelsel.setup.registration import register
+from modelsel.study.preparation import Plan, prepare
 
 SIGMA = 0.05
 TOOL = np.array([40.0, -25.0, 100.0])

@@ -261,7 +261,7 @@ def test_ranges_and_units_are_the_users(rng) -> None:
 def test_every_target_is_seen_at_every_configuration(rng) -> None:
     """A pool without targets is seen through all of the study's; one that lists them unevenly is refused."""
     from modelsel.measurements.measurements import measurements
-    from modelsel.telling.planning import every_target, table_of
+    from modelsel.study.planning import every_target, table_of
     at = drawn(ROBOT, rng, 40, target=["a", "b"] * 20, configuration=np.repeat(np.arange(20), 2))
     q = ROBOT.draw(rng, 7)
     possible = every_target(measurements(q, np.zeros((7, 3))), ("a", "b"))

@@ -57,7 +57,7 @@ def printed(blocks: list[str], names: dict[str, object]) -> list[str]:
     return out
 
 
-def excerpt(result: modelsel.telling.analysis.Result) -> str:
+def excerpt(result: modelsel.study.pipeline.Result) -> str:
     """The sentences of a study's output."""
     from rich.console import Console
     stream = io.StringIO()

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from modelsel.config.study_file import read_study
-from modelsel.telling.analysis import Result
-from modelsel.telling.study import run
+from modelsel.study.pipeline import Result
+from modelsel.study.runner import run
 
 STUDIES = Path(__file__).parents[1] / "studies"
 DATA = {"wam-tracker": "jacobi-wam", "positioner": "rct-positioner"}

@@ -29,7 +29,7 @@ from modelsel.results.storage import calibration_of
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.robot.urdf import read_urdf_text
-from modelsel.telling.study import run
+from modelsel.study.runner import run
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"
 NOISE = 0.02

@@ -27,7 +27,7 @@ from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.results.storage import WRITES
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import rpy
-from modelsel.telling.checkpoint import Checkpoint
+from modelsel.study.checkpoint import Checkpoint
 from modelsel.uncertainty import sampler as engine
 from modelsel.uncertainty.log_posterior import TAIL, Target
 from modelsel.uncertainty.mcmc import autocorrelation_time, r_hat, snooker

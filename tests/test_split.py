@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from builders import seeds
 
-from modelsel.elsewhere.prepare import Plan, split
 from modelsel.exceptions import StudyError
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.robot.files import load
 from modelsel.selection.splits import _features, choose
+from modelsel.study.preparation import Plan, split
 
 ARM = load("puma760")
 TURNS = tuple(j.prismatic for j in ARM.joints)

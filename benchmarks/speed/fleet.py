@@ -14,8 +14,8 @@ from modelsel.config.study_file import read_study
 from modelsel.results.storage import save
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
-from modelsel.telling.fleet import cluster, run_fleet
-from modelsel.telling.study import run as alone
+from modelsel.study.fleet_runner import cluster, run_fleet
+from modelsel.study.runner import run as alone
 
 from .timing import TOOL
 

@@ -19,7 +19,7 @@ def check(data: Path, robot: str, base: str | None, tip: str | None, columns: di
     """What is in a measurements file, what it can tell and what it cannot."""
     from ..measurements.reader import read_measurements
     from ..robot.files import load, read_robot
-    from ..telling.inspect import describe, sentences
+    from ..study.inspection import describe, sentences
     arm = read_robot(Path(robot), base, tip) if robot.endswith((".toml", ".urdf", ".xml")) else load(robot)
     found = describe(arm, read_measurements(data, arm.prismatic, columns))
     if as_json:

@@ -22,7 +22,7 @@ def fleet(fleet: Path, out: Path | None, workers: int | None, scheduler: str | N
     """Run many studies as one job, and fit measurement sets that come in many files."""
     from .._files import check_writable, claimed
     from ..config.fleet_file import read_fleet
-    from ..telling.fleet import cluster, run_fleet, save_summary, show_fleet
+    from ..study.fleet_runner import cluster, run_fleet, save_summary, show_fleet
     read = read_fleet(fleet)
     folder = out if out is not None else Path("reports") / fleet.resolve().parent.name
     check_writable(folder)

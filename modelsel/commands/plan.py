@@ -27,8 +27,8 @@ def plan(study: Path, pool_file: Path | None, limits: bool, joints: tuple[str, .
     from ..calibration.experiment_design import more_needed
     from ..config.study_file import read_study
     from ..mechanisms.registry import with_plugins
-    from ..telling.planning import plan_next, sentences
-    from ..telling.study import robot_of, run
+    from ..study.planning import plan_next, sentences
+    from ..study.runner import robot_of, run
     own = dict(map(_range, joints))
     if pool_file is not None and (limits or own):
         raise click.UsageError("--pool gives the configurations themselves: leave --limits and --joint out.")

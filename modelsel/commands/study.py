@@ -34,8 +34,8 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     from ..mechanisms.registry import with_plugins
     from ..report.drawing import draw
     from ..results.storage import WRITES, save
-    from ..telling.checkpoint import Checkpoint
-    from ..telling.study import rehearse, robot_of, run
+    from ..study.checkpoint import Checkpoint
+    from ..study.runner import rehearse, robot_of, run
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
     registry, broken = with_plugins(robot=robot_of(read, path.parent))

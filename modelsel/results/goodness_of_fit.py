@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._typing import Array
-from ..diagnosis.outliers import GROSS, far_off
 from ..diagnosis.sentences import display
 from ..diagnosis.unexplained import ENOUGH, VERY_MANY
 from ..fitting.design import fixture_values, whitened
@@ -22,23 +19,8 @@ from ..measurements.measurements import SAME_READING, Measurements
 from ..mechanisms.causes import Member
 from ..notices import Note
 from ..robot.rigid import turn
-from ..selection.evaluation import Data, Rung, errors
+from ..selection.evaluation import Data, Rung
 from .finding_records import CLEARLY, RARELY
-
-
-def held_out_outliers(data: Data, rungs: Sequence[Rung]) -> NDArray[np.bool_]:
-    """Held-out rows beyond 8 robust standard deviations of the estimation residuals in every rung from the base on."""
-    out = ~data.estimation
-    for r in rungs:
-        size = whitened(data.scene, r.residual)
-        out = out & far_off(size, size[data.used], GROSS, None if data.scene.measured is None else data.scene.measured[data.used])
-    return np.asarray(out)
-
-
-def remeasured(r: Rung, data: Data) -> Rung:
-    """A rung with its errors taken again, the outlying rows left out."""
-    return replace(r, estimation=errors(r.residual[data.estimation], data.outlying[data.estimation]),
-                   held_out=errors(r.residual[~data.estimation], data.outlying[~data.estimation]))
 
 
 @dataclass(frozen=True)
@@ -109,12 +91,6 @@ def lacking(found: LackOfFit | None, stated: bool = True) -> tuple[Note, ...]:
                  f"coordinate, {display(found.unexplained_mm)} (95 %: {display(found.low_mm)} to {display(found.high_mm)}) is "
                  "unexplained. Either the model lacks something, or the floor leaves out a part of the noise: what rows measured "
                  "together share, or what changes from one approach to the next."),)
-
-
-def per_row(floor: Floor, data: Data) -> Floor:
-    """With the number of coordinates that a row has."""
-    seen = data.scene.measured
-    return floor if seen is None else replace(floor, coordinates=float(seen[:, :3].sum(1).mean()))
 
 
 def noise_dict(floor: Floor, measured: Measurements) -> dict[str, Any]:

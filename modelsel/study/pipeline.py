@@ -1,4 +1,5 @@
 """The analysis of one study's measurements: outliers, names, ladder, table, gain."""
+
 from __future__ import annotations
 
 import hashlib
@@ -14,14 +15,12 @@ from .._version import VERSION
 from ..config.study_file import Study
 from ..diagnosis.candidates import Candidate, strongest
 from ..diagnosis.error_map import error_map
-from ..diagnosis.outliers import misplaced
+from ..diagnosis.outliers import GROSS, far_off, misplaced
 from ..diagnosis.procedure import explain, nested
 from ..diagnosis.state import models
 from ..diagnosis.stepwise import Extension
 from ..diagnosis.unexplained import estimated_floor, nothing_else, predictable_left, rows_seen, thinned
-from ..elsewhere.checks import believed, outcome, told_with, turns_believed, unsaid
-from ..elsewhere.prepare import Plan, prepare, reweigh_rotation
-from ..fitting.design import Model
+from ..fitting.design import Model, whitened
 from ..fitting.identifiability import unidentifiable
 from ..fitting.noise import Floor
 from ..measurements.measurements import Measurements
@@ -31,13 +30,15 @@ from ..mechanisms.terms import Mechanism, Screw
 from ..notices import Note
 from ..results.cautions import restricted, worse_than_nominal
 from ..results.finding_records import Finding, beside, opposed, surprised, uneven
-from ..results.goodness_of_fit import held_out_outliers, lack_of_fit, lacking, per_row, remeasured
+from ..results.goodness_of_fit import lack_of_fit, lacking
 from ..results.result import Result
 from ..robot.kinematics import Robot
 from ..selection.comparison import MOST, Comparison, compare
-from ..selection.evaluation import Data, Gain, Resampled, Rung, paired, rung
+from ..selection.evaluation import Data, Gain, Resampled, Rung, errors, paired, rung
 from ..uncertainty.sampler import Keeper
 from ..uncertainty.summary import Request, confidence, sampled
+from .checks import believed, outcome, told_with, turns_believed, unsaid
+from .preparation import Plan, prepare, reweigh_rotation
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,3 +202,24 @@ def provenance(study: Study, data_sha256: str) -> dict[str, str]:
     import scipy
     return {"modelsel": VERSION, "numpy": np.__version__, "scipy": scipy.__version__, "data_sha256": data_sha256,
             "study_sha256": hashlib.sha256(study.model_dump_json().encode()).hexdigest()}
+
+
+def held_out_outliers(data: Data, rungs: Sequence[Rung]) -> NDArray[np.bool_]:
+    """Held-out rows beyond 8 robust standard deviations of the estimation residuals in every rung from the base on."""
+    out = ~data.estimation
+    for r in rungs:
+        size = whitened(data.scene, r.residual)
+        out = out & far_off(size, size[data.used], GROSS, None if data.scene.measured is None else data.scene.measured[data.used])
+    return np.asarray(out)
+
+
+def remeasured(r: Rung, data: Data) -> Rung:
+    """A rung with its errors taken again, the outlying rows left out."""
+    return replace(r, estimation=errors(r.residual[data.estimation], data.outlying[data.estimation]),
+                   held_out=errors(r.residual[~data.estimation], data.outlying[~data.estimation]))
+
+
+def per_row(floor: Floor, data: Data) -> Floor:
+    """With the number of coordinates that a row has."""
+    seen = data.scene.measured
+    return floor if seen is None else replace(floor, coordinates=float(seen[:, :3].sum(1).mean()))

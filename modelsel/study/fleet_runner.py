@@ -4,6 +4,7 @@ A study runs on a worker exactly as alone and writes what it writes alone into i
 nothing else. A worker that dies is replaced and its studies run again. Results do not depend on the workers: every study has its
 own seed, and pieces are merged in their order.
 """
+
 from __future__ import annotations
 
 import hashlib
@@ -27,8 +28,8 @@ from ..report.pages.fleet_summary import summary
 from ..results.storage import WRITES, save
 from ..robot.files import builtin_names, load, read_robot
 from ..selection.streaming import Parts, fit_parts, parts_of
-from .analysis import provenance
-from .study import run
+from .pipeline import provenance
+from .runner import run
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -1,4 +1,5 @@
 """One study, from its file to its result."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -11,8 +12,6 @@ from numpy.typing import NDArray
 from .._random import generator
 from .._typing import Say
 from ..config.study_file import Study, data_of, read_study
-from ..elsewhere.prepare import Plan, prepare, tools_of
-from ..elsewhere.simulate import simulate, simulate_rows
 from ..exceptions import DataError, StudyError
 from ..fitting.noise import Instrument
 from ..fitting.problem import scene
@@ -26,8 +25,10 @@ from ..mechanisms.terms import Mechanism, Screw, unstorable
 from ..results.result import Result
 from ..robot.files import load, read_robot
 from ..robot.kinematics import Robot
-from .analysis import Question, analyse, provenance, with_sampling
 from .checkpoint import Checkpoint
+from .pipeline import Question, analyse, provenance, with_sampling
+from .preparation import Plan, prepare, tools_of
+from .simulation import simulate, simulate_rows
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,4 +1,5 @@
 """Simulated measurements: the exact chain with planted screws and noise, in contract form."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -1,4 +1,5 @@
 """From a finished study to a plan: its rivals, the pool of configurations that could be measured, and the plan in words."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence

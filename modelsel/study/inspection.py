@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from ..elsewhere.checks import setup_notes
 from ..exceptions import DataError, NotEstimable
 from ..fitting.design import Model, residuals
 from ..fitting.identifiability import as_drawn, identify, unidentifiable
@@ -23,6 +22,7 @@ from ..robot.kinematics import Robot
 from ..setup.feature_positions import place
 from ..setup.mistakes import LEAST
 from ..setup.registration import register
+from .checks import setup_notes
 
 MOST = 2000        # points that are registered
 

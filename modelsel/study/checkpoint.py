@@ -1,4 +1,5 @@
 """Unfinished chains on disk: beside the result in a hidden folder, whole or not at all, and only for the run they belong to."""
+
 from __future__ import annotations
 
 import io

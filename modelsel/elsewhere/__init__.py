@@ -1,1 +1,0 @@
-"""The study's data made ready, the search as a whole, its confidence, planted effects."""

@@ -1,1 +1,0 @@
-"""Results as words, tables, JSON, pictures and pages; one study, or many."""
