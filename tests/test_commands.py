@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from modelsel.cli.main.main import COMMANDS, main
 
-from modelsel.cli import COMMANDS, main
-from modelsel.commands import doctor
+from modelsel.cli.main import doctor
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"
 
@@ -35,7 +35,7 @@ def test_an_unknown_command_is_suggested() -> None:
 
 def test_help_loads_no_command() -> None:
     """Nothing heavy, not even numpy, for --help."""
-    code = ("import sys; sys.argv = ['modelsel', '--help']\nfrom modelsel.cli import main\n"
+    code = ("import sys; sys.argv = ['modelsel', '--help']\nfrom modelsel.cli.main import main\n"
             "try: main()\nexcept SystemExit: pass\n"
             "print([m for m in sys.modules if m == 'numpy' or m.startswith('modelsel.com')])")
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -45,7 +45,7 @@ def test_help_loads_no_command() -> None:
 def test_an_output_without_greek_letters_loses_no_more_than_them(tmp_path) -> None:
     """A log or a terminal of another encoding: no internal error; JSON is UTF-8 all the same."""
     def ran(encoding: str, *more: object) -> bytes:
-        code = "from modelsel.cli import main; main(prog_name='modelsel')"
+        code = "from modelsel.cli.main import main; main(prog_name='modelsel')"
         return subprocess.run([sys.executable, "-c", code, *map(str, more)], capture_output=True, check=True,
                               env={**os.environ, "PYTHONIOENCODING": encoding}).stdout
     whole = ran("utf-8", "mechanisms", "gear-ripple").decode()
@@ -90,7 +90,7 @@ def test_completion_knows_the_commands() -> None:
     """What the shell asks is answered with the commands that begin so."""
     assert "_MODELSEL_COMPLETE=bash_complete" in invoked("completion", "bash")
     env = os.environ | {"_MODELSEL_COMPLETE": "bash_complete", "COMP_WORDS": "modelsel comp", "COMP_CWORD": "1"}
-    ran = subprocess.run([sys.executable, "-c", "from modelsel.cli import main; main(prog_name='modelsel')"], env=env,
+    ran = subprocess.run([sys.executable, "-c", "from modelsel.cli.main import main; main(prog_name='modelsel')"], env=env,
                          capture_output=True, text=True, check=False)
     assert {line.partition(",")[2] for line in ran.stdout.split()} == {"compensate", "compare", "completion"}
 

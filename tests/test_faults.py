@@ -16,13 +16,13 @@ from click.testing import CliRunner
 from fuzz_base import base_files
 from fuzz_clean import WRITTEN
 from fuzz_judge import guarded
+from modelsel.cli.main.main import main
 
 from modelsel._files import claimed, write_all, write_beside
-from modelsel.cli import main
 from modelsel.exceptions import StudyError
 
 HERE = Path(__file__).parent
-COMMAND = [sys.executable, "-c", "from modelsel.cli import main; main(prog_name='modelsel')"]
+COMMAND = [sys.executable, "-c", "from modelsel.cli.main import main; main(prog_name='modelsel')"]
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and limits of Unix")
 
 
@@ -74,7 +74,7 @@ def test_interrupted(by, study, tmp_path) -> None:
     code = ("import signal, sys, time, modelsel.study.runner as s\n"
             "signal.signal(signal.SIGINT, signal.default_int_handler)\n"       # a shell's background job begins deaf to it
             "s.analyse = lambda *a, **k: (print('there', flush=True), time.sleep(60))\n"
-            "from modelsel.cli import main; main(prog_name='modelsel')")
+            "from modelsel.cli.main import main; main(prog_name='modelsel')")
     ran = subprocess.Popen([sys.executable, "-c", code, *words(study, tmp_path / "out")], stdout=subprocess.PIPE,
                            stderr=subprocess.PIPE, text=True)
     assert ran.stdout is not None
@@ -252,7 +252,7 @@ def test_no_network(study, tmp_path) -> None:
     code = ("import socket\n"
             "def broken(*a, **k): raise RuntimeError('a socket was opened')\n"
             "socket.socket.__init__ = broken\n"
-            "from modelsel.cli import main; main(prog_name='modelsel')")
+            "from modelsel.cli.main import main; main(prog_name='modelsel')")
     words_ = ["study", str(study), "--out", str(tmp_path / "out"), "--no-sampling"]
     alone = ["unshare", "-rn"]
     if shutil.which("unshare") is None or subprocess.run([*alone, "true"], check=False).returncode:

@@ -27,7 +27,7 @@ from modelsel.exceptions import NotEstimable
 MUTANTS = {FIRST: 2000, LATER: 150}
 COMMANDS = 50
 SHARE_COMPUTED = 0.08          # of the mutants that can be read and need not be: the others stop after the checks
-COMMAND = [sys.executable, "-W", "error", "-c", "from modelsel.cli import main; main(prog_name='modelsel')"]
+COMMAND = [sys.executable, "-W", "error", "-c", "from modelsel.cli.main import main; main(prog_name='modelsel')"]
 
 
 def seed_of() -> int:

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from modelsel.cli.main.main import main
+from modelsel.cli.main.plugin_template import skeleton, table, tried
 
 from modelsel import read_study, run, simulate_study
 from modelsel.calibration.storage import load_calibration
-from modelsel.cli import main
 from modelsel.config.study_file import ModelTable
 from modelsel.exceptions import StudyError
 from modelsel.mechanisms.causes import Named, Number, q
@@ -22,7 +23,6 @@ from modelsel.mechanisms.registry import BUILTIN, mechanism, unsound, with_plugi
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.testing import LawBroken, broken, check_mechanism
-from modelsel.use.skeleton import skeleton, table, tried
 
 PUMA = load("puma760")
 STUDY = """name = "outside"
@@ -48,7 +48,7 @@ size = 1e-3
 
 
 def command(*words: str, cwd: Path, path: Path | None = None) -> subprocess.CompletedProcess[str]:
-    code = "from modelsel.cli import main; main()"
+    code = "from modelsel.cli.main import main; main()"
     env = os.environ | ({} if path is None else {"PYTHONPATH": str(path)})
     return subprocess.run([sys.executable, "-c", code, *words], cwd=cwd, env=env, capture_output=True, text=True, check=False)
 

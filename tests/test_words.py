@@ -7,10 +7,10 @@ import sys
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from modelsel.cli.main.compensate import _sentence
+from modelsel.cli.main.main import main
 
 from modelsel.calibration.compensation import Commands
-from modelsel.cli import main
-from modelsel.commands.compensate import _sentence
 from modelsel.diagnosis.sentences import amount, quantity
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.terms import Screw, Term

@@ -1,11 +1,12 @@
 """modelsel fleet: many studies as one job."""
+
 from __future__ import annotations
 
 from pathlib import Path
 
 import click
 
-from . import console, print_json, progress
+from ._options import console, print_json, progress
 
 
 @click.command()

@@ -1,11 +1,12 @@
 """modelsel check: what is in a measurements file."""
+
 from __future__ import annotations
 
 from pathlib import Path
 
 import click
 
-from . import mapped, print_json
+from ._options import mapped, print_json
 
 
 @click.command()

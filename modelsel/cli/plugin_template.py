@@ -1,4 +1,5 @@
 """A package of one's own with a mechanism in it: the files of `modelsel mechanisms --new`, and what `--test` tries."""
+
 from __future__ import annotations
 
 import re

@@ -1,4 +1,5 @@
 """The command line; every command is a module of its own, imported when it runs."""
+
 from __future__ import annotations
 
 import contextlib
@@ -11,12 +12,12 @@ from collections.abc import Iterator
 from importlib import import_module
 from typing import Any
 
-for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_threads, "1")  # before numpy loads: the same bytes on any machine
-
 import click
 
-from ._version import VERSION
+from .._version import VERSION
+
+for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_threads, "1")  # before numpy loads: the same bytes on any machine
 
 INTERRUPTED = 130
 RESUMES = ("study", "fleet")        # commands that take up what was interrupted
@@ -70,7 +71,7 @@ class _Lazy(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
-            from .exceptions import suggest
+            from ..exceptions import suggest
             ctx.fail(f'No such command "{cmd_name}". {suggest(cmd_name, COMMANDS)}')
         found: click.Command = getattr(import_module(f".commands.{cmd_name}", __package__), cmd_name)
         return found
@@ -80,7 +81,7 @@ class _Lazy(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
     def invoke(self, ctx: click.Context) -> Any:
-        from .exceptions import ModelselError
+        from ..exceptions import ModelselError
         _readable()
         try:
             with _terminable():

@@ -1,4 +1,5 @@
 """modelsel validate: a stored calibration on new data."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -6,7 +7,7 @@ from pathlib import Path
 import click
 
 from ..exceptions import CHECK_FAILED
-from . import mapped, print_json
+from ._options import mapped, print_json
 
 
 @click.command()

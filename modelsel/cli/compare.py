@@ -1,11 +1,12 @@
 """modelsel compare: two campaigns on one robot."""
+
 from __future__ import annotations
 
 from pathlib import Path
 
 import click
 
-from . import print_json
+from ._options import print_json
 
 
 @click.command()

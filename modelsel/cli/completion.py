@@ -1,4 +1,5 @@
 """modelsel completion: the shell's own script."""
+
 from __future__ import annotations
 
 import click
@@ -13,7 +14,7 @@ def completion(shell: str) -> None:
     """
     from click.shell_completion import get_completion_class
 
-    from ..cli import main
+    from .main import main
     made = get_completion_class(shell)
     assert made is not None
     click.echo(made(main, {}, "modelsel", "_MODELSEL_COMPLETE").source())

@@ -1,11 +1,12 @@
 """modelsel plan: what to measure next."""
+
 from __future__ import annotations
 
 from pathlib import Path
 
 import click
 
-from . import print_json, progress
+from ._options import print_json, progress
 
 PURPOSES = ("rivals", "d", "a", "o1", "o2", "o3", "o4", "o5")
 

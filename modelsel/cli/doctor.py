@@ -1,4 +1,5 @@
 """modelsel doctor: does this installation work?"""
+
 from __future__ import annotations
 
 import os
@@ -10,7 +11,7 @@ from typing import Any
 import click
 
 from ..exceptions import CHECK_FAILED
-from . import print_json
+from ._options import print_json
 
 
 @click.command()

@@ -1,11 +1,12 @@
 """modelsel report: the report of a finished study, drawn again."""
+
 from __future__ import annotations
 
 from pathlib import Path
 
 import click
 
-from . import print_json, progress
+from ._options import print_json, progress
 
 
 @click.command()

@@ -1,9 +1,10 @@
 """modelsel robots: the built-in nominal robots."""
+
 from __future__ import annotations
 
 import click
 
-from . import print_json
+from ._options import print_json
 
 
 @click.command()

@@ -1,4 +1,5 @@
 """modelsel compensate: corrected joint commands."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exceptions import CHECK_FAILED
-from . import mapped, print_json
+from ._options import mapped, print_json
 
 if TYPE_CHECKING:
     from ..calibration.compensation import Commands

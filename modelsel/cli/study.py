@@ -1,4 +1,5 @@
 """modelsel study: run a study."""
+
 from __future__ import annotations
 
 import gc
@@ -8,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import CHECK_FAILED
-from . import console, print_json, progress
+from ._options import console, print_json, progress
 
 if TYPE_CHECKING:
     from ..results.result import Result

@@ -1,4 +1,5 @@
 """modelsel export: a calibration in other programs' forms."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -6,7 +7,7 @@ from pathlib import Path
 import click
 
 from ..exceptions import CHECK_FAILED
-from . import print_json
+from ._options import print_json
 
 FORMS = ("urdf", "dh", "mdh", "json", "csv", "python", "table")
 ROUNDING_MM = 1e-6   # below it a difference is the computer's

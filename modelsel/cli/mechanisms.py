@@ -1,4 +1,5 @@
 """modelsel mechanisms: the registry."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -6,7 +7,7 @@ from pathlib import Path
 import click
 
 from ..exceptions import CHECK_FAILED
-from . import print_json
+from ._options import print_json
 
 
 @click.command()
@@ -28,7 +29,7 @@ def mechanisms(name: str | None, robot: str | None, new: str | None, test: str |
 def _begin(name: str) -> None:
     from .._files import write_beside
     from ..exceptions import StudyError
-    from ..use.skeleton import skeleton
+    from .plugin_template import skeleton
     folder, texts = Path(name), skeleton(name)
     if folder.exists():
         raise StudyError(f"{folder}: is there already; nothing was written.")
@@ -40,7 +41,7 @@ def _begin(name: str) -> None:
 
 def _try(where: str, robot: str | None, as_json: bool) -> None:
     from ..robot.files import builtin_names, load
-    from ..use.skeleton import table, tried
+    from .plugin_template import table, tried
     found = tried(table(where), [load(n) for n in ([robot] if robot else builtin_names())])
     wrong = [(m, r, what) for m, r, what in found if what]
     if as_json:
