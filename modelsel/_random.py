@@ -1,4 +1,4 @@
-"""TODO: what this module holds."""
+"""Random streams: one seed per study, one independent stream per purpose."""
 
 from __future__ import annotations
 

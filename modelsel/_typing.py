@@ -1,4 +1,4 @@
-"""TODO: what this module holds."""
+"""Types of arrays and callbacks that the whole package shares."""
 
 from __future__ import annotations
 

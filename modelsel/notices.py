@@ -1,4 +1,4 @@
-"""TODO: what this module holds."""
+"""Notes: what reading, preparing and checking have to say, with the codes of all warnings."""
 
 from __future__ import annotations
 

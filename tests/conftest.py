@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from hypothesis import settings
-from modelsel.cli.main.main import main
+
+from modelsel.cli.main import main
 
 pytest.register_assert_rewrite("laws", "builders")
 settings.register_profile("modelsel", deadline=None, derandomize=True, database=None)

@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 from fuzz_base import base_files
-from modelsel.cli.main.main import main
 
+from modelsel.cli.main import main
 from modelsel.exceptions import StudyError
 from modelsel.results.storage import load_result
 

@@ -14,7 +14,8 @@ from pathlib import Path
 
 import click
 from click.testing import CliRunner
-from modelsel.cli.main.main import _Lazy
+
+from modelsel.cli.main import _Lazy
 
 SLOW = 60  # seconds: beyond it a command hangs
 
@@ -60,8 +61,7 @@ def program(debug: bool) -> None:
 @click.argument("folder", type=Path)
 def load(folder: Path) -> None:
     """Every table of a stored result, as JSON."""
-    from modelsel.cli.main._options import print_json
-
+    from modelsel.cli._options import print_json
     from modelsel.results.storage import calibration_of, load_result
     from modelsel.results.tables import TABLES
 

@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 from builders import drawn, planted
 
-from modelsel.calibration.calibration import Calibration, calibrate, in_tracker, predict, uncertainty
+from modelsel.calibration.calibration import (
+    Calibration,
+    calibrate,
+    in_tracker,
+    predict,
+    uncertainty,
+)
 from modelsel.calibration.refitting import refitted
 from modelsel.calibration.storage import NAME, calibration_text, load_calibration, loads
 from modelsel.config.study_file import read_study

@@ -11,10 +11,10 @@ import pandas as pd
 import pytest
 from builders import bind, drawn, planted, seeds
 from click.testing import CliRunner
-from modelsel.cli.main.main import main
 from scipy.spatial.transform import Rotation
 
 from modelsel._typing import Array
+from modelsel.cli.main import main
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.noise import Floor, from_target_pairs
 from modelsel.fitting.noise_check import lack, likeliest

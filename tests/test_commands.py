@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from modelsel.cli.main.main import COMMANDS, main
 
-from modelsel.cli.main import doctor
+from modelsel.cli.main import COMMANDS, doctor, main
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"
 

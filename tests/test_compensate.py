@@ -10,12 +10,21 @@ from builders import drawn
 from click.testing import CliRunner
 from hidden_arm import arm
 from hidden_engine import Engine
-from modelsel.cli.main.main import main
 from test_calibration import wide
 
 from modelsel.calibration.calibration import predict
-from modelsel.calibration.compensation import BOUND, commanded, compensate, correct, from_order, nominal, outside, refuse
+from modelsel.calibration.compensation import (
+    BOUND,
+    commanded,
+    compensate,
+    correct,
+    from_order,
+    nominal,
+    outside,
+    refuse,
+)
 from modelsel.calibration.storage import calibration_text
+from modelsel.cli.main import main
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import DataError
 from modelsel.fitting.design import Model

@@ -12,8 +12,8 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
-from modelsel.cli.main.main import COMMANDS, INTERRUPTED
 
+from modelsel.cli.main import COMMANDS, INTERRUPTED
 from modelsel.exceptions import CHECK_FAILED, DataError, ModelselError, NotEstimable, StudyError
 from modelsel.mechanisms.registry import BUILTIN
 

@@ -8,13 +8,13 @@ import pandas as pd
 import pytest
 from builders import drawn, measured, planted
 from click.testing import CliRunner
-from modelsel.cli.main.main import main
 
 from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.campaigns import compare, holm, sentences
 from modelsel.calibration.storage import calibration_text
 from modelsel.calibration.validation import judge
 from modelsel.calibration.validation import sentences as told
+from modelsel.cli.main import main
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit

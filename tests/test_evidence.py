@@ -6,7 +6,15 @@ import pytest
 from builders import drawn, seeds
 
 from modelsel.diagnosis.candidates import Candidate, candidates
-from modelsel.diagnosis.evidence import RATIOS, evidence, factors, log_bayes_factors, null, p_value, shares
+from modelsel.diagnosis.evidence import (
+    RATIOS,
+    evidence,
+    factors,
+    log_bayes_factors,
+    null,
+    p_value,
+    shares,
+)
 from modelsel.diagnosis.scan import Scan, basis, columns, scan, stacked
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit

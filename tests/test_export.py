@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from builders import drawn, planted, small_arm
 from click.testing import CliRunner
-from modelsel.cli.main.main import main
 from test_calibration import wide
 from test_robots import screw_x, screw_z
 
@@ -19,6 +18,7 @@ from modelsel.calibration.calibration import calibrate, predict
 from modelsel.calibration.constant_part import alone, parts, points, workspace
 from modelsel.calibration.export import FORMS, export
 from modelsel.calibration.storage import calibration_text
+from modelsel.cli.main import main
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model

@@ -16,9 +16,9 @@ from click.testing import CliRunner
 from fuzz_base import base_files
 from fuzz_clean import WRITTEN
 from fuzz_judge import guarded
-from modelsel.cli.main.main import main
 
 from modelsel._files import claimed, write_all, write_beside
+from modelsel.cli.main import main
 from modelsel.exceptions import StudyError
 
 HERE = Path(__file__).parent

@@ -14,10 +14,10 @@ import pandas as pd
 import pytest
 from builders import drawn
 from click.testing import CliRunner
-from modelsel.cli.main.main import main
 from pypdf import PdfReader
 
 from modelsel._files import claimed
+from modelsel.cli.main import main
 from modelsel.config.fleet_file import read_fleet
 from modelsel.config.study_file import read_study
 from modelsel.exceptions import StudyError

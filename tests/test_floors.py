@@ -14,17 +14,21 @@ import pytest
 
 # The folders of the package, top to bottom: a module may import from its own floor and from those above it in this list.
 FLOORS = (
-    "words", "data", "machine", "wrong", "matrix", "fitting", "which", "why", "sure", "elsewhere", "use", "telling", "door",
+    "base", "robot", "measurements", "mechanisms", "fitting", "setup", "selection", "diagnosis", "uncertainty", "config",
+    "calibration", "results", "report", "study", "cli",
 )
-DOOR = ("__init__", "__main__", "cli", "commands")  # beside the floors: the command line and the names of `import modelsel`
+BASE = ("exceptions", "notices")  # and every module of the package itself whose name starts with an underscore
+TOP = ("__init__", "__main__", "testing")  # beside the command line: the names of `import modelsel`, and of plug-ins' tests
 HEAVY = ("scipy.stats", "matplotlib", "pandas", "pyarrow", "emcee", "rich", "pydantic", "typst")
-ALLOWED = {("config", "pydantic"), ("fleetfile", "pydantic")}  # a study or fleet file is its schema, imported to read one
+ALLOWED = {("study_file", "pydantic"), ("fleet_file", "pydantic")}  # a study or fleet file is its schema, imported to read one
 LONGEST_FILE = 300
 LONGEST_FUNCTION = 60
 
 PACKAGE = Path(__file__).parents[1] / "modelsel"
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
-LEVEL = {floor: level for level, floor in enumerate(FLOORS)} | dict.fromkeys(DOOR, len(FLOORS) - 1)
+LEVEL = (
+    {floor: level for level, floor in enumerate(FLOORS)} | dict.fromkeys(BASE, 0) | dict.fromkeys(TOP, len(FLOORS) - 1)
+)
 
 
 def modules_of(package: Path) -> dict[str, Path]:
@@ -57,7 +61,8 @@ def absolute(node: ast.ImportFrom, name: str, *, is_package: bool) -> str:
 
 
 def level_of(name: str) -> int | None:
-    return LEVEL.get([*name.split("."), "__init__"][1])
+    folder = [*name.split("."), "__init__"][1]
+    return LEVEL.get(folder, 0 if folder.startswith("_") else None)
 
 
 def floor_problems(package: Path) -> list[str]:
@@ -144,50 +149,50 @@ def test_house(problems) -> None:
 
 
 BREACHES = {
-    "from, down": (floor_problems, {"fitting/fit.py": "from modelsel.selection.subsets import best"}, "which.search from"),
-    "package, down": (floor_problems, {"fitting/fit.py": "from modelsel.which import search"}, "which.search from"),
-    "import, down": (floor_problems, {"fitting/fit.py": "import modelsel.selection.subsets as s"}, "which.search from"),
-    "relative, down": (floor_problems, {"fitting/fit.py": "from ..which.search import best"}, "which.search from"),
-    "dot, down": (floor_problems, {"fitting/fit.py": "from ..which import search"}, "which.search from"),
-    "subpackage, down": (floor_problems, {"wrong/mechanisms/a.py": "from ...fitting.fit import f"}, "fitting.fit from"),
-    "late, down": (floor_problems, {"fitting/fit.py": "def f():\n    import modelsel.selection.subsets"}, "which.search from"),
-    "front door": (floor_problems, {"fitting/fit.py": "from modelsel import __version__"}, "floor 'door'"),
+    "from, down": (floor_problems, {"fitting/least_squares.py": "from modelsel.selection.subsets import best"}, "selection.subsets from"),
+    "package, down": (floor_problems, {"fitting/least_squares.py": "from modelsel.selection import subsets"}, "selection.subsets from"),
+    "import, down": (floor_problems, {"fitting/least_squares.py": "import modelsel.selection.subsets as s"}, "selection.subsets from"),
+    "relative, down": (floor_problems, {"fitting/least_squares.py": "from ..selection.subsets import best"}, "selection.subsets from"),
+    "dot, down": (floor_problems, {"fitting/least_squares.py": "from ..selection import subsets"}, "selection.subsets from"),
+    "subpackage, down": (floor_problems, {"report/figures/a.py": "from ...cli.main import f"}, "cli.main from"),
+    "late, down": (floor_problems, {"fitting/least_squares.py": "def f():\n    import modelsel.selection.subsets"}, "selection.subsets from"),
+    "front door": (floor_problems, {"fitting/least_squares.py": "from modelsel import __version__"}, "floor 'cli'"),
     "no floor": (floor_problems, {"utils.py": ""}, "modelsel.utils stands on no floor"),
-    "no module": (floor_problems, {"fitting/fit.py": "from .gone import x"}, "modelsel.fitting.gone, which does not exist"),
+    "no module": (floor_problems, {"fitting/least_squares.py": "from .gone import x"}, "modelsel.fitting.gone, which does not exist"),
     "circle": (
         floor_problems,
-        {"fitting/fit.py": "from . import noise", "fitting/noise.py": "from .fit import f"},
+        {"fitting/least_squares.py": "from . import noise", "fitting/noise.py": "from .least_squares import f"},
         "in a circle",
     ),
     "circle inside": (
         floor_problems,
-        {"wrong/mechanisms/__init__.py": "from .a import A", "wrong/mechanisms/a.py": "from . import B"},
+        {"report/figures/__init__.py": "from .a import A", "report/figures/a.py": "from . import B"},
         "in a circle",
     ),
-    "long file": (length_problems, {"fitting/fit.py": "x = 1\n" * 301}, "301 lines"),
-    "long function": (length_problems, {"fitting/fit.py": "class A:\n  def f():\n" + "    x = 1\n" * 60}, "f has 61 lines"),
-    "heavy": (heavy_problems, {"fitting/fit.py": "import pandas as pd"}, "fit.py:1: pandas is imported"),
-    "heavy, from": (heavy_problems, {"fitting/fit.py": "from scipy import linalg, stats"}, "scipy.stats is imported"),
-    "heavy, below": (heavy_problems, {"fitting/fit.py": "try:\n    import rich.table\nexcept: ..."}, "rich is imported"),
+    "long file": (length_problems, {"fitting/least_squares.py": "x = 1\n" * 301}, "301 lines"),
+    "long function": (length_problems, {"fitting/least_squares.py": "class A:\n  def f():\n" + "    x = 1\n" * 60}, "f has 61 lines"),
+    "heavy": (heavy_problems, {"fitting/least_squares.py": "import pandas as pd"}, "least_squares.py:1: pandas is imported"),
+    "heavy, from": (heavy_problems, {"fitting/least_squares.py": "from scipy import linalg, stats"}, "scipy.stats is imported"),
+    "heavy, below": (heavy_problems, {"fitting/least_squares.py": "try:\n    import rich.table\nexcept: ..."}, "rich is imported"),
 }
 SOUND = {
     "up": {
-        "fitting/fit.py": "from ..words.errors import E\nfrom modelsel.words import rigid\nimport modelsel.fitting.design, numpy"
+        "fitting/least_squares.py": "from ..exceptions import E\nfrom modelsel.robot import rigid\nimport modelsel.fitting.design, numpy"
     },
-    "own floor": {"fitting/fit.py": "from . import noise"},
-    "subpackage": {"wrong/mechanisms/__init__.py": "from . import a", "wrong/mechanisms/a.py": "from ..screws import S"},
-    "door": {"__init__.py": "from modelsel.fitting.least_squares import f", "__main__.py": "from .cli import main"},
-    "late": {"fitting/fit.py": "import scipy.linalg, richer\ndef f():\n    import pandas\n    from scipy import stats"},
-    "types": {"fitting/fit.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import pandas as pd"},
-    "at the limits": {"fitting/fit.py": "def f():\n" + "    x = 1\n" * 59 + "\n" * 240},
+    "own floor": {"fitting/least_squares.py": "from . import noise"},
+    "subpackage": {"report/figures/__init__.py": "from . import a", "report/figures/a.py": "from ..style import S"},
+    "door": {"__init__.py": "from modelsel.fitting.least_squares import f", "__main__.py": "from .cli.main import main"},
+    "late": {"fitting/least_squares.py": "import scipy.linalg, richer\ndef f():\n    import pandas\n    from scipy import stats"},
+    "types": {"fitting/least_squares.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import pandas as pd"},
+    "at the limits": {"fitting/least_squares.py": "def f():\n" + "    x = 1\n" * 59 + "\n" * 240},
 }
 
 
 def planted(folder: Path, files: Mapping[str, str]) -> Path:
     """A package named modelsel with the modules that the examples import, and the given files."""
     names = (
-        *("__init__", "cli", "words/errors", "words/rigid", "wrong/screws", "wrong/mechanisms/__init__"),
-        *("matrix/design", "fitting/fit", "fitting/noise", "which/__init__", "which/search"),
+        *("__init__", "exceptions", "robot/rigid", "report/style", "report/figures/__init__", "cli/main"),
+        *("fitting/design", "fitting/least_squares", "fitting/noise", "selection/__init__", "selection/subsets"),
     )
     for name, text in ({f"{name}.py": "" for name in names} | dict(files)).items():
         path = folder / "modelsel" / name

@@ -14,7 +14,13 @@ from modelsel.fitting.least_squares import fit
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
-from modelsel.selection.cross_validation import Folded, cross_validate, fold, held_out_residuals, pad
+from modelsel.selection.cross_validation import (
+    Folded,
+    cross_validate,
+    fold,
+    held_out_residuals,
+    pad,
+)
 from modelsel.selection.splits import assign
 
 

@@ -20,7 +20,6 @@ import pytest
 from click.testing import CliRunner
 from fuzz_base import ROBOT, STUDY, base_files
 from hostile import NAMES, REFUSED
-from modelsel.cli.main.main import main
 
 from modelsel._names import guarded, unfit, unguarded
 from modelsel.calibration.calibration import predict
@@ -28,6 +27,7 @@ from modelsel.calibration.constant_part import workspace
 from modelsel.calibration.export import FORMS, export
 from modelsel.calibration.export.python import data_in, module_of
 from modelsel.calibration.storage import loads
+from modelsel.cli.main import main
 from modelsel.config.fleet_file import read_fleet
 from modelsel.config.study_file import Study, parse_study
 from modelsel.exceptions import DataError, ModelselError, StudyError

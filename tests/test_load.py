@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 from builders import bind, drawn, one, planted, study_of
 from click.testing import CliRunner
-from modelsel.cli.main.main import main
 
+from modelsel.cli.main import main
 from modelsel.diagnosis import candidates as possible
 from modelsel.diagnosis.candidates import candidates, crowded
 from modelsel.diagnosis.procedure import explain

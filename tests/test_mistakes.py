@@ -12,9 +12,9 @@ import pytest
 from builders import OFF_AXIS, planted, seeds
 from builders import drawn as drawn_arm
 from click.testing import CliRunner
-from modelsel.cli.main.main import main
 
 from modelsel._typing import Array
+from modelsel.cli.main import main
 from modelsel.config.study_file import read_study
 from modelsel.exceptions import DataError
 from modelsel.fitting.problem import Scene

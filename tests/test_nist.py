@@ -10,7 +10,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from certified import DATA, LINEAR, MOST, curves, fitted, in_any_order, iterated, linear, nonlinear, peers, shipped
+from certified import (
+    DATA,
+    LINEAR,
+    MOST,
+    curves,
+    fitted,
+    in_any_order,
+    iterated,
+    linear,
+    nonlinear,
+    peers,
+    shipped,
+)
 
 from modelsel.fitting.identifiability import identify, solve
 from modelsel.fitting.reduction import reduce

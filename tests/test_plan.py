@@ -9,8 +9,6 @@ import pandas as pd
 import pytest
 from builders import drawn
 from click.testing import CliRunner
-from modelsel.cli.main.main import main
-from modelsel.cli.main.plan import PURPOSES
 
 from modelsel import Study, plan_next
 from modelsel import run as study_run
@@ -28,6 +26,8 @@ from modelsel.calibration.experiment_design import (
     tell_apart,
     told_with,
 )
+from modelsel.cli.main import main
+from modelsel.cli.plan import PURPOSES
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.design import design
 from modelsel.mechanisms.registry import mechanism, parts

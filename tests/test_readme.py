@@ -16,10 +16,10 @@ import pandas as pd
 import pytest
 from builders import drawn
 from click.testing import CliRunner
-from modelsel.cli.main.main import COMMANDS, main
 from test_floors import DOOR, FLOORS, PACKAGE
 
 import modelsel
+from modelsel.cli.main import COMMANDS, main
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import design, residuals

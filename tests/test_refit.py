@@ -10,13 +10,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from modelsel.cli.main.main import main
 from test_calibration import wide
 
 from modelsel.calibration.calibration import Calibration
 from modelsel.calibration.constant_part import alone, constants
 from modelsel.calibration.export import FORMS, export
 from modelsel.calibration.storage import calibration_text, loads
+from modelsel.cli.main import main
 from modelsel.config.study_file import parse_study, read_study
 from modelsel.exceptions import StudyError
 from modelsel.measurements.measurements import measurements

@@ -14,9 +14,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from modelsel.cli.main.main import main
 
 from modelsel import read_study, run
+from modelsel.cli.main import main
 from modelsel.exceptions import StudyError
 from modelsel.report import drawing
 from modelsel.report.document import book

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from builders import drawn, one, planted, small_arm, study_of
 from click.testing import CliRunner
-from modelsel.cli.main.main import main
 from scipy.integrate import quad
 
 from modelsel._typing import Array
+from modelsel.cli.main import main
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import Fit, fit

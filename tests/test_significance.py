@@ -19,7 +19,13 @@ from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.selection.cross_validation import by_unit, fold
 from modelsel.selection.evaluation import Data, rung
 from modelsel.uncertainty.bootstrap import bootstrap, halves, signs
-from modelsel.uncertainty.parameters import correlation, difference_notes, labels, parameters, resampled
+from modelsel.uncertainty.parameters import (
+    correlation,
+    difference_notes,
+    labels,
+    parameters,
+    resampled,
+)
 from modelsel.uncertainty.posterior import posterior
 from modelsel.uncertainty.significance import Significance, nested, significance, stability
 from modelsel.uncertainty.summary import Request, confidence, sampled

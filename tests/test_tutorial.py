@@ -10,8 +10,9 @@ import textwrap
 from pathlib import Path
 
 from click.testing import CliRunner
-from modelsel.cli.main.main import main
 from test_readme import SHOWN, fenced, printed
+
+from modelsel.cli.main import main
 
 ROOT = Path(__file__).parents[1]
 TUTORIAL, PYTHON = ROOT / "docs" / "tutorial.md", ROOT / "docs" / "python.md"

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from modelsel.cli.main.compensate import _sentence
-from modelsel.cli.main.main import main
 
 from modelsel.calibration.compensation import Commands
+from modelsel.cli.main import main
 from modelsel.diagnosis.sentences import amount, quantity
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.terms import Screw, Term

@@ -26,9 +26,9 @@ def run() -> dict[str, float]:
     best = dict.fromkeys(("help", "numpy", "study"), float("inf"))
     with tempfile.TemporaryDirectory() as folder:
         compiled = Path(folder) / "compiled"
-        study = ("-m", "modelsel.cli.main", "study", str(STUDY), "--out", folder, "--no-report", "--no-sampling")
+        study = ("-m", "modelsel", "study", str(STUDY), "--out", folder, "--no-report", "--no-sampling")
         for k in range(7):
-            best["help"] = min(best["help"], _cpu(compiled, "-m", "modelsel.cli.main", "--help"))
+            best["help"] = min(best["help"], _cpu(compiled, "-m", "modelsel", "--help"))
             best["numpy"] = min(best["numpy"], _cpu(compiled, "-c", "import numpy"))
             if k < 5:
                 best["study"] = min(best["study"], _cpu(compiled, *study))

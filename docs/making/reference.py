@@ -6,10 +6,10 @@ import re
 from typing import Any, get_args, get_origin
 
 import click
-from modelsel.cli.main.main import COMMANDS, main
 from pydantic import BaseModel
 
 import modelsel
+from modelsel.cli.main import COMMANDS, main
 from modelsel.config.fleet_file import FleetFile
 from modelsel.config.study_file import Held, Study
 from modelsel.robot.kinematics import Robot

@@ -20,7 +20,16 @@ from ..mechanisms.geometry import setup
 from ..mechanisms.terms import Term
 from .calibration import Calibration
 from .constant_part import workspace
-from .mechanism_changes import LEVEL, SEEN, MechanismChange, Motions, mechanisms, quantile, told, two_sided
+from .mechanism_changes import (
+    LEVEL,
+    SEEN,
+    MechanismChange,
+    Motions,
+    mechanisms,
+    quantile,
+    told,
+    two_sided,
+)
 
 SAME_MM = 1e-6        # two nominal robots alike to this are one
 CONFIGURATIONS = 300

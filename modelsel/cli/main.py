@@ -23,7 +23,7 @@ INTERRUPTED = 130
 RESUMES = ("study", "fleet")        # commands that take up what was interrupted
 
 
-COMMANDS = {    # name: what `modelsel --help` says of it; modelsel/commands/<name>.py has it
+COMMANDS = {    # name: what `modelsel --help` says of it; modelsel/cli/<name>.py has it
     "study": "Run a study: what is wrong, the ladder of models, the gain.",
     "report": "Draw the report of a finished study again.",
     "fleet": "Run many studies as one job.",
@@ -73,7 +73,7 @@ class _Lazy(click.Group):
         if cmd_name not in COMMANDS:
             from ..exceptions import suggest
             ctx.fail(f'No such command "{cmd_name}". {suggest(cmd_name, COMMANDS)}')
-        found: click.Command = getattr(import_module(f".commands.{cmd_name}", __package__), cmd_name)
+        found: click.Command = getattr(import_module(f".{cmd_name}", __package__), cmd_name)
         return found
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

@@ -18,7 +18,14 @@ from ..robot.rigid import from_quaternion
 from .columns import READINGS, as_numbers, labels, measured, numbers, together
 from .duplicates import copies, duplicates
 from .measurements import Measurements, measurements, numbered
-from .observation_columns import COLUMNS, Kinds, read_kinds, read_positions, read_quaternions, read_uncertainties
+from .observation_columns import (
+    COLUMNS,
+    Kinds,
+    read_kinds,
+    read_positions,
+    read_quaternions,
+    read_uncertainties,
+)
 from .table import Source, Table, Where, read_table, renamed
 from .unit_names import mapped_units, other_units
 

@@ -1,4 +1,4 @@
-"""TODO: what this module holds."""
+"""Mechanisms, terms and causes as plain values, and back."""
 
 from __future__ import annotations
 

@@ -19,7 +19,6 @@ from ..calibration.refitting import refitted
 from ..calibration.storage import NAME, calibration_text, load_calibration
 from ..exceptions import StudyError
 from ..measurements.table import damaged
-from ..report.document import Block
 from .details import details
 from .details import dumps as compact
 from .result import Result
@@ -170,7 +169,7 @@ class Source:
     details: dict[str, Any]
     pictures: dict[str, bytes] = field(default_factory=dict)
 
-    def figure(self, name: str, picture: bytes, caption: str, alt: str) -> Block:
+    def figure(self, name: str, picture: bytes, caption: str, alt: str) -> dict[str, Any]:
         """A picture with a caption that says what to see and a text for those who cannot."""
         self.pictures[f"{name}.svg"] = picture
         return {"kind": "figure", "file": f"{name}.svg", "caption": caption, "alt": alt}

@@ -16,7 +16,20 @@ from functools import cached_property
 import numpy as np
 
 from .._typing import Array
-from ._kernels import BASE, SAME, Fixed, Frame, Space, add, screws_into, sparse, spin_into, turn_into, turns_of, twisted
+from ._kernels import (
+    BASE,
+    SAME,
+    Fixed,
+    Frame,
+    Space,
+    add,
+    screws_into,
+    sparse,
+    spin_into,
+    turn_into,
+    turns_of,
+    twisted,
+)
 
 
 @dataclass(frozen=True, eq=False)

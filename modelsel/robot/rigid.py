@@ -80,5 +80,7 @@ def to_quaternion(R: Array) -> Array:
 
 def rotation_vector(R: Array) -> Array:
     """Rotation vectors (m, 3) [rad] of rotations (m, 3, 3): axis times angle."""
-    from scipy.spatial.transform import Rotation  # slow to import, and only orientation data need it
+    from scipy.spatial.transform import (
+        Rotation,  # slow to import, and only orientation data need it
+    )
     return np.asarray(Rotation.from_matrix(R).as_rotvec())

@@ -21,7 +21,14 @@ from ..fitting.reduction import Reduction, spread
 from ..mechanisms.terms import Mechanism, Screw
 from .branch_and_bound import Certified, best_subset
 from .criteria import aicc, bic, log_evidence, scan_price, weights
-from .cross_validation import CrossValidation, Folded, cross_validate, fold, folds, held_out_residuals
+from .cross_validation import (
+    CrossValidation,
+    Folded,
+    cross_validate,
+    fold,
+    folds,
+    held_out_residuals,
+)
 from .evaluation import Data, Rung, described, errors_of
 from .subsets import Subsets, all_subsets, some_subsets
 

@@ -22,7 +22,16 @@ from ..robot.kinematics import pose
 from .joint_offsets import Arm, of_joint, of_links, several
 from .other_robots import better
 from .registration import register, undetermined
-from .simple_mistakes import NOTHING, REGISTER, SCALES, Mistake, linear, of_joints, of_positions, senses
+from .simple_mistakes import (
+    NOTHING,
+    REGISTER,
+    SCALES,
+    Mistake,
+    linear,
+    of_joints,
+    of_positions,
+    senses,
+)
 
 ROWS = 120            # that are looked at, spread over the file
 LEAST = 10            # configurations, below which chance fits too much; twice as many for two mistakes at once

@@ -19,7 +19,13 @@ from ..diagnosis.outliers import GROSS, far_off, misplaced
 from ..diagnosis.procedure import explain, nested
 from ..diagnosis.state import models
 from ..diagnosis.stepwise import Extension
-from ..diagnosis.unexplained import estimated_floor, nothing_else, predictable_left, rows_seen, thinned
+from ..diagnosis.unexplained import (
+    estimated_floor,
+    nothing_else,
+    predictable_left,
+    rows_seen,
+    thinned,
+)
 from ..fitting.design import Model, whitened
 from ..fitting.identifiability import unidentifiable
 from ..fitting.noise import Floor

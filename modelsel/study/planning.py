@@ -11,7 +11,17 @@ import numpy as np
 from .._random import generator
 from .._typing import Array
 from ..calibration.calibration import Calibration
-from ..calibration.experiment_design import RIVALS, Rivals, determine, distinct, indices, more_needed, pool, tell_apart, told_with
+from ..calibration.experiment_design import (
+    RIVALS,
+    Rivals,
+    determine,
+    distinct,
+    indices,
+    more_needed,
+    pool,
+    tell_apart,
+    told_with,
+)
 from ..diagnosis.stepwise import Effect
 from ..exceptions import StudyError, suggest
 from ..measurements.columns import READINGS, UNITS

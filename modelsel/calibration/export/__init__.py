@@ -1,39 +1,39 @@
-"""TODO: what this module holds."""
+"""Write a calibration in the forms that other programs read: URDF, DH tables, JSON, CSV, Python, lookup tables."""
 
 from __future__ import annotations
 
-import csv
-import io
 import json
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from ..._names import guarded, quoted, unfit, unguarded
-from ..._typing import Array
+from ..._names import quoted, unfit
 from ...exceptions import StudyError
-from ...fitting.problem import Scene
-from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, parse
+from ...mechanisms.causes import Named
 from ...mechanisms.serialization import cause_of, cause_record
 from ...mechanisms.terms import Screw, Term
-from ...robot.dh import robot_file, rows_of
-from ...robot.files import robot_from_table
-from ...robot.kinematics import Robot, forward
-from ...robot.rigid import AXES, inverse, transform
-from ...robot.urdf import read_urdf_text, write_urdf
-from ..calibration import Calibration, in_tracker, pose_of
-from ..constant_part import Carried, Part, alone, carried, constants, enough, missing, parts, points, rms_and_most, workspace
+from ...robot.rigid import AXES
+from ..calibration import Calibration
+from ..constant_part import (
+    Part,
+    alone,
+    constants,
+    enough,
+    missing,
+    parts,
+    points,
+    rms_and_most,
+    workspace,
+)
 from .chains import _to_dh, to_urdf
 from .corrections import to_csv
 from .form import Exported, _missing, _whole
 from .lookup import FINE_MM, read_table, still, tables, write_tables
 from .notes import notes_of
-from .python import data_in, data_of, module_of, to_python
-from .standalone import predicted
+from .python import to_python
 
 
 def export(c: Calibration, form: str) -> Exported:

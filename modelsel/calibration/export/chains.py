@@ -1,4 +1,4 @@
-"""TODO: what this module holds."""
+"""Export as a kinematic chain: URDF and DH tables, refitted to what the form can carry."""
 
 from __future__ import annotations
 

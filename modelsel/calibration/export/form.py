@@ -1,4 +1,4 @@
-"""TODO: what this module holds."""
+"""An exported calibration: its text, what the form leaves out, and how far that is."""
 
 from __future__ import annotations
 

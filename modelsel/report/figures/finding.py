@@ -7,7 +7,20 @@ from typing import Any
 import numpy as np
 
 from ..._typing import Array
-from ..style import AFTER, BEFORE, BLUE, GREY, INK, ORANGE, QUIET, WIDTH, scaled, shortened, styled, svg
+from ..style import (
+    AFTER,
+    BEFORE,
+    BLUE,
+    GREY,
+    INK,
+    ORANGE,
+    QUIET,
+    WIDTH,
+    scaled,
+    shortened,
+    styled,
+    svg,
+)
 
 BINS = 12
 BARS = 8
