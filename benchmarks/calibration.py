@@ -2,11 +2,12 @@
 
     python -m benchmarks.calibration --studies 2000 --chains 100 --out benchmarks/results/calibration.txt
 
-Coverage and rank histograms of the closed form over simulated studies of a three-joint arm; the same of emcee with a Student-t
-tail, its 1/ν drawn from its prior (short chains: a rank needs no two thousand draws); the same where a tracker was moved at a
-moment that is drawn, too, by little or by more (--steps); what emcee 3.1.6's own snooker move does to a normal density;
-effective samples per second on the PUMA study.
-"""
+Coverage and rank histograms of the closed form over simulated studies of a three-joint arm; the
+same of emcee with a Student-t tail, its 1/ν drawn from its prior (short chains: a rank needs no two
+thousand draws); the same where a tracker was moved at a moment that is drawn, too, by little or by
+more (--steps); what emcee 3.1.6's own snooker move does to a normal density; effective samples per
+second on the PUMA study."""
+
 from __future__ import annotations
 
 import argparse
@@ -49,7 +50,9 @@ BASE = Model((mechanism("geometric", ARM),))
 MODEL = Model((*BASE.mechanisms, mechanism("joint-compliance:2", ARM)))
 
 
-def simulated(at: Scene, rng: np.random.Generator, sigma: float, nu: float | None) -> tuple[Scene, Fit, np.ndarray]:
+def simulated(
+    at: Scene, rng: np.random.Generator, sigma: float, nu: float | None
+) -> tuple[Scene, Fit, np.ndarray]:
     """(a study, its fit, what was planted)."""
     kept = list(fit(at, MODEL, held="nothing").found.kept)
     truth = np.zeros(len(MODEL.terms))
@@ -57,7 +60,12 @@ def simulated(at: Scene, rng: np.random.Generator, sigma: float, nu: float | Non
     noise = rng.normal(0, sigma, (len(at), 3))
     if nu is not None:
         noise /= np.sqrt(rng.chisquare(nu, (len(at), 1)) / nu)
-    planted = replace(at, data=replace(at.data, position=at.data.position - residuals(at, MODEL.terms, truth) + noise))
+    planted = replace(
+        at,
+        data=replace(
+            at.data, position=at.data.position - residuals(at, MODEL.terms, truth) + noise
+        ),
+    )
     return planted, fit(planted, MODEL, start=truth, held="nothing"), truth
 
 
@@ -65,7 +73,13 @@ def uniform(ranks: np.ndarray) -> float:
     """Smallest p of the chi-square tests of uniformity, one a parameter, times their number."""
     counts = np.stack([np.histogram(r, BINS, (0, 1))[0] for r in ranks.T])
     expected = len(ranks) / BINS
-    return float(min(chi2.sf(np.square(counts - expected).sum(1) / expected, BINS - 1).min() * ranks.shape[1], 1))
+    return float(
+        min(
+            chi2.sf(np.square(counts - expected).sum(1) / expected, BINS - 1).min()
+            * ranks.shape[1],
+            1,
+        )
+    )
 
 
 def closed(studies: int, rng: np.random.Generator) -> list[str]:
@@ -79,12 +93,20 @@ def closed(studies: int, rng: np.random.Generator) -> list[str]:
         draws = weighted(planted, fitted, known.draw(rng, 199))
         ranks.append(draws.weight @ (draws.theta[:, kept] < truth[kept]))
         low, high = known.quantile(np.array([0.025, 0.975])).T
-        covered.append([*((low[kept] < truth[kept]) & (truth[kept] < high[kept])),
-                        known.scale_quantile(0.025) < sigma < known.scale_quantile(0.975)])
+        covered.append(
+            [
+                *((low[kept] < truth[kept]) & (truth[kept] < high[kept])),
+                known.scale_quantile(0.025) < sigma < known.scale_quantile(0.975),
+            ]
+        )
     share = np.mean(covered, axis=0)
-    return [(f"closed form, {studies:,} studies of {len(kept)} parameters: 95 % intervals cover {share[:-1].mean():.2%} "
+    return [
+        (
+            f"closed form, {studies:,} studies of {len(kept)} parameters: 95 % intervals cover {share[:-1].mean():.2%} "
             f"({share[:-1].min():.2%} to {share[:-1].max():.2%}), of the noise scale {share[-1]:.2%}; "
-            f"ranks against uniform: smallest p {uniform(np.array(ranks)):.2f} (times their number)")]
+            f"ranks against uniform: smallest p {uniform(np.array(ranks)):.2f} (times their number)"
+        )
+    ]
 
 
 def chains(count: int, rng: np.random.Generator) -> list[str]:
@@ -104,31 +126,51 @@ def chains(count: int, rng: np.random.Generator) -> list[str]:
         low, _, high = done.quantiles.T
         covered.append((low < planted_values) & (planted_values < high))
     share = np.mean(covered, axis=0)
-    return [(f"emcee, {count} studies, Student-t noise, 1/ν from its prior, {len(names)} sampled, {len(fitted.found.kept) - 4} "
+    return [
+        (
+            f"emcee, {count} studies, Student-t noise, 1/ν from its prior, {len(names)} sampled, {len(fitted.found.kept) - 4} "
             f"integrated out: 95 % intervals cover {share.mean():.1%} ({', '.join(f'{s:.0%}' for s in share)}); ranks against "
-            f"uniform: smallest p {uniform(np.array(ranks)):.2f} (times their number)")]
+            f"uniform: smallest p {uniform(np.array(ranks)):.2f} (times their number)"
+        )
+    ]
 
 
 def moments(count: int, rng: np.random.Generator, ratio: float) -> list[str]:
-    """A step of the tracker, its moment and size drawn from their priors; every model is fitted with the step where a scan puts
-    it. The prior's ratio v/s² is given, not found from the data."""
+    """A step of the tracker, its moment and size drawn from their priors; every model is fitted
+    with the step where a scan puts it. The prior's ratio v/s² is given, not found from the data."""
     engine.LONG, engine.AGREE, conditional.RATIOS = 20, 1.1, np.array([ratio])
     m, k = 50, len(BASE.terms)
     q = ARM.draw(rng, m)
     at = scene(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
-    quiet = replace(at, data=replace(at.data, position=at.data.position + rng.normal(0, 1.0, (m, 3))))
-    root = _target(quiet, fit(quiet, stepped(0.5)))._conditionals[0].prior       # of any step, the middle one as good as another
+    quiet = replace(
+        at, data=replace(at.data, position=at.data.position + rng.normal(0, 1.0, (m, 3)))
+    )
+    root = (
+        _target(quiet, fit(quiet, stepped(0.5)))._conditionals[0].prior
+    )  # of any step, the middle one as good as another
     ranks, covered, converged, steps = [], [], 0, []
     for _ in range(count):
-        sigma, tail, moment = float(np.exp(rng.normal(-2, 0.5))), rng.uniform(0, 0.5), rng.uniform(0, 1)
+        sigma, tail, moment = (
+            float(np.exp(rng.normal(-2, 0.5))),
+            rng.uniform(0, 0.5),
+            rng.uniform(0, 1),
+        )
         truth = stepped(moment)
         theta = np.zeros(len(truth.terms))
         kept = [j for j in fit(at, truth, held="nothing").found.kept if j < k]
         theta[kept] = rng.normal(0, 0.3 * np.array([truth.terms[j].size[1] for j in kept]))
         theta[k:] = sigma * np.linalg.solve(root, rng.standard_normal(6))
         noise = rng.normal(0, sigma, (m, 3)) / np.sqrt(rng.chisquare(1 / tail, (m, 1)) * tail)
-        planted = replace(at, data=replace(at.data, position=at.data.position - residuals(at, truth.terms, theta) + noise))
-        fitted = min((fit(planted, stepped(round(x, 3))) for x in np.arange(0.1, 0.91, 0.05)), key=lambda f: f.rss)
+        planted = replace(
+            at,
+            data=replace(
+                at.data, position=at.data.position - residuals(at, truth.terms, theta) + noise
+            ),
+        )
+        fitted = min(
+            (fit(planted, stepped(round(x, 3))) for x in np.arange(0.1, 0.91, 0.05)),
+            key=lambda f: f.rss,
+        )
         done = engine.sample(_target(planted, fitted), Importance(1, 1.0, ""), "", rng)
         planted_values = np.array([*theta[k:], sigma, tail, moment])
         ranks.append((done.chain < planted_values).mean((0, 1)))
@@ -136,9 +178,13 @@ def moments(count: int, rng: np.random.Generator, ratio: float) -> list[str]:
         covered.append((low < planted_values) & (planted_values < high))
         converged, steps = converged + done.converged, [*steps, done.steps]
     share = np.mean(covered, axis=0)
-    return [(f"a step of the tracker, {count} studies, prior v/s² = {ratio:.3g}: {converged} chains of 20 autocorrelation times converged, after {min(steps):,} "
+    return [
+        (
+            f"a step of the tracker, {count} studies, prior v/s² = {ratio:.3g}: {converged} chains of 20 autocorrelation times converged, after {min(steps):,} "
             f"to {max(steps):,} steps; 95 % intervals cover {share.mean():.1%} ({', '.join(f'{s:.0%}' for s in share)}; the last is "
-            f"the moment's); ranks against uniform: smallest p {uniform(np.array(ranks)):.2f} (times their number)")]
+            f"the moment's); ranks against uniform: smallest p {uniform(np.array(ranks)):.2f} (times their number)"
+        )
+    ]
 
 
 def _target(at: Scene, fitted: Fit) -> Target:
@@ -158,14 +204,21 @@ def snookers(rng: np.random.Generator, d: int = 11) -> list[str]:
     import emcee
 
     from modelsel.uncertainty.mcmc import moves
+
     spread = []
     for mix in ([(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)], moves()):
-        sampler = emcee.EnsembleSampler(48, d, lambda x: -0.5 * np.square(x).sum(1), moves=mix, vectorize=True)
+        sampler = emcee.EnsembleSampler(
+            48, d, lambda x: -0.5 * np.square(x).sum(1), moves=mix, vectorize=True
+        )
         first = np.random.RandomState(1).get_state(legacy=True)
         sampler.run_mcmc(emcee.State(rng.normal(size=(48, d)), random_state=first), 20_000)
         spread.append(sampler.get_chain(discard=500).std())
-    return [(f"standard deviation of a standard normal in {d} dimensions: {spread[0]:.3f} with emcee's own snooker move, "
-            f"{spread[1]:.3f} with ours")]
+    return [
+        (
+            f"standard deviation of a standard normal in {d} dimensions: {spread[0]:.3f} with emcee's own snooker move, "
+            f"{spread[1]:.3f} with ours"
+        )
+    ]
 
 
 def speed(result: Result, again: Result) -> list[str]:
@@ -183,16 +236,29 @@ def speed(result: Result, again: Result) -> list[str]:
     for each, over in ((result, "default"), (again, "all")):
         s = each.confidence.sampling
         start = time.process_time()
-        target = Target(fitted, components(training), tuple(k for k in fitted.found.kept if over == "all" or k >= 39),
-                        s.names, s.units, over == "default")
+        target = Target(
+            fitted,
+            components(training),
+            tuple(k for k in fitted.found.kept if over == "all" or k >= 39),
+            s.names,
+            s.units,
+            over == "default",
+        )
         engine.sample(target, importance(draws), "", np.random.default_rng(2))
         seconds = time.process_time() - start
         rate = s.effective.min() / seconds
-        out.append(f"puma760, over {over}: {len(s.names)} sampled, {s.effective.min():,.0f} effective samples in {seconds:.1f} s of "
-                   f"one core, {rate:,.0f} a second; closed form {plain / rate:,.0f} times that, weighted on the exact chain "
-                   f"{exact / rate:,.0f} times")
-    return [(f"closed-form draws of {fitted.rank} parameters: {plain:,.0f} a second, {exact:,.0f} effective a second with exact "
-            f"weights ({importance(draws).sentence})"), *out]
+        out.append(
+            f"puma760, over {over}: {len(s.names)} sampled, {s.effective.min():,.0f} effective samples in {seconds:.1f} s of "
+            f"one core, {rate:,.0f} a second; closed form {plain / rate:,.0f} times that, weighted on the exact chain "
+            f"{exact / rate:,.0f} times"
+        )
+    return [
+        (
+            f"closed-form draws of {fitted.rank} parameters: {plain:,.0f} a second, {exact:,.0f} effective a second with exact "
+            f"weights ({importance(draws).sentence})"
+        ),
+        *out,
+    ]
 
 
 def main() -> None:
@@ -203,8 +269,13 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args()
     study = read_study("studies/puma760")
-    both = [run(study.model_copy(update={"sampling": study.sampling.model_copy(update={"over": over})}), "studies/puma760")
-            for over in ("default", "all")]
+    both = [
+        run(
+            study.model_copy(update={"sampling": study.sampling.model_copy(update={"over": over})}),
+            "studies/puma760",
+        )
+        for over in ("default", "all")
+    ]
     lines = speed(both[0], both[1])
     lines += snookers(np.random.default_rng(3)) + closed(asked.studies, np.random.default_rng(4))
     lines += chains(asked.chains, np.random.default_rng(5))

@@ -1,12 +1,14 @@
-"""What every error control promises, where nothing is wrong: false alarms and coverage under normal noise, and under what breaks it.
+"""What every error control promises, where nothing is wrong: false alarms and coverage under normal
+noise, and under what breaks it.
 
     python -m benchmarks.nulls --studies 300 --seed 29 --out benchmarks/results/nulls.txt
     python -m benchmarks.nulls --studies 300 --seed 29 --equal --out benchmarks/results/nulls-equal.txt
 
-A three-joint arm, 48 configurations in 8 groups of 6, geometry alone is wrong. Every study goes through outliers, naming and
-confidence as `modelsel study` does. Conditions: normal noise; Student-t with 3 degrees of freedom, a draw a configuration; noise
-that grows with the square of the reach; an autoregression (0.9) along smooth trajectories, a group each.
-"""
+A three-joint arm, 48 configurations in 8 groups of 6, geometry alone is wrong. Every study goes
+through outliers, naming and confidence as `modelsel study` does. Conditions: normal noise;
+Student-t with 3 degrees of freedom, a draw a configuration; noise that grows with the square of the
+reach; an autoregression (0.9) along smooth trajectories, a group each."""
+
 from __future__ import annotations
 
 import argparse
@@ -59,7 +61,10 @@ def heavy(rng: np.random.Generator, q: Array) -> Array:
 
 def unequal(rng: np.random.Generator, q: Array) -> Array:
     reach = np.linalg.norm(forward(ARM, q, TOOL), axis=1)
-    return rng.standard_normal((len(q), 3)) * np.clip((reach / np.median(reach)) ** 2, 0.25, 4.0)[:, None]
+    return (
+        rng.standard_normal((len(q), 3))
+        * np.clip((reach / np.median(reach)) ** 2, 0.25, 4.0)[:, None]
+    )
 
 
 def slanted(rng: np.random.Generator, q: Array) -> Array:
@@ -75,8 +80,12 @@ def correlated(rng: np.random.Generator, q: Array) -> Array:
 
 
 CONDITIONS: dict[str, Callable[[np.random.Generator, Array], Array]] = {
-    "normal": normal, "Student t3": heavy, "unequal variances": unequal, "larger one way": slanted,
-    "correlated trajectories": correlated}
+    "normal": normal,
+    "Student t3": heavy,
+    "unequal variances": unequal,
+    "larger one way": slanted,
+    "correlated trajectories": correlated,
+}
 
 
 def configurations(condition: str, rng: np.random.Generator) -> Array:
@@ -91,18 +100,28 @@ def configurations(condition: str, rng: np.random.Generator) -> Array:
 def campaign(condition: str, rng: np.random.Generator) -> tuple[Scene, Array]:
     """(a study in which geometry alone is wrong, its parameters)."""
     q = configurations(condition, rng)
-    at = scene(ARM, measurements(q, forward(ARM, q, TOOL), group=np.repeat(np.arange(GROUPS), EACH)), TOOL[None])
+    at = scene(
+        ARM,
+        measurements(q, forward(ARM, q, TOOL), group=np.repeat(np.arange(GROUPS), EACH)),
+        TOOL[None],
+    )
     truth = np.zeros(len(BASE.terms))
     kept = list(fit(at, BASE).found.kept)
-    truth[kept] = rng.normal(0, 1, len(kept)) * [0.3 if t.unit == "mm" else 1e-3 for t in np.array(BASE.terms, object)[kept]]
+    truth[kept] = rng.normal(0, 1, len(kept)) * [
+        0.3 if t.unit == "mm" else 1e-3 for t in np.array(BASE.terms, object)[kept]
+    ]
     noise = SIGMA * CONDITIONS[condition](rng, q)
-    return replace(at, data=replace(at.data, position=at.data.position - residuals(at, BASE.terms, truth) + noise)), truth
+    return replace(
+        at,
+        data=replace(at.data, position=at.data.position - residuals(at, BASE.terms, truth) + noise),
+    ), truth
 
 
 @dataclass(frozen=True)
 class Study:
-    """What one study said of nothing: names found, the search's and the map's p, of the predictor and one single test; outliers,
-    faults; of the true parameters, how many the interval of least squares and the reported one cover."""
+    """What one study said of nothing: names found, the search's and the map's p, of the predictor
+    and one single test; outliers, faults; of the true parameters, how many the interval of least
+    squares and the reported one cover."""
 
     names: tuple[str, ...]
     left_p: float
@@ -125,9 +144,15 @@ def take_equal_noise_for_granted() -> None:
     own = modelsel.uncertainty.parameters.bootstrap
 
     def nothing(*given: object) -> modelsel.uncertainty.bootstrap.Bootstrap:
-        """Errors of nought on the degrees of freedom of least squares, whose errors are the larger then."""
+        """Errors of nought on the degrees of freedom of least squares, whose errors are the larger
+        then."""
         found = own(*given)
-        return replace(found, errors=np.zeros_like(found.errors), units=np.full_like(found.units, given[1].freedom + 1))
+        return replace(
+            found,
+            errors=np.zeros_like(found.errors),
+            units=np.full_like(found.units, given[1].freedom + 1),
+        )
+
     modelsel.uncertainty.parameters.bootstrap = nothing
 
 
@@ -135,23 +160,44 @@ def study(condition: str, seed: Sequence[int]) -> Study:
     rng = np.random.default_rng(seed)
     at, truth = campaign(condition, rng)
     m = len(at)
-    data = Data(at, np.ones(m, bool), np.zeros(m, bool), assign(at.data, 10, generator(seed[-1], "folds")), False)
+    data = Data(
+        at,
+        np.ones(m, bool),
+        np.zeros(m, bool),
+        assign(at.data, 10, generator(seed[-1], "folds")),
+        False,
+    )
     data, extension, _ = explain(data, BASE, every(ARM), seed[-1], True)
     base_fit = fit(data.training(), BASE)
     both = fit(data.training(), Model((*BASE.mechanisms, TESTED)))
-    own = [k for k, t in enumerate(both.terms) if t.screws == TESTED.terms[0].screws and k in both.found.kept]
+    own = [
+        k
+        for k, t in enumerate(both.terms)
+        if t.screws == TESTED.terms[0].screws and k in both.found.kept
+    ]
     left = extension.fit.residuals(at)[data.used]
     told = predictable(at.data.take(data.used), left, (False,) * 3, generator(seed[-1], "flips"))
     wrong = misplaced(at, data.outlying, extension.fit, generator(seed[-1], "null"))
-    single = nested(both, own, resampled(data, both, generator(seed[-1], "halves")))[1] if own else None
+    single = (
+        nested(both, own, resampled(data, both, generator(seed[-1], "halves")))[1] if own else None
+    )
     table = parameters(data, base_fit, resampled(data, base_fit, generator(seed[-1], "bootstrap")))
     size = {t.symbol: v for t, v in zip(base_fit.terms, truth)}
     off = np.array([abs(p.estimate - size[p.symbol]) for p in table])
     half = np.array([(p.high - p.low) / 2 for p in table])
     plain = stdtrit(base_fit.freedom, 0.975) * np.array([p.standard_error for p in table])
-    return Study(tuple(e.candidate.mechanism.name for e in extension.effects), extension.left_p, float(extension.map_p.min()),
-                 told.p if told else 1.0, 1.0 if single is None else single, int(data.outlying.sum()), len(wrong),
-                 len(table), int((off < plain).sum()), int((off < half).sum()))
+    return Study(
+        tuple(e.candidate.mechanism.name for e in extension.effects),
+        extension.left_p,
+        float(extension.map_p.min()),
+        told.p if told else 1.0,
+        1.0 if single is None else single,
+        int(data.outlying.sum()),
+        len(wrong),
+        len(table),
+        int((off < plain).sum()),
+        int((off < half).sum()),
+    )
 
 
 def interval(hits: int, of: int) -> str:
@@ -162,15 +208,40 @@ def interval(hits: int, of: int) -> str:
 
 
 def table(done: dict[str, list[Study]]) -> list[str]:
-    lines = [f"{'condition':<24}{'studies':>8}  " + "".join(f"{w:<23}" for w in (
-        "something found", "a cell of the map", "predictor", "single F test", "rows set aside")) + "faults"]
+    lines = [
+        f"{'condition':<24}{'studies':>8}  "
+        + "".join(
+            f"{w:<23}"
+            for w in (
+                "something found",
+                "a cell of the map",
+                "predictor",
+                "single F test",
+                "rows set aside",
+            )
+        )
+        + "faults"
+    ]
     for name, all_ in done.items():
         n = len(all_)
-        cells = [sum(bool(s.names) for s in all_), sum(s.map_p <= LEVEL for s in all_), sum(s.predictor_p <= LEVEL for s in all_),
-                 sum(s.single_p <= LEVEL for s in all_), sum(s.outliers > 0 for s in all_), sum(s.faults > 0 for s in all_)]
-        lines.append((f"{name:<24}{n:>8}  " + "".join(f"{interval(c, n):<23}" for c in cells)).rstrip())
-    lines += ["", ("95 % intervals of the geometric parameters: share that covers, least squares' and as reported; single "
-                   "F test's p against uniform (Kolmogorov-Smirnov); the names found most")]
+        cells = [
+            sum(bool(s.names) for s in all_),
+            sum(s.map_p <= LEVEL for s in all_),
+            sum(s.predictor_p <= LEVEL for s in all_),
+            sum(s.single_p <= LEVEL for s in all_),
+            sum(s.outliers > 0 for s in all_),
+            sum(s.faults > 0 for s in all_),
+        ]
+        lines.append(
+            (f"{name:<24}{n:>8}  " + "".join(f"{interval(c, n):<23}" for c in cells)).rstrip()
+        )
+    lines += [
+        "",
+        (
+            "95 % intervals of the geometric parameters: share that covers, least squares' and as reported; single "
+            "F test's p against uniform (Kolmogorov-Smirnov); the names found most"
+        ),
+    ]
     for name, all_ in done.items():
         counts = {k: sum(k in s.names for s in all_) for k in {x for s in all_ for x in s.names}}
         most = ", ".join(f"{k} {v}" for k, v in sorted(counts.items(), key=lambda kv: -kv[1])[:5])
@@ -195,16 +266,25 @@ def main() -> None:
         take_equal_noise_for_granted()
     done: dict[str, list[Study]] = {name: [] for name in asked.conditions}
     started = time.monotonic()
-    for k in range(asked.studies):          # in turn, so that a run cut short has some of each
+    for k in range(asked.studies):  # in turn, so that a run cut short has some of each
         for c, name in enumerate(CONDITIONS):
             if name in done:
                 done[name].append(study(name, (asked.seed, c, k)))
                 print(json.dumps([name, done[name][-1].__dict__]), flush=True)
         if k % 20 == 19:
-            print(f"{k + 1} studies each, {time.monotonic() - started:.0f} s\n" + "\n".join(table(done)), flush=True)
+            print(
+                f"{k + 1} studies each, {time.monotonic() - started:.0f} s\n"
+                + "\n".join(table(done)),
+                flush=True,
+            )
     how = ", equal normal noise taken for granted" if asked.equal else ""
-    said = "\n".join((f"Nothing planted, seed {asked.seed}{how}: rates with 95 % intervals (Clopper-Pearson), level 5 %.", "",
-                       *table(done)))
+    said = "\n".join(
+        (
+            f"Nothing planted, seed {asked.seed}{how}: rates with 95 % intervals (Clopper-Pearson), level 5 %.",
+            "",
+            *table(done),
+        )
+    )
     print(said)
     if asked.out:
         asked.out.write_text(said + "\n")

@@ -1,5 +1,7 @@
-"""What a user would do otherwise, on the same candidates: forward selection by criteria or by the exact max-test, LassoCV,
-sequentially thresholded least squares. Each returns chosen findings (candidates) and its prediction of fresh configurations."""
+"""What a user would do otherwise, on the same candidates: forward selection by criteria or by the
+exact max-test, LassoCV, sequentially thresholded least squares. Each returns chosen findings
+(candidates) and its prediction of fresh configurations."""
+
 from __future__ import annotations
 
 import warnings
@@ -15,14 +17,15 @@ from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import Fit
 from modelsel.fitting.problem import Scene
 
-MOST = 40       # groups at which forward selection gives up
+MOST = 40  # groups at which forward selection gives up
 FOLDS = 5
 Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """The common table: candidates' columns XT (C, N), geometry A (N, p), residual r (N,), and the same of fresh rows."""
+    """The common table: candidates' columns XT (C, N), geometry A (N, p), residual r (N,), and the
+    same of fresh rows."""
 
     found: tuple[Candidate, ...]
     cols: Columns
@@ -33,10 +36,11 @@ class Bench:
     ahead_r: Array
     fresh: Scene
     at: Fit
-    configuration: Array        # (N,) of every row
+    configuration: Array  # (N,) of every row
 
     def predict(self, rows: Sequence[int], beta: Array | None = None) -> Array:
-        """(N_fresh,) error on fresh configurations with columns `rows` of XT: refitted with the geometry, or at given beta."""
+        """(N_fresh,) error on fresh configurations with columns `rows` of XT: refitted with the
+        geometry, or at given beta."""
         X = self.cols.XT[list(rows)].T
         A = self.A if beta is not None else np.hstack([self.A, X])
         y = self.r if beta is None else self.r - X @ beta
@@ -60,29 +64,47 @@ class Bench:
         return list(dict.fromkeys(int(i) for g in groups for i in self.cols.slices[g]))
 
 
-def bench(scene: Scene, fresh: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...]) -> Bench:
+def bench(
+    scene: Scene, fresh: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...]
+) -> Bench:
     """All columns, linearised at the fitted base."""
     cols = columns(scene, found, base_fit.at())
     A, r = stacked(scene, base.terms, base_fit.at())
     B, s = stacked(fresh, base.terms, base_fit.at())
     Q = basis(A[:, list(base_fit.found.kept)])
     kept = list(base_fit.found.kept)
-    return Bench(found, cols, scan(cols, Q), A[:, kept], r - Q @ (Q.T @ r), B[:, kept], s - 0, fresh, base_fit,
-                 np.tile(np.arange(len(scene)), 3))
+    return Bench(
+        found,
+        cols,
+        scan(cols, Q),
+        A[:, kept],
+        r - Q @ (Q.T @ r),
+        B[:, kept],
+        s - 0,
+        fresh,
+        base_fit,
+        np.tile(np.arange(len(scene)), 3),
+    )
 
 
 def _penalty(kind: str, rows: int, groups: int) -> object:
     def of(k: Array, s: int) -> Array:
         if kind == "AIC":
             return 2.0 * k
-        more = 2.0 * (gammaln(groups + 1) - gammaln(s + 1) - gammaln(groups - s + 1)) if kind == "EBIC" else 0.0
+        more = (
+            2.0 * (gammaln(groups + 1) - gammaln(s + 1) - gammaln(groups - s + 1))
+            if kind == "EBIC"
+            else 0.0
+        )
         return k * np.log(rows) + more
+
     return of
 
 
 def forward(table: Bench, kind: str, p_critical: float = 0.0) -> list[int]:
-    """Greedy forward selection over groups by BIC, AIC, EBIC(1), or by the exact max-test's p ("max-test") at the critical
-    value of the first scan; stops where nothing improves, or after MOST groups."""
+    """Greedy forward selection over groups by BIC, AIC, EBIC(1), or by the exact max-test's p
+    ("max-test") at the critical value of the first scan; stops where nothing improves, or after
+    MOST groups."""
     r, seen, Q = table.r, table.first, table.first.Q
     rows, chosen, used = len(r), list[int](), 0.0
     penalty = _penalty(kind, rows, len(seen.sizes))
@@ -97,7 +119,11 @@ def forward(table: Bench, kind: str, p_critical: float = 0.0) -> list[int]:
             if score[g] > p_critical:
                 break
         else:
-            gain = rows * np.log1p(-share) + penalty(used + k, len(chosen) + 1) - penalty(np.array(used), len(chosen))  # type: ignore[operator]
+            gain = (
+                rows * np.log1p(-share)
+                + penalty(used + k, len(chosen) + 1)
+                - penalty(np.array(used), len(chosen))
+            )  # type: ignore[operator]
             gain = np.where(fits, gain, np.inf)
             g = int(gain.argmin())
             if gain[g] >= 0:
@@ -112,7 +138,8 @@ def forward(table: Bench, kind: str, p_critical: float = 0.0) -> list[int]:
 
 
 def basis_beyond(X: Array, Q: Array) -> Array:
-    """Orthonormal basis of X's columns beyond Q's span, directions below 3e-3 of a column's norm dropped."""
+    """Orthonormal basis of X's columns beyond Q's span, directions below 3e-3 of a column's norm
+    dropped."""
     Z = X / np.maximum(np.linalg.norm(X, axis=0), 1e-300)
     Z = Z - Q @ (Q.T @ Z)
     U, S, _ = np.linalg.svd(Z, full_matrices=False)
@@ -130,15 +157,28 @@ def _projected(table: Bench) -> tuple[Array, Array]:
 
 
 def lasso(table: Bench) -> tuple[list[int], Array]:
-    """(columns, coefficients) of scikit-learn's LassoCV on unit columns beyond the geometry, folds by configuration."""
+    """(columns, coefficients) of scikit-learn's LassoCV on unit columns beyond the geometry, folds
+    by configuration."""
     from sklearn.linear_model import LassoCV
+
     P, keep = _projected(table)
-    fold = np.random.default_rng(0).permutation(table.configuration.max() + 1)[table.configuration] % FOLDS
+    fold = (
+        np.random.default_rng(0).permutation(table.configuration.max() + 1)[table.configuration]
+        % FOLDS
+    )
     splits = [(np.flatnonzero(fold != f), np.flatnonzero(fold == f)) for f in range(FOLDS)]
     scale = np.sqrt(len(table.r))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        model = LassoCV(eps=3e-2, alphas=16, cv=splits, fit_intercept=False, tol=2e-3, max_iter=300, precompute=False)
+        model = LassoCV(
+            eps=3e-2,
+            alphas=16,
+            cv=splits,
+            fit_intercept=False,
+            tol=2e-3,
+            max_iter=300,
+            precompute=False,
+        )
         model.fit(P * scale, table.r)
     on = np.flatnonzero(model.coef_)
     return [int(keep[i]) for i in on], model.coef_[on] * scale / _left(table, keep[on])
@@ -150,8 +190,8 @@ def _left(table: Bench, rows: Array) -> Array:
 
 
 def stlsq(table: Bench) -> list[int]:
-    """Columns of sequentially thresholded least squares (Brunton, Proctor & Kutz 2016), ridge-started; the threshold of
-    smallest BIC (Mangan et al. 2017)."""
+    """Columns of sequentially thresholded least squares (Brunton, Proctor & Kutz 2016),
+    ridge-started; the threshold of smallest BIC (Mangan et al. 2017)."""
     P, keep = _projected(table)
     r, n = table.r, len(table.r)
     start = P.T @ np.linalg.solve(P @ P.T + 1.0 * np.eye(n), r)
@@ -161,7 +201,7 @@ def stlsq(table: Bench) -> list[int]:
         threshold = None
         for _ in range(10):
             if not len(on) or len(on) > n // 2:
-                on = on[np.argsort(-np.abs(start[on]))[:n // 2]]
+                on = on[np.argsort(-np.abs(start[on]))[: n // 2]]
             beta = np.linalg.lstsq(P[:, on], r, rcond=1e-6)[0]
             threshold = share * np.abs(beta).max() if threshold is None else threshold
             stay = np.abs(beta) > threshold
@@ -176,10 +216,12 @@ def stlsq(table: Bench) -> list[int]:
 
 
 def as_candidates(table: Bench, rows: Sequence[int]) -> list[int]:
-    """Chosen columns as candidates, generously: a sine or a cosine counts as its pair, a spline as its free function, any
-    other column as the smallest candidate that has it."""
+    """Chosen columns as candidates, generously: a sine or a cosine counts as its pair, a spline as
+    its free function, any other column as the smallest candidate that has it."""
     owner: dict[int, int] = {}
-    for g in sorted(range(len(table.found)), key=lambda g: (len(table.cols.slices[g]), -table.found[g].prior)):
+    for g in sorted(
+        range(len(table.found)), key=lambda g: (len(table.cols.slices[g]), -table.found[g].prior)
+    ):
         for i in table.cols.slices[g]:
             owner.setdefault(int(i), g)
     return list(dict.fromkeys(owner[i] for i in rows))

@@ -1,4 +1,6 @@
-"""One case run by modelsel and by its rivals, scored alike: everything is judged by what it does to the target."""
+"""One case run by modelsel and by its rivals, scored alike: everything is judged by what it does to
+the target."""
+
 from __future__ import annotations
 
 import time
@@ -18,13 +20,14 @@ from modelsel.mechanisms.registry import every, mechanism
 from .cases import EXPLAINS, NOISE, Array, Case, draw, oracle_error, powers
 from .rivals import as_candidates, bench, forward, lasso, stlsq
 
-ABOUT = 0.7         # share of an effect's norm from which a finding counts as being about it
+ABOUT = 0.7  # share of an effect's norm from which a finding counts as being about it
 TWIN = 0.97
-BEST = 6            # candidates that hold most on the campaign's rows, tried on the fresh ones
+BEST = 6  # candidates that hold most on the campaign's rows, tried on the fresh ones
 
 
 class Judge:
-    """Holds every explanation against what was planted, on the fresh configurations, with the arm's own screws."""
+    """Holds every explanation against what was planted, on the fresh configurations, with the arm's
+    own screws."""
 
     def __init__(self, case: Case, scene: object):
         self.case, self.scene = case, scene
@@ -34,7 +37,8 @@ class Judge:
         self.known: dict[str, list[float]] = {}
 
     def held(self, candidate: Candidate) -> list[float]:
-        """Share of every planted effect's norm that a candidate's columns hold beyond the geometry."""
+        """Share of every planted effect's norm that a candidate's columns hold beyond the
+        geometry."""
         key = repr(candidate.mechanism.terms)
         if key not in self.known:
             A = said(candidate.mechanism, self.scene, self.J) if self.truths else np.zeros((0, 0))
@@ -42,12 +46,17 @@ class Judge:
         return self.known[key]
 
     def match(self, tops: Sequence[Candidate]) -> list[tuple[int, float]]:
-        """(finding, share it holds) of every planted effect; -1 where no finding is about it. The best go
-        first; a finding that stands for one effect already stands for another only where it explains that too."""
+        """(finding, share it holds) of every planted effect; -1 where no finding is about it. The
+        best go first; a finding that stands for one effect already stands for another only where it
+        explains that too."""
         H = np.array([self.held(c) for c in tops]).reshape(len(tops), len(self.truths))
         out = [(-1, 0.0)] * len(self.truths)
         for f, t in sorted(np.ndindex(H.shape), key=lambda ft: -H[ft]):
-            if H[f, t] > ABOUT and out[t][0] < 0 and (H[f, t] > EXPLAINS or f not in [k for k, _ in out]):
+            if (
+                H[f, t] > ABOUT
+                and out[t][0] < 0
+                and (H[f, t] > EXPLAINS or f not in [k for k, _ in out])
+            ):
                 out[t] = (f, float(H[f, t]))
         return out
 
@@ -56,10 +65,15 @@ def score(judge: Judge, tops: Sequence[Candidate], error: Array) -> dict[str, An
     """What every method is scored by."""
     match = judge.match(tops)
     found = [f >= 0 for f, _ in match]
-    return {"findings": len(tops), "found": found, "right": [h > EXPLAINS for _, h in match], "held": [h for _, h in match],
-            "extra": len(tops) - len({f for f, _ in match if f >= 0}),
-            "said": [tops[f].mechanism.name if f >= 0 else "" for f, _ in match],
-            "error": float(np.sqrt(np.mean(np.square(error))))}
+    return {
+        "findings": len(tops),
+        "found": found,
+        "right": [h > EXPLAINS for _, h in match],
+        "held": [h for _, h in match],
+        "extra": len(tops) - len({f for f, _ in match if f >= 0}),
+        "said": [tops[f].mechanism.name if f >= 0 else "" for f, _ in match],
+        "error": float(np.sqrt(np.mean(np.square(error)))),
+    }
 
 
 def run(seed: Sequence[int], count: int | None = None, rivals: bool = True) -> dict[str, Any]:
@@ -73,19 +87,38 @@ def run(seed: Sequence[int], count: int | None = None, rivals: bool = True) -> d
     extension = extend(scene, base, base_fit, found, np.random.default_rng([*seed, 1]))
     seconds = {"modelsel": time.perf_counter() - start}
     judge = Judge(case, fresh)
-    out: dict[str, Any] = {"seed": list(seed), "robot": case.robot, "m": case.state.m, "kinds": [e.kind for e in case.effects],
-                           "words": [e.words for e in case.effects], "sizes": case.sizes, "methods": {}, "p": extension.left_p}
+    out: dict[str, Any] = {
+        "seed": list(seed),
+        "robot": case.robot,
+        "m": case.state.m,
+        "kinds": [e.kind for e in case.effects],
+        "words": [e.words for e in case.effects],
+        "sizes": case.sizes,
+        "methods": {},
+        "p": extension.left_p,
+    }
     effects = extension.effects
     tops = [e.named.entries[0].candidate for e in effects]
     mine = score(judge, tops, extension.fit.residuals(fresh)[:, :3])
     match = judge.match(tops)
-    mine["covered"] = [f >= 0 and any(judge.held(e.candidate)[t] > EXPLAINS for e in effects[f].named.entries)
-                       for t, (f, _) in enumerate(match)]
-    mine["set"] = [len(effects[f].named.entries) + effects[f].named.more if f >= 0 else 0 for f, _ in match]
-    mine["unlike"] = [1 + sum(not e.alike for e in effects[f].named.entries) if f >= 0 else 0 for f, _ in match]
+    mine["covered"] = [
+        f >= 0 and any(judge.held(e.candidate)[t] > EXPLAINS for e in effects[f].named.entries)
+        for t, (f, _) in enumerate(match)
+    ]
+    mine["set"] = [
+        len(effects[f].named.entries) + effects[f].named.more if f >= 0 else 0 for f, _ in match
+    ]
+    mine["unlike"] = [
+        1 + sum(not e.alike for e in effects[f].named.entries) if f >= 0 else 0 for f, _ in match
+    ]
     mine["verdict"] = [effects[f].named.verdict if f >= 0 else "" for f, _ in match]
-    mine["probability"] = [effects[f].named.entries[0].probability if f >= 0 else 0.0 for f, _ in match]
-    mine["entries"] = [[(e.candidate.mechanism.name, round(e.probability, 4)) for e in x.named.entries[:6]] for x in effects]
+    mine["probability"] = [
+        effects[f].named.entries[0].probability if f >= 0 else 0.0 for f, _ in match
+    ]
+    mine["entries"] = [
+        [(e.candidate.mechanism.name, round(e.probability, 4)) for e in x.named.entries[:6]]
+        for x in effects
+    ]
     mine["path"] = list(extension.path)
     out["methods"]["modelsel"] = mine
     if not rivals and not case.effects:
@@ -95,17 +128,35 @@ def run(seed: Sequence[int], count: int | None = None, rivals: bool = True) -> d
     power, delta = powers(case, p_critical)
     H = [held_by(e.displacement(case.state), table.first) for e in case.effects]
     rival = [float(h[h < TWIN].max()) for h in H]
-    small = [min((int(table.first.sizes[g]) for g in np.flatnonzero(h > TWIN)), default=0) for h in H]
+    small = [
+        min((int(table.first.sizes[g]) for g in np.flatnonzero(h > TWIN)), default=0) for h in H
+    ]
     best = [max(judge.held(found[g])[t] for g in np.argsort(-h)[:BEST]) for t, h in enumerate(H)]
-    out |= {"p_critical": p_critical, "power": power, "delta": delta, "best": best, "rival": rival,
-            "rival_name": [found[int(np.where(h < TWIN, h, 0).argmax())].mechanism.name for h in H],
-            "limit": [naming_limit(d, r) for d, r in zip(delta, rival, strict=True)],
-            "twins": [int(((h > TWIN) & (table.first.sizes <= k)).sum()) for h, k in zip(H, small, strict=True)],
-            "oracle_error": float(np.sqrt(np.mean(np.square(oracle_error(case))))), "noise": NOISE}
+    out |= {
+        "p_critical": p_critical,
+        "power": power,
+        "delta": delta,
+        "best": best,
+        "rival": rival,
+        "rival_name": [found[int(np.where(h < TWIN, h, 0).argmax())].mechanism.name for h in H],
+        "limit": [naming_limit(d, r) for d, r in zip(delta, rival, strict=True)],
+        "twins": [
+            int(((h > TWIN) & (table.first.sizes <= k)).sum())
+            for h, k in zip(H, small, strict=True)
+        ],
+        "oracle_error": float(np.sqrt(np.mean(np.square(oracle_error(case))))),
+        "noise": NOISE,
+    }
     if rivals:
         others: dict[str, Callable[[], tuple[Sequence[int], Array]]] = {
             name: lambda kind=kind: _forward(table, kind, p_critical)  # type: ignore[misc]
-            for name, kind in (("BIC", "BIC"), ("AIC", "AIC"), ("EBIC(1)", "EBIC"), ("max-test", "max-test"))}
+            for name, kind in (
+                ("BIC", "BIC"),
+                ("AIC", "AIC"),
+                ("EBIC(1)", "EBIC"),
+                ("max-test", "max-test"),
+            )
+        }
         others |= {"LassoCV": lambda: _lasso(table), "STLSQ": lambda: _stlsq(table)}
         for name, method in others.items():
             start = time.perf_counter()
@@ -129,4 +180,3 @@ def _lasso(table: Any) -> tuple[Sequence[int], Array]:
 def _stlsq(table: Any) -> tuple[Sequence[int], Array]:
     rows = stlsq(table)
     return as_candidates(table, rows), table.predict(rows)
-

@@ -1,7 +1,8 @@
 """modelsel: what a robot's model gets wrong, why, and what is gained by saying so.
 
-The steps of a study, each callable alone; names are loaded when first used, so that importing costs nothing.
-"""
+The steps of a study, each callable alone; names are loaded when first used, so that importing costs
+nothing."""
+
 from __future__ import annotations
 
 from importlib import import_module
@@ -9,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from ._version import VERSION
 
-if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_names.py holds the two alike
+if (
+    TYPE_CHECKING
+):  # the table below, for type checkers and editors; tests/test_names.py holds the two alike
     from .calibration.calibration import Calibration as Calibration
     from .calibration.calibration import predict as predict
     from .calibration.compensation import correct as correct
@@ -56,7 +59,9 @@ if TYPE_CHECKING:  # the table below, for type checkers and editors; tests/test_
 
 __version__ = VERSION
 
-_NAMES = {  # a name that is also a module's (fit, scene, extend …) is imported from there: from modelsel.fitting.fit import fit
+# a name that is also a module's (fit, scene, extend …) is imported from there: from
+# modelsel.fitting.fit import fit
+_NAMES = {
     "calibration.calibration": "Calibration predict",
     "calibration.compensation": "correct",
     "calibration.storage": "load_calibration",

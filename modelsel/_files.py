@@ -1,4 +1,5 @@
-"""Output files: written beside their place, then renamed, so that nothing is ever half there; one run at a time in a folder."""
+"""Output files: written beside their place, then renamed, so that nothing is ever half there; one
+run at a time in a folder."""
 
 from __future__ import annotations
 
@@ -16,9 +17,10 @@ from .exceptions import StudyError
 if TYPE_CHECKING:
     import pandas as pd
 
-HIDDEN = ".modelsel"      # in an output folder while a run works there: its lock, files not yet in place, an unfinished chain
+# in an output folder while a run works there: its lock, files not yet in place, an unfinished chain
+HIDDEN = ".modelsel"
 LOCK = "lock"
-UNFINISHED = ".modelsel-part-"      # begins the name of a file that is not yet in place
+UNFINISHED = ".modelsel-part-"  # begins the name of a file that is not yet in place
 NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 
@@ -29,8 +31,8 @@ def write_beside(path: Path, content: bytes) -> None:
 
 
 def write_all(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write files of a folder, whole or not at all: all of them are on the disk before the first takes its place, in the order
-    given. Raises StudyError with the reason."""
+    """Write files of a folder, whole or not at all: all of them are on the disk before the first
+    takes its place, in the order given. Raises StudyError with the reason."""
     try:
         _write({folder / name: content for name, content in files.items()}, folder / HIDDEN)
     finally:
@@ -46,7 +48,9 @@ def _write(files: Mapping[Path, bytes], beside: Path) -> None:
             _folder(beside)
             for path, content in files.items():
                 temporary = beside / f"{UNFINISHED}{secrets.token_hex(4)}-{path.name}"
-                handle = os.open(temporary, NEW, 0o666)       # less what the umask takes away, as any file of this user
+                handle = os.open(
+                    temporary, NEW, 0o666
+                )  # less what the umask takes away, as any file of this user
                 ready[path] = temporary
                 with os.fdopen(handle, "wb") as file:
                     file.write(content)
@@ -58,22 +62,27 @@ def _write(files: Mapping[Path, bytes], beside: Path) -> None:
             for temporary in ready.values():
                 temporary.unlink(missing_ok=True)
     except OSError as error:
-        raise StudyError(f"{path}: cannot be written: {error.strerror or error}. Give another folder with --out.") from None
+        raise StudyError(
+            f"{path}: cannot be written: {error.strerror or error}. Give another folder with --out."
+        ) from None
 
 
 def _folder(path: Path) -> None:
-    """A folder, made where it is not there. Raises OSError; for the hidden one also where it is a link: what it leads to is not
-    this program's to write or to clear."""
+    """A folder, made where it is not there. Raises OSError; for the hidden one also where it is a
+    link: what it leads to is not this program's to write or to clear."""
     if path.name == HIDDEN and path.is_symlink():
         raise OSError(f"{HIDDEN} is a link to another folder; remove the link")
     path.mkdir(parents=True, exist_ok=True)
 
 
 def csv_bytes(frame: pd.DataFrame, digits: str) -> bytes:
-    """A table as CSV, its numbers as `digits` says ("%.10g"); text that a spreadsheet would run as a formula is guarded."""
+    """A table as CSV, its numbers as `digits` says ("%.10g"); text that a spreadsheet would run as
+    a formula is guarded."""
     safe = frame.copy()
     for k in (k for k in range(safe.shape[1]) if safe.dtypes.iloc[k].kind not in "fiub"):
-        safe.isetitem(k, [guarded(cell) if isinstance(cell, str) else cell for cell in safe.iloc[:, k]])
+        safe.isetitem(
+            k, [guarded(cell) if isinstance(cell, str) else cell for cell in safe.iloc[:, k]]
+        )
     text: str = safe.to_csv(index=False, float_format=digits, lineterminator="\n")
     return text.encode()
 
@@ -87,7 +96,8 @@ def write_frame(frame: pd.DataFrame, path: Path, digits: str) -> None:
 
 
 def check_writable(folder: Path) -> None:
-    """Refuse a folder that cannot be written before the work is done. Raises StudyError; leaves nothing behind."""
+    """Refuse a folder that cannot be written before the work is done. Raises StudyError; leaves
+    nothing behind."""
     nearest = folder
     while not nearest.exists() and nearest != nearest.parent:
         nearest = nearest.parent
@@ -97,8 +107,9 @@ def check_writable(folder: Path) -> None:
 
 @contextmanager
 def claimed(folder: Path) -> Iterator[None]:
-    """The output folder for this process alone, made where it is not there; what a killed run left unfinished is removed, and
-    folders that stay empty are too. Raises StudyError where another run works in it."""
+    """The output folder for this process alone, made where it is not there; what a killed run left
+    unfinished is removed, and folders that stay empty are too. Raises StudyError where another run
+    works in it."""
     made = [place for place in (folder, *folder.parents) if not place.exists()]
     hidden = folder / HIDDEN
     handle = None
@@ -107,15 +118,21 @@ def claimed(folder: Path) -> Iterator[None]:
             _folder(hidden)
             handle = _locked(hidden / LOCK)
         except BlockingIOError:
-            raise StudyError(f"{folder}: another run of modelsel works in this folder. Wait for it, or give another folder with "
-                             "--out.") from None
+            raise StudyError(
+                f"{folder}: another run of modelsel works in this folder. Wait for it, or give another folder with "
+                "--out."
+            ) from None
         except OSError as error:
-            raise StudyError(f"{folder}: cannot be written: {error.strerror or error}. Give another folder with --out.") from None
+            raise StudyError(
+                f"{folder}: cannot be written: {error.strerror or error}. Give another folder with --out."
+            ) from None
         _clear(hidden)
         yield
     finally:
         if handle is not None:
-            with suppress(OSError):           # removed while it is held: who waits for it sees that it is another file
+            with suppress(
+                OSError
+            ):  # removed while it is held: who waits for it sees that it is another file
                 (hidden / LOCK).unlink()
             os.close(handle)
         for place in (hidden, *made):
@@ -124,22 +141,25 @@ def claimed(folder: Path) -> Iterator[None]:
 
 
 def _clear(hidden: Path) -> None:
-    """Remove what a killed run left unfinished: files of this program's own naming, nothing else."""
+    """Remove what a killed run left unfinished: files of this program's own naming, nothing
+    else."""
     for left in hidden.glob(f"{UNFINISHED}*"):
         if stat.S_ISREG(left.lstat().st_mode):
             left.unlink(missing_ok=True)
 
 
 def _locked(path: Path) -> int:
-    """An open file that this process alone has locked, until it ends however it ends. Raises BlockingIOError."""
+    """An open file that this process alone has locked, until it ends however it ends. Raises
+    BlockingIOError."""
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
         try:
             import fcntl
+
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if path.exists() and os.fstat(handle).st_ino == path.stat().st_ino:
                 return handle
-        except ImportError:                   # Windows: no lock
+        except ImportError:  # Windows: no lock
             return handle
         except OSError as error:
             os.close(handle)

@@ -1,4 +1,5 @@
-"""Values that are asked for their hash often: nested ones, which work it out anew from all they hold."""
+"""Values that are asked for their hash often: nested ones, which work it out anew from all they
+hold."""
 
 from __future__ import annotations
 
@@ -10,7 +11,8 @@ Class = TypeVar("Class", bound=type)
 
 
 def hashed_once(cls: Class) -> Class:
-    """A frozen dataclass whose values remember their hash. It never travels: another process hashes strings another way."""
+    """A frozen dataclass whose values remember their hash. It never travels: another process hashes
+    strings another way."""
     work_out: Callable[[Any], int] = cls.__hash__  # type: ignore[assignment]
 
     def remembered(self: Any) -> int:

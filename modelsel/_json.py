@@ -1,9 +1,9 @@
-"""JSON that modelsel wrote, read back strictly: no key twice, every number finite, every value of its shape, or where not.
+"""JSON that modelsel wrote, read back strictly: no key twice, every number finite, every value of
+its shape, or where not.
 
-A shape is a type (float: any finite number), a set of words, `Each` of a list, a tuple of shapes for a list of so many, `Maybe`
-for null, or a table of shapes by key: a key that ends in "?" may be absent, the key `str` stands for every key. Keys that a shape
-does not know are left alone.
-"""
+A shape is a type (float: any finite number), a set of words, `Each` of a list, a tuple of shapes
+for a list of so many, `Maybe` for null, or a table of shapes by key: a key that ends in "?" may be
+absent, the key `str` stands for every key. Keys that a shape does not know are left alone."""
 
 from __future__ import annotations
 
@@ -19,8 +19,13 @@ import numpy as np
 from ._names import unseen
 from ._text import unreadable
 
-BIGGEST = 1e100     # of a number: its square and its cube can be computed with
-NAMES = {float: "a finite number", int: "a whole number", str: "text that can be seen", bool: "true or false"}
+BIGGEST = 1e100  # of a number: its square and its cube can be computed with
+NAMES = {
+    float: "a finite number",
+    int: "a whole number",
+    str: "text that can be seen",
+    bool: "true or false",
+}
 TYPES = {float: (float, int), int: (int,), str: (str,), bool: (bool,)}
 
 
@@ -47,12 +52,19 @@ def misfit(value: Any, shape: Any, place: str = "") -> str | None:
     if isinstance(shape, Each):
         return _list(value, shape, place)
     if isinstance(shape, tuple):
-        return _list(value, Each({}, len(shape)), place) if not isinstance(value, list) or len(value) != len(shape) else (
-            _first(zip(value, shape, strict=True), place))
+        return (
+            _list(value, Each({}, len(shape)), place)
+            if not isinstance(value, list) or len(value) != len(shape)
+            else (_first(zip(value, shape, strict=True), place))
+        )
     if isinstance(shape, Mapping):
         return _table(value, shape, place)
     if isinstance(shape, frozenset):
-        return None if isinstance(value, str) and value in shape else _not(place, f"one of {', '.join(sorted(shape))}", value)
+        return (
+            None
+            if isinstance(value, str) and value in shape
+            else _not(place, f"one of {', '.join(sorted(shape))}", value)
+        )
     good = type(value) in TYPES[shape]
     if good and shape in (float, int):
         good = -BIGGEST <= value <= BIGGEST
@@ -62,7 +74,11 @@ def misfit(value: Any, shape: Any, place: str = "") -> str | None:
 
 
 def _list(value: Any, shape: Each, place: str) -> str | None:
-    if not isinstance(value, list) or shape.count not in (None, len(value)) or len(value) < shape.least:
+    if (
+        not isinstance(value, list)
+        or shape.count not in (None, len(value))
+        or len(value) < shape.least
+    ):
         count = "a list" if shape.count is None else f"a list of {shape.count}"
         return _not(place, f"{count}, {shape.least} at least" if shape.least else count, value)
     if shape.of is float and all(type(v) is float and -BIGGEST <= v <= BIGGEST for v in value):
@@ -72,7 +88,14 @@ def _list(value: Any, shape: Each, place: str) -> str | None:
 
 def _first(pairs: Iterable[tuple[Any, Any]], place: str) -> str | None:
     """The first item, of (value, shape), that is not of its shape."""
-    return next((found for k, (v, shape) in enumerate(pairs, 1) if (found := misfit(v, shape, _at(place, k))) is not None), None)
+    return next(
+        (
+            found
+            for k, (v, shape) in enumerate(pairs, 1)
+            if (found := misfit(v, shape, _at(place, k))) is not None
+        ),
+        None,
+    )
 
 
 def _table(value: Any, shape: Mapping[Any, Any], place: str) -> str | None:
@@ -97,13 +120,18 @@ def _at(place: str, key: object) -> str:
 
 
 def _not(place: str, expected: str, value: Any) -> str:
-    found = json.dumps(value, ensure_ascii=True) if not isinstance(value, (list, dict)) else (
-        f"a list of {len(value)}" if isinstance(value, list) else "a table")
+    found = (
+        json.dumps(value, ensure_ascii=True)
+        if not isinstance(value, (list, dict))
+        else (f"a list of {len(value)}" if isinstance(value, list) else "a table")
+    )
     return f"{place or 'the file'}: expected {expected}, found {found[:80]}"
 
 
 def strict(text: str) -> Any:
-    """The value of a JSON text. Raises ValueError in plain words: no NaN or infinity, no key twice, not too deep."""
+    """The value of a JSON text. Raises ValueError in plain words: no NaN or infinity, no key twice,
+    not too deep."""
+
     def none(word: str) -> Any:
         raise _Words(f"{word} is no number")
 
@@ -120,7 +148,9 @@ def strict(text: str) -> Any:
         raise ValueError("it is nested too deeply") from None
     except json.JSONDecodeError as error:
         said = error.msg.removesuffix(" at")
-        raise ValueError(f"it is not valid JSON ({said} at line {error.lineno}, column {error.colno})") from None
+        raise ValueError(
+            f"it is not valid JSON ({said} at line {error.lineno}, column {error.colno})"
+        ) from None
     except _Words:
         raise
     except ValueError:
@@ -150,7 +180,7 @@ def plain(value: Any) -> Any:
     """Floats to 10 significant digits, undefined ones null, arrays as lists."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
-    if isinstance(value, float):                # most of them, and so first
+    if isinstance(value, float):  # most of them, and so first
         return float(f"{value:.10g}") if math.isfinite(value) else None
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
@@ -164,4 +194,6 @@ def plain(value: Any) -> Any:
 def dumps(result: Mapping[str, Any]) -> str:
     """The file's text."""
     return json.dumps(plain(result), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+
+
 THREE, PAIR = Each(float, 3), Each(float, 2)

@@ -1,9 +1,10 @@
-"""Names that people give to studies, robots, targets, groups and columns: what they may hold, and how a CSV for people has them.
+"""Names that people give to studies, robots, targets, groups and columns: what they may hold, and
+how a CSV for people has them.
 
-A name is data: it is never run, nor pasted into code, markup or a path. Every printable character is allowed, in any writing.
-Refused are those that nobody sees but that change what is read: control and direction-changing characters, zero-width ones, half
-of a surrogate pair. So no output has to escape, cut or isolate a name in a way of its own.
-"""
+A name is data: it is never run, nor pasted into code, markup or a path. Every printable character
+is allowed, in any writing. Refused are those that nobody sees but that change what is read: control
+and direction-changing characters, zero-width ones, half of a surrogate pair. So no output has to
+escape, cut or isolate a name in a way of its own."""
 
 from __future__ import annotations
 
@@ -11,11 +12,13 @@ import keyword
 import re
 import unicodedata
 
-LONGEST = 200       # characters of a name
-TEXT = 4000         # characters of a source or a sentence
-UNSEEN = frozenset(("Cc", "Cf", "Cs", "Zl", "Zp"))      # categories of Unicode
-JOINERS = "\u200c\u200d"                                # of Persian and Indic letters, and of emoji: they are part of a word
-FORMULA = re.compile(r"[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")      # starts one in a spreadsheet; full-width signs do too
+LONGEST = 200  # characters of a name
+TEXT = 4000  # characters of a source or a sentence
+UNSEEN = frozenset(("Cc", "Cf", "Cs", "Zl", "Zp"))  # categories of Unicode
+JOINERS = "\u200c\u200d"  # of Persian and Indic letters, and of emoji: they are part of a word
+FORMULA = re.compile(
+    r"[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20]"
+)  # starts one in a spreadsheet; full-width signs do too
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
@@ -23,7 +26,10 @@ def unseen(text: str) -> str | None:
     """The first character that no name may hold; None where there is none."""
     if text.isascii() and text.isprintable():
         return None
-    return next((c for c in text if c not in JOINERS and (unicodedata.category(c) in UNSEEN or _none(c))), None)
+    return next(
+        (c for c in text if c not in JOINERS and (unicodedata.category(c) in UNSEEN or _none(c))),
+        None,
+    )
 
 
 def _none(c: str) -> bool:
@@ -32,7 +38,8 @@ def _none(c: str) -> bool:
 
 
 def unfit(name: str, longest: int = LONGEST) -> str | None:
-    """Why a text cannot be a name (or, with `longest` = TEXT, a sentence of a file), in words; None where it can."""
+    """Why a text cannot be a name (or, with `longest` = TEXT, a sentence of a file), in words; None
+    where it can."""
     if (c := unseen(name)) is not None:
         called = unicodedata.name(c, "a control character").lower()
         return f"it holds U+{ord(c):04X} ({called}), which nobody sees. Write it without"
@@ -51,8 +58,13 @@ def as_name(text: str) -> str:
 
 
 def plain_word(name: str) -> bool:
-    """Whether a name can stand in a formula: a word of one spelling that no formula takes for its own."""
-    return name.isidentifier() and not keyword.iskeyword(name) and unicodedata.normalize("NFKC", name) == name
+    """Whether a name can stand in a formula: a word of one spelling that no formula takes for its
+    own."""
+    return (
+        name.isidentifier()
+        and not keyword.iskeyword(name)
+        and unicodedata.normalize("NFKC", name) == name
+    )
 
 
 def quoted(name: str) -> str:
@@ -60,14 +72,18 @@ def quoted(name: str) -> str:
     return f'"{name if len(name) <= 40 else name[:39] + "…"}"'
 
 
-# -- cells of a CSV ------------------------------------------------------------------------------------------------------------
+# -- cells of a CSV
+# ------------------------------------------------------------------------------------------------------------
 
 
 def guarded(cell: str) -> str:
-    """A text cell as it is written to a CSV: an apostrophe goes before what a spreadsheet would run as a formula (OWASP, CSV
-    injection). A plain number stays as it is. `unguarded` gives the cell back."""
+    """A text cell as it is written to a CSV: an apostrophe goes before what a spreadsheet would run
+    as a formula (OWASP, CSV injection). A plain number stays as it is. `unguarded` gives the cell
+    back."""
     bare = cell.lstrip("'")
-    return f"'{cell}" if FORMULA.match(bare) and (bare != cell or not NUMBER.fullmatch(cell)) else cell
+    return (
+        f"'{cell}" if FORMULA.match(bare) and (bare != cell or not NUMBER.fullmatch(cell)) else cell
+    )
 
 
 def unguarded(cell: str) -> str:

@@ -4,9 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-PURPOSES = ("split", "folds", "gain", "naming", "simulate", "sampling", "null", "nested", "flips", "bootstrap", "halves", "scan")
+PURPOSES = (
+    "split",
+    "folds",
+    "gain",
+    "naming",
+    "simulate",
+    "sampling",
+    "null",
+    "nested",
+    "flips",
+    "bootstrap",
+    "halves",
+    "scan",
+)
 
 
 def generator(seed: int, purpose: str) -> np.random.Generator:
-    """The one stream of a purpose: every random choice derives from the study's seed, none from another's use of it."""
+    """The one stream of a purpose: every random choice derives from the study's seed, none from
+    another's use of it."""
     return np.random.default_rng(np.random.SeedSequence([seed, PURPOSES.index(purpose)]))

@@ -1,4 +1,5 @@
-"""Text files that people write: read as UTF-8, with or without a byte-order mark; what cannot be read is said."""
+"""Text files that people write: read as UTF-8, with or without a byte-order mark; what cannot be
+read is said."""
 
 from __future__ import annotations
 
@@ -10,19 +11,28 @@ from typing import Any
 
 from .exceptions import StudyError
 
-LONGEST = 50_000_000      # bytes; nobody writes more by hand
-DEEP = re.compile(r"(?<![\w\"'.-])(?:[\w\"'-]++\s*+\.\s*+){60}")      # a key of so many parts: tomllib would take minutes
+LONGEST = 50_000_000  # bytes; nobody writes more by hand
+DEEP = re.compile(
+    r"(?<![\w\"'.-])(?:[\w\"'-]++\s*+\.\s*+){60}"
+)  # a key of so many parts: tomllib would take minutes
 
 
 def unreadable(path: Path) -> str | None:
-    """Why a path cannot be read as a file, in a few words; None where it can. A device or a pipe may never end."""
+    """Why a path cannot be read as a file, in a few words; None where it can. A device or a pipe
+    may never end."""
     try:
         mode = path.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
         return "no such file"
     except (OSError, ValueError) as error:
         return (getattr(error, "strerror", None) or "no such file").lower()
-    return None if stat.S_ISREG(mode) else "it is a folder" if stat.S_ISDIR(mode) else "it is a device or a pipe, not a file"
+    return (
+        None
+        if stat.S_ISREG(mode)
+        else "it is a folder"
+        if stat.S_ISDIR(mode)
+        else "it is a device or a pipe, not a file"
+    )
 
 
 def read_text(path: Path, what: str) -> str:
@@ -31,15 +41,21 @@ def read_text(path: Path, what: str) -> str:
     if why is None:
         try:
             if path.stat().st_size > LONGEST:
-                raise StudyError(f"{path.name}: {what} has more than {LONGEST // 1_000_000} MB: another file? Check its name.")
+                raise StudyError(
+                    f"{path.name}: {what} has more than {LONGEST // 1_000_000} MB: another file? Check its name."
+                )
             return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
         except UnicodeDecodeError:
             why = "it is not UTF-8 text"
         except OSError as error:
             why = str(error.strerror or error).lower()
     if why == "no such file":
-        raise StudyError(f"{path}: there is no such {what.removeprefix('the ')}. Check its name and folder.")
-    raise StudyError(f"{path.name}: {what} cannot be read: {why}. Check its name, or save it as UTF-8.")
+        raise StudyError(
+            f"{path}: there is no such {what.removeprefix('the ')}. Check its name and folder."
+        )
+    raise StudyError(
+        f"{path.name}: {what} cannot be read: {why}. Check its name, or save it as UTF-8."
+    )
 
 
 def toml(text: str, where: str) -> dict[str, Any]:
@@ -49,7 +65,13 @@ def toml(text: str, where: str) -> dict[str, Any]:
             raise RecursionError
         return tomllib.loads(text)
     except RecursionError:
-        raise StudyError(f"{where}: not valid TOML: nested too deeply. Tables of tables of a few levels are expected.") from None
-    except ValueError as error:             # TOMLDecodeError; a whole number of thousands of digits
-        said = str(error) if isinstance(error, tomllib.TOMLDecodeError) else "a number with too many digits"
+        raise StudyError(
+            f"{where}: not valid TOML: nested too deeply. Tables of tables of a few levels are expected."
+        ) from None
+    except ValueError as error:  # TOMLDecodeError; a whole number of thousands of digits
+        said = (
+            str(error)
+            if isinstance(error, tomllib.TOMLDecodeError)
+            else "a number with too many digits"
+        )
         raise StudyError(f"{where}: not valid TOML: {said}. Correct this place.") from None

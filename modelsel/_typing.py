@@ -15,4 +15,5 @@ Index = NDArray[np.intp]
 Say = Callable[[str], None]
 
 Array = NDArray[np.float64]
-LARGEST = 1e9      # mm, degrees, kg in a file: no arm and no room is larger; beyond it the arithmetic overflows
+# mm, degrees, kg in a file: no arm and no room is larger; beyond it the arithmetic overflows
+LARGEST = 1e9

@@ -6,7 +6,8 @@ import re
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
-CHECK_FAILED = 5        # exit status of a command that is done, but where a check failed: no convergence, a drift, a miss
+# exit status of a command that is done, but where a check failed: no convergence, a drift, a miss
+CHECK_FAILED = 5
 
 
 class ModelselError(Exception):
@@ -16,7 +17,8 @@ class ModelselError(Exception):
 
 
 class StudyError(ModelselError):
-    """The study, the robot file or the command line is wrong: every problem, each with its place."""
+    """The study, the robot file or the command line is wrong: every problem, each with its
+    place."""
 
     exit_code = 2
 
@@ -26,19 +28,39 @@ class StudyError(ModelselError):
 
 
 class DataError(ModelselError):
-    """The measurements are wrong: what, where, what to do. In a file: its line (the header is line 1) and column; in a
-    DataFrame: its row, counted from 0, and column."""
+    """The measurements are wrong: what, where, what to do. In a file: its line (the header is line
+    1) and column; in a DataFrame: its row, counted from 0, and column."""
 
     exit_code = 3
 
-    def __init__(self, what: str, *, file: str = "", line: int | None = None, row: int | None = None, column: str | None = None,
-                 remedy: str = ""):
-        what, column, remedy = one_line(what), None if column is None else one_line(column), one_line(remedy)
+    def __init__(
+        self,
+        what: str,
+        *,
+        file: str = "",
+        line: int | None = None,
+        row: int | None = None,
+        column: str | None = None,
+        remedy: str = "",
+    ):
+        what, column, remedy = (
+            one_line(what),
+            None if column is None else one_line(column),
+            one_line(remedy),
+        )
         self.file, self.line, self.row, self.column, self.remedy = file, line, row, column, remedy
-        places = (one_line(file), f"line {line}" if line else "", f"row {row}" if row is not None else "",
-                  f"column {column}" if column else "")
+        places = (
+            one_line(file),
+            f"line {line}" if line else "",
+            f"row {row}" if row is not None else "",
+            f"column {column}" if column else "",
+        )
         place = ", ".join(part for part in places if part)
-        super().__init__(f"{place}: {what}" + (f" {remedy}" if remedy else "") if place else f"{what} {remedy}".strip())
+        super().__init__(
+            f"{place}: {what}" + (f" {remedy}" if remedy else "")
+            if place
+            else f"{what} {remedy}".strip()
+        )
 
 
 class NotEstimable(ModelselError):
@@ -52,9 +74,11 @@ class NotEstimable(ModelselError):
 
 
 def one_line(text: str) -> str:
-    """A sentence that holds what a user wrote, fit to be printed: no line breaks or control characters, very long words cut,
-    the stops and quotes after them kept."""
-    text = "".join(c if c.isprintable() else c.encode("unicode_escape", "replace").decode() for c in text)
+    """A sentence that holds what a user wrote, fit to be printed: no line breaks or control
+    characters, very long words cut, the stops and quotes after them kept."""
+    text = "".join(
+        c if c.isprintable() else c.encode("unicode_escape", "replace").decode() for c in text
+    )
     return re.sub(r"([^ ]{80})[^ ]{120,}?([^\w ]{0,3})(?= |$)", r"\1…\2", text)
 
 

@@ -1,4 +1,6 @@
-"""Scenes for the tests: a built-in robot, drawn configurations, every covariate, an exact plant with noise."""
+"""Scenes for the tests: a built-in robot, drawn configurations, every covariate, an exact plant
+with noise."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -16,7 +18,10 @@ from modelsel.robot.files import load
 from modelsel.robot.kinematics import Joint, Robot, forward
 from modelsel.selection.evaluation import Data
 
-ON_AXIS, OFF_AXIS = (0.0, 0.0, 100.0), (40.0, -25.0, 100.0)   # target on and off the last joint's axis
+ON_AXIS, OFF_AXIS = (
+    (0.0, 0.0, 100.0),
+    (40.0, -25.0, 100.0),
+)  # target on and off the last joint's axis
 
 
 def seeds(*values: int) -> pytest.MarkDecorator:
@@ -29,24 +34,52 @@ def bind(robot: Robot | str, data: Measurements, tool: Sequence[float] = OFF_AXI
     return scene(robot, data, np.tile(np.array(tool, float), (len(data.targets), 1)))
 
 
-def drawn(robot: Robot | str, rng: np.random.Generator, m: int, tool: Sequence[float] = OFF_AXIS, **more: object) -> Scene:
-    """m configurations within the limits, measured where the nominal model has them, with every named covariate."""
+def drawn(
+    robot: Robot | str,
+    rng: np.random.Generator,
+    m: int,
+    tool: Sequence[float] = OFF_AXIS,
+    **more: object,
+) -> Scene:
+    """m configurations within the limits, measured where the nominal model has them, with every
+    named covariate."""
     robot = load(robot) if isinstance(robot, str) else robot
     q = robot.draw(rng, m)
-    covariates = {"payload_kg": rng.uniform(0, 5, m), "temperature_C": rng.uniform(15, 35, m), "time_s": np.arange(m) * 30.0,
-                  "current_A": rng.normal(size=m)}
-    return bind(robot, measurements(q, forward(robot, q, np.array(tool)), **({"covariates": covariates} | more),
-                                    prismatic=robot.prismatic), tool)
+    covariates = {
+        "payload_kg": rng.uniform(0, 5, m),
+        "temperature_C": rng.uniform(15, 35, m),
+        "time_s": np.arange(m) * 30.0,
+        "current_A": rng.normal(size=m),
+    }
+    return bind(
+        robot,
+        measurements(
+            q,
+            forward(robot, q, np.array(tool)),
+            **({"covariates": covariates} | more),
+            prismatic=robot.prismatic,
+        ),
+        tool,
+    )
 
 
 def measured(at: Scene, position: Array) -> Scene:
     return replace(at, data=replace(at.data, position=position))
 
 
-def planted(at: Scene, terms: Sequence[Term], theta: Array, rng: np.random.Generator | None = None, sigma: float = 0.0) -> Scene:
-    """The scene with its positions moved to where the exact chain has them at theta, plus noise of sigma [mm]."""
+def planted(
+    at: Scene,
+    terms: Sequence[Term],
+    theta: Array,
+    rng: np.random.Generator | None = None,
+    sigma: float = 0.0,
+) -> Scene:
+    """The scene with its positions moved to where the exact chain has them at theta, plus noise of
+    sigma [mm]."""
     position = at.data.position - residuals(at, terms, theta)[:, :3]
-    return measured(at, position if rng is None else position + rng.normal(0, sigma, position.shape))
+    return measured(
+        at, position if rng is None else position + rng.normal(0, sigma, position.shape)
+    )
 
 
 def one(frame: int, axis: str, *cause: object) -> Mechanism:
@@ -70,4 +103,6 @@ def study_of(at: Scene, held_out: int = 0, folds: int = 5) -> Data:
     """A scene as a study's data: the last configurations held out, folds by row."""
     m = len(at)
     estimation = np.arange(m) < m - held_out
-    return Data(at, estimation, np.zeros(m, bool), np.where(estimation, np.arange(m) % folds, -1), False)
+    return Data(
+        at, estimation, np.zeros(m, bool), np.where(estimation, np.arange(m) % folds, -1), False
+    )

@@ -1,11 +1,12 @@
-"""Runs a study in children that are killed at their n-th step on the disk; prints, as JSON, what was left and whether all came
-out the same.
+"""Runs a study in children that are killed at their n-th step on the disk; prints, as JSON, what
+was left and whether all came out the same.
 
-`python fault_host.py FOLDER KILLS SEED [sampling]`: a process of its own, with everything loaded before the first child starts. A
-step is a file opened to be written, half of its content written, a file renamed or removed, a folder made or removed, below the
-output folder: the child kills itself there, so that no clock and no load of the machine has a part in it. Where there are more
-steps than KILLS they are drawn.
-"""
+`python fault_host.py FOLDER KILLS SEED [sampling]`: a process of its own, with everything loaded
+before the first child starts. A step is a file opened to be written, half of its content written, a
+file renamed or removed, a folder made or removed, below the output folder: the child kills itself
+there, so that no clock and no load of the machine has a part in it. Where there are more steps than
+KILLS they are drawn."""
+
 from __future__ import annotations
 
 import json
@@ -38,10 +39,12 @@ class Steps:
     def begin(self) -> None:
         """From now on, in this process."""
         sys.addaudithook(self.hook)
-        os.fdopen = self.opened                                     # type: ignore[assignment]
+        os.fdopen = self.opened  # type: ignore[assignment]
 
     def hook(self, event: str, given: tuple[Any, ...]) -> None:
-        writes = event in ON_DISK or event == "open" and isinstance(given[2], int) and given[2] & WRITING
+        writes = (
+            event in ON_DISK or event == "open" and isinstance(given[2], int) and given[2] & WRITING
+        )
         if writes and any(str(path).startswith(self.below) for path in given[:2]):
             self.step()
 
@@ -56,10 +59,11 @@ class Steps:
         write = file.write
 
         def halves(content: bytes) -> None:
-            write(content[:len(content) // 2])
+            write(content[: len(content) // 2])
             file.flush()
             self.step()
-            write(content[len(content) // 2:])
+            write(content[len(content) // 2 :])
+
         return _Halved(file, halves)
 
 
@@ -80,8 +84,8 @@ class _Halved:
 
 
 def child(words: list[str], last: int | None = None, count: Path | None = None) -> int:
-    """Process id of a fork that runs a command and says nothing; killed at step `last`. `count`: the file that its number of
-    steps is written into."""
+    """Process id of a fork that runs a command and says nothing; killed at step `last`. `count`:
+    the file that its number of steps is written into."""
     pid = os.fork()
     if pid:
         return pid
@@ -106,7 +110,11 @@ def ended(pid: int) -> int:
 
 
 def left(out: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(out)): p.read_bytes() for p in sorted(out.rglob("*")) if p.is_file()} if out.exists() else {}
+    return (
+        {str(p.relative_to(out)): p.read_bytes() for p in sorted(out.rglob("*")) if p.is_file()}
+        if out.exists()
+        else {}
+    )
 
 
 def loads(out: Path) -> bool:
@@ -126,6 +134,7 @@ def run(place: Path, kills: int, rng: np.random.Generator, sampling: bool) -> di
         from modelsel.study import checkpoint
         from modelsel.uncertainty import sampler as engine
         from modelsel.uncertainty import summary as confidence
+
         engine.LONG, engine.AGREE, confidence.ROWS, checkpoint.EVERY = 2, 100.0, 0, 0.0
     else:
         words.insert(2, "--no-sampling")
@@ -135,7 +144,10 @@ def run(place: Path, kills: int, rng: np.random.Generator, sampling: bool) -> di
     assert ended(child([*words, str(place / "old")])) == 0
     study.write_text(text)
     old, out, found, points = left(place / "old"), place / "out", Counter[str](), []
-    for name, over in (("whole", False), ("again", True)):      # over an older result, or where nothing was
+    for name, over in (
+        ("whole", False),
+        ("again", True),
+    ):  # over an older result, or where nothing was
         if over:
             shutil.copytree(place / "old", place / name)
         assert ended(child([*words, str(place / name)], count=place / "steps")) == 0
@@ -152,9 +164,13 @@ def run(place: Path, kills: int, rng: np.random.Generator, sampling: bool) -> di
         if ended(child([*words, str(out)], last=n)) != -signal.SIGKILL:
             found["not killed"] += 1
             continue
-        there = {name: content for name, content in left(out).items() if not name.startswith(".modelsel")}
-        states = {"old" if content == old.get(name) else "new" if content == whole.get(name) else "broken"
-                  for name, content in there.items()}
+        there = {
+            name: content for name, content in left(out).items() if not name.startswith(".modelsel")
+        }
+        states = {
+            "old" if content == old.get(name) else "new" if content == whole.get(name) else "broken"
+            for name, content in there.items()
+        }
         found["killed"] += 1
         found["broken"] += "broken" in states
         found["left " + (" and ".join(sorted(states)) or "nothing")] += 1
@@ -169,4 +185,6 @@ def run(place: Path, kills: int, rng: np.random.Generator, sampling: bool) -> di
 
 if __name__ == "__main__":
     rng = np.random.default_rng(int(sys.argv[3]))
-    sys.stdout.write(json.dumps(run(Path(sys.argv[1]), int(sys.argv[2]), rng, "sampling" in sys.argv)))
+    sys.stdout.write(
+        json.dumps(run(Path(sys.argv[1]), int(sys.argv[2]), rng, "sampling" in sys.argv))
+    )

@@ -1,4 +1,5 @@
-"""The good files: a study of three joints that takes a tenth of a second, its fleet, what it leaves, and rows of other kinds."""
+"""The good files: a study of three joints that takes a tenth of a second, its fleet, what it
+leaves, and rows of other kinds."""
 
 from __future__ import annotations
 
@@ -117,7 +118,8 @@ PLATE_MM = 300.0
 
 @cache
 def base_files() -> dict[str, bytes]:
-    """The good files: a study of 36 configurations with groups, an order, a payload and a text column."""
+    """The good files: a study of 36 configurations with groups, an order, a payload and a text
+    column."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "robot.toml").write_text(ROBOT)
@@ -134,7 +136,10 @@ def base_files() -> dict[str, bytes]:
 def _told(frame: Any) -> Any:
     """With groups, an order, a payload and a column of text."""
     m = len(frame)
-    frame["group"], frame["order"] = np.repeat(["monday", "tuesday"], m // 2), np.tile(np.arange(m // 2), 2)
+    frame["group"], frame["order"] = (
+        np.repeat(["monday", "tuesday"], m // 2),
+        np.tile(np.arange(m // 2), 2),
+    )
     frame["payload_kg"], frame["operator"] = np.round(np.linspace(0, 5, m), 3), "Ann"
     return frame
 
@@ -146,10 +151,15 @@ def _csv(frame: Any) -> bytes:
 
 @cache
 def stored_files() -> dict[str, bytes]:
-    """What a study leaves that names a planted effect, with its study, its data and a plan of commands."""
+    """What a study leaves that names a planted effect, with its study, its data and a plan of
+    commands."""
     import pandas as pd
+
     with tempfile.TemporaryDirectory() as name:
-        folder, study = Path(name), STUDY.replace("size = 1e-3\n", PLANTED).replace("= 36", "= 60").replace("= 24", "= 40")
+        folder, study = (
+            Path(name),
+            STUDY.replace("size = 1e-3\n", PLANTED).replace("= 36", "= 60").replace("= 24", "= 40"),
+        )
         (folder / "robot.toml").write_text(ROBOT)
         (folder / "study.toml").write_text(study)
         frame = _told(simulate_study(parse_study(study, "study.toml"), folder))
@@ -165,8 +175,13 @@ def stored_files() -> dict[str, bytes]:
 
 @cache
 def gauged_files() -> dict[str, bytes]:
-    """A study whose rows are points, single coordinates, wires, a bar, distances, a touched point and a known plate."""
-    study = STUDY.replace("= 36", "= 72").replace("estimation = 24", "estimation = 48").replace("\n[split]", FEATURES)
+    """A study whose rows are points, single coordinates, wires, a bar, distances, a touched point
+    and a known plate."""
+    study = (
+        STUDY.replace("= 36", "= 72")
+        .replace("estimation = 24", "estimation = 48")
+        .replace("\n[split]", FEATURES)
+    )
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "robot.toml").write_text(ROBOT)
@@ -177,19 +192,42 @@ def gauged_files() -> dict[str, bytes]:
     kind, feature, place = (frame.columns.get_loc(name) for name in ("kind", "feature", "x_mm"))
     last = np.zeros(3)
     for row in range(24, len(frame)):
-        what = ("x", "z", "north", "north", "south", "south", "bar", "distance", "distance", "plate", "cone", "point")[row % 12]
+        what = (
+            "x",
+            "z",
+            "north",
+            "north",
+            "south",
+            "south",
+            "bar",
+            "distance",
+            "distance",
+            "plate",
+            "cone",
+            "point",
+        )[row % 12]
         x = frame.iloc[row, place : place + 3].to_numpy(float, copy=True)
         if what in ANCHORS:
-            frame.iloc[row, kind], frame.iloc[row, feature] = "ball-bar" if what == "bar" else "wire", what
-            frame.loc[row, "length_mm"] = np.linalg.norm(x - ANCHORS[what]) - (25 if what == "south" else 0)
+            frame.iloc[row, kind], frame.iloc[row, feature] = (
+                "ball-bar" if what == "bar" else "wire",
+                what,
+            )
+            frame.loc[row, "length_mm"] = np.linalg.norm(x - ANCHORS[what]) - (
+                25 if what == "south" else 0
+            )
         elif what == "distance":
             frame.iloc[row, kind], frame.iloc[row, feature] = what, f"gauge {row // 12}"
             if row % 12 == 8:
                 frame.loc[row, "length_mm"] = np.linalg.norm(x - last)
         elif what in ("plate", "cone"):
-            frame.iloc[row, kind], frame.iloc[row, feature] = "plane" if what == "plate" else "same-point", what
+            frame.iloc[row, kind], frame.iloc[row, feature] = (
+                "plane" if what == "plate" else "same-point",
+                what,
+            )
             turn = np.linspace(-np.pi, np.pi, 20001) if what == "plate" else 1e-4 * row * np.ones(1)
-            q = frame.iloc[row if what == "plate" else 34, :3].to_numpy(float) * np.ones((len(turn), 1))
+            q = frame.iloc[row if what == "plate" else 34, :3].to_numpy(float) * np.ones(
+                (len(turn), 1)
+            )
             q[:, 2] = turn if what == "plate" else q[:, 2] + turn
             frame.iloc[row, :3] = q[np.argmin(np.abs(forward(robot, q, tool)[:, 2] - PLATE_MM))]
             frame.loc[row, "s_mm"] = 0.5
@@ -198,4 +236,8 @@ def gauged_files() -> dict[str, bytes]:
         last = x
         keep = {"point": "xyz", "x": "x", "z": "z"}.get(what, "")
         frame.loc[row, [f"{axis}_mm" for axis in "xyz" if axis not in keep]] = np.nan
-    return {"measurements.csv": _csv(frame), "robot.toml": ROBOT.encode(), "study.toml": study.encode()}
+    return {
+        "measurements.csv": _csv(frame),
+        "robot.toml": ROBOT.encode(),
+        "study.toml": study.encode(),
+    }

@@ -1,8 +1,9 @@
-"""Files of every kind, broken in every way: what comes out is the good result, or one clear refusal and nothing else.
+"""Files of every kind, broken in every way: what comes out is the good result, or one clear refusal
+and nothing else.
 
-`python tests/fuzz_engine.py COUNT [SEED] [--kinds KIND …] [--minutes M] [--share S] [--json FILE]` tries COUNT mutants and says
-what came out; `python tests/fuzz_engine.py --merge FILE …` puts what runs wrote with --json into benchmarks/results/fuzz.json.
-"""
+`python tests/fuzz_engine.py COUNT [SEED] [--kinds KIND …] [--minutes M] [--share S] [--json FILE]`
+tries COUNT mutants and says what came out; `python tests/fuzz_engine.py --merge FILE …` puts what
+runs wrote with --json into benchmarks/results/fuzz.json."""
 
 from __future__ import annotations
 
@@ -66,7 +67,8 @@ class Fuzzer:
         return Mutant(mutant.name, mutant.content, SAME) if mutant.content == content else mutant
 
     def command(self, kind: str, content: bytes, command: str) -> Outcome:
-        """A command on a folder with this content in the broken file's place. What it left are the files that it wrote."""
+        """A command on a folder with this content in the broken file's place. What it left are the
+        files that it wrote."""
         there = lay_out(kind, content, self.place)
         shutil.rmtree(self.place.parent / "out", ignore_errors=True)
         out = self.place if KINDS[kind].among else self.place.parent / "out"
@@ -77,7 +79,11 @@ class Fuzzer:
         strange += [path for path in self.place.parent.iterdir() if path not in (self.place, out)]
         if strange or Path("pwned").exists():
             ran.stderr += f"\nTraceback: written where nothing belongs: {strange}"
-        ran.left = {name: some for name, some in ran.left.items() if self.place / name not in there or out != self.place}
+        ran.left = {
+            name: some
+            for name, some in ran.left.items()
+            if self.place / name not in there or out != self.place
+        }
         return ran
 
     def expected(self, kind: str, command: str) -> Outcome:
@@ -85,14 +91,21 @@ class Fuzzer:
         if (kind, command) not in self.good:
             ran = self.command(kind, KINDS[kind].files()[KINDS[kind].file], command)
             assert judge_of(command).took(ran), ran.stderr
-            assert not (wrong := judge_of(command).problems(ran, ran)), (kind, command, wrong, ran.stderr)
+            assert not (wrong := judge_of(command).problems(ran, ran)), (
+                kind,
+                command,
+                wrong,
+                ran.stderr,
+            )
             self.good[kind, command] = ran
         return self.good[kind, command]
 
     def one(self, kind: str) -> None:
         """Draw a mutant and a command, try it, note what came out."""
         mutant, row = self.draw(kind), KINDS[kind]
-        command = row.commands[int(self.rng.integers(len(row.commands))) if len(row.commands) > 1 else 0]
+        command = row.commands[
+            int(self.rng.integers(len(row.commands))) if len(row.commands) > 1 else 0
+        ]
         if row.first:
             ran = self.command(kind, mutant.content, row.first)
             if ran.status or ran.left or ran.said:
@@ -104,11 +117,17 @@ class Fuzzer:
         ran = self.command(kind, mutant.content, command)
         self.note(kind, mutant, command, ran, *self.judged(kind, mutant, ran, command))
 
-    def judged(self, kind: str, mutant: Mutant, ran: Outcome, command: str) -> tuple[str, list[str]]:
+    def judged(
+        self, kind: str, mutant: Mutant, ran: Outcome, command: str
+    ) -> tuple[str, list[str]]:
         """(how it ended, what is wrong with that)."""
         judge = judge_of(command)
         if ran.status and not judge.took(ran):
-            same = ["refused, though it says the same as the good file"] if mutant.expect == SAME else []
+            same = (
+                ["refused, though it says the same as the good file"]
+                if mutant.expect == SAME
+                else []
+            )
             return f"refused {ran.status}", refusal_problems(ran, mutant.exits) + same
         if command == KINDS[kind].first:
             return "read", [f"a dry run left {sorted(ran.left)} and said {ran.said}"]
@@ -120,11 +139,23 @@ class Fuzzer:
             problems.append("another result than the good file's, though it says the same")
         return "same result" if mutant.expect == SAME else "clean result", problems
 
-    def note(self, kind: str, mutant: Mutant, command: str, ran: Outcome, outcome: str, problems: list[str]) -> None:
+    def note(
+        self,
+        kind: str,
+        mutant: Mutant,
+        command: str,
+        ran: Outcome,
+        outcome: str,
+        problems: list[str],
+    ) -> None:
         self.slowest = max(self.slowest, (ran.seconds, f"{kind}: {mutant.name}"))
         self.counts[f"{kind}: {'defect' if problems else outcome}"] += 1
         for line in ran.said:
-            self.sentences[re.sub(r"\d+", "0", re.sub(r'"[^"]*"', '"…"', re.sub(r"'[^']*'", "'…'", line)))[:160]] += 1
+            self.sentences[
+                re.sub(r"\d+", "0", re.sub(r'"[^"]*"', '"…"', re.sub(r"'[^']*'", "'…'", line)))[
+                    :160
+                ]
+            ] += 1
         if problems:
             self.defects.append(
                 {
@@ -142,7 +173,9 @@ class Fuzzer:
 def tried(folder: Path, kind: str, content: bytes, command: str) -> Outcome:
     """What a command does with one file of this content."""
     (folder / "work").mkdir(parents=True, exist_ok=True)
-    return Fuzzer(np.random.default_rng(1), folder / "work" / "files").command(kind, content, command)
+    return Fuzzer(np.random.default_rng(1), folder / "work" / "files").command(
+        kind, content, command
+    )
 
 
 def fleet_here(monkey: Callable[[str, Any], None]) -> None:
@@ -155,11 +188,16 @@ def fleet_here(monkey: Callable[[str, Any], None]) -> None:
     from modelsel.study import fleet_runner as module
 
     def only_parts(read: Any, out: Path, client: Any, **_: Any) -> list[Any]:
-        return [module._whole_set(part, read.folder, out / part.name, client) for part in read.parts]
+        return [
+            module._whole_set(part, read.folder, out / part.name, client) for part in read.parts
+        ]
 
     monkey("modelsel.study.fleet_runner.cluster", nobody)
     monkey("modelsel.study.fleet_runner.run_fleet", only_parts)
-    monkey("modelsel.study.fleet_runner._on_workers", lambda client, work, items: [work(item) for item in items])
+    monkey(
+        "modelsel.study.fleet_runner._on_workers",
+        lambda client, work, items: [work(item) for item in items],
+    )
 
 
 def _patch(dotted: str, value: Any) -> None:
@@ -191,9 +229,14 @@ def summary(fuzz: Fuzzer, seed: int, kinds: tuple[str, ...], seconds: float) -> 
 
 
 def merged(runs: list[dict[str, Any]], before: dict[str, Any]) -> dict[str, Any]:
-    """What fuzz.json says with some runs more: each stands there once, told by its seed, kinds and count."""
+    """What fuzz.json says with some runs more: each stands there once, told by its seed, kinds and
+    count."""
+
     def which(one: dict[str, Any]) -> str:
-        return json.dumps({key: one[key] for key in ("seed", "mutants", "by_kind", "python", "numpy")}, sort_keys=True)
+        return json.dumps(
+            {key: one[key] for key in ("seed", "mutants", "by_kind", "python", "numpy")},
+            sort_keys=True,
+        )
 
     every = list({which(one): one for one in [*runs, *before["runs"]]}.values())
     every.sort(key=lambda one: [which(old) for old in [*before["runs"], *runs]].index(which(one)))
@@ -215,14 +258,23 @@ def run() -> None:
     asked.add_argument("--minutes", type=float, default=math.inf)
     asked.add_argument("--json", type=Path)
     asked.add_argument("--kinds", nargs="*", default=list(KINDS), choices=list(KINDS))
-    asked.add_argument("--share", type=float, default=1.0, help="of the mutants that can be read and need not be, those computed")
-    asked.add_argument("--merge", type=Path, nargs="+", metavar="FILE", help="what --json wrote, into the results")
+    asked.add_argument(
+        "--share",
+        type=float,
+        default=1.0,
+        help="of the mutants that can be read and need not be, those computed",
+    )
+    asked.add_argument(
+        "--merge", type=Path, nargs="+", metavar="FILE", help="what --json wrote, into the results"
+    )
     given = asked.parse_args()
     if given.merge:
         merge(given.merge)
         return
     fleet_here(_patch)
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))  # a mutant that would take more is a defect
+    resource.setrlimit(
+        resource.RLIMIT_AS, (MEMORY, MEMORY)
+    )  # a mutant that would take more is a defect
     start, kinds = time.monotonic(), tuple(given.kinds)
     with tempfile.TemporaryDirectory(dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as name:
         os.chdir(name)
@@ -232,16 +284,22 @@ def run() -> None:
             if given.json and fuzz.counts.total() % 500 == 0:
                 _write(given.json, fuzz, given.seed, kinds, start)
         os.chdir("/")
-    sys.stdout.write(json.dumps(summary(fuzz, given.seed, kinds, time.monotonic() - start), indent=1) + "\n")
+    sys.stdout.write(
+        json.dumps(summary(fuzz, given.seed, kinds, time.monotonic() - start), indent=1) + "\n"
+    )
     if given.json:
         _write(given.json, fuzz, given.seed, kinds, start)
 
 
 def _write(file: Path, fuzz: Fuzzer, seed: int, kinds: tuple[str, ...], start: float) -> None:
     """The figures, and beside them the defects and what was said."""
-    file.write_text(json.dumps(summary(fuzz, seed, kinds, time.monotonic() - start), indent=1) + "\n")
+    file.write_text(
+        json.dumps(summary(fuzz, seed, kinds, time.monotonic() - start), indent=1) + "\n"
+    )
     file.with_suffix(".defects.json").write_text(json.dumps(fuzz.defects, indent=1))
-    file.with_suffix(".sentences.txt").write_text("\n".join(f"{n:6d}  {s}" for s, n in fuzz.sentences.most_common()) + "\n")
+    file.with_suffix(".sentences.txt").write_text(
+        "\n".join(f"{n:6d}  {s}" for s, n in fuzz.sentences.most_common()) + "\n"
+    )
 
 
 if __name__ == "__main__":

@@ -120,7 +120,13 @@ def _inline(value: Any) -> str:
 
 def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
     """Where something could be put: every key and every place in a list."""
-    for key, inner in value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ():
+    for key, inner in (
+        value.items()
+        if isinstance(value, dict)
+        else enumerate(value)
+        if isinstance(value, list)
+        else ()
+    ):
         yield (*path, key)
         yield from places(inner, (*path, key))
 
@@ -156,7 +162,9 @@ def change(table: Table, rng: np.random.Generator) -> tuple[str, str]:
         done = "something left out"
     elif what < 0.3 and isinstance(holder, dict) and not free:
         at = int(rng.integers(len(key) + 1))
-        holder[key[:at] + ("x", "_", "é", " ", "\0", "S")[int(rng.integers(6))] + key[at:]] = holder.pop(key)
+        holder[key[:at] + ("x", "_", "é", " ", "\0", "S")[int(rng.integers(6))] + key[at:]] = (
+            holder.pop(key)
+        )
         done = "unknown key"
     elif what < 0.38:
         holder[key] = [holder[key]] if rng.random() < 0.5 else {"a": holder[key]}
@@ -187,7 +195,9 @@ def _same(text: str, rng: np.random.Generator) -> Mutant:
 
 def _deep(text: str, rng: np.random.Generator) -> Mutant:
     deep = (50, 900, 5000, 100_000)[int(rng.integers(4))]
-    key = f"zzz = {'[' * deep}{']' * deep}" if rng.random() < 0.5 else f"{'.'.join(['z'] * deep)} = 1"
+    key = (
+        f"zzz = {'[' * deep}{']' * deep}" if rng.random() < 0.5 else f"{'.'.join(['z'] * deep)} = 1"
+    )
     return Mutant("nested deeply", f"{key}\n{text}".encode(), REFUSED, (2,))
 
 
@@ -195,7 +205,9 @@ def _lines(text: str, rng: np.random.Generator) -> Mutant:
     lines = text.splitlines()
     at, what = int(rng.integers(len(lines))), int(rng.integers(3))
     if what == 0 and "=" in lines[at]:
-        return Mutant("key twice", "\n".join([*lines[:at], lines[at], *lines[at:]]).encode(), REFUSED, (2,))
+        return Mutant(
+            "key twice", "\n".join([*lines[:at], lines[at], *lines[at:]]).encode(), REFUSED, (2,)
+        )
     if what == 1:
         return Mutant("line twice, elsewhere", "\n".join([*lines, lines[at]]).encode())
     return Mutant("line gone", "\n".join(lines[:at] + lines[at + 1 :]).encode())
@@ -203,7 +215,9 @@ def _lines(text: str, rng: np.random.Generator) -> Mutant:
 
 def _mark(text: str, rng: np.random.Generator) -> Mutant:
     marks, at = "[]{}\"'=#,.\n", int(rng.integers(len(text)))
-    return Mutant("a mark put in", (text[:at] + marks[int(rng.integers(len(marks)))] + text[at:]).encode())
+    return Mutant(
+        "a mark put in", (text[:at] + marks[int(rng.integers(len(marks)))] + text[at:]).encode()
+    )
 
 
 def _text(text: str, rng: np.random.Generator) -> Mutant:

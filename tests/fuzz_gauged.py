@@ -1,4 +1,5 @@
-"""Broken measurement files whose rows are of several kinds: kinds, features, lengths, uncertainties, cells that stay empty."""
+"""Broken measurement files whose rows are of several kinds: kinds, features, lengths,
+uncertainties, cells that stay empty."""
 
 from __future__ import annotations
 
@@ -13,8 +14,37 @@ from fuzz_words import ANY, NAMES, NO_NUMBERS, NUMBERS, REFUSED, SAME, Grid, Mut
 Make = Callable[[Grid, np.random.Generator], Mutant]
 KINDS = ("point", "x", "y", "z", "wire", "ball-bar", "distance", "same-point", "plane")
 NAMED = KINDS[4:]
-NO_KINDS = ("points", "Point", "WIRE", "ball bar", "ball_bar", "xyz", "", " ", "1", "nan", "None", "🤖", "x y", "w" * 3000)
-NO_LENGTHS = ("", " ", "abc", "nan", "inf", "-inf", "1e400", "0", "-3", "1,5", "1e300", "True", "1_0")
+NO_KINDS = (
+    "points",
+    "Point",
+    "WIRE",
+    "ball bar",
+    "ball_bar",
+    "xyz",
+    "",
+    " ",
+    "1",
+    "nan",
+    "None",
+    "🤖",
+    "x y",
+    "w" * 3000,
+)
+NO_LENGTHS = (
+    "",
+    " ",
+    "abc",
+    "nan",
+    "inf",
+    "-inf",
+    "1e400",
+    "0",
+    "-3",
+    "1,5",
+    "1e300",
+    "True",
+    "1_0",
+)
 NO_SPREADS = ("", "0", "-1", "nan", "inf", "1e-300", "abc", "1e300")
 ANYWHERE = (
     tables.strange_number,
@@ -65,12 +95,20 @@ def other_kind(grid: Grid, rng: np.random.Generator) -> Mutant:
 def kinds_alone(grid: Grid, rng: np.random.Generator) -> Mutant:
     """Only rows of one kind, or all but these."""
     at, word, out = grid[0].index("kind"), _pick(rng, KINDS), rng.random() < 0.5
-    return Mutant("rows of some kinds gone", csv_of([grid[0], *(row for row in grid[1:] if (row[at] == word) != out)]))
+    return Mutant(
+        "rows of some kinds gone",
+        csv_of([grid[0], *(row for row in grid[1:] if (row[at] == word) != out)]),
+    )
 
 
 def without_kinds(grid: Grid, rng: np.random.Generator) -> Mutant:
     at = grid[0].index("kind")
-    return Mutant("the column of kinds gone", csv_of([row[:at] + row[at + 1 :] for row in grid]), REFUSED, (3,))
+    return Mutant(
+        "the column of kinds gone",
+        csv_of([row[:at] + row[at + 1 :] for row in grid]),
+        REFUSED,
+        (3,),
+    )
 
 
 def no_feature(grid: Grid, rng: np.random.Generator) -> Mutant:
@@ -83,7 +121,22 @@ def no_feature(grid: Grid, rng: np.random.Generator) -> Mutant:
 
 
 def other_feature(grid: Grid, rng: np.random.Generator) -> Mutant:
-    name = _pick(rng, ("north", "south", "bar", "gauge 0", "cone", "plate", *NAMES[:6], "x" * 3000, "a\nb", "🤖", "=1+1"))
+    name = _pick(
+        rng,
+        (
+            "north",
+            "south",
+            "bar",
+            "gauge 0",
+            "cone",
+            "plate",
+            *NAMES[:6],
+            "x" * 3000,
+            "a\nb",
+            "🤖",
+            "=1+1",
+        ),
+    )
     _row(grid, rng, *NAMED)[grid[0].index("feature")] = name
     return Mutant("another feature", csv_of(grid))
 
@@ -94,13 +147,17 @@ def no_length(grid: Grid, rng: np.random.Generator) -> Mutant:
 
 
 def odd_length(grid: Grid, rng: np.random.Generator) -> Mutant:
-    _row(grid, rng, "distance", "ball-bar", "wire")[grid[0].index("length_mm")] = _pick(rng, (*NO_LENGTHS, *NUMBERS))
+    _row(grid, rng, "distance", "ball-bar", "wire")[grid[0].index("length_mm")] = _pick(
+        rng, (*NO_LENGTHS, *NUMBERS)
+    )
     return Mutant("another length", csv_of(grid))
 
 
 def filled(grid: Grid, rng: np.random.Generator) -> Mutant:
     """A number in a cell that the row's kind does not use."""
-    kind, name = _pick(rng, ("wire y_mm", "same-point x_mm", "plane length_mm", "x y_mm", "point length_mm")).split()
+    kind, name = _pick(
+        rng, ("wire y_mm", "same-point x_mm", "plane length_mm", "x y_mm", "point length_mm")
+    ).split()
     _row(grid, rng, kind)[grid[0].index(name)] = _pick(rng, ("1.5", "abc", "nan?", "0", "-1"))
     return Mutant("a cell filled that measures nothing", csv_of(grid), REFUSED, (3,))
 
@@ -135,12 +192,27 @@ def widened(grid: Grid, rng: np.random.Generator) -> Mutant:
     return Mutant("blanks about kinds and features", csv_of(grid), SAME)
 
 
-OWN: tuple[Make, ...] = (no_kind, other_kind, other_kind, kinds_alone, without_kinds, no_feature, other_feature, no_length,
-                         odd_length, filled, no_spread, spreads, no_coordinate, widened)
+OWN: tuple[Make, ...] = (
+    no_kind,
+    other_kind,
+    other_kind,
+    kinds_alone,
+    without_kinds,
+    no_feature,
+    other_feature,
+    no_length,
+    odd_length,
+    filled,
+    no_spread,
+    spreads,
+    no_coordinate,
+    widened,
+)
 
 
 def gauged_mutant(text: str, rng: np.random.Generator) -> Mutant:
-    """One mutation, or two in succession, of what only such files have or of what all tables have."""
+    """One mutation, or two in succession, of what only such files have or of what all tables
+    have."""
     if rng.random() < 0.08:
         return bytes_broken(text.encode(), rng)
     some = OWN if rng.random() < 0.7 else ANYWHERE

@@ -1,4 +1,5 @@
-"""A command run in this process, without network, warnings or end; and what is wrong with a refusal of it."""
+"""A command run in this process, without network, warnings or end; and what is wrong with a refusal
+of it."""
 
 from __future__ import annotations
 
@@ -67,7 +68,13 @@ def load(folder: Path) -> None:
 
     found = load_result(folder)
     tables = {what: found.to_frame(what).to_dict("split") for what in (*TABLES, "residuals")}
-    print_json({"tables": tables, "page": len(found._repr_html_()), "terms": calibration_of(found).to_frame().to_dict("split")})
+    print_json(
+        {
+            "tables": tables,
+            "page": len(found._repr_html_()),
+            "terms": calibration_of(found).to_frame().to_dict("split"),
+        }
+    )
 
 
 @contextlib.contextmanager
@@ -100,25 +107,38 @@ def in_process(words: list[str], out: Path) -> Outcome:
             stderr += f"Traceback: {ran.exception!r}"
     except Hang:
         status, stdout, stderr = 124, "", "hang"
-    left = {str(p.relative_to(out)): p.read_bytes() for p in sorted(out.rglob("*")) if p.is_file()} if out.exists() else {}
+    left = (
+        {str(p.relative_to(out)): p.read_bytes() for p in sorted(out.rglob("*")) if p.is_file()}
+        if out.exists()
+        else {}
+    )
     return Outcome(status, stdout, stderr, left, time.perf_counter() - start)
 
 
-INSIDE = re.compile(r"Traceback|Error\b|Warning\b|internal error|<class|object at 0x|pydantic|(?<!\.)numpy|\[type=")
+INSIDE = re.compile(
+    r"Traceback|Error\b|Warning\b|internal error|<class|object at 0x|pydantic|(?<!\.)numpy|\[type="
+)
 
 
 def refusal_problems(ran: Outcome, exits: tuple[int, ...]) -> list[str]:
-    """A refusal: the exit status of its kind, one sentence or one for each problem with its place, nothing left."""
+    """A refusal: the exit status of its kind, one sentence or one for each problem with its place,
+    nothing left."""
     problems = []
     if ran.status not in exits:
         problems.append(f"exit status {ran.status}, expected one of {exits}")
     if not ran.said or not all(line.startswith("modelsel: ") for line in ran.said):
         problems.append("not a message of modelsel's own")
     problems += [
-        f"not a user's words: {line[:200]}" for line in ran.said if INSIDE.search(re.sub(r'"[^"]*"|\'[^\']*\'', "", line))
+        f"not a user's words: {line[:200]}"
+        for line in ran.said
+        if INSIDE.search(re.sub(r'"[^"]*"|\'[^\']*\'', "", line))
     ]
     problems += [f"too long: {line[:80]}…" for line in ran.said if len(line) > 700]
-    problems += [f"not a sentence: {line[:200]}" for line in ran.said if not line.rstrip().endswith((".", "?", ")", '"', "}"))]
+    problems += [
+        f"not a sentence: {line[:200]}"
+        for line in ran.said
+        if not line.rstrip().endswith((".", "?", ")", '"', "}"))
+    ]
     if ran.left:
         problems.append(f"left behind: {sorted(ran.left)}")
     return problems

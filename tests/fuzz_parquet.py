@@ -50,7 +50,9 @@ def written(columns: Columns, rng: np.random.Generator) -> Mutant:
         {"version": "1.0"},
         {"data_page_size": 64},
     ]
-    return Mutant("written another way", parquet_of(columns, **how[int(rng.integers(len(how)))]), SAME)
+    return Mutant(
+        "written another way", parquet_of(columns, **how[int(rng.integers(len(how)))]), SAME
+    )
 
 
 def holes(columns: Columns, rng: np.random.Generator) -> Mutant:
@@ -58,9 +60,14 @@ def holes(columns: Columns, rng: np.random.Generator) -> Mutant:
 
     name = _one(columns, rng)
     values: list[Any] = list(columns[name])
-    values[int(rng.integers(len(values)))] = [None, float("nan"), float("inf")][int(rng.integers(3))]
+    values[int(rng.integers(len(values)))] = [None, float("nan"), float("inf")][
+        int(rng.integers(3))
+    ]
     return Mutant(
-        "null, nan or inf in a named column", parquet_of(columns | {name: pa.array(values, pa.float64())}), REFUSED, (3,)
+        "null, nan or inf in a named column",
+        parquet_of(columns | {name: pa.array(values, pa.float64())}),
+        REFUSED,
+        (3,),
     )
 
 
@@ -87,17 +94,26 @@ def types(columns: Columns, rng: np.random.Generator) -> Mutant:
         lambda: pa.array([-0.0] * m),
         lambda: pa.array(range(m), pa.date32()),
     ]
-    return Mutant("a column of another type", parquet_of(columns | {name: values[int(rng.integers(len(values)))]()}))
+    return Mutant(
+        "a column of another type",
+        parquet_of(columns | {name: values[int(rng.integers(len(values)))]()}),
+    )
 
 
 def single(columns: Columns, rng: np.random.Generator) -> Mutant:
     name = _one(columns, rng)
-    return Mutant("a column in single precision", parquet_of(columns | {name: np.float32(columns[name])}))
+    return Mutant(
+        "a column in single precision", parquet_of(columns | {name: np.float32(columns[name])})
+    )
 
 
 def as_text(columns: Columns, rng: np.random.Generator) -> Mutant:
     name = _one(columns, rng)
-    return Mutant("numbers as text", parquet_of(columns | {name: [repr(float(v)) for v in columns[name]]}), SAME)
+    return Mutant(
+        "numbers as text",
+        parquet_of(columns | {name: [repr(float(v)) for v in columns[name]]}),
+        SAME,
+    )
 
 
 def named(columns: Columns, rng: np.random.Generator) -> Mutant:
@@ -113,14 +129,29 @@ def twice(columns: Columns, rng: np.random.Generator) -> Mutant:
 
 
 def no_rows(columns: Columns, rng: np.random.Generator) -> Mutant:
-    return Mutant("no rows", parquet_of({name: values[:0] for name, values in columns.items()}), REFUSED, (3,))
+    return Mutant(
+        "no rows", parquet_of({name: values[:0] for name, values in columns.items()}), REFUSED, (3,)
+    )
 
 
 def no_columns(columns: Columns, rng: np.random.Generator) -> Mutant:
     return Mutant("no columns", parquet_of({}), REFUSED, (3,))
 
 
-TABLES = (written, holes, types, types, types, single, as_text, named, named, twice, no_rows, no_columns)
+TABLES = (
+    written,
+    holes,
+    types,
+    types,
+    types,
+    single,
+    as_text,
+    named,
+    named,
+    twice,
+    no_rows,
+    no_columns,
+)
 
 
 def parquet_mutant(text: str, rng: np.random.Generator) -> Mutant:
@@ -132,7 +163,11 @@ def parquet_mutant(text: str, rng: np.random.Generator) -> Mutant:
     if what < 0.4:  # what was done to a CSV, in a Parquet file
         mutant = csv_mutant(text, rng)
         try:
-            return Mutant(f"table: {mutant.name}", parquet_of(columns_of(mutant.content.decode("utf-8-sig"))), ANY)
+            return Mutant(
+                f"table: {mutant.name}",
+                parquet_of(columns_of(mutant.content.decode("utf-8-sig"))),
+                ANY,
+            )
         except (ValueError, OSError, TypeError, IndexError, csv.Error):
             return Mutant("nothing", b"", REFUSED, (3,))
     return TABLES[int(rng.integers(len(TABLES)))](columns_of(text), rng)
@@ -154,7 +189,11 @@ def residuals_mutant(content: bytes, rng: np.random.Generator) -> Mutant:
     ways: list[tuple[str, Callable[[], Any], str]] = [
         ("written another way", lambda: table, SAME),
         ("a column gone", lambda: table.drop_columns([name]), REFUSED),
-        ("column renamed", lambda: table.rename_columns([c if c != name else f"{c}x" for c in table.column_names]), REFUSED),
+        (
+            "column renamed",
+            lambda: table.rename_columns([c if c != name else f"{c}x" for c in table.column_names]),
+            REFUSED,
+        ),
         ("numbers as text", lambda: with_column([str(v) for v in numbers]), REFUSED),
         ("lists", lambda: with_column([[v] for v in numbers]), REFUSED),
         ("a null", lambda: with_column([None, *numbers[1:]]), REFUSED),
@@ -169,7 +208,12 @@ def residuals_mutant(content: bytes, rng: np.random.Generator) -> Mutant:
     ]
     if rng.random() < 0.4:
         broken = bytes_broken(content, rng)
-        return Mutant(broken.name, broken.content, REFUSED if broken.name == "truncated" else broken.expect, (2,))
+        return Mutant(
+            broken.name,
+            broken.content,
+            REFUSED if broken.name == "truncated" else broken.expect,
+            (2,),
+        )
     what, make, expect = ways[int(rng.integers(len(ways)))]
     out = io.BytesIO()
     pq.write_table(make(), out, compression="none")

@@ -25,7 +25,9 @@ def _pick(rng: np.random.Generator, values: object) -> str:
 
 
 def _cell(grid: Grid, rng: np.random.Generator, column: str | None = None) -> tuple[int, int]:
-    return int(rng.integers(1, len(grid))), int(rng.integers(len(grid[0]))) if column is None else grid[0].index(column)
+    return int(rng.integers(1, len(grid))), int(
+        rng.integers(len(grid[0]))
+    ) if column is None else grid[0].index(column)
 
 
 def no_number(grid: Grid, rng: np.random.Generator) -> Mutant:
@@ -60,12 +62,15 @@ def rename(grid: Grid, rng: np.random.Generator) -> Mutant:
 
 
 def other_unit(grid: Grid, rng: np.random.Generator) -> Mutant:
-    """Metres called millimetres, or the other way; degrees called radians: the values say otherwise than the names."""
+    """Metres called millimetres, or the other way; degrees called radians: the values say otherwise
+    than the names."""
     what = int(rng.integers(3))
     for k, name in enumerate(list(grid[0])):
         if what == 0 and name in ("x_mm", "y_mm", "z_mm"):
             grid[0][k] = name.replace("mm", "m")
-        elif (what == 1 and name in ("x_mm", "y_mm", "z_mm")) or (what == 2 and name.startswith("q")):
+        elif (what == 1 and name in ("x_mm", "y_mm", "z_mm")) or (
+            what == 2 and name.startswith("q")
+        ):
             for row in grid[1:]:
                 row[k] = repr(float(row[k]) * (1e-3 if what == 1 else 180 / np.pi))
     return Mutant("values in another unit than the name's", csv_of(grid), REFUSED, (3,))
@@ -75,7 +80,9 @@ def converted(grid: Grid, rng: np.random.Generator) -> Mutant:
     """Name and values both: the same measurements."""
     column = int(rng.integers(6))
     grid[0][column], factor = (
-        (grid[0][column].replace("rad", "deg"), 180 / np.pi) if column < 3 else (grid[0][column].replace("mm", "m"), 1e-3)
+        (grid[0][column].replace("rad", "deg"), 180 / np.pi)
+        if column < 3
+        else (grid[0][column].replace("mm", "m"), 1e-3)
     )
     for row in grid[1:]:
         row[column] = repr(float(row[column]) * factor)
@@ -90,7 +97,9 @@ def without_unit(grid: Grid, rng: np.random.Generator) -> Mutant:
 
 def columns_moved(grid: Grid, rng: np.random.Generator) -> Mutant:
     order = rng.permutation(len(grid[0]))
-    return Mutant("columns in another order", csv_of([[row[k] for k in order] for row in grid]), SAME)
+    return Mutant(
+        "columns in another order", csv_of([[row[k] for k in order] for row in grid]), SAME
+    )
 
 
 def headers_swapped(grid: Grid, rng: np.random.Generator) -> Mutant:
@@ -107,7 +116,11 @@ def column_twice(grid: Grid, rng: np.random.Generator) -> Mutant:
 def column_gone(grid: Grid, rng: np.random.Generator) -> Mutant:
     column = int(rng.integers(len(grid[0])))
     named = grid[0][column] in READINGS and grid[0][column] != "order"
-    return Mutant("a column gone", csv_of([row[:column] + row[column + 1 :] for row in grid]), REFUSED if named else ANY)
+    return Mutant(
+        "a column gone",
+        csv_of([row[:column] + row[column + 1 :] for row in grid]),
+        REFUSED if named else ANY,
+    )
 
 
 def row_twice(grid: Grid, rng: np.random.Generator) -> Mutant:
@@ -127,7 +140,10 @@ def rows_alike(grid: Grid, rng: np.random.Generator) -> Mutant:
 
 
 def rows_shuffled(grid: Grid, rng: np.random.Generator) -> Mutant:
-    return Mutant("rows in another order", csv_of([grid[0], *(grid[1 + int(k)] for k in rng.permutation(len(grid) - 1))]))
+    return Mutant(
+        "rows in another order",
+        csv_of([grid[0], *(grid[1 + int(k)] for k in rng.permutation(len(grid) - 1))]),
+    )
 
 
 def ragged(grid: Grid, rng: np.random.Generator) -> Mutant:
@@ -153,7 +169,8 @@ def decimal_comma(grid: Grid, rng: np.random.Generator) -> Mutant:
 
 
 def as_people_write(grid: Grid, rng: np.random.Generator) -> Mutant:
-    """Byte-order mark, CRLF, quotes, blanks, an end without newline, blank lines at the end: the same file."""
+    """Byte-order mark, CRLF, quotes, blanks, an end without newline, blank lines at the end: the
+    same file."""
     what = int(rng.integers(7))
     plain = csv_of(grid)
     content = [
@@ -186,7 +203,11 @@ def bytes_broken(content: bytes, rng: np.random.Generator) -> Mutant:
         return Mutant("bytes inserted", content[:at] + noise + content[at:])
     if what == 3:
         return Mutant("bytes left out", content[:at] + content[at + len(noise) :])
-    return Mutant("nothing but noise", rng.integers(0, 256, int(rng.integers(0, 4000))).astype(np.uint8).tobytes(), REFUSED)
+    return Mutant(
+        "nothing but noise",
+        rng.integers(0, 256, int(rng.integers(0, 4000))).astype(np.uint8).tobytes(),
+        REFUSED,
+    )
 
 
 def extra_columns(grid: Grid, rng: np.random.Generator) -> Mutant:
@@ -212,7 +233,10 @@ def extra_columns(grid: Grid, rng: np.random.Generator) -> Mutant:
 
 def scaled(grid: Grid, rng: np.random.Generator) -> Mutant:
     """Positions moved, scaled, mirrored, collapsed."""
-    factor, offset = float(rng.choice([0.0, -1.0, 1e-9, 1e-3, 1.02, 2.0, 1e12])), float(rng.choice([0.0, 1.0, 1e4, 1e15]))
+    factor, offset = (
+        float(rng.choice([0.0, -1.0, 1e-9, 1e-3, 1.02, 2.0, 1e12])),
+        float(rng.choice([0.0, 1.0, 1e4, 1e15])),
+    )
     for row in grid[1:]:
         row[3:6] = [repr(float(cell) * factor + offset) for cell in row[3:6]]
     return Mutant("positions moved or scaled", csv_of(grid))

@@ -11,7 +11,9 @@ from fuzz_words import ANY, REFUSED, SAME, Mutant
 
 ENTITY = (
     '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa">'
-    + "".join(f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in zip("abcdefgh", "bcdefghi", strict=True))
+    + "".join(
+        f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+    )
     + "]>"
 )
 OUTSIDE = '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd"><!ENTITY % y SYSTEM "http://localhost:1/x"> %y;]>'
@@ -41,17 +43,33 @@ def urdf_mutant(text: str, rng: np.random.Generator) -> Mutant:
     if what < 0.2:
         head, body = text.split("\n", 1)
         bomb = [ENTITY, OUTSIDE, "<!DOCTYPE r>"][int(rng.integers(3))]
-        return Mutant("document type or entities", f"{head}\n{bomb}\n{body.replace('base', '&i;', 1)}".encode(), REFUSED, (2,))
+        return Mutant(
+            "document type or entities",
+            f"{head}\n{bomb}\n{body.replace('base', '&i;', 1)}".encode(),
+            REFUSED,
+            (2,),
+        )
     if what < 0.24:
         how = str(rng.choice(["utf-16", "utf-7", "cp500"]))
-        return Mutant(f"encoded as {how}", text.replace("utf-8", how).encode(how), REFUSED if how != "utf-7" else ANY, (2,))
+        return Mutant(
+            f"encoded as {how}",
+            text.replace("utf-8", how).encode(how),
+            REFUSED if how != "utf-7" else ANY,
+            (2,),
+        )
     if what < 0.28:
         deep = int(rng.choice([100, 10_000, 200_000]))
-        return Mutant("nested deeply", text.replace("</robot>", "<a>" * deep + "</a>" * deep + "</robot>").encode(), ANY)
+        return Mutant(
+            "nested deeply",
+            text.replace("</robot>", "<a>" * deep + "</a>" * deep + "</robot>").encode(),
+            ANY,
+        )
     root = ET.fromstring(text)
     name, expect = _URDF[int(rng.integers(len(_URDF)))](root, rng)
     exits = (2,) if expect == REFUSED else (2, 3, 4)
-    return Mutant(name, ET.tostring(root, encoding="unicode").encode("utf-8", "surrogatepass"), expect, exits)
+    return Mutant(
+        name, ET.tostring(root, encoding="unicode").encode("utf-8", "surrogatepass"), expect, exits
+    )
 
 
 def _any(root: ET.Element, rng: np.random.Generator, tag: str | None = None) -> ET.Element:
@@ -149,4 +167,18 @@ def _long(root: ET.Element, rng: np.random.Generator) -> tuple[str, str]:
     return "long tail of fixed links", SAME
 
 
-_URDF = (_attribute, _attribute, _attribute, _gone, _gone, _twice, _cycle, _diamonds, _axis, _mimic, _kind, _orphan, _long)
+_URDF = (
+    _attribute,
+    _attribute,
+    _attribute,
+    _gone,
+    _gone,
+    _twice,
+    _cycle,
+    _diamonds,
+    _axis,
+    _mimic,
+    _kind,
+    _orphan,
+    _long,
+)

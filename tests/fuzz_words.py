@@ -1,7 +1,7 @@
 """A mutant, and what stands in the cells and headers of broken tables.
 
-A mutant is SAME (the same numbers must come out), REFUSED (must be), or ANY (a clean study or a clear refusal).
-"""
+A mutant is SAME (the same numbers must come out), REFUSED (must be), or ANY (a clean study or a
+clear refusal)."""
 
 from __future__ import annotations
 
@@ -117,7 +117,8 @@ NAMES = (
 
 @dataclass(frozen=True)
 class Mutant:
-    """A file's bytes, what was done to it, and what is expected: an outcome and, where refused, its exit statuses."""
+    """A file's bytes, what was done to it, and what is expected: an outcome and, where refused, its
+    exit statuses."""
 
     name: str
     content: bytes

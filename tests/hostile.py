@@ -1,4 +1,5 @@
-"""Strings that break programs which paste names into code, markup, tables or paths: NAMES are names, REFUSED are not."""
+"""Strings that break programs which paste names into code, markup, tables or paths: NAMES are
+names, REFUSED are not."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""The laws of modelsel.testing, and two more that only this project's own tests need: nothing is written into, and a mechanism
-is a value in every sense. `check_mechanism(mechanism, robot, rng)` is all of them.
-"""
+"""The laws of modelsel.testing, and two more that only this project's own tests need: nothing is
+written into, and a mechanism is a value in every sense. `check_mechanism(mechanism, robot, rng)` is
+all of them."""
+
 from __future__ import annotations
 
 import pickle
@@ -40,21 +41,35 @@ def check_mechanism(mechanism: Mechanism, robot: Robot, rng: np.random.Generator
 def carried(mechanism: Mechanism, at: Scene) -> None:
     """The laws' measurements have what the mechanism's causes need."""
     missing = mechanism.names() - at.names().keys()
-    assert not missing, f"{mechanism.name} needs {sorted(missing)}, which the laws' measurements lack: add them to builders.drawn"
+    assert not missing, (
+        f"{mechanism.name} needs {sorted(missing)}, which the laws' measurements lack: add them to builders.drawn"
+    )
 
 
 def joined(mechanisms: Sequence[Mechanism], at_most: int = 50) -> tuple[Mechanism, ...]:
-    """The terms of many side by side, for the laws of columns alone (L1 to L3, L7): a few products instead of hundreds."""
+    """The terms of many side by side, for the laws of columns alone (L1 to L3, L7): a few products
+    instead of hundreds."""
     terms = list({t.screws: t for m in mechanisms for t in m.terms}.values())
-    return tuple(Mechanism("joined", tuple(terms[k:k + at_most])) for k in range(0, len(terms), at_most))
+    return tuple(
+        Mechanism("joined", tuple(terms[k : k + at_most])) for k in range(0, len(terms), at_most)
+    )
 
 
 @contextmanager
 def locked(at: Scene, *more: np.ndarray) -> Iterator[Scene]:
     """The scene with every array locked against writing, and found unchanged afterwards."""
     data = at.data
-    arrays = [getattr(data, f.name) for f in fields(data) if isinstance(getattr(data, f.name), np.ndarray)]
-    arrays += [*data.covariates.values(), at.robot.last, *(j.before for j in at.robot.joints), at.tools, *at.placement, *more]
+    arrays = [
+        getattr(data, f.name) for f in fields(data) if isinstance(getattr(data, f.name), np.ndarray)
+    ]
+    arrays += [
+        *data.covariates.values(),
+        at.robot.last,
+        *(j.before for j in at.robot.joints),
+        at.tools,
+        *at.placement,
+        *more,
+    ]
     arrays += [] if isinstance(at.whiten, float) else [at.whiten]
     before = [a.copy() for a in arrays]
     for a in arrays:
@@ -64,7 +79,9 @@ def locked(at: Scene, *more: np.ndarray) -> Iterator[Scene]:
     finally:
         for a in arrays:
             a.setflags(write=True)
-    assert all(np.array_equal(a, b) for a, b in zip(arrays, before, strict=True)), "L7: an input was changed"
+    assert all(np.array_equal(a, b) for a, b in zip(arrays, before, strict=True)), (
+        "L7: an input was changed"
+    )
 
 
 def law4_plant_and_recover(mechanism: Mechanism, at: Scene, rng: np.random.Generator) -> None:
@@ -76,7 +93,11 @@ def law4_plant_and_recover(mechanism: Mechanism, at: Scene, rng: np.random.Gener
 def law6_a_value(mechanism: Mechanism, at: Scene, rng: np.random.Generator) -> None:
     """L6, and more: it pickles, and prints so that it can be read back."""
     laws.law6_a_value(mechanism, at, rng)
-    names = {c.__name__: c for c in (Mechanism, Term, Screw, *vars(causes).values()) if isinstance(c, type)}
+    names = {
+        c.__name__: c
+        for c in (Mechanism, Term, Screw, *vars(causes).values())
+        if isinstance(c, type)
+    }
     again = [pickle.loads(pickle.dumps(mechanism)), eval(repr(mechanism), names)]  # noqa: S301, S307 - our own text
     for other in again:
         assert other == mechanism, f"L6: {mechanism.name} is not equal after a round trip"
@@ -84,14 +105,21 @@ def law6_a_value(mechanism: Mechanism, at: Scene, rng: np.random.Generator) -> N
 
 
 def law7_inputs_stay(mechanism: Mechanism, at: Scene, rng: np.random.Generator) -> None:
-    """L7: nothing writes into what it was given (all inputs are locked), and what comes out is no view of what went in.
-    L4's fit runs on locked inputs too."""
+    """L7: nothing writes into what it was given (all inputs are locked), and what comes out is no
+    view of what went in. L4's fit runs on locked inputs too."""
     terms, theta = mechanism.terms, np.array([usual(t, rng, 0.02) for t in mechanism.terms])
     with locked(bind(at.robot, at.data, at.tools[0]), theta) as fresh:
         for out in (*design(fresh, terms, (terms, theta)), residuals(fresh, terms, theta)):
             out[...] = np.nan
 
 
-LAWS = (law1_columns_are_derivatives, law2_rows_are_local, law3_linear_in_the_cause, law4_plant_and_recover,
-        law5_symbols_and_units, law6_a_value, law7_inputs_stay)
+LAWS = (
+    law1_columns_are_derivatives,
+    law2_rows_are_local,
+    law3_linear_in_the_cause,
+    law4_plant_and_recover,
+    law5_symbols_and_units,
+    law6_a_value,
+    law7_inputs_stay,
+)
 __all__ = ["AXES", "LAWS", "M", "step", "usual"]

@@ -1,8 +1,9 @@
-"""Truths made to mislead: the answer must be the honest one. Planted by the tests' own exact kinematics (hidden_arm).
+"""Truths made to mislead: the answer must be the honest one. Planted by the tests' own exact
+kinematics (hidden_arm).
 
-Causes that differ only where no configuration went, a cause that runs with another, an effect that only the held-out rows feel,
-an effect that the geometry absorbs.
-"""
+Causes that differ only where no configuration went, a cause that runs with another, an effect that
+only the held-out rows feel, an effect that the geometry absorbs."""
+
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -37,20 +38,32 @@ column = "role"
 """
 
 
-def study(body: Arm, state: State, effects: list[Effect], role: np.ndarray, rng: np.random.Generator) -> Result:
+def study(
+    body: Arm, state: State, effects: list[Effect], role: np.ndarray, rng: np.random.Generator
+) -> Result:
     """What a study says of the arm with these effects."""
-    data = measurements(state.q, measured(body, state, effects, rng, NOISE), covariates=dict(state.covariates))
+    data = measurements(
+        state.q, measured(body, state, effects, rng, NOISE), covariates=dict(state.covariates)
+    )
     asked = parse_study(STUDY, "study.toml")
     question = Question(asked, plan_of(asked), ROBOT, candidates_of(asked, ROBOT, BUILTIN), BUILTIN)
     return analyse(question, data, labels=role)
 
 
-def campaign(rng: np.random.Generator, m: int = 90, limits: tuple[float, ...] = (2.6, 2.6, 2.6),
-             covariates: Mapping[str, np.ndarray] | None = None) -> tuple[Arm, State, np.ndarray]:
+def campaign(
+    rng: np.random.Generator,
+    m: int = 90,
+    limits: tuple[float, ...] = (2.6, 2.6, 2.6),
+    covariates: Mapping[str, np.ndarray] | None = None,
+) -> tuple[Arm, State, np.ndarray]:
     """An arm with geometric errors, drawn configurations, and a third of them held out."""
     body = arm(ROBOT, rng, TOOL)
     q = rng.uniform(-1, 1, (m, 3)) * limits
-    return body, State(body, q, covariates or {}), np.where(rng.permutation(m) < m // 3, "held-out", "estimation").astype(object)
+    return (
+        body,
+        State(body, q, covariates or {}),
+        np.where(rng.permutation(m) < m // 3, "held-out", "estimation").astype(object),
+    )
 
 
 def sized(effect: Effect, state: State, times: float) -> Effect:
@@ -61,33 +74,48 @@ def sized(effect: Effect, state: State, times: float) -> Effect:
 
 def entries(result: Result) -> dict[str, float]:
     """Probability of every explanation in any credible set, by its name."""
-    return {e.candidate.mechanism.name: e.probability for f in result.findings for e in f.effect.named.entries}
+    return {
+        e.candidate.mechanism.name: e.probability
+        for f in result.findings
+        for e in f.effect.named.entries
+    }
 
 
-@pytest.mark.parametrize(("angle", "truth"), [(1.0, "gear-eccentricity:3"), (2.0, "encoder-eccentricity:3")])
+@pytest.mark.parametrize(
+    ("angle", "truth"), [(1.0, "gear-eccentricity:3"), (2.0, "encoder-eccentricity:3")]
+)
 def test_causes_that_differ_where_no_configuration_went(angle, truth, rng) -> None:
-    """Joint 3 moved by a tenth of a radian: once a turn or twice, its sine and cosine are one parabola. Both are in the set,
-    alike, and neither is called certain."""
+    """Joint 3 moved by a tenth of a radian: once a turn or twice, its sine and cosine are one
+    parabola. Both are in the set, alike, and neither is called certain."""
     body, state, role = campaign(rng, limits=(2.6, 2.6, 0.1))
-    effect = one("wave", "uneven turning", acting(3, "rz", lambda s: np.sin(angle * s.q[:, 2])), 1e-3)
+    effect = one(
+        "wave", "uneven turning", acting(3, "rz", lambda s: np.sin(angle * s.q[:, 2])), 1e-3
+    )
     result = study(body, state, [sized(effect, state, 2.0)], role, rng)
     said = entries(result)
     assert {"gear-eccentricity:3", "encoder-eccentricity:3"} <= said.keys(), said
     assert said[truth] > 0.05
     assert max(said.values()) < 0.9
-    rivals = next(f for f in result.findings if truth in {e.candidate.mechanism.name for e in f.effect.named.entries})
+    rivals = next(
+        f
+        for f in result.findings
+        if truth in {e.candidate.mechanism.name for e in f.effect.named.entries}
+    )
     unsure = rivals.effect.named.verdict == "cannot be told apart"
     assert unsure or "would move the target alike" in rivals.sentence, rivals.sentence
 
 
 def test_a_cause_that_runs_with_another(rng) -> None:
-    """A motor's current that follows the temperature to 0.999: whichever is the cause, both are named."""
+    """A motor's current that follows the temperature to 0.999: whichever is the cause, both are
+    named."""
     temperature = rng.uniform(18, 32, 90)
     follows = temperature + rng.normal(0, 0.0448 * temperature.std(), 90)
     assert np.corrcoef(temperature, follows)[0, 1] == pytest.approx(0.999, abs=5e-4)
     body, state, role = campaign(rng, covariates={"current_A": follows, "heat_A": temperature})
     for true in ("current_A", "heat_A"):
-        effect = one("cell", f"with {true}", acting(3, "ry", lambda s, n=true: s.covariates[n] - 25.0), 1e-4)
+        effect = one(
+            "cell", f"with {true}", acting(3, "ry", lambda s, n=true: s.covariates[n] - 25.0), 1e-4
+        )
         result = study(body, state, [sized(effect, state, 3.0)], role, rng)
         said = entries(result)
         assert {"3 ry current_A", "3 ry heat_A"} <= said.keys(), said
@@ -95,7 +123,8 @@ def test_a_cause_that_runs_with_another(rng) -> None:
 
 
 def test_an_effect_that_only_held_out_rows_feel(rng) -> None:
-    """Joint 2 slips once the held-out rows begin: nothing of it can be named, and the surprise is said."""
+    """Joint 2 slips once the held-out rows begin: nothing of it can be named, and the surprise is
+    said."""
     body, state, _ = campaign(rng)
     later = np.arange(90) >= 60
     role = np.where(later, "held-out", "estimation").astype(object)
@@ -109,10 +138,15 @@ def test_an_effect_that_only_held_out_rows_feel(rng) -> None:
 
 
 def test_an_effect_that_the_geometry_absorbs(rng) -> None:
-    """A zero that moves with a temperature that never changes, and play always on one side: constants, both; nothing is named,
-    the limit is given, and what the data cannot tell is said."""
+    """A zero that moves with a temperature that never changes, and play always on one side:
+    constants, both; nothing is named, the limit is given, and what the data cannot tell is said."""
     body, state, role = campaign(rng, covariates={"temperature_C": np.full(90, 31.0)})
-    hot = one("zero", "thermal zero", acting(1, "rz", lambda s: (s.covariates["temperature_C"] - 20) * 1e-4), 1.0)
+    hot = one(
+        "zero",
+        "thermal zero",
+        acting(1, "rz", lambda s: (s.covariates["temperature_C"] - 20) * 1e-4),
+        1.0,
+    )
     play = one("play", "one-sided", acting(3, "rz", lambda s: np.ones(s.m) * 4e-4), 1.0)
     result = study(body, state, [hot, play], role, rng)
     assert not result.findings
@@ -124,7 +158,8 @@ def test_an_effect_that_the_geometry_absorbs(rng) -> None:
 
 
 def test_the_limit_is_kept(rng) -> None:
-    """An effect at the detection limit is found as often as promised: 90 %, of 10 at least 5 (fewer come with 1.5e-4)."""
+    """An effect at the detection limit is found as often as promised: 90 %, of 10 at least 5 (fewer
+    come with 1.5e-4)."""
     body, state, role = campaign(rng)
     inside = role == "estimation"
     part = State(body, state.q[inside])

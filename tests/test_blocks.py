@@ -1,5 +1,6 @@
-"""Any number of rows is a few passes over blocks of them: the answers are those of all rows at once, and no cause is worked out
-again for every model, fold or block."""
+"""Any number of rows is a few passes over blocks of them: the answers are those of all rows at
+once, and no cause is worked out again for every model, fold or block."""
+
 from __future__ import annotations
 
 from dataclasses import fields, replace
@@ -27,16 +28,24 @@ from modelsel.uncertainty.summary import confidence
 
 ARM = load("puma760")
 BASE = Model((mechanism("geometric", ARM),))
-OFFERED = tuple(mechanism(name, ARM) for name in ("gravity-twist", "joint-compliance:5", "wrist-coupling:5", "link-bending:2"))
+OFFERED = tuple(
+    mechanism(name, ARM)
+    for name in ("gravity-twist", "joint-compliance:5", "wrist-coupling:5", "link-bending:2")
+)
 M, BLOCK = 300, 64
 
 
 @pytest.fixture
 def data(rng: np.random.Generator) -> Data:
-    """300 configurations, 100 held out, two effects planted, every reading of ten measured twice, two outliers."""
+    """300 configurations, 100 held out, two effects planted, every reading of ten measured twice,
+    two outliers."""
     whole = BASE + OFFERED[:2]
-    theta = np.concatenate([rng.normal(size=len(BASE.terms)) * np.array([t.size[1] / 3 for t in BASE.terms]),
-                            [-2e-4, -1.4e-3, -1.7e-3, 4e-4]])
+    theta = np.concatenate(
+        [
+            rng.normal(size=len(BASE.terms)) * np.array([t.size[1] / 3 for t in BASE.terms]),
+            [-2e-4, -1.4e-3, -1.7e-3, 4e-4],
+        ]
+    )
     at = drawn(ARM, rng, M)
     again = np.r_[np.arange(M - 10), np.arange(10)]
     at = planted(at.anew(data=at.data.take(again)), whole.terms, theta, rng, 0.05)
@@ -47,7 +56,9 @@ def data(rng: np.random.Generator) -> Data:
 
 @pytest.fixture
 def blocks(monkeypatch: pytest.MonkeyPatch):
-    """Says after which calls blocks are small and nothing is remembered, as with millions of rows."""
+    """Says after which calls blocks are small and nothing is remembered, as with millions of
+    rows."""
+
     def smaller() -> None:
         for module in (folds, scene):
             monkeypatch.setattr(module, "BLOCK", BLOCK)
@@ -56,6 +67,7 @@ def blocks(monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setattr(reduce, "STREAM", 50)
         monkeypatch.setattr(folds, "STREAM", 50)
         monkeypatch.setattr(scene, "REMEMBER", BLOCK)
+
     return smaller
 
 
@@ -85,16 +97,18 @@ def test_folds_of_any_size(data: Data, blocks) -> None:
         found = fold(at, terms, own, point)
         assert np.array_equal(found.rows, want.rows)
         for a, b in zip(found.blocks, want.blocks, strict=True):
-            np.testing.assert_allclose(a.T @ a, b.T @ b, rtol=1e-9, atol=1e-9 * np.abs(b.T @ b).max())
+            np.testing.assert_allclose(
+                a.T @ a, b.T @ b, rtol=1e-9, atol=1e-9 * np.abs(b.T @ b).max()
+            )
     parts = list(by_unit(at, terms, at.data.block, point))
     assert len(parts) > 3
     assert max(len(p.blocks) for p in parts) <= BLOCK
     some = [b[np.abs(b).any(1)] for p in parts for b in p.blocks]
     for a, b in zip(some, whole.blocks, strict=True):
-        np.testing.assert_allclose(a, b[:len(a)], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(a, b[: len(a)], rtol=0, atol=1e-9)
     assert np.concatenate([p.rows for p in parts]).tolist() == whole.rows.tolist()
     assert len(whole.rows) == M - 10
-    assert whole.rows.max() == 6                                    # measured twice: one configuration
+    assert whole.rows.max() == 6  # measured twice: one configuration
 
 
 def test_table_of_subsets_in_blocks(data: Data, blocks) -> None:
@@ -104,12 +118,25 @@ def test_table_of_subsets_in_blocks(data: Data, blocks) -> None:
     after = compare(data, BASE, fitted, OFFERED, ("geometric",))
     assert [r.names for r in after.best] == [r.names for r in before.best]
     for a, b in zip(after.best, before.best, strict=True):
-        near(*([{f.name: getattr(r, f.name) if f.name not in ("estimation", "held_out") else vars(getattr(r, f.name))
-                 for f in fields(r) if f.name not in ("fit", "residual")} for r in (a, b)]))
+        near(
+            *(
+                [
+                    {
+                        f.name: getattr(r, f.name)
+                        if f.name not in ("estimation", "held_out")
+                        else vars(getattr(r, f.name))
+                        for f in fields(r)
+                        if f.name not in ("fit", "residual")
+                    }
+                    for r in (a, b)
+                ]
+            )
+        )
 
 
 def test_rows_of_the_table_are_one_linear_step(data: Data) -> None:
-    """Against the linear step from the base's fit, worked out from the rows with the base's prior below them."""
+    """Against the linear step from the base's fit, worked out from the rows with the base's prior
+    below them."""
     training = data.training()
     base = fit(training, BASE)
     for row in compare(data, BASE, base, OFFERED, ("geometric",)).best[:6]:
@@ -117,10 +144,14 @@ def test_rows_of_the_table_are_one_linear_step(data: Data) -> None:
         X, r = stacked(training, model.terms, base.at())
         kept = list(row.fit.found.kept)
         theta = np.append(base.theta, np.zeros(len(model.terms) - len(base.theta)))
-        step = np.linalg.lstsq(np.vstack([X, root])[:, kept], np.append(r, -root @ theta), rcond=1e-15)[0]
+        step = np.linalg.lstsq(
+            np.vstack([X, root])[:, kept], np.append(r, -root @ theta), rcond=1e-15
+        )[0]
         theta[kept] += step
         size = np.linalg.norm(X, axis=0)
-        np.testing.assert_allclose(row.fit.theta * size, theta * size, rtol=0, atol=1e-6 * np.abs(theta * size).max())
+        np.testing.assert_allclose(
+            row.fit.theta * size, theta * size, rtol=0, atol=1e-6 * np.abs(theta * size).max()
+        )
         one = rung(data, model, row.names, row.fit)
         for name in ("rank", "cv_rms_mm", "cv_mean_mm", "aicc", "bic", "gcv", "log_density"):
             assert getattr(row, name) == pytest.approx(getattr(one, name), rel=1e-9)
@@ -133,17 +164,24 @@ def test_confidence_in_blocks(data: Data, blocks, monkeypatch) -> None:
     before = confidence(data, fitted, model.names, 3).to_dict()
     blocks()
     near(confidence(data, fitted, model.names, 3).to_dict(), before)
-    monkeypatch.setattr(significance, "BUNDLES", 60)               # halves of bundles tell what halves of configurations do
+    monkeypatch.setattr(
+        significance, "BUNDLES", 60
+    )  # halves of bundles tell what halves of configurations do
     bundled = confidence(data, fitted, model.names, 3).to_dict()["significance"]
     for a, b in zip(bundled, before["significance"], strict=True):
         assert abs(a["stability"] - b["stability"]) <= 0.3
-        near({k: v for k, v in a.items() if k != "stability"}, {k: v for k, v in b.items() if k != "stability"})
+        near(
+            {k: v for k, v in a.items() if k != "stability"},
+            {k: v for k, v in b.items() if k != "stability"},
+        )
 
 
 def test_thinned_weights_are_the_weights(data: Data, rng: np.random.Generator, monkeypatch) -> None:
     fitted = fit(data.training(), BASE, held="nothing")
     draws = posterior(fitted).draw(rng, 200)
-    draws = replace(draws, theta=fitted.theta + 6 * (draws.theta - fitted.theta))       # so that the chain's curvature is felt
+    draws = replace(
+        draws, theta=fitted.theta + 6 * (draws.theta - fitted.theta)
+    )  # so that the chain's curvature is felt
     want = weighted(data.training(), fitted, draws)
     assert want.effective < 150
     monkeypatch.setattr(closed, "CURVED", 66)
@@ -154,20 +192,28 @@ def test_thinned_weights_are_the_weights(data: Data, rng: np.random.Generator, m
 
 
 def test_causes_are_evaluated_once_a_block(data: Data, blocks, monkeypatch) -> None:
-    """The table's passes cost the same evaluations of the chain's moments whether it lists few models or many; residuals of a
-    whole scene evaluate each block's, not all rows' for every block."""
+    """The table's passes cost the same evaluations of the chain's moments whether it lists few
+    models or many; residuals of a whole scene evaluate each block's, not all rows' for every
+    block."""
     fitted = fit(data.training(), BASE)
     blocks()
     evaluated: list[int] = []
     by_pose = Scene._by_pose
-    monkeypatch.setattr(Scene, "_by_pose", lambda self, name: evaluated.append(len(self)) or by_pose(self, name))
+    monkeypatch.setattr(
+        Scene, "_by_pose", lambda self, name: evaluated.append(len(self)) or by_pose(self, name)
+    )
     rows = []
     for offered in (OFFERED[1:2], OFFERED):
         evaluated.clear()
-        assert len(compare(data, BASE, fitted, offered, ("geometric",)).best) >= (2, 12)[len(offered) == 4]
+        assert (
+            len(compare(data, BASE, fitted, offered, ("geometric",)).best)
+            >= (2, 12)[len(offered) == 4]
+        )
         rows.append(sum(evaluated))
     assert rows[1] <= 1.5 * rows[0]
     evaluated.clear()
-    residuals(data.scene.anew(), (*BASE.terms, *OFFERED[1].terms), np.full(len(BASE.terms) + 1, 1e-4))
+    residuals(
+        data.scene.anew(), (*BASE.terms, *OFFERED[1].terms), np.full(len(BASE.terms) + 1, 1e-4)
+    )
     assert sum(evaluated) == M
     assert max(evaluated) == BLOCK

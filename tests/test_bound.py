@@ -1,4 +1,5 @@
 """Branch and bound against every subset walked; a certificate that never claims too much."""
+
 from __future__ import annotations
 
 from itertools import pairwise
@@ -23,7 +24,9 @@ from modelsel.selection.subsets import all_subsets
 N = 240
 
 
-def problem(rng: np.random.Generator, widths: list[int], base: int, alike: float, planted: dict[int, float]):
+def problem(
+    rng: np.random.Generator, widths: list[int], base: int, alike: float, planted: dict[int, float]
+):
     """(X, y, base columns, groups): columns of any scale, a share `alike` of each common to all."""
     p = base + sum(widths)
     common = rng.normal(size=(N, 1)) + rng.normal(size=(N, 3)) @ rng.normal(size=(3, p))
@@ -47,13 +50,17 @@ def walked(X, y, base, groups, sigma=None) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("seed", range(6))
 def test_best_of_every_subset(seed, alike) -> None:
     rng = np.random.default_rng(seed)
-    X, y, base, groups = problem(rng, rng.integers(1, 4, 10).tolist(), 3, alike, {1: 0.3, 4: 0.15, 7: 0.08})
+    X, y, base, groups = problem(
+        rng, rng.integers(1, 4, 10).tolist(), 3, alike, {1: 0.3, 4: 0.15, 7: 0.08}
+    )
     members, value = walked(X, y, base, groups)
     found = best_subset(reduce(X, y), base, groups)
     assert found.proven
     assert found.members.tolist() == members[value.argmin()].tolist()
     assert found.bic == pytest.approx(value.min(), rel=1e-9)
-    first = best_subset(reduce(X, y), base, groups, nodes=1)             # however early it stops, what it says holds
+    first = best_subset(
+        reduce(X, y), base, groups, nodes=1
+    )  # however early it stops, what it says holds
     assert first.bic - first.gap <= value.min() + 1e-6
     assert first.proven == (first.gap == 0)
 
@@ -61,8 +68,11 @@ def test_best_of_every_subset(seed, alike) -> None:
 @pytest.mark.parametrize("sigma", [0.4, 1.0, 2.5])
 @pytest.mark.parametrize("alike", [0.0, 0.5])
 def test_best_of_every_subset_where_the_noise_is_known(sigma, alike, rng) -> None:
-    """The BIC of a known standard deviation has its own best subset: too small a one asks for more groups."""
-    X, y, base, groups = problem(rng, rng.integers(1, 4, 10).tolist(), 3, alike, {1: 0.3, 4: 0.15, 7: 0.08})
+    """The BIC of a known standard deviation has its own best subset: too small a one asks for more
+    groups."""
+    X, y, base, groups = problem(
+        rng, rng.integers(1, 4, 10).tolist(), 3, alike, {1: 0.3, 4: 0.15, 7: 0.08}
+    )
     members, value = walked(X, y, base, groups, sigma)
     found = best_subset(reduce(X, y), base, groups, sigma=sigma)
     assert found.proven
@@ -73,14 +83,17 @@ def test_best_of_every_subset_where_the_noise_is_known(sigma, alike, rng) -> Non
 
 
 def test_forty_groups_are_proven(rng) -> None:
-    X, y, base, groups = problem(rng, rng.integers(1, 3, 40).tolist(), 10, 0.15, {2: 0.5, 9: -0.4, 17: 0.3, 31: 0.35})
+    X, y, base, groups = problem(
+        rng, rng.integers(1, 3, 40).tolist(), 10, 0.15, {2: 0.5, 9: -0.4, 17: 0.3, 31: 0.35}
+    )
     found = best_subset(reduce(X, y), base, groups)
     assert found.proven
     assert {2, 9, 17, 31} <= set(np.flatnonzero(found.members))
 
 
 def test_doubtful_columns(rng) -> None:
-    """A group that the base spans, one that another repeats, one that shares a column: the best of those that stand alone."""
+    """A group that the base spans, one that another repeats, one that shares a column: the best of
+    those that stand alone."""
     X, y, base, groups = problem(rng, [1, 2, 1, 2, 1], 2, 0.0, {1: 0.4})
     X[:, groups[0][0]] = X[:, 0] - 2 * X[:, 1]
     X[:, groups[3]] = X[:, groups[1]] @ np.array([[1.0, 2.0], [0.5, -1.0]])
@@ -91,8 +104,8 @@ def test_doubtful_columns(rng) -> None:
 
 @pytest.mark.parametrize("near", [1e-1, 1e-2, 1e-3, 1e-4])
 def test_groups_that_are_nearly_alike(near, rng) -> None:
-    """Columns that differ by a little from those of another group: no tangent runs away (a warning is an error here), and the
-    subset is the best of all."""
+    """Columns that differ by a little from those of another group: no tangent runs away (a warning
+    is an error here), and the subset is the best of all."""
     X, y, base, groups = problem(rng, rng.integers(1, 4, 8).tolist(), 2, 0.0, {})
     for g in range(1, 8, 2):
         k = min(len(groups[g]), len(groups[g - 1]))
@@ -105,16 +118,31 @@ def test_groups_that_are_nearly_alike(near, rng) -> None:
 
 
 def test_table_of_more_mechanisms_than_can_be_walked(rng, monkeypatch) -> None:
-    """Eighteen mechanisms, two of them real: the table says that the two are the best of all subsets, or by how much they may be
-    beaten."""
+    """Eighteen mechanisms, two of them real: the table says that the two are the best of all
+    subsets, or by how much they may be beaten."""
     base = Model((one(1, "tx"), one(1, "rz"), one(2, "rz")))
-    offered = tuple(one(f, a, c) for f in (2, 3, 5) for a in ("rx", "rz") for c in (sin(3 * q(f)), cos(3 * q(f)), q(4)))
+    offered = tuple(
+        one(f, a, c)
+        for f in (2, 3, 5)
+        for a in ("rx", "rz")
+        for c in (sin(3 * q(f)), cos(3 * q(f)), q(4))
+    )
     real = (offered[4], offered[9])
-    at = planted(drawn("puma760", rng, 120), (*base.terms, *(t for m in real for t in m.terms)), np.full(5, 5e-4), rng, 0.05)
+    at = planted(
+        drawn("puma760", rng, 120),
+        (*base.terms, *(t for m in real for t in m.terms)),
+        np.full(5, 5e-4),
+        rng,
+        0.05,
+    )
     data = study_of(at, held_out=40)
     found = compare(data, base, fit(data.training(), base), offered, ("base",))
     said = candidates_dict(found)
-    assert said["search"] == said["search"] | {"mechanisms": 18, "proven": True, "may_be_beaten_by": 0.0}
+    assert said["search"] == said["search"] | {
+        "mechanisms": 18,
+        "proven": True,
+        "may_be_beaten_by": 0.0,
+    }
     assert set(said["search"]["best"]) == {m.name for m in real}
     (best,) = [r for r in found.best if "of all subsets, proven" in r.note]
     assert set(best.names[1:]) == {m.name for m in real}

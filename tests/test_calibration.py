@@ -1,4 +1,6 @@
-"""A stored calibration predicts what the study predicted, says what it saw, and refuses what it cannot know."""
+"""A stored calibration predicts what the study predicted, says what it saw, and refuses what it
+cannot know."""
+
 from __future__ import annotations
 
 import json
@@ -48,29 +50,70 @@ def test_study_comes_back_exactly(result, tmp_path) -> None:
     at = result.data.scene
     wanted = at.data.position - result.chosen.residual
     assert np.abs(predict(stored, stored.scene(at.data, another_day=False)) - wanted).max() < 1e-9
-    assert calibration_text(load_calibration(tmp_path / "result.json")) == calibration_text(stored) == (tmp_path / NAME).read_text()
+    assert (
+        calibration_text(load_calibration(tmp_path / "result.json"))
+        == calibration_text(stored)
+        == (tmp_path / NAME).read_text()
+    )
     se = result.chosen.fit.standard_errors
-    assert (np.abs(stored.factor @ stored.factor.T - result.chosen.fit.covariance) <= 1e-8 * np.outer(se, se)).all()
+    assert (
+        np.abs(stored.factor @ stored.factor.T - result.chosen.fit.covariance)
+        <= 1e-8 * np.outer(se, se)
+    ).all()
     np.testing.assert_allclose(stored.standard_errors, se, rtol=1e-8)
-    assert stored.ranges["q3"] == (at.data.q[result.data.used, 2].min(), at.data.q[result.data.used, 2].max())
+    assert stored.ranges["q3"] == (
+        at.data.q[result.data.used, 2].min(),
+        at.data.q[result.data.used, 2].max(),
+    )
     assert stored.provenance["data_sha256"] == result.provenance["data_sha256"]
 
 
 def wide(rng: np.random.Generator) -> tuple[Calibration, Scene]:
-    """Two targets, two placements, free functions, derived causes, covariates, drift: a bit of everything, fitted."""
+    """Two targets, two placements, free functions, derived causes, covariates, drift: a bit of
+    everything, fitted."""
     robot = load("puma760")
     terms = tuple(Term(f"f{k}", (Screw(3, "rz", Bump("q3", 0.4 * k, 0.4)),)) for k in range(-3, 3))
-    offsets = tuple(Term(f"o{a}{t}", (Screw(7, a, Member("target", t)),)) for t in range(2) for a in ("tx", "ty", "tz"))
-    odd = Mechanism("odd", (Term("k", (Screw(4, "rx", sign(cos(q(2) + q(3))) * (Named("temperature_C", "°C") - 20.0)),)),
-                            Term("v", (Screw(1, "tz", Named("progress")),))))
-    model = Model((Mechanism("offsets", offsets), mechanism("geometric", robot), mechanism("joint-compliance:2", robot),
-                   mechanism("approach-backlash:3", robot), mechanism("refraction", robot), Mechanism("free(q3)", terms), odd))
+    offsets = tuple(
+        Term(f"o{a}{t}", (Screw(7, a, Member("target", t)),))
+        for t in range(2)
+        for a in ("tx", "ty", "tz")
+    )
+    odd = Mechanism(
+        "odd",
+        (
+            Term(
+                "k",
+                (Screw(4, "rx", sign(cos(q(2) + q(3))) * (Named("temperature_C", "°C") - 20.0)),),
+            ),
+            Term("v", (Screw(1, "tz", Named("progress")),)),
+        ),
+    )
+    model = Model(
+        (
+            Mechanism("offsets", offsets),
+            mechanism("geometric", robot),
+            mechanism("joint-compliance:2", robot),
+            mechanism("approach-backlash:3", robot),
+            mechanism("refraction", robot),
+            Mechanism("free(q3)", terms),
+            odd,
+        )
+    )
     at = drawn(robot, rng, 150, target=["a", "b"] * 75, group=["mon"] * 80 + ["tue"] * 70)
-    at = replace(at, tools=np.array([[30.0, 0, 90], [0, 40.0, 120]]),
-                 placement=(np.tile(np.eye(3), (2, 1, 1)), np.array([[1.0, 2, 3], [4.0, 5, 6]])), whiten=50.0, _values={},
-                 _causes={})
-    theta = np.array([1e-4 * (1 if s[0].axis[0] == "r" else 100) / max(1, np.abs(s[0].cause.of(at)).max()) for s in
-                      (t.screws for t in model.terms)])
+    at = replace(
+        at,
+        tools=np.array([[30.0, 0, 90], [0, 40.0, 120]]),
+        placement=(np.tile(np.eye(3), (2, 1, 1)), np.array([[1.0, 2, 3], [4.0, 5, 6]])),
+        whiten=50.0,
+        _values={},
+        _causes={},
+    )
+    theta = np.array(
+        [
+            1e-4 * (1 if s[0].axis[0] == "r" else 100) / max(1, np.abs(s[0].cause.of(at)).max())
+            for s in (t.screws for t in model.terms)
+        ]
+    )
     at = planted(at, model.terms, theta, rng, 0.02)
     found = fit(at, model)
     every_row = np.ones(len(at), bool)
@@ -86,14 +129,15 @@ def test_everything_a_model_can_hold_comes_back(rng) -> None:
     assert calibration_text(stored) == calibration_text(made)
     wanted = at.data.position - residuals(at, made.terms, made.theta)
     assert np.abs(predict(stored, stored.scene(at.data, another_day=False)) - wanted).max() < 1e-9
-    shifted = stored.scene(at.data)          # another day: the drift stands at the campaign's middle
+    shifted = stored.scene(at.data)  # another day: the drift stands at the campaign's middle
     assert np.abs(predict(stored, shifted) - wanted).max() > 1e-4
     assert "torque2" in stored.ranges
     assert in_tracker(shifted, np.zeros((len(at), 3)))[0].tolist() == [1, 2, 3]
 
 
 def test_uncertainty_is_the_spread_of_refits(rng) -> None:
-    """Closed form: parameters drawn from the covariance scatter the prediction by what `uncertainty` says."""
+    """Closed form: parameters drawn from the covariance scatter the prediction by what
+    `uncertainty` says."""
     made, at = wide(rng)
     spread = np.sqrt(np.square(uncertainty(made, at.take(np.arange(5)))).sum(2))
     draws = []
@@ -110,8 +154,17 @@ def test_every_registered_cause_is_structure() -> None:
     assert all(cause_of(json.loads(json.dumps(cause_record(c)))) == c for c in causes)
 
 
-@pytest.mark.parametrize("record", [3, {}, {"number": "nan", "unit": "1"}, {"function": "eval", "of": {"number": 1, "unit": "1"}},
-                                    {"operator": "**", "left": {}, "right": {}}, {"member": "robot", "index": 0}])
+@pytest.mark.parametrize(
+    "record",
+    [
+        3,
+        {},
+        {"number": "nan", "unit": "1"},
+        {"function": "eval", "of": {"number": 1, "unit": "1"}},
+        {"operator": "**", "left": {}, "right": {}},
+        {"member": "robot", "index": 0},
+    ],
+)
 def test_no_cause(record) -> None:
     with pytest.raises(ValueError, match=r"not a cause|finite|could not"):
         cause_of(record)
@@ -120,10 +173,13 @@ def test_no_cause(record) -> None:
 def test_refusals(rng) -> None:
     made, at = wide(rng)
     text = calibration_text(made)
-    for broken, says in ((text[:-20], "not valid JSON"), ("{}", "not a calibration"),
-                         (text.replace('"schema": 1', '"schema": 9', 1), "schema 9"),
-                         (text.replace('"axis": "rx"', '"axis": "up"'), "damaged"),
-                         (text.replace("0.02,", "null,", 1), "damaged")):
+    for broken, says in (
+        (text[:-20], "not valid JSON"),
+        ("{}", "not a calibration"),
+        (text.replace('"schema": 1', '"schema": 9', 1), "schema 9"),
+        (text.replace('"axis": "rx"', '"axis": "up"'), "damaged"),
+        (text.replace("0.02,", "null,", 1), "damaged"),
+    ):
         with pytest.raises(StudyError, match=says):
             loads(broken)
     plain = measurements(at.data.q, at.data.position, target=["c"] * 150, group=["mon"] * 150)

@@ -1,4 +1,6 @@
-"""What keeps an answer from being taken for more: a list that was asked alone, sizes that are open, geometry that does harm."""
+"""What keeps an answer from being taken for more: a list that was asked alone, sizes that are open,
+geometry that does harm."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -32,19 +34,30 @@ TOOL = np.array([60.0, -40.0, 120.0])
 OPEN = "the data do not tell the size of k: its standard error is larger than such an error usually is "
 
 
-# -- a list that was asked alone ----------------------------------------------------------------------------------------------
+# -- a list that was asked alone
+# ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("asked", [["gravity-twist"], ["backlash:3"], ["tool-droop"], ["joint-compliance:5", "backlash:3"]])
+@pytest.mark.parametrize(
+    "asked",
+    [["gravity-twist"], ["backlash:3"], ["tool-droop"], ["joint-compliance:5", "backlash:3"]],
+)
 def test_a_study_of_few_candidates_says_that_no_other_was_considered(asked: list[str]) -> None:
-    """The model may end up holding every candidate; nothing is left that chance could be drawn from."""
+    """The model may end up holding every candidate; nothing is left that chance could be drawn
+    from."""
     study = read_study(STUDY / "study.toml")
-    study = study.model_copy(update={"model": study.model.model_copy(update={"candidates": asked, "ladder": []})})
+    study = study.model_copy(
+        update={"model": study.model.model_copy(update={"candidates": asked, "ladder": []})}
+    )
     result = run(study, STUDY, sampling=False).record
     names = " and ".join(asked)
-    assert result["verdict"][1].endswith(f"Only {names} could be named: no other cause was considered.")
+    assert result["verdict"][1].endswith(
+        f"Only {names} could be named: no other cause was considered."
+    )
     warnings = {w["code"]: w["sentence"] for w in result["warnings"]}
-    assert warnings["candidates-restricted"].startswith(f"This study considers {names} and no other cause")
+    assert warnings["candidates-restricted"].startswith(
+        f"This study considers {names} and no other cause"
+    )
     assert {e["mechanism"] for f in result["findings"] for e in f["credible_set"]} <= {None, *asked}
     for found in result["findings"]:
         assert found["verdict"] != "found" or " of those asked" in found["sentence"]
@@ -55,21 +68,30 @@ def test_a_study_of_all_candidates_says_nothing(asked: list[str] | str) -> None:
     assert restricted(asked) == ()
 
 
-# -- sizes --------------------------------------------------------------------------------------------------------------------
+# -- sizes
+# --------------------------------------------------------------------------------------------------------------------
 
 
-def effect(term: Term, value: float, error: float, cancels: tuple[str, float] | None = None) -> Effect:
+def effect(
+    term: Term, value: float, error: float, cancels: tuple[str, float] | None = None
+) -> Effect:
     candidate = Candidate(Mechanism("x", (term,), "Something."), True, 1.0)
-    return Effect(candidate, SimpleNamespace(entries=()), 0.01, np.array([value]), np.array([error]), cancels)  # type: ignore[arg-type]
+    return Effect(
+        candidate, SimpleNamespace(entries=()), 0.01, np.array([value]), np.array([error]), cancels
+    )  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("size", "value", "error", "words"), [
-    ((1e-6, 5e-3), 2e-3, 1e-4, []),
-    ((1e-6, 5e-3), 8e-3, 1e-4, ["k is larger than usual (5.00 mrad)"]),
-    ((1e-6, 5e-3), 8e-3, 6e-3, [f"{OPEN}(5.00 mrad)"]),
-    (None, 0.156, 0.01, ["k is larger than usual (20.0 mrad)"]),
-    (None, 0.030, 0.025, [f"{OPEN}(20.0 mrad)"]),
-    (None, 0.015, 0.001, [])])
+@pytest.mark.parametrize(
+    ("size", "value", "error", "words"),
+    [
+        ((1e-6, 5e-3), 2e-3, 1e-4, []),
+        ((1e-6, 5e-3), 8e-3, 1e-4, ["k is larger than usual (5.00 mrad)"]),
+        ((1e-6, 5e-3), 8e-3, 6e-3, [f"{OPEN}(5.00 mrad)"]),
+        (None, 0.156, 0.01, ["k is larger than usual (20.0 mrad)"]),
+        (None, 0.030, 0.025, [f"{OPEN}(20.0 mrad)"]),
+        (None, 0.015, 0.001, []),
+    ],
+)
 def test_a_size_beyond_what_is_usual_is_said(size, value, error, words) -> None:
     term = Term("k", (Screw(2, "rz", sin(q(2))),), size)
     assert cautions(effect(term, value, error)) == words
@@ -78,12 +100,15 @@ def test_a_size_beyond_what_is_usual_is_said(size, value, error, words) -> None:
 def test_two_effects_that_undo_one_another_say_so() -> None:
     term = Term("k", (Screw(2, "rz", sin(q(2))),))
     (words,) = cautions(effect(term, 1e-3, 1e-4, ("tracker-step", 0.04)))
-    assert words.startswith("tracker-step takes most of it back, together they move the target by 4% of what either does alone")
+    assert words.startswith(
+        "tracker-step takes most of it back, together they move the target by 4% of what either does alone"
+    )
 
 
 @seeds(1, 2)
 def test_effects_that_undo_one_another_are_recognised(rng: np.random.Generator) -> None:
-    """Two waves that are nearly one, of opposite sign: what is left is a third of the smaller, computed from the positions."""
+    """Two waves that are nearly one, of opposite sign: what is left is a third of the smaller,
+    computed from the positions."""
     readings = ARM.draw(rng, 120)
     one = Mechanism("one", (Term("a", (Screw(1, "rz", sin(4.0 * q(1))),)),), "One.")
     other = Mechanism("other", (Term("b", (Screw(1, "rz", sin(4.03 * q(1))),)),), "Other.")
@@ -94,8 +119,12 @@ def test_effects_that_undo_one_another_are_recognised(rng: np.random.Generator) 
     found = candidates(at, BASE, (one, other), cells=False)
     extension = extend(at, BASE, fit(at, BASE), found, rng)
     assert {e.candidate.label for e in extension.effects} == {"one", "other"}
-    share = np.linalg.norm(forward(ARM, moved, TOOL) - forward(ARM, readings, TOOL)) / np.linalg.norm(
-        forward(ARM, readings + 1.5e-2 * np.sin(4.03 * readings[:, :1]) * np.eye(6)[0], TOOL) - forward(ARM, readings, TOOL))
+    share = np.linalg.norm(
+        forward(ARM, moved, TOOL) - forward(ARM, readings, TOOL)
+    ) / np.linalg.norm(
+        forward(ARM, readings + 1.5e-2 * np.sin(4.03 * readings[:, :1]) * np.eye(6)[0], TOOL)
+        - forward(ARM, readings, TOOL)
+    )
     for e in extension.effects:
         assert e.cancels is not None
         assert e.cancels[0] == ({"one", "other"} - {e.candidate.label}).pop()
@@ -104,17 +133,24 @@ def test_effects_that_undo_one_another_are_recognised(rng: np.random.Generator) 
 
 @seeds(1, 2, 3)
 def test_an_effect_whose_size_is_open_is_told_with_no_wild_number(rng: np.random.Generator) -> None:
-    """A joint that warms up with a time constant far beyond the campaign's: a straight line but for a part in a thousand, so
-    that a bend of a milliradian in it would be a decay by 182 radians (as it was told), which a joint zero as large would undo.
-    The straight line is found; of the decay its usual size is all that is known."""
+    """A joint that warms up with a time constant far beyond the campaign's: a straight line but for
+    a part in a thousand, so that a bend of a milliradian in it would be a decay by 182 radians (as
+    it was told), which a joint zero as large would undo. The straight line is found; of the decay
+    its usual size is all that is known."""
     arm = small_arm()
     readings = arm.draw(rng, 80)
     moved = readings.copy()
     moved[:, 1] += 1e-3 * np.linspace(0, 1, 80) ** 2
     at = bind(arm, measurements(readings, forward(arm, moved, TOOL)), TOOL)
     at = measured(at, at.data.position + rng.normal(0, 0.003, (80, 3)))
-    slow = Mechanism("slow", (Term("d", (Screw(2, "rz", Applied("exp", Named("progress") / -300.0)),)),
-                              Term("e", (Screw(2, "rz", Named("progress")),))), "Slow.")
+    slow = Mechanism(
+        "slow",
+        (
+            Term("d", (Screw(2, "rz", Applied("exp", Named("progress") / -300.0)),)),
+            Term("e", (Screw(2, "rz", Named("progress")),)),
+        ),
+        "Slow.",
+    )
     base = Model((mechanism("geometric", arm),))
     found = candidates(at, base, (slow,), cells=False)
     extension = extend(at, base, fit(at, base), found, rng)
@@ -122,7 +158,9 @@ def test_an_effect_whose_size_is_open_is_told_with_no_wild_number(rng: np.random
         assert np.abs(e.estimate).max() < 2e-3
         assert e.standard_error.max() < 2e-3
         assert e.estimate[1] == pytest.approx(1e-3, abs=1e-4)
-    assert np.abs(extension.fit.theta).max() < 10 * max(t.usual or 1e-2 for t in extension.fit.terms)
+    assert np.abs(extension.fit.theta).max() < 10 * max(
+        t.usual or 1e-2 for t in extension.fit.terms
+    )
 
 
 def test_nothing_that_is_named_is_larger_than_a_small_screw(rng: np.random.Generator) -> None:
@@ -137,33 +175,54 @@ def test_nothing_that_is_named_is_larger_than_a_small_screw(rng: np.random.Gener
                 assert max(abs(v), s) < {"mm": 200.0, "rad": 0.2}[t.unit]
 
 
-# -- geometry -----------------------------------------------------------------------------------------------------------------
+# -- geometry
+# -----------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("gain", "words"), [
-    (Gain(0.198, 0.31, (-0.2, -0.05)), "by 0.31 mm rms where the nominal arm errs by 0.198, worse by 0.05 to 0.2 mm (95 %):"),
-    (Gain(0.198, 0.21, (-0.02, 0.01)), "by 0.21 mm rms where the nominal arm errs by 0.198, a difference that chance may make:"),
-    (Gain(0.198, 0.21, None), "errs by 0.21 mm rms where the nominal arm errs by 0.198:")])
+@pytest.mark.parametrize(
+    ("gain", "words"),
+    [
+        (
+            Gain(0.198, 0.31, (-0.2, -0.05)),
+            "by 0.31 mm rms where the nominal arm errs by 0.198, worse by 0.05 to 0.2 mm (95 %):",
+        ),
+        (
+            Gain(0.198, 0.21, (-0.02, 0.01)),
+            "by 0.21 mm rms where the nominal arm errs by 0.198, a difference that chance may make:",
+        ),
+        (Gain(0.198, 0.21, None), "errs by 0.21 mm rms where the nominal arm errs by 0.198:"),
+    ],
+)
 def test_geometry_that_is_worse_than_nominal_is_said(gain: Gain, words: str) -> None:
     (note,) = worse_than_nominal(("geometric",), gain)
     assert note.code == "base-worse-than-nominal"
     assert words in note.sentence
 
 
-@pytest.mark.parametrize("gain", [Gain(0.3, 0.2, (0.05, 0.15)), Gain(None, None, None), Gain(0.3, 0.3, None)])
+@pytest.mark.parametrize(
+    "gain", [Gain(0.3, 0.2, (0.05, 0.15)), Gain(None, None, None), Gain(0.3, 0.3, None)]
+)
 def test_geometry_that_is_not_worse_is_not(gain: Gain) -> None:
     assert worse_than_nominal(("geometric",), gain) == ()
 
 
 def test_a_study_whose_geometry_is_worse_says_so(tmp_path: Path, rng: np.random.Generator) -> None:
-    """A perfect arm, fitted in one corner of its room and held out in another: the fit carries noise there."""
+    """A perfect arm, fitted in one corner of its room and held out in another: the fit carries
+    noise there."""
     robot = load("puma760")
     near = robot.draw(rng, 1) + rng.uniform(-0.05, 0.05, (30, 6))
     readings = np.concatenate([near, robot.draw(rng, 60)])
-    data = measurements(readings, forward(robot, readings, np.array([0, 0, 100.0])) + rng.normal(0, 0.1, (90, 3)))
+    data = measurements(
+        readings, forward(robot, readings, np.array([0, 0, 100.0])) + rng.normal(0, 0.1, (90, 3))
+    )
     frame = data.to_frame().assign(role=["estimation"] * 30 + ["held-out"] * 60)
     frame.to_csv(tmp_path / "measurements.csv", index=False)
     study = (STUDY / "study.toml").read_text().partition("[split]")[0]
-    (tmp_path / "study.toml").write_text(f'{study}[split]\ncolumn = "role"\n[model]\nbase = ["geometric"]\ncandidates = []\n')
-    warnings = {w["code"]: w["sentence"] for w in run(tmp_path / "study.toml", sampling=False).record["warnings"]}
+    (tmp_path / "study.toml").write_text(
+        f'{study}[split]\ncolumn = "role"\n[model]\nbase = ["geometric"]\ncandidates = []\n'
+    )
+    warnings = {
+        w["code"]: w["sentence"]
+        for w in run(tmp_path / "study.toml", sampling=False).record["warnings"]
+    }
     assert "the fitted base model (geometric) errs by " in warnings["base-worse-than-nominal"]

@@ -1,4 +1,6 @@
-"""The choice among subsets, where plain AIC and BIC choose a huge model: forty configurations, columns made of noise."""
+"""The choice among subsets, where plain AIC and BIC choose a huge model: forty configurations,
+columns made of noise."""
+
 from __future__ import annotations
 
 import itertools
@@ -30,16 +32,24 @@ SIGMA, ESTIMATION, HELD_OUT = 0.1, 40, 200
 
 
 def harmonics(k: int, rng: np.random.Generator, width: int = 15) -> Mechanism:
-    """A mechanism of nothing: high harmonics of drawn joints at drawn places, `width` of them at once."""
+    """A mechanism of nothing: high harmonics of drawn joints at drawn places, `width` of them at
+    once."""
     orders = rng.choice(np.arange(3, 90), width, replace=False)
+
     def screw(order: int) -> Screw:
         angle = float(order + 0.01 * k) * q(int(rng.integers(1, 7)))
-        return Screw(int(rng.integers(2, 7)), str(rng.choice(["rx", "ry", "rz"])), (sin, cos)[k % 2](angle))
-    return Mechanism(f"noise:{k}", tuple(Term(f"n{k}_{order}", (screw(order),)) for order in orders))
+        return Screw(
+            int(rng.integers(2, 7)), str(rng.choice(["rx", "ry", "rz"])), (sin, cos)[k % 2](angle)
+        )
+
+    return Mechanism(
+        f"noise:{k}", tuple(Term(f"n{k}_{order}", (screw(order),)) for order in orders)
+    )
 
 
 def study(rng: np.random.Generator, size: float, estimation: int = ESTIMATION) -> Data:
-    """Truth: geometric errors and `size` times the paper's h1 h2 h3; noise; `estimation` configurations fit."""
+    """Truth: geometric errors and `size` times the paper's h1 h2 h3; noise; `estimation`
+    configurations fit."""
     effects = tuple(mechanism(name, ARM) for name in TRUE)
     terms = (BASE + effects).terms
     constant = [rng.normal() * (1.0 if t.unit == "mm" else 2e-3) for t in BASE.terms]
@@ -56,7 +66,8 @@ def compared(data: Data, offered: tuple[Mechanism, ...]) -> Comparison:
 
 
 class Table:
-    """Every subset refitted plainly (linear about the base's fit) on the estimation rows, and its held-out rms."""
+    """Every subset refitted plainly (linear about the base's fit) on the estimation rows, and its
+    held-out rms."""
 
     def __init__(self, data: Data, offered: tuple[Mechanism, ...]):
         base = fit(data.training(), BASE, held="nothing")
@@ -64,9 +75,14 @@ class Table:
         X, r = design(data.scene, terms, base.at())
         inside = data.estimation
         train, test = (X[rows].reshape(-1, len(terms)) for rows in (inside, ~inside))
-        kept, ends = list(base.found.kept), np.cumsum([len(BASE.terms), *(len(c.terms) for c in offered)])
+        kept, ends = (
+            list(base.found.kept),
+            np.cumsum([len(BASE.terms), *(len(c.terms) for c in offered)]),
+        )
         groups = [list(range(a, b)) for a, b in itertools.pairwise(ends)]
-        found = all_subsets(fold(data.training(), terms, data.training_folds(), base.at()), kept, groups)
+        found = all_subsets(
+            fold(data.training(), terms, data.training_folds(), base.at()), kept, groups
+        )
         self.names = [tuple(offered[g].name for g in np.flatnonzero(m)) for m in found.members]
         self.rss, self.rank, self.n = np.maximum(found.rss, 1e-20), found.rank, inside.sum() * 3
         self.rms = np.empty(len(found.rss))
@@ -74,14 +90,21 @@ class Table:
             columns = [*kept, *(c for g in np.flatnonzero(m) for c in groups[g])]
             scale = np.linalg.norm(train[:, columns], axis=0)
             beta = np.linalg.lstsq(train[:, columns] / scale, r[inside].ravel(), rcond=1e-12)[0]
-            self.rms[s] = np.sqrt(np.square(r[~inside].ravel() - test[:, columns] / scale @ beta).mean() * 3)
+            self.rms[s] = np.sqrt(
+                np.square(r[~inside].ravel() - test[:, columns] / scale @ beta).mean() * 3
+            )
 
 
-@pytest.mark.parametrize(("rng", "size"), [(1, 1.0), (2, 1.0), (3, 1.0), (1, 0.0), (5, 0.0)], indirect=["rng"],
-                         ids=["gravity-seed1", "gravity-seed2", "gravity-seed3", "nothing-seed1", "nothing-seed5"])
+@pytest.mark.parametrize(
+    ("rng", "size"),
+    [(1, 1.0), (2, 1.0), (3, 1.0), (1, 0.0), (5, 0.0)],
+    indirect=["rng"],
+    ids=["gravity-seed1", "gravity-seed2", "gravity-seed3", "nothing-seed1", "nothing-seed5"],
+)
 def test_choice_where_aic_and_bic_fail(size, rng) -> None:
-    """Six times fifteen columns of noise on 40 configurations: AIC and BIC take all 120, three times worse held out and
-    more; the one-standard-error choice stays within a tenth of the best of all 256 subsets."""
+    """Six times fifteen columns of noise on 40 configurations: AIC and BIC take all 120, three
+    times worse held out and more; the one-standard-error choice stays within a tenth of the best of
+    all 256 subsets."""
     offered = (*(mechanism(name, ARM) for name in TRUE), *(harmonics(k, rng) for k in range(6)))
     data = study(rng, size)
     table = Table(data, offered)
@@ -92,14 +115,20 @@ def test_choice_where_aic_and_bic_fail(size, rng) -> None:
     choice = compared(data, offered).choice
     assert choice[0] == "geometric"
     held = table.rms[table.names.index(choice[1:])]
-    assert held <= 1.1 * table.rms.min(), f"chose {choice}: {held:.3f} mm, best {table.rms.min():.3f} mm"
+    assert held <= 1.1 * table.rms.min(), (
+        f"chose {choice}: {held:.3f} mm, best {table.rms.min():.3f} mm"
+    )
 
 
 @seeds(1, 2)
 def test_table(rng) -> None:
-    """Rows are measured one linear step from the base's fit, which the exact fit bears out; the choice is marked; weights
-    are of all that was compared."""
-    offered = (*(mechanism(name, ARM) for name in TRUE), harmonics(0, rng, 3), mechanism("wrist-coupling:5", ARM))
+    """Rows are measured one linear step from the base's fit, which the exact fit bears out; the
+    choice is marked; weights are of all that was compared."""
+    offered = (
+        *(mechanism(name, ARM) for name in TRUE),
+        harmonics(0, rng, 3),
+        mechanism("wrist-coupling:5", ARM),
+    )
     data = study(rng, 1.0, estimation=80)
     table = compared(data, offered)
     assert table.compared == 16
@@ -121,12 +150,15 @@ def test_table(rng) -> None:
 @seeds(1, 2)
 @pytest.mark.parametrize("known", [True, False])
 def test_one_definition_of_every_criterion(known, rng) -> None:
-    """Of known sigma or unknown, a row's criteria are of one kind, its own rung's; EBIC adds the price of the groups that were
-    scanned; the notes say which row has the lowest; weights are exp(evidence) by that sigma."""
+    """Of known sigma or unknown, a row's criteria are of one kind, its own rung's; EBIC adds the
+    price of the groups that were scanned; the notes say which row has the lowest; weights are
+    exp(evidence) by that sigma."""
     offered = (*(mechanism(name, ARM) for name in TRUE), *(harmonics(k, rng, 3) for k in range(4)))
     data = replace(study(rng, 0.3, estimation=60), known_sigma=known)
     data = replace(data, scene=replace(data.scene, whiten=1 / SIGMA))
-    table = compare(data, BASE, fit(data.training(), BASE, held="nothing"), offered, ("geometric",), (), 4860)
+    table = compare(
+        data, BASE, fit(data.training(), BASE, held="nothing"), offered, ("geometric",), (), 4860
+    )
     rows = {row.names[1:]: row for row in table.best}
     for names, row in rows.items():
         assert row.ebic - row.bic == pytest.approx(2 * np.log(comb(4860, len(names))), rel=1e-6)
@@ -144,7 +176,9 @@ def test_one_definition_of_every_criterion(known, rng) -> None:
         n, rss = values.n, {s: values.rss[values.names.index(s)] for s in two}
         rank = {s: values.rank[values.names.index(s)] for s in two}
         score = {s: -n / (1 + n) * rss[s] / 2 - rank[s] / 2 * np.log(1 + n) - price[s] for s in two}
-        assert np.log(rows[two[0]].weight / rows[two[1]].weight) == pytest.approx(score[two[0]] - score[two[1]], rel=1e-4)
+        assert np.log(rows[two[0]].weight / rows[two[1]].weight) == pytest.approx(
+            score[two[0]] - score[two[1]], rel=1e-4
+        )
 
 
 def test_rung_cross_validates_like_refits(rng) -> None:
@@ -166,12 +200,16 @@ def test_rung_cross_validates_like_refits(rng) -> None:
 
 
 def test_shared_terms_enter_once(rng) -> None:
-    """gravity-twist is joint2-twist and joint3-twist: no row of the table repeats another under a longer name."""
+    """gravity-twist is joint2-twist and joint3-twist: no row of the table repeats another under a
+    longer name."""
     offered = tuple(mechanism(name, ARM) for name in (*TRUE, "gravity-twist"))
     data = study(rng, 1.0, estimation=80)
     table = compared(data, offered)
     assert set(table.choice[1:]) in ({*TRUE}, {"gravity-twist"})
-    assert all(r.fit.found.rank == len((BASE + tuple(c for c in offered if c.name in r.names)).terms) for r in table.best)
+    assert all(
+        r.fit.found.rank == len((BASE + tuple(c for c in offered if c.name in r.names)).terms)
+        for r in table.best
+    )
 
 
 def test_a_candidate_that_the_base_spans_in_part(rng) -> None:
@@ -183,19 +221,27 @@ def test_a_candidate_that_the_base_spans_in_part(rng) -> None:
 
 
 def test_the_twelve_of_largest_f(rng) -> None:
-    """Of more than the table holds, the strong ones; of a scanned mechanism its best constant alone; the others named."""
+    """Of more than the table holds, the strong ones; of a scanned mechanism its best constant
+    alone; the others named."""
     noise = tuple(harmonics(k, rng, 1) for k in range(14))
     ripples = tuple(Mechanism("ripple", harmonics(20 + k, rng, 1).terms) for k in range(3))
-    offered = candidates(drawn(ARM, rng, 5), BASE, (*noise, *ripples, *(mechanism(name, ARM) for name in TRUE)), cells=False)
+    offered = candidates(
+        drawn(ARM, rng, 5),
+        BASE,
+        (*noise, *ripples, *(mechanism(name, ARM) for name in TRUE)),
+        cells=False,
+    )
     F = np.r_[rng.uniform(0, 2, 14), 5.0, 9.0, 7.0, 50.0, 60.0]
-    F[3] = 0.0                                                              # adds no column
+    F[3] = 0.0  # adds no column
     taken, aside = strongest(offered, F)
     assert len(taken) == MOST
     assert ripples[1] in taken
     assert not {ripples[0], ripples[2]} & set(taken)
     assert {m.name for m in taken} >= {*TRUE, "ripple"}
-    assert len({m.name for m in taken} | set(aside)) == 16                  # 14 - 1 + ripple + 2
-    assert F[[noise.index(m) for m in taken if m in noise]].min() > max(F[int(name.partition(":")[2])] for name in aside)
+    assert len({m.name for m in taken} | set(aside)) == 16  # 14 - 1 + ripple + 2
+    assert F[[noise.index(m) for m in taken if m in noise]].min() > max(
+        F[int(name.partition(":")[2])] for name in aside
+    )
 
 
 def test_what_was_named_stands_in_the_table(rng) -> None:
@@ -217,7 +263,8 @@ def test_what_was_named_stands_in_the_table(rng) -> None:
 
 
 def test_what_may_extend(rng) -> None:
-    """What the base holds already, and what the data have no columns for, is no candidate; the prior sums to one."""
+    """What the base holds already, and what the data have no columns for, is no candidate; the
+    prior sums to one."""
     at = drawn(ARM, rng, 10, covariates={})
     offered = candidates(at, BASE, every(ARM), cells=False)
     names = {c.mechanism.name for c in offered}
@@ -225,5 +272,7 @@ def test_what_may_extend(rng) -> None:
     assert "payload-deflection:2" not in names
     assert {"joint2-twist", "backlash:3"} <= names
     assert sum(c.prior for c in offered) == pytest.approx(1)
-    lacking = Mechanism("heat", (Term("t", (Screw(2, "tx", Named("temperature_C", "°C") - 20.0),)),))
+    lacking = Mechanism(
+        "heat", (Term("t", (Screw(2, "tx", Named("temperature_C", "°C") - 20.0),)),)
+    )
     assert candidates(at, BASE, (lacking,), cells=False) == ()

@@ -1,4 +1,6 @@
-"""Commands through the correction land where they should: on the model, and on an arm in a rigid-body engine."""
+"""Commands through the correction land where they should: on the model, and on an arm in a
+rigid-body engine."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -58,10 +60,15 @@ def made():
 def plan(at, rows: slice, **more):
     """Planned commands, off the readings of a scene by nothing, their wanted positions given."""
     data = at.data
-    return measurements(data.q[rows].copy(), more.pop("position", np.full((len(data.q[rows]), 3), np.nan)),
-                        target=[data.targets[k] for k in data.target[rows]], group=[data.groups[k] for k in data.group[rows]],
-                        covariates={k: v[rows].copy() for k, v in data.covariates.items()},
-                        approach=data.approach[rows].copy(), **more)
+    return measurements(
+        data.q[rows].copy(),
+        more.pop("position", np.full((len(data.q[rows]), 3), np.nan)),
+        target=[data.targets[k] for k in data.target[rows]],
+        group=[data.groups[k] for k in data.group[rows]],
+        covariates={k: v[rows].copy() for k, v in data.covariates.items()},
+        approach=data.approach[rows].copy(),
+        **more,
+    )
 
 
 def test_lands_on_the_model(made) -> None:
@@ -71,17 +78,20 @@ def test_lands_on_the_model(made) -> None:
     there = commanded(c.scene(data), found.q)
     assert found.reached.all()
     assert np.abs(predict(c, there) - nominal(c.scene(data))).max() < 1e-3
-    np.testing.assert_allclose(found.before_mm, np.linalg.norm(predict(c, c.scene(data)) - found.wanted, axis=1))
+    np.testing.assert_allclose(
+        found.before_mm, np.linalg.norm(predict(c, c.scene(data)) - found.wanted, axis=1)
+    )
     assert found.before_mm.mean() > 0.05
     assert (found.expected_mm > np.sqrt(3) * 0.02).all()
 
 
 def test_least_change(made) -> None:
-    """Of all commands that land there, the nearest: any other direction that keeps the position is longer."""
+    """Of all commands that land there, the nearest: any other direction that keeps the position is
+    longer."""
     c, at = made
     found = compensate(c, plan(at, slice(1, 30)))
     J = c.scene(plan(at, slice(1, 30))).pose(slice(0, 29)).displacement()[:6, 5].transpose(2, 1, 0)
-    still = np.linalg.svd(J)[2][:, 3:]                               # (m, 3, 6) motions that move nothing
+    still = np.linalg.svd(J)[2][:, 3:]  # (m, 3, 6) motions that move nothing
     along = np.abs(np.einsum("mkn,mn->mk", still, found.change)).max(1)
     assert np.median(along / np.linalg.norm(found.change, axis=1)) < 0.01
 
@@ -93,10 +103,13 @@ def test_orientation_is_kept_where_wanted(made, rng) -> None:
     wanted = c.scene(data).pose(slice(0, 39)).rotation.transpose(2, 0, 1)
     kept = compensate(c, replace(data, rotation=wanted))
     assert kept.reached.mean() > 0.9
+
     def turned(found) -> np.ndarray:
         from modelsel.calibration.calibration import pose_of
+
         R = pose_of(commanded(c.scene(data), found.q), c.terms, c.theta).rotation.transpose(2, 0, 1)
         return np.arccos(np.clip((np.einsum("mij,mij->m", R, wanted) - 1) / 2, -1, 1))
+
     assert np.median(turned(kept)) < 1e-5 < np.median(turned(free))
 
 
@@ -111,7 +124,8 @@ def test_refuses_beyond_the_bound(made) -> None:
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_frame_of_targets_in_and_out(made) -> None:
-    """Planned commands and wanted positions as a DataFrame; corrected ones come back, refused ones by their row."""
+    """Planned commands and wanted positions as a DataFrame; corrected ones come back, refused ones
+    by their row."""
     c, at = made
     data = plan(at, slice(1, 9))
     data = replace(data, position=nominal(c.scene(data)))
@@ -120,10 +134,16 @@ def test_a_frame_of_targets_in_and_out(made) -> None:
     np.testing.assert_allclose(found[[f"q{j}_rad" for j in range(1, 7)]], made_here.q, atol=1e-9)
     np.testing.assert_allclose(found["expected_error_mm"], made_here.expected_mm, rtol=1e-6)
     frame.iloc[4, frame.columns.get_loc("x_mm")] += 30.0
-    with pytest.raises(DataError, match=r"DataFrame, row 4: .* beyond the bound .* raise the bound"):
+    with pytest.raises(
+        DataError, match=r"DataFrame, row 4: .* beyond the bound .* raise the bound"
+    ):
         correct(c, frame)
     with pytest.warns(UserWarning, match="1 of 1 rows lie beyond the"):
-        correct(c, frame[:1].drop(columns=["x_mm", "y_mm", "z_mm"]).assign(q2_rad=4.0), bound=(10.0, 1e3))
+        correct(
+            c,
+            frame[:1].drop(columns=["x_mm", "y_mm", "z_mm"]).assign(q2_rad=4.0),
+            bound=(10.0, 1e3),
+        )
 
 
 def test_outside_is_said(made) -> None:
@@ -139,7 +159,7 @@ def test_outside_is_said(made) -> None:
     assert "temperature_C: 2 of 8" in said
     assert "joint 2: 1 of 8 rows lie beyond its limits" in said
     assert "joint 3: the direction of approach" in said
-    assert "payload" not in said          # not needed: not said
+    assert "payload" not in said  # not needed: not said
 
 
 def engine_error(landed: np.ndarray, wanted: np.ndarray) -> float:
@@ -147,7 +167,8 @@ def engine_error(landed: np.ndarray, wanted: np.ndarray) -> float:
 
 
 def test_arm_in_an_engine_lands_within_the_noise(tmp_path) -> None:
-    """Masses and springs in a rigid-body engine, play that the last motion decides, ripple of a gear, a warm link's zero."""
+    """Masses and springs in a rigid-body engine, play that the last motion decides, ripple of a
+    gear, a warm link's zero."""
     rng = np.random.default_rng(20)
     robot = load("puma760")
     real = arm(robot, rng)
@@ -155,6 +176,7 @@ def test_arm_in_an_engine_lands_within_the_noise(tmp_path) -> None:
     places[1, 0] += 300
     places[3, 2] += 250
     engine = Engine(real, (4.0, 8.0, 5.0, 2.0, 1.0, 0.5), places)
+
     def measure(q: np.ndarray, before: np.ndarray, temperature: np.ndarray) -> np.ndarray:
         turned = q.copy()
         turned[:, 0] += 2e-4 * np.sin(12 * q[:, 0] + 0.4) + 2e-4 * np.sign(q[:, 0] - before[:, 0])
@@ -165,22 +187,35 @@ def test_arm_in_an_engine_lands_within_the_noise(tmp_path) -> None:
     before = np.vstack([q[:1], q[:-1]])
     temperature = rng.uniform(18, 30, 160)
     x = measure(q, before, temperature) + rng.normal(0, NOISE, (160, 3))
-    columns = {f"q{j + 1}_rad": q[:, j] for j in range(6)} | dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
-    pd.DataFrame(columns | {"temperature_C": temperature}).to_csv(tmp_path / "measurements.csv", index=False)
+    columns = {f"q{j + 1}_rad": q[:, j] for j in range(6)} | dict(
+        zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True)
+    )
+    pd.DataFrame(columns | {"temperature_C": temperature}).to_csv(
+        tmp_path / "measurements.csv", index=False
+    )
     c = calibration_of(run(parse_study(STUDY, "study.toml"), tmp_path, sampling=False))
 
     plan_q = real.draw(rng, 60)
     last = np.vstack([plan_q[:1] - 1e-1, plan_q[:-1]])
     warm = rng.uniform(19, 29, 60)
-    data = measurements(plan_q, np.full((60, 3), np.nan), approach=np.sign(plan_q - last), covariates={"temperature_C": warm})
+    data = measurements(
+        plan_q,
+        np.full((60, 3), np.nan),
+        approach=np.sign(plan_q - last),
+        covariates={"temperature_C": warm},
+    )
     found = compensate(c, data)
     wanted = forward(robot, plan_q, np.array([0.0, 0, 100]))
     off = engine_error(measure(plan_q, last, warm), wanted)
-    landed = engine_error(measure(found.q, np.vstack([found.q[:1] - 1e-1, found.q[:-1]]), warm), wanted)
+    landed = engine_error(
+        measure(found.q, np.vstack([found.q[:1] - 1e-1, found.q[:-1]]), warm), wanted
+    )
     assert found.reached.all()
     assert off > 1.0
     assert landed < 1.5 * NOISE
-    assert 0.3 < landed / np.sqrt(np.square(found.model_mm).mean() / 3) < 3      # as uncertain as it says
+    assert (
+        0.3 < landed / np.sqrt(np.square(found.model_mm).mean() / 3) < 3
+    )  # as uncertain as it says
 
 
 def test_command(made, tmp_path) -> None:
@@ -189,21 +224,46 @@ def test_command(made, tmp_path) -> None:
     rows = slice(1, 30)
     columns = {f"q{j + 1}_deg": np.degrees(at.data.q[rows, j]) for j in range(6)}
     columns |= {f"approach{j + 1}": at.data.approach[rows, j].astype(int) for j in range(6)}
-    columns |= {"target": np.array(at.data.targets)[at.data.target[rows]], "group": "tue",
-                "temperature_C": at.data.covariates["temperature_C"][rows]}
+    columns |= {
+        "target": np.array(at.data.targets)[at.data.target[rows]],
+        "group": "tue",
+        "temperature_C": at.data.covariates["temperature_C"][rows],
+    }
     pd.DataFrame(columns).to_csv(tmp_path / "plan.csv", index=False)
     out = tmp_path / "out.csv"
-    ran = CliRunner().invoke(main, ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(out)])
+    ran = CliRunner().invoke(
+        main, ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(out)]
+    )
     assert ran.exit_code == 0, ran.output
     assert "expected" in ran.output
     wrote = pd.read_csv(out)
     assert (wrote["error_left_mm"] < 1e-3).all()
-    back = CliRunner().invoke(main, ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(out), "--forward"])
+    back = CliRunner().invoke(
+        main,
+        ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(out), "--forward"],
+    )
     assert back.exit_code == 0
-    assert np.abs(pd.read_csv(out)[["x_mm", "y_mm", "z_mm"]].to_numpy() - wrote[["x_mm", "y_mm", "z_mm"]].to_numpy()).max() > 0.05
+    assert (
+        np.abs(
+            pd.read_csv(out)[["x_mm", "y_mm", "z_mm"]].to_numpy()
+            - wrote[["x_mm", "y_mm", "z_mm"]].to_numpy()
+        ).max()
+        > 0.05
+    )
     out.unlink()
-    ran = CliRunner().invoke(main, ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(out), "--bound", "0.01",
-                                    "20"])
+    ran = CliRunner().invoke(
+        main,
+        [
+            "compensate",
+            str(tmp_path),
+            str(tmp_path / "plan.csv"),
+            "--out",
+            str(out),
+            "--bound",
+            "0.01",
+            "20",
+        ],
+    )
     assert ran.exit_code == 3
     assert not out.exists()
 
@@ -214,23 +274,37 @@ def test_a_slide_is_compensated(rng) -> None:
     from modelsel.fitting.least_squares import fit
     from modelsel.fitting.noise import Floor
     from modelsel.selection.evaluation import Data
+
     puma = load("puma760")
-    joints = [replace(j, prismatic=k == 2, limits=(0.0, 300.0) if k == 2 else j.limits) for k, j in enumerate(puma.joints)]
+    joints = [
+        replace(j, prismatic=k == 2, limits=(0.0, 300.0) if k == 2 else j.limits)
+        for k, j in enumerate(puma.joints)
+    ]
     robot = replace(puma, joints=tuple(joints))
     at = replace(drawn(robot, rng, 80), whiten=50.0)
     at = replace(at, data=replace(at.data, position=at.data.position + np.array([2.0, 1.0, -1.0])))
     model = Model((mechanism("geometric", robot),))
     every_row = np.ones(80, bool)
-    c = calibrate("slide", Data(at, every_row, ~every_row, np.zeros(80, np.intp), True), fit(at, model), Floor(0.02, "stated"),
-                  None, False, {})
+    c = calibrate(
+        "slide",
+        Data(at, every_row, ~every_row, np.zeros(80, np.intp), True),
+        fit(at, model),
+        Floor(0.02, "stated"),
+        None,
+        False,
+        {},
+    )
     found = compensate(c, plan(at, slice(1, 40)))
     assert found.reached.all()
-    assert np.abs(found.change[:, 2]).max() > 0.1          # mm
+    assert np.abs(found.change[:, 2]).max() > 0.1  # mm
 
 
 def limited(c, joint: int, low: float, high: float):
     """The calibration with limits of one joint alone."""
-    joints = [replace(j, limits=(low, high) if k == joint - 1 else None) for k, j in enumerate(c.robot.joints)]
+    joints = [
+        replace(j, limits=(low, high) if k == joint - 1 else None)
+        for k, j in enumerate(c.robot.joints)
+    ]
     return replace(c, robot=replace(c.robot, joints=tuple(joints)))
 
 
@@ -249,8 +323,16 @@ def test_a_corrected_command_beyond_a_limit_is_said(made, tmp_path) -> None:
     assert not found.beyond[:, [0, 2, 3, 4, 5]].any()
     assert outside(c, data) == []
     (tmp_path / "calibration.json").write_text(calibration_text(c))
-    data.to_frame().drop(columns=["configuration", "order"]).to_csv(tmp_path / "plan.csv", index=False)
-    words = ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(tmp_path / "out.csv")]
+    data.to_frame().drop(columns=["configuration", "order"]).to_csv(
+        tmp_path / "plan.csv", index=False
+    )
+    words = [
+        "compensate",
+        str(tmp_path),
+        str(tmp_path / "plan.csv"),
+        "--out",
+        str(tmp_path / "out.csv"),
+    ]
     ran = CliRunner().invoke(main, words)
     assert ran.exit_code == 5
     assert f"joint 2: {stuck.sum()} of 29 corrected commands lie beyond its limits" in ran.output
@@ -271,7 +353,9 @@ def test_what_is_left_is_in_what_is_expected(made) -> None:
     found = compensate(c, data)
     assert found.left_mm[3] > 10
     assert (found.expected_mm > found.left_mm).all()
-    np.testing.assert_allclose(found.expected_mm ** 2, found.left_mm ** 2 + found.model_mm ** 2 + 3 * 0.02 ** 2)
+    np.testing.assert_allclose(
+        found.expected_mm**2, found.left_mm**2 + found.model_mm**2 + 3 * 0.02**2
+    )
     assert not found.reached[3]
 
 
@@ -283,9 +367,13 @@ def test_orientation_errors_are_said(made, tmp_path) -> None:
     wanted = pose_at.rotation.transpose(2, 0, 1)
     found, free = compensate(c, replace(data, rotation=wanted)), compensate(c, data)
     from modelsel.calibration.calibration import pose_of
+
     def off(q: np.ndarray) -> np.ndarray:
-        R = pose_of(commanded(c.scene(replace(data, rotation=wanted)), q), c.terms, c.theta).rotation.transpose(2, 0, 1)
+        R = pose_of(
+            commanded(c.scene(replace(data, rotation=wanted)), q), c.terms, c.theta
+        ).rotation.transpose(2, 0, 1)
         return 2 * np.arcsin(np.clip(np.linalg.norm(R - wanted, axis=(1, 2)) / np.sqrt(8), 0, 1))
+
     np.testing.assert_allclose(found.before_rad, off(data.q), atol=1e-9)
     np.testing.assert_allclose(found.left_rad, off(found.q), atol=1e-9)
     assert (found.left_rad[found.reached] <= 1e-5).all()
@@ -295,10 +383,27 @@ def test_orientation_errors_are_said(made, tmp_path) -> None:
     (tmp_path / "calibration.json").write_text(calibration_text(c))
     frame = replace(data, rotation=wanted, position=nominal(c.scene(data))).to_frame()
     frame.drop(columns=["configuration", "order"]).to_csv(tmp_path / "plan.csv", index=False)
-    ran = CliRunner().invoke(main, ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(tmp_path / "out.csv"),
-                                    "--bound", "1000", "1000"])
-    assert f"Orientations are off by {1e3 * found.before_rad.mean():.3g} mrad on average" in ran.output
-    np.testing.assert_allclose(pd.read_csv(tmp_path / "out.csv")["orientation_before_mrad"], 1e3 * found.before_rad, rtol=1e-5)
+    ran = CliRunner().invoke(
+        main,
+        [
+            "compensate",
+            str(tmp_path),
+            str(tmp_path / "plan.csv"),
+            "--out",
+            str(tmp_path / "out.csv"),
+            "--bound",
+            "1000",
+            "1000",
+        ],
+    )
+    assert (
+        f"Orientations are off by {1e3 * found.before_rad.mean():.3g} mrad on average" in ran.output
+    )
+    np.testing.assert_allclose(
+        pd.read_csv(tmp_path / "out.csv")["orientation_before_mrad"],
+        1e3 * found.before_rad,
+        rtol=1e-5,
+    )
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
@@ -311,7 +416,9 @@ def test_degrees_in_degrees_out(made) -> None:
     found, plain = correct(c, degrees), correct(c, frame)
     assert not {"q1_rad", "q4_rad"} & set(found.columns)
     for j in (1, 4):
-        np.testing.assert_allclose(np.radians(found[f"q{j}_deg"]), plain[f"q{j}_rad"], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            np.radians(found[f"q{j}_deg"]), plain[f"q{j}_rad"], rtol=0, atol=1e-12
+        )
     np.testing.assert_allclose(found["q2_rad"], plain["q2_rad"], rtol=0, atol=1e-12)
 
 
@@ -325,5 +432,7 @@ def test_directions_taken_from_the_order_are_said(made) -> None:
     geometry = Mechanism("geometry", c.model.mechanisms[1].terms)
     assert from_order(replace(c, model=Model((geometry,)), theta=c.theta[:6]), bare) == []
     lagging = mechanism("settle:2", c.robot)
-    (said,) = from_order(replace(c, model=Model((lagging,)), theta=np.zeros(len(lagging.terms))), data)
+    (said,) = from_order(
+        replace(c, model=Model((lagging,)), theta=np.zeros(len(lagging.terms))), data
+    )
     assert "joint 2: the sizes of the moves are taken from the order" in said

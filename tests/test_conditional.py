@@ -1,4 +1,6 @@
-"""A sampled moment of a weak step: its posterior is proper, the chain finds all of it, and a dense formula agrees."""
+"""A sampled moment of a weak step: its posterior is proper, the chain finds all of it, and a dense
+formula agrees."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -41,12 +43,15 @@ def stepped(*moments: float) -> Model:
 
 
 def weak(rng: np.random.Generator, size: float = 0.02) -> tuple[Scene, Fit]:
-    """A step hardly larger than what noise of 0.05 mm hides, fitted where a scan over the moments puts it."""
+    """A step hardly larger than what noise of 0.05 mm hides, fitted where a scan over the moments
+    puts it."""
     at, truth = drawn(ARM, rng, 40), stepped(float(rng.uniform(0.1, 0.9)))
     theta = np.zeros(FIRST + 6)
     theta[FIRST:] = size * np.array([1, 1, 1, 1e-3, 1e-3, 1e-3]) * rng.normal(size=6)
     scene = planted(at, truth.terms, theta, rng, 0.05)
-    return scene, min((fit(scene, stepped(round(x, 3))) for x in np.arange(0.1, 0.91, 0.05)), key=lambda f: f.rss)
+    return scene, min(
+        (fit(scene, stepped(round(x, 3))) for x in np.arange(0.1, 0.91, 0.05)), key=lambda f: f.rss
+    )
 
 
 def target(scene: Scene, fitted: Fit) -> Target:
@@ -58,24 +63,35 @@ def target(scene: Scene, fitted: Fit) -> Target:
 
 
 def dense(scene: Scene, fitted: Fit, moments: Array, ratio: float) -> Array:
-    """(T,) log density of the moment: base as the fit has it, the step's six normal of variance ratio · s² · S⁻¹, s² integrated
-    out, from whole design matrices of steps at the moments, the rows of the base's prior below them."""
+    """(T,) log density of the moment: base as the fit has it, the step's six normal of variance
+    ratio · s² · S⁻¹, s² integrated out, from whole design matrices of steps at the moments, the
+    rows of the base's prior below them."""
     base = [k for k in fitted.found.kept if k < FIRST]
-    X, left = (part.reshape(len(scene) * 3, -1) for part in design(scene, fitted.terms, fitted.at()))
+    X, left = (
+        part.reshape(len(scene) * 3, -1) for part in design(scene, fitted.terms, fitted.at())
+    )
     y = np.concatenate([left[:, 0] + X @ fitted.theta, np.zeros(len(fitted.root))])
     W = np.vstack([X, fitted.root])[:, base]
-    steps = [np.pad(design(scene, stepped(t).terms[FIRST:], fitted.at())[0].reshape(-1, 6), ((0, len(fitted.root)), (0, 0)))
-             for t in moments]
+    steps = [
+        np.pad(
+            design(scene, stepped(t).terms[FIRST:], fitted.at())[0].reshape(-1, 6),
+            ((0, len(fitted.root)), (0, 0)),
+        )
+        for t in moments
+    ]
     M = np.eye(len(y)) - W @ np.linalg.pinv(W)
     precision = np.mean([Z.T @ M @ Z for Z in steps], axis=0) / ratio
     out = []
     for Z in steps:
         A = np.hstack([W, Z])
         inner = A.T @ A
-        inner[len(base):, len(base):] += precision
+        inner[len(base) :, len(base) :] += precision
         rss = y @ y - y @ A @ np.linalg.solve(inner, A.T @ y)
-        out.append(0.5 * np.linalg.slogdet(precision)[1] - 0.5 * np.linalg.slogdet(inner)[1]
-                   - 0.5 * (3 * len(scene) + fitted.by_prior - len(base)) * np.log(rss))
+        out.append(
+            0.5 * np.linalg.slogdet(precision)[1]
+            - 0.5 * np.linalg.slogdet(inner)[1]
+            - 0.5 * (3 * len(scene) + fitted.by_prior - len(base)) * np.log(rss)
+        )
     return np.array(out)
 
 
@@ -99,14 +115,19 @@ def test_moment_of_a_weak_step_is_the_dense_formula(rng: np.random.Generator) ->
 
 @pytest.mark.usefixtures("short")
 def test_a_weak_step_converges(rng: np.random.Generator) -> None:
-    """With a tail, too, as a study samples it; without a prior on the step's size walkers were lost beyond the ends, where
-    the step moves nothing: 16,000 steps of autocorrelation."""
+    """With a tail, too, as a study samples it; without a prior on the step's size walkers were lost
+    beyond the ends, where the step moves nothing: 16,000 steps of autocorrelation."""
     scene, fitted = weak(rng)
-    chain = sample(target_of(study_of(scene), fitted, Request(BASE, "default", None, False, BUILTIN)), NOTHING, "", rng)
+    chain = sample(
+        target_of(study_of(scene), fitted, Request(BASE, "default", None, False, BUILTIN)),
+        NOTHING,
+        "",
+        rng,
+    )
     assert chain.names[-1] == "constant of tracker-step"
     assert chain.converged
     assert chain.steps < 5_000
-    assert np.abs(chain.quantiles[:3]).max() < 2.0                    # mm, of a step of 0.02 mm
+    assert np.abs(chain.quantiles[:3]).max() < 2.0  # mm, of a step of 0.02 mm
 
 
 def test_walkers_start_everywhere(rng: np.random.Generator) -> None:
@@ -121,13 +142,17 @@ def test_walkers_start_everywhere(rng: np.random.Generator) -> None:
 
 @pytest.mark.usefixtures("short")
 def test_two_steps_keep_their_order(rng: np.random.Generator) -> None:
-    """Two moments of one mechanism are not exchanged: no chain would converge on two names for one thing."""
+    """Two moments of one mechanism are not exchanged: no chain would converge on two names for one
+    thing."""
     truth, model = stepped(0.312, 0.688), stepped(0.7, 0.3)
     theta = np.zeros(FIRST + 12)
-    theta[FIRST:FIRST + 3], theta[FIRST + 6:FIRST + 9] = 0.3, -0.3
+    theta[FIRST : FIRST + 3], theta[FIRST + 6 : FIRST + 9] = 0.3, -0.3
     scene = planted(drawn(ARM, rng, 40), truth.terms, theta, rng, 0.05)
     aim = target(scene, fit(scene, model))
-    assert [c.name for c in aim.constants] == ["constant of tracker-step (1)", "constant of tracker-step (2)"]
+    assert [c.name for c in aim.constants] == [
+        "constant of tracker-step (1)",
+        "constant of tracker-step (2)",
+    ]
     later, earlier = aim.natural(aim.start(rng, 100))[:, -2:].T
     assert (earlier < later).all()
     assert len(aim._conditionals) == 2
@@ -144,6 +169,12 @@ def test_units_are_a_change_of_variables(rng: np.random.Generator) -> None:
     (c,) = aim._conditionals
     volume = []
     for walker in aim.start(rng, 4):
-        jacobian = np.stack([(aim.natural(walker + h) - aim.natural(walker - h)) / 2e-5 for h in 1e-5 * np.eye(aim.size)], axis=1)
+        jacobian = np.stack(
+            [
+                (aim.natural(walker + h) - aim.natural(walker - h)) / 2e-5
+                for h in 1e-5 * np.eye(aim.size)
+            ],
+            axis=1,
+        )
         volume.append(np.linalg.slogdet(jacobian)[1] - c.log_volume(aim.natural(walker)[-1:])[0])
     assert np.ptp(volume) < 1e-6

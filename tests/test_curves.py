@@ -1,4 +1,6 @@
-"""What a joint's own angle does is told as one curve, causes in time are told from each other, and chance is not listed."""
+"""What a joint's own angle does is told as one curve, causes in time are told from each other, and
+chance is not listed."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -44,13 +46,26 @@ def names(extension: Extension) -> list[str]:
 
 
 @seeds(1, 2, 3)
-@pytest.mark.parametrize("shape", [lambda x, c: np.tanh((x - c) / 0.2), lambda x, c: np.abs(x - c),
-                                   lambda x, c: np.exp(-((x - c) / 0.4) ** 2)], ids=["soft step", "kink", "bump"])
-def test_a_shape_of_one_joint_is_one_free_function(rng: np.random.Generator, shape: Callable[[Array, float], Array]) -> None:
+@pytest.mark.parametrize(
+    "shape",
+    [
+        lambda x, c: np.tanh((x - c) / 0.2),
+        lambda x, c: np.abs(x - c),
+        lambda x, c: np.exp(-(((x - c) / 0.4) ** 2)),
+    ],
+    ids=["soft step", "kink", "bump"],
+)
+def test_a_shape_of_one_joint_is_one_free_function(
+    rng: np.random.Generator, shape: Callable[[Array, float], Array]
+) -> None:
     at = drawn("puma760", rng, 200)
     joint, centre = int(rng.integers(1, 5)), float(rng.uniform(-0.3, 0.3))
     found = named(turned(at, joint, 1.5e-3 * shape(at.data.q[:, joint - 1], centre), rng), rng)
-    about = [n for e, n in zip(found.effects, names(found), strict=True) if own_angle(e.candidate) == joint]
+    about = [
+        n
+        for e, n in zip(found.effects, names(found), strict=True)
+        if own_angle(e.candidate) == joint
+    ]
     assert [n.partition(" ")[0] for n in about] == [f"free(q{joint})"], (joint, centre, found.path)
 
 
@@ -76,7 +91,9 @@ def test_a_warm_up_is_told_from_a_drift(rng: np.random.Generator) -> None:
     clock = at.data.covariates["time_s"]
     found = named(turned(at, 2, 1e-3 * np.exp(-clock / (0.1 * np.ptp(clock))), rng), rng)
     assert len(found.effects) == 1, found.path
-    assert "exp(time_s/" in str(found.effects[0].candidate.mechanism.terms[0].screws[0].cause), names(found)
+    assert "exp(time_s/" in str(found.effects[0].candidate.mechanism.terms[0].screws[0].cause), (
+        names(found)
+    )
 
 
 @seeds(11, 12)
@@ -85,27 +102,37 @@ def test_a_product_of_two_joints_is_one_cell(rng: np.random.Generator) -> None:
     odd = Mechanism("odd", (Term("m", (Screw(5, "rx", sin(q(2)) * cos(q(6))),)),))
     found = named(planted(at, odd.terms, np.array([2e-3]), rng, SIGMA), rng)
     assert len(found.effects) == 1, found.path
-    assert set(map(str, (s.cause for t in found.effects[0].candidate.mechanism.terms for s in t.screws))) == {
-        "sin(q2+q6)", "cos(q2+q6)", "sin(q2-q6)", "cos(q2-q6)"}
+    assert set(
+        map(str, (s.cause for t in found.effects[0].candidate.mechanism.terms for s in t.screws))
+    ) == {"sin(q2+q6)", "cos(q2+q6)", "sin(q2-q6)", "cos(q2-q6)"}
 
 
-def test_steps_in_time_are_offered_once_between_two_configurations(rng: np.random.Generator) -> None:
+def test_steps_in_time_are_offered_once_between_two_configurations(
+    rng: np.random.Generator,
+) -> None:
     at = drawn("puma760", rng, 40)
     base = Model((mechanism("geometric", at.robot),))
     found = candidates(at, base, every(at.robot))
     steps = [c for c in found if c.mechanism.name == "tracker-step"]
     assert len(steps) == 39 < len(STEPS)
-    assert sum(c.prior for c in steps) == pytest.approx(next(c.prior for c in found if c.mechanism.name == "base-tilt"))
+    assert sum(c.prior for c in steps) == pytest.approx(
+        next(c.prior for c in found if c.mechanism.name == "base-tilt")
+    )
     assert sum(c.prior for c in found) == pytest.approx(1)
 
 
 @seeds(13, 14, 15, 16)
 def test_no_finding_is_listed_that_chance_would_explain(rng: np.random.Generator) -> None:
     at = drawn("puma760", rng, 60)
-    two = Mechanism("two", (Term("m", (Screw(2, "rz", cos(q(2))),)), Term("n", (Screw(6, "tx", Named("approach3")),))))
+    two = Mechanism(
+        "two",
+        (Term("m", (Screw(2, "rz", cos(q(2))),)), Term("n", (Screw(6, "tx", Named("approach3")),))),
+    )
     found = named(planted(at, two.terms, np.array([4e-4, 0.06]), rng, SIGMA), rng)
     assert found.effects
-    assert max(e.p for e in found.effects) <= LEVEL, [(n, e.p) for n, e in zip(names(found), found.effects, strict=True)]
+    assert max(e.p for e in found.effects) <= LEVEL, [
+        (n, e.p) for n, e in zip(names(found), found.effects, strict=True)
+    ]
 
 
 def test_a_part_of_the_columns_scans_like_the_whole(rng: np.random.Generator) -> None:
@@ -116,21 +143,28 @@ def test_a_part_of_the_columns_scans_like_the_whole(rng: np.random.Generator) ->
     whole = columns(at, found)
     curve = curves(found, whole, np.log([c.prior for c in found]))[4]
     part = subset(whole, curve.which)
-    assert all(np.array_equal(part.XT[part.slices[k]], whole.XT[whole.slices[g]]) for k, g in enumerate(curve.which))
+    assert all(
+        np.array_equal(part.XT[part.slices[k]], whole.XT[whole.slices[g]])
+        for k, g in enumerate(curve.which)
+    )
     for block in part.grams:
         for k, i, gram in zip(block.which, block.index, block.gram, strict=True):
             assert np.array_equal(i, part.slices[k])
             assert gram == pytest.approx(part.XT[i] @ part.XT[i].T)
     X, r = stacked(at, base.terms, None)
     Q = basis(X)
-    wave = int(curve.which[[found[g].mechanism.name for g in curve.which].index("encoder-eccentricity:4")])
+    wave = int(
+        curve.which[[found[g].mechanism.name for g in curve.which].index("encoder-eccentricity:4")]
+    )
     r = r + 5e-3 * whole.XT[whole.slices[wave]].sum(0)
     value, best = chain(curve, Q, r - Q @ (Q.T @ r), None, np.logical_not(curve.free))
     assert best[0] == wave
     assert value == pytest.approx(chain(curve, Q, r - Q @ (Q.T @ r), best, curve.free)[0])
 
 
-def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(rng: np.random.Generator) -> None:
+def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(
+    rng: np.random.Generator,
+) -> None:
     at = drawn("puma760", rng, 80)
     base = Model((mechanism("geometric", at.robot),))
     fitted = fit(turned(at, 4, 1e-3 * np.sin(at.data.q[:, 3]), rng), base)
@@ -140,7 +174,10 @@ def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(rng:
     seen = scan(columns(at, found, fitted.at()), basis(X))
     y = r - seen.Q @ (seen.Q.T @ r)
     plain = name(seen, found, y)
-    assert (plain.entries[0].candidate.mechanism.name, plain.verdict) == ("gear-eccentricity:4", "found")
+    assert (plain.entries[0].candidate.mechanism.name, plain.verdict) == (
+        "gear-eccentricity:4",
+        "found",
+    )
     assert with_candidate(plain, seen, found, plain.top, y) is plain
     told = with_candidate(plain, seen, found, strange, y)
     assert told.verdict == "cannot be told apart"
@@ -150,7 +187,8 @@ def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(rng:
 
 @seeds(17, 18)
 def test_a_joint_that_turns_about_its_own_target_is_not_the_cause(rng: np.random.Generator) -> None:
-    """With the target a hair off the last axis, a turn of that joint has the right shape and would need radians."""
+    """With the target a hair off the last axis, a turn of that joint has the right shape and would
+    need radians."""
     at = drawn("ur10", rng, 100, tool=(0.05, 0.0, 100.0))
     spin = Mechanism("spin", (Term("m", (Screw(7, "ty", sin(q(6))),)),))
     bent = planted(at, spin.terms, np.array([0.3]), rng, SIGMA)
@@ -161,8 +199,11 @@ def test_a_joint_that_turns_about_its_own_target_is_not_the_cause(rng: np.random
     assert "7 ty sin(q6) & cos(q6)" in [m.name for m in listed]
 
 
-def test_beyond_a_shrunk_model_is_beyond_it_with_its_terms_integrated_out(rng: np.random.Generator) -> None:
-    """What the scan sees behind a free function against generalised least squares with its covariance written out."""
+def test_beyond_a_shrunk_model_is_beyond_it_with_its_terms_integrated_out(
+    rng: np.random.Generator,
+) -> None:
+    """What the scan sees behind a free function against generalised least squares with its
+    covariance written out."""
     at = drawn("puma760", rng, 150)
     bent = turned(at, 4, 4e-4 * np.tanh(at.data.q[:, 3] / 0.3), rng)
     base = Model((mechanism("geometric", at.robot),))

@@ -1,4 +1,6 @@
-"""What pictures are drawn from: details.json against fits made by other means, and words about rivals."""
+"""What pictures are drawn from: details.json against fits made by other means, and words about
+rivals."""
+
 from __future__ import annotations
 
 import json
@@ -20,17 +22,24 @@ from modelsel.study.runner import candidates_of, plan_of, robot_of
 
 
 def entry(name: str | None, *screws: tuple[int, str, str]) -> dict:
-    return {"mechanism": name, "probability": 0.4, "alike": True,
-            "screws": [{"frame": f, "axis": a, "cause": c} for f, a, c in screws]}
+    return {
+        "mechanism": name,
+        "probability": 0.4,
+        "alike": True,
+        "screws": [{"frame": f, "axis": a, "cause": c} for f, a, c in screws],
+    }
 
 
-@pytest.mark.parametrize(("rival", "word"), [
-    (entry(None, (6, "ty", "q4")), "second target"),
-    (entry("thermal-zero:5", (5, "rz", "temperature_C")), "another time"),
-    (entry("approach-backlash:5", (5, "rz", "approach5")), "both sides"),
-    (entry("payload-deflection:5", (5, "rz", "payload_kg*torque5_7")), "payload"),
-    (entry("joint-compliance:5", (5, "rz", "torque5")), "independently"),
-])
+@pytest.mark.parametrize(
+    ("rival", "word"),
+    [
+        (entry(None, (6, "ty", "q4")), "second target"),
+        (entry("thermal-zero:5", (5, "rz", "temperature_C")), "another time"),
+        (entry("approach-backlash:5", (5, "rz", "approach5")), "both sides"),
+        (entry("payload-deflection:5", (5, "rz", "payload_kg*torque5_7")), "payload"),
+        (entry("joint-compliance:5", (5, "rz", "torque5")), "independently"),
+    ],
+)
 def test_what_would_separate_rivals(rival, word) -> None:
     (sentence,) = separation({"credible_set": [entry("wrist-coupling:5", (5, "rz", "q4")), rival]})
     assert word in sentence
@@ -38,11 +47,18 @@ def test_what_would_separate_rivals(rival, word) -> None:
 
 
 def test_panels_show_the_effect_and_take_it_out(drawn) -> None:
-    """Wrist coupling: without it the residual about frame 5 rz grows with q4 as estimated, with it nothing is left."""
+    """Wrist coupling: without it the residual about frame 5 rz grows with q4 as estimated, with it
+    nothing is left."""
     result, details = (json.loads((drawn / f"{n}.json").read_text()) for n in ("result", "details"))
     k = next(k for k, f in enumerate(details["findings"]) if f["label"] == "wrist-coupling:5")
     (panel,) = details["findings"][k]["panels"]
-    assert [panel[n] for n in ("frames", "axis", "against", "against_unit", "unit")] == [[5], "rz", "q4", "deg", "rad"]
+    assert [panel[n] for n in ("frames", "axis", "against", "against_unit", "unit")] == [
+        [5],
+        "rz",
+        "q4",
+        "deg",
+        "rad",
+    ]
     x, w = np.radians(panel["x"]), np.array(panel["weight"])
     slope = {n: float(np.polyfit(x, panel[n], 1, w=np.sqrt(w))[0]) for n in ("before", "after")}
     value, error = (result["findings"][k]["estimate"][0][n] for n in ("value", "standard_error"))
@@ -64,7 +80,7 @@ def test_slopes_of_the_map_are_those_of_a_fit(drawn) -> None:
     keep = [*fitted.found.kept, len(base.terms)]
     theta = np.linalg.lstsq(A.reshape(-1, A.shape[2])[:, keep], r.ravel(), rcond=None)[0]
     i, j = result.error_map.where.index((5, "rz")), result.error_map.causes.index("q4")
-    assert details["map"]["slopes"][i][j][0] == pytest.approx(theta[-1], rel=2e-2)     # nominal column
+    assert details["map"]["slopes"][i][j][0] == pytest.approx(theta[-1], rel=2e-2)  # nominal column
 
 
 def test_thinning_keeps_outliers_and_both_sides(rng) -> None:

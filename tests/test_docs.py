@@ -1,5 +1,6 @@
-"""The documentation site: it builds strictly and without a network, its links lead somewhere, its catalogue is the registry's,
-its tables have every key."""
+"""The documentation site: it builds strictly and without a network, its links lead somewhere, its
+catalogue is the registry's, its tables have every key."""
+
 from __future__ import annotations
 
 import json
@@ -20,11 +21,20 @@ from modelsel.mechanisms.registry import BUILTIN
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 CONTRACT = DOCS / "contract.md"
-LOADS = {"script": "src", "img": "src", "iframe": "src", "source": "src", "video": "src", "object": "data", "link": "href"}
+LOADS = {
+    "script": "src",
+    "img": "src",
+    "iframe": "src",
+    "source": "src",
+    "video": "src",
+    "object": "data",
+    "link": "href",
+}
 sys.path.insert(0, str(DOCS / "making"))
 
 
-# -- the site ------------------------------------------------------------------------------------------------------------
+# -- the site
+# ------------------------------------------------------------------------------------------------------------
 
 
 class _Page(HTMLParser):
@@ -46,19 +56,42 @@ class _Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory) -> Path:
-    """The site, built strictly: any warning of mkdocs (a link, an anchor, a missing page) stops it."""
+    """The site, built strictly: any warning of mkdocs (a link, an anchor, a missing page) stops
+    it."""
     out = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(out)]
-    nowhere = dict.fromkeys(("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY"), "http://127.0.0.1:9")
-    built = subprocess.run(command, cwd=ROOT, env=os.environ | nowhere | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True,
-                           text=True, check=False, timeout=300)
+    command = [
+        sys.executable,
+        "-m",
+        "mkdocs",
+        "build",
+        "--strict",
+        "--quiet",
+        "--site-dir",
+        str(out),
+    ]
+    nowhere = dict.fromkeys(
+        ("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY"), "http://127.0.0.1:9"
+    )
+    built = subprocess.run(
+        command,
+        cwd=ROOT,
+        env=os.environ | nowhere | {"NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
     assert built.returncode == 0, built.stdout + built.stderr
     return out
 
 
 @pytest.fixture(scope="module")
 def pages(site) -> dict[Path, _Page]:
-    return {path: _Page(path.read_text(encoding="utf-8")) for path in site.rglob("*.html") if path.parent.name != "made"}
+    return {
+        path: _Page(path.read_text(encoding="utf-8"))
+        for path in site.rglob("*.html")
+        if path.parent.name != "made"
+    }
 
 
 def test_nothing_is_loaded_from_elsewhere(site, pages) -> None:
@@ -104,16 +137,19 @@ def test_catalogue_is_the_registry(site, pages) -> None:
 
 def test_every_command_and_name_has_its_place(site, pages) -> None:
     import modelsel
+
     assert set(COMMANDS) <= pages[site / "commands.html"].anchors
     said = (site / "python.html").read_text(encoding="utf-8")
     assert all(f"<code>{name}</code>" in said for name in modelsel.__all__)
 
 
-# -- the catalogue ---------------------------------------------------------------------------------------------------------
+# -- the catalogue
+# ---------------------------------------------------------------------------------------------------------
 
 
 def test_a_mechanism_without_its_text_stops_the_build() -> None:
     import catalogue
+
     entry = next(iter(BUILTIN.values()))
     with pytest.raises(KeyError, match="hose-twist"):
         catalogue.texts({**BUILTIN, "hose-twist": entry})
@@ -126,6 +162,7 @@ def test_a_picture_is_the_same_bytes_twice() -> None:
     import catalogue
 
     from modelsel.robot.files import load
+
     robot = load(catalogue.ROBOT)
     one, two = (arm.picture(catalogue.shown("backlash", robot), robot) for _ in range(2))
     assert one == two
@@ -139,6 +176,7 @@ def test_what_is_drawn_is_what_the_chain_does() -> None:
 
     from modelsel.fitting.design import design
     from modelsel.robot.files import load
+
     robot = load(catalogue.ROBOT)
     for stem in BUILTIN:
         mechanism = catalogue.shown(stem, robot)
@@ -150,16 +188,25 @@ def test_what_is_drawn_is_what_the_chain_does() -> None:
         assert np.abs(linear).max() > 0, stem
 
 
-# -- notebooks -------------------------------------------------------------------------------------------------------------
+# -- notebooks
+# -------------------------------------------------------------------------------------------------------------
 
 
 def test_a_notebook_becomes_a_page(tmp_path) -> None:
     import notebooks
-    outputs = [("1 + 1", {"output_type": "execute_result", "data": {"text/plain": ["2"]}}),
-               ("print(3)", {"output_type": "stream", "text": ["3\n"]}),
-               ("plot()", {"data": {"image/png": "iVBO\nRw0=\n", "text/plain": "<Figure>"}})]
-    cells = [{"cell_type": "markdown", "source": ["# First steps\n", "Some words."]},
-             *({"cell_type": "code", "source": source, "outputs": [output]} for source, output in outputs)]
+
+    outputs = [
+        ("1 + 1", {"output_type": "execute_result", "data": {"text/plain": ["2"]}}),
+        ("print(3)", {"output_type": "stream", "text": ["3\n"]}),
+        ("plot()", {"data": {"image/png": "iVBO\nRw0=\n", "text/plain": "<Figure>"}}),
+    ]
+    cells = [
+        {"cell_type": "markdown", "source": ["# First steps\n", "Some words."]},
+        *(
+            {"cell_type": "code", "source": source, "outputs": [output]}
+            for source, output in outputs
+        ),
+    ]
     (tmp_path / "first_steps.ipynb").write_text(json.dumps({"cells": cells, "nbformat": 4}))
     title, text = notebooks.pages(tmp_path)["first_steps"]
     assert title == "First steps"
@@ -169,19 +216,25 @@ def test_a_notebook_becomes_a_page(tmp_path) -> None:
     assert "(first_steps.ipynb)" in text
 
 
-# -- the reference ---------------------------------------------------------------------------------------------------------
+# -- the reference
+# ---------------------------------------------------------------------------------------------------------
 
 
 def table(heading: str) -> dict[str, list[str]]:
     """{first cell: the others} of the table below a heading of the contract page."""
-    part = CONTRACT.read_text(encoding="utf-8").split(f"\n## {heading}\n", 1)[1].split("\n## ", 1)[0]
+    part = (
+        CONTRACT.read_text(encoding="utf-8").split(f"\n## {heading}\n", 1)[1].split("\n## ", 1)[0]
+    )
     rows = [line.strip("| ").split(" | ") for line in part.splitlines() if line.startswith("| `")]
     return {row[0].strip("`"): row[1:] for row in rows}
 
 
-@pytest.mark.parametrize(("heading", "keys"), [("Study file", "study_keys"), ("Fleet file", "fleet_keys")])
+@pytest.mark.parametrize(
+    ("heading", "keys"), [("Study file", "study_keys"), ("Fleet file", "fleet_keys")]
+)
 def test_every_key_stands_there_with_its_default(heading, keys) -> None:
     import reference
+
     shown = {key: cells[0].strip("`") for key, cells in table(heading).items()}
     assert shown == getattr(reference, keys)()
 
@@ -189,14 +242,30 @@ def test_every_key_stands_there_with_its_default(heading, keys) -> None:
 def test_every_key_of_a_result_is_explained() -> None:
     result = json.loads((ROOT / "reports" / "puma760" / "result.json").read_text(encoding="utf-8"))
     said = " ".join(" ".join([key, *cells]) for key, cells in table("`result.json`").items())
-    parts = [result, result["ladder"][0], result["candidates"], result["findings"][0], result["findings"][0]["credible_set"][0],
-             result["nothing_else"], result["parameters"][0], result["significance"][0], result["sampling"],
-             result["correlation"], result["error_map"], result["configurations"], result["chosen"]]
-    assert {key for part in parts for key in part if not re.search(rf"(?<!\w){key}(?!\w)", said)} == set()
+    parts = [
+        result,
+        result["ladder"][0],
+        result["candidates"],
+        result["findings"][0],
+        result["findings"][0]["credible_set"][0],
+        result["nothing_else"],
+        result["parameters"][0],
+        result["significance"][0],
+        result["sampling"],
+        result["correlation"],
+        result["error_map"],
+        result["configurations"],
+        result["chosen"],
+    ]
+    assert {
+        key for part in parts for key in part if not re.search(rf"(?<!\w){key}(?!\w)", said)
+    } == set()
 
 
 def test_every_key_of_a_calibration_is_explained() -> None:
-    stored = json.loads((ROOT / "reports" / "puma760" / "calibration.json").read_text(encoding="utf-8"))
+    stored = json.loads(
+        (ROOT / "reports" / "puma760" / "calibration.json").read_text(encoding="utf-8")
+    )
     said = " ".join(table("`calibration.json`"))
     assert {key for key in stored if key not in said} == set()
 
@@ -206,11 +275,18 @@ def test_constants_are_the_program_s() -> None:
     from modelsel.diagnosis.credible_sets import ALIKE, CREDIBLE, LISTED, SURE
     from modelsel.diagnosis.state import LEVEL
     from modelsel.diagnosis.stepwise import MOST
-    said = {page: (DOCS / f"{page}.md").read_text(encoding="utf-8") for page in ("statistics", "choose", "limits", "contract")}
+
+    said = {
+        page: (DOCS / f"{page}.md").read_text(encoding="utf-8")
+        for page in ("statistics", "choose", "limits", "contract")
+    }
     assert f"share {REGISTERED} of the prior" in said["statistics"]
     assert f"hold {SURE} of the probability" in said["statistics"]
     assert f"holds {CREDIBLE:.0%}".replace("%", " %") in said["statistics"]
-    assert all(f"correlation above {ALIKE} beyond the base" in said[page] for page in ("statistics", "choose"))
+    assert all(
+        f"correlation above {ALIKE} beyond the base" in said[page]
+        for page in ("statistics", "choose")
+    )
     assert f"found at {LEVEL} or less" in said["contract"]
     assert f"to {CREDIBLE} or {LISTED} entries" in said["contract"]
     assert MOST == 24
@@ -219,5 +295,8 @@ def test_constants_are_the_program_s() -> None:
 
 def test_exit_status_table() -> None:
     text = (DOCS / "commands.md").read_text(encoding="utf-8")
-    statuses = {kind.exit_code for kind in (ModelselError, StudyError, DataError, NotEstimable)} | {INTERRUPTED, CHECK_FAILED}
+    statuses = {kind.exit_code for kind in (ModelselError, StudyError, DataError, NotEstimable)} | {
+        INTERRUPTED,
+        CHECK_FAILED,
+    }
     assert set(map(str, statuses)) <= set(re.findall(r"^\| (\d+) \|", text, re.MULTILINE))

@@ -1,5 +1,7 @@
-"""Whole studies of drawn arms with one reflector: no parameter beyond what the data and its usual size allow, a longer tool is
-met as well as by an oracle, and no sentence contradicts a number. `python -m benchmarks.drawn` runs hundreds."""
+"""Whole studies of drawn arms with one reflector: no parameter beyond what the data and its usual
+size allow, a longer tool is met as well as by an oracle, and no sentence contradicts a number.
+`python -m benchmarks.drawn` runs hundreds."""
+
 from __future__ import annotations
 
 import re
@@ -19,8 +21,16 @@ SIX, SEVEN = ("ur5e", "puma760", "irb120", "ur10e"), ("iiwa14", "fr3")
 
 def studied(one: Campaign, seed: int, **model: object) -> Result:
     """The study of a drawn campaign, tracker and target unknown."""
-    return run(Study(name="drawn", seed=seed, measurements=pd.DataFrame(one.columns), model=model,
-                     robot={"nominal": one.robot, "register": True}), sampling=False)
+    return run(
+        Study(
+            name="drawn",
+            seed=seed,
+            measurements=pd.DataFrame(one.columns),
+            model=model,
+            robot={"nominal": one.robot, "register": True},
+        ),
+        sampling=False,
+    )
 
 
 def missed(result: Result, q: np.ndarray, where: np.ndarray) -> float:
@@ -32,23 +42,39 @@ def missed(result: Result, q: np.ndarray, where: np.ndarray) -> float:
 
 
 def off(result: Result, one: Campaign) -> tuple[np.ndarray, np.ndarray]:
-    """(errors in standard errors, estimates in usual sizes) of every geometric parameter that the set-up does not leave open."""
+    """(errors in standard errors, estimates in usual sizes) of every geometric parameter that the
+    set-up does not leave open."""
     fitted, sizes = result.chosen.fit, usual_sizes(result.chosen.fit.model)
-    place = [(k, t.screws[0].frame - 1, ["tx", "ty", "tz", "rx", "ry", "rz"].index(t.screws[0].axis))
-             for k, t in enumerate(fitted.terms) if t.usual in one.robot.usual and k in fitted.found.kept]
+    place = [
+        (k, t.screws[0].frame - 1, ["tx", "ty", "tz", "rx", "ry", "rz"].index(t.screws[0].axis))
+        for k, t in enumerate(fitted.terms)
+        if t.usual in one.robot.usual and k in fitted.found.kept
+    ]
     away = [(fitted.theta[k] - one.errors[f, a]) / fitted.standard_errors[k] for k, f, a in place]
     return np.abs(away), np.abs([fitted.theta[k] / sizes[k] for k, _, _ in place])
 
 
 def contradictions(result: Result) -> list[str]:
     """Sentences that say that a parameter is kept at zero which is not, or the reverse."""
-    record = {t.symbol: v for t, v in zip(result.chosen.fit.terms, result.chosen.fit.theta, strict=True)}
-    zero = [(u, re.search(r"([^;:]*) (?:is|are) kept at zero", u.sentence)) for u in result.unidentifiable]
-    return [f"{symbol} = {record[symbol]}: {u.sentence}" for u, said in zero if said for symbol in u.parameters
-            if re.search(rf"\b{re.escape(symbol)}\b", said[1]) and record[symbol]]
+    record = {
+        t.symbol: v for t, v in zip(result.chosen.fit.terms, result.chosen.fit.theta, strict=True)
+    }
+    zero = [
+        (u, re.search(r"([^;:]*) (?:is|are) kept at zero", u.sentence))
+        for u in result.unidentifiable
+    ]
+    return [
+        f"{symbol} = {record[symbol]}: {u.sentence}"
+        for u, said in zero
+        if said
+        for symbol in u.parameters
+        if re.search(rf"\b{re.escape(symbol)}\b", said[1]) and record[symbol]
+    ]
 
 
-@pytest.mark.parametrize(("names", "effect"), [(SIX, 0.0), (SIX, 1e-3), (SEVEN, 0.0)], ids=["six", "six-effect", "seven"])
+@pytest.mark.parametrize(
+    ("names", "effect"), [(SIX, 0.0), (SIX, 1e-3), (SEVEN, 0.0)], ids=["six", "six-effect", "seven"]
+)
 def test_drawn_studies(names, effect, rng) -> None:
     ours, best, away, size = [], [], [], []
     for seed in range(4):
@@ -56,11 +82,16 @@ def test_drawn_studies(names, effect, rng) -> None:
         result = studied(one, seed) if effect else studied(one, seed, candidates=[])
         q, where = one.later(rng)
         ours.append(missed(result, q, where))
-        best.append(float(np.sqrt(np.square(one.oracle(q, result.data.used) - where).sum(1).mean())))
+        best.append(
+            float(np.sqrt(np.square(one.oracle(q, result.data.used) - where).sum(1).mean()))
+        )
         far, large = off(result, one)
         away.append(far)
         size.append(large.max())
         assert contradictions(result) == []
-    assert np.sqrt(np.mean(np.square(ours))) <= 1.5 * np.sqrt(np.mean(np.square(best))), (ours, best)
+    assert np.sqrt(np.mean(np.square(ours))) <= 1.5 * np.sqrt(np.mean(np.square(best))), (
+        ours,
+        best,
+    )
     assert np.mean(np.concatenate(away) < 4) >= 0.99
     assert max(size) < 10

@@ -1,4 +1,5 @@
 """The evidence of every candidate and its null: what is left out for speed must not matter."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -23,7 +24,9 @@ from modelsel.mechanisms.registry import every, mechanism
 DRAWS = 40
 
 
-def seen_from_base(rng: np.random.Generator, m: int) -> tuple[Scan, tuple[Candidate, ...], np.ndarray]:
+def seen_from_base(
+    rng: np.random.Generator, m: int
+) -> tuple[Scan, tuple[Candidate, ...], np.ndarray]:
     at = drawn("puma760", rng, m)
     base = Model((mechanism("geometric", at.robot),))
     fitted = fit(at, base)
@@ -34,9 +37,12 @@ def seen_from_base(rng: np.random.Generator, m: int) -> tuple[Scan, tuple[Candid
 
 
 @seeds(1, 2)
-@pytest.mark.parametrize("m", [20, 80])        # few degrees of freedom: large shares, large ratios; and many
+@pytest.mark.parametrize(
+    "m", [20, 80]
+)  # few degrees of freedom: large shares, large ratios; and many
 def test_the_null_leaves_out_no_ratio_that_matters(rng: np.random.Generator, m: int) -> None:
-    """Against every ratio of every draw in double precision; free functions and signed compliances among the candidates."""
+    """Against every ratio of every draw in double precision; free functions and signed compliances
+    among the candidates."""
     seen, found, _ = seen_from_base(rng, m)
     assert len(seen.signed)
     assert len(seen.smooth[0]) or m < 80
@@ -53,7 +59,8 @@ def test_the_null_leaves_out_no_ratio_that_matters(rng: np.random.Generator, m: 
 
 
 def test_evidence_of_a_response_is_that_of_its_strengths(rng: np.random.Generator) -> None:
-    """One response alone and among others; the ratio that maximises the sum; candidates that would be large have no part."""
+    """One response alone and among others; the ratio that maximises the sum; candidates that would
+    be large have no part."""
     seen, found, r = seen_from_base(rng, 60)
     y = r - seen.Q @ (seen.Q.T @ r)
     log_prior = np.log([c.prior for c in found])

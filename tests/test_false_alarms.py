@@ -1,9 +1,9 @@
-"""Where nothing is wrong, no more is said than promised: normal noise, heavy tails, unequal variances, errors that last, errors
-that the targets or the repeats of a posture share.
+"""Where nothing is wrong, no more is said than promised: normal noise, heavy tails, unequal
+variances, errors that last, errors that the targets or the repeats of a posture share.
 
-The long runs are `python -m benchmarks.nulls` (benchmarks/results/nulls.txt); these are short, and fail where so many false
-alarms would come by less than 1e-4 at the rate promised.
-"""
+The long runs are `python -m benchmarks.nulls` (benchmarks/results/nulls.txt); these are short, and
+fail where so many false alarms would come by less than 1e-4 at the rate promised."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -51,7 +51,10 @@ def heavy(rng: np.random.Generator, angles: np.ndarray) -> np.ndarray:
 def unequal(rng: np.random.Generator, angles: np.ndarray) -> np.ndarray:
     """The square of the reach, from a quarter to four times the median's."""
     reach = np.linalg.norm(forward(ARM, angles, np.array(TOOL)), axis=1)
-    return rng.standard_normal((len(angles), 3)) * np.clip((reach / np.median(reach)) ** 2, 0.25, 4.0)[:, None]
+    return (
+        rng.standard_normal((len(angles), 3))
+        * np.clip((reach / np.median(reach)) ** 2, 0.25, 4.0)[:, None]
+    )
 
 
 def slant(rng: np.random.Generator, angles: np.ndarray) -> np.ndarray:
@@ -69,29 +72,46 @@ def lasts(rng: np.random.Generator, angles: np.ndarray) -> np.ndarray:
     return out
 
 
-def campaign(noise: Callable[..., np.ndarray], rng: np.random.Generator) -> tuple[Scene, np.ndarray]:
-    """(48 configurations in 8 groups, smooth within a group where errors last, geometry alone wrong; its parameters)."""
+def campaign(
+    noise: Callable[..., np.ndarray], rng: np.random.Generator
+) -> tuple[Scene, np.ndarray]:
+    """(48 configurations in 8 groups, smooth within a group where errors last, geometry alone
+    wrong; its parameters)."""
     angles = ARM.draw(rng, M)
     if noise is lasts:
         start, stop = ARM.draw(rng, GROUPS), ARM.draw(rng, GROUPS)
-        angles = np.concatenate([a + 0.6 * (b - a) * np.linspace(0, 1, EACH)[:, None] for a, b in zip(start, stop, strict=True)])
-    data = measurements(angles, forward(ARM, angles, np.array(TOOL)), group=np.repeat(np.arange(GROUPS), EACH))
+        angles = np.concatenate(
+            [
+                a + 0.6 * (b - a) * np.linspace(0, 1, EACH)[:, None]
+                for a, b in zip(start, stop, strict=True)
+            ]
+        )
+    data = measurements(
+        angles, forward(ARM, angles, np.array(TOOL)), group=np.repeat(np.arange(GROUPS), EACH)
+    )
     at = bind(ARM, data, TOOL)
     kept, theta = list(fit(at, BASE).found.kept), np.zeros(len(BASE.terms))
     theta[kept] = [rng.normal(0, 0.3 if BASE.terms[k].unit == "mm" else 1e-3) for k in kept]
     at = planted(at, BASE.terms, theta)
-    return replace(at, data=replace(at.data, position=at.data.position + SIGMA * noise(rng, angles))), theta
+    return replace(
+        at, data=replace(at.data, position=at.data.position + SIGMA * noise(rng, angles))
+    ), theta
 
 
 def shared(kind: str, rng: np.random.Generator) -> tuple[Scene, np.ndarray]:
-    """Geometry alone wrong: 24 configurations of three reflectors, half of the variance shared by a configuration; or 25 postures
-    in four rounds, a configuration each time, 30 % of the variance the posture's own."""
+    """Geometry alone wrong: 24 configurations of three reflectors, half of the variance shared by a
+    configuration; or 25 postures in four rounds, a configuration each time, 30 % of the variance
+    the posture's own."""
     count, share = (24, 0.5) if kind == "reflectors" else (25, 0.3)
     posture = ARM.draw(rng, count)
     own = np.repeat(np.arange(count), 3) if kind == "reflectors" else np.tile(np.arange(count), 4)
-    tools = np.array([TOOL, (-90.0, 160.0, 120.0), (40.0, 30.0, 260.0)] if kind == "reflectors" else [TOOL])
+    tools = np.array(
+        [TOOL, (-90.0, 160.0, 120.0), (40.0, 30.0, 260.0)] if kind == "reflectors" else [TOOL]
+    )
     target = np.tile(np.arange(3), count) if kind == "reflectors" else np.zeros(len(own), np.intp)
-    position = np.array([forward(ARM, posture[o][None], tools[t])[0] for o, t in zip(own, target, strict=True)])
+    position = np.array(
+        [forward(ARM, posture[o][None], tools[t])[0] for o, t in zip(own, target, strict=True)]
+    )
     data = measurements(posture[own], position, target=[f"r{t}" for t in target])
     assert len(np.unique(data.block)) == count
     assert data.configurations == (count if kind == "reflectors" else 4 * count)
@@ -99,7 +119,9 @@ def shared(kind: str, rng: np.random.Generator) -> tuple[Scene, np.ndarray]:
     kept, theta = list(fit(at, BASE).found.kept), np.zeros(len(BASE.terms))
     theta[kept] = [rng.normal(0, 0.3 if BASE.terms[k].unit == "mm" else 1e-3) for k in kept]
     at = planted(at, BASE.terms, theta)
-    noise = np.sqrt(share) * rng.standard_normal((count, 3))[own] + np.sqrt(1 - share) * rng.standard_normal((len(own), 3))
+    noise = np.sqrt(share) * rng.standard_normal((count, 3))[own] + np.sqrt(
+        1 - share
+    ) * rng.standard_normal((len(own), 3))
     return replace(at, data=replace(at.data, position=at.data.position + SIGMA * noise)), theta
 
 
@@ -119,28 +141,37 @@ def too_many(hits: int, of: int, rate: float = LEVEL) -> bool:
 
 @pytest.mark.parametrize("noise", [even, heavy, unequal, lasts])
 def test_nothing_is_found_in_noise(noise, rng) -> None:
-    """The whole search, and the predictor on what it leaves. Without the residual's own signs, a quarter of the studies of
-    unequal noise and all of those whose errors last had findings."""
+    """The whole search, and the predictor on what it leaves. Without the residual's own signs, a
+    quarter of the studies of unequal noise and all of those whose errors last had findings."""
     found, predicted = [], 0
     for k in range(STUDIES):
         at, _ = campaign(noise, rng)
         data, extension = said(at, k)
-        found += [[e.candidate.mechanism.name for e in extension.effects]] if extension.effects else []
-        told = predictable(data.training().data, extension.fit.residuals(data.training())[:, :3], (False,) * 3, rng)
+        found += (
+            [[e.candidate.mechanism.name for e in extension.effects]] if extension.effects else []
+        )
+        told = predictable(
+            data.training().data, extension.fit.residuals(data.training())[:, :3], (False,) * 3, rng
+        )
         predicted += told is not None and told.p <= LEVEL
-    assert not too_many(len(found), STUDIES), f"{noise.__name__}: {len(found)} of {STUDIES}: {found}"
+    assert not too_many(len(found), STUDIES), (
+        f"{noise.__name__}: {len(found)} of {STUDIES}: {found}"
+    )
     assert not too_many(predicted, STUDIES), f"{noise.__name__}: predictor {predicted} of {STUDIES}"
 
 
 @pytest.mark.parametrize("kind", ["reflectors", "postures"])
 def test_errors_that_a_posture_shares(kind, rng) -> None:
-    """Nothing is named, and 95 % intervals of the geometry hold. By signs that a look at the loudness alone asked for, something
-    was named in nine of ten of these studies, and intervals held 85 %."""
+    """Nothing is named, and 95 % intervals of the geometry hold. By signs that a look at the
+    loudness alone asked for, something was named in nine of ten of these studies, and intervals
+    held 85 %."""
     found, covered, total = [], 0, 0
     for k in range(STUDIES // 2):
         at, theta = shared(kind, rng)
         extension = said(at, k)[1]
-        found += [[e.candidate.mechanism.name for e in extension.effects]] if extension.effects else []
+        found += (
+            [[e.candidate.mechanism.name for e in extension.effects]] if extension.effects else []
+        )
         assert extension.left_p > LEVEL or extension.effects
         truth = dict(zip([term.symbol for term in BASE.terms], theta, strict=True))
         table = intervals(at, fit(at, BASE), k)
@@ -151,7 +182,8 @@ def test_errors_that_a_posture_shares(kind, rng) -> None:
 
 
 def test_what_is_held_back_is_said(rng) -> None:
-    """Errors that last look like drift to a null of equal normal noise: not named, and why is said."""
+    """Errors that last look like drift to a null of equal normal noise: not named, and why is
+    said."""
     for k in range(6):
         extension = said(campaign(lasts, rng)[0], k)[1]
         if not extension.effects and extension.held_back is not None:
@@ -164,8 +196,9 @@ def test_what_is_held_back_is_said(rng) -> None:
 
 
 def test_noise_larger_one_way_is_asked_by_signs() -> None:
-    """A camera's depth: two and a half times as loud along a slant as across it, alike in every row. Taken for noise that is
-    equal every way, one in five such campaigns has an effect (15 in 80; by signs 2)."""
+    """A camera's depth: two and a half times as loud along a slant as across it, alike in every
+    row. Taken for noise that is equal every way, one in five such campaigns has an effect (15 in
+    80; by signs 2)."""
     for seed in range(30):
         at, _ = campaign(slant, np.random.default_rng(seed))
         extension = said(at, seed)[1]
@@ -183,24 +216,32 @@ def test_an_effect_under_uneven_noise_is_found(rng) -> None:
         effect = one(3, "rz", q(2))
         moved = design(at, effect.terms)[0][:, :, 0]
         size = 2 * SIGMA / np.sqrt(np.mean(np.square(moved - moved.mean(0))))
-        shift = np.subtract(*(planted(at, effect.terms, np.array([c])).data.position for c in (size, 0.0)))
-        effects = said(replace(at, data=replace(at.data, position=at.data.position + shift)), 1)[1].effects
+        shift = np.subtract(
+            *(planted(at, effect.terms, np.array([c])).data.position for c in (size, 0.0))
+        )
+        effects = said(replace(at, data=replace(at.data, position=at.data.position + shift)), 1)[
+            1
+        ].effects
         assert effects, noise.__name__
-        assert min(e.p for e in effects) >= 1 / 1000, noise.__name__        # of 999 draws, of either null
+        assert min(e.p for e in effects) >= 1 / 1000, noise.__name__  # of 999 draws, of either null
         assert max(e.p for e in effects) <= LEVEL, noise.__name__
         assert noise is not even or effects[0].p == 1 / 1000
 
 
 def test_single_tests_are_uniform_and_intervals_cover(rng) -> None:
-    """Normal noise: a nested F test's p is uniform, and under others no too often small; 95 % intervals of the geometry cover
-    95 % under all of them."""
+    """Normal noise: a nested F test's p is uniform, and under others no too often small; 95 %
+    intervals of the geometry cover 95 % under all of them."""
     tested = mechanism("joint-compliance:2", ARM)
     for noise, sides in ((even, 2), (heavy, 1), (unequal, 1), (slant, 1)):
         p, covered, total = [], 0, 0
         for k in range(60):
             at, theta = campaign(noise, rng)
             both = fit(at, Model((*BASE.mechanisms, tested)))
-            own = [i for i, term in enumerate(both.terms) if term in tested.terms and i in both.found.kept]
+            own = [
+                i
+                for i, term in enumerate(both.terms)
+                if term in tested.terms and i in both.found.kept
+            ]
             p.append(nested(both, own, resampled(study_of(at), both, np.random.default_rng(k)))[1])
             table = intervals(at, fit(at, BASE), k)
             truth = dict(zip([term.symbol for term in BASE.terms], theta, strict=True))
@@ -210,16 +251,21 @@ def test_single_tests_are_uniform_and_intervals_cover(rng) -> None:
             assert kstest(p, "uniform").pvalue > CHANCE
         assert not too_many(sum(one_p <= LEVEL for one_p in p), len(p))
         # parameters of one study are no independent trials: a third of them is counted as such
-        assert binom.cdf(covered // 3, total // 3, 0.95) > CHANCE, f"{noise.__name__}: {covered} of {total}"
+        assert binom.cdf(covered // 3, total // 3, 0.95) > CHANCE, (
+            f"{noise.__name__}: {covered} of {total}"
+        )
 
 
 def test_intervals_where_errors_last(rng) -> None:
-    """Whole groups are the units: least squares' intervals hold two thirds of the true values, the reported ones nine tenths."""
+    """Whole groups are the units: least squares' intervals hold two thirds of the true values, the
+    reported ones nine tenths."""
     plain, reported, total = 0, 0, 0
     for k in range(12):
         at, theta = campaign(lasts, rng)
         fitted = fit(at, BASE)
-        leaning = {fitted.terms[j].symbol for j in fitted.leaning}           # of these any interval holds the truth
+        leaning = {
+            fitted.terms[j].symbol for j in fitted.leaning
+        }  # of these any interval holds the truth
         table = [p for p in intervals(at, fitted, k) if p.symbol not in leaning]
         assert resampled(study_of(at), fitted, np.random.default_rng(k)).grouped
         truth = dict(zip([term.symbol for term in BASE.terms], theta, strict=True))
@@ -231,7 +277,8 @@ def test_intervals_where_errors_last(rng) -> None:
     assert reported > 0.85 * total
 
 
-# -- the pieces -----------------------------------------------------------------------------------------------------------------
+# -- the pieces
+# -----------------------------------------------------------------------------------------------------------------
 
 
 def test_adjusted_residuals_are_the_formula(rng) -> None:
@@ -239,7 +286,9 @@ def test_adjusted_residuals_are_the_formula(rng) -> None:
     Q = np.linalg.qr(rng.standard_normal((40, 6)))[0]
     e = rng.standard_normal(40)
     e -= Q @ (Q.T @ e)
-    unit = np.r_[rng.permutation(np.r_[np.repeat(np.arange(5), 4), np.repeat(np.arange(5, 8), 6)]), -1, -1]
+    unit = np.r_[
+        rng.permutation(np.r_[np.repeat(np.arange(5), 4), np.repeat(np.arange(5, 8), 6)]), -1, -1
+    ]
     got = adjusted(Q, e, unit)
     np.testing.assert_array_equal(got[-2:], e[-2:])
     for u in range(8):
@@ -257,21 +306,25 @@ def test_groups_go_together_or_not(rng) -> None:
     for residual, count in ((own, M), (shared, GROUPS)):
         (unit,) = units(data, residual, rng)
         assert len(np.unique(unit)) == count
-    again = replace(data, block=np.arange(M) % (M // 2))            # every posture stands in two groups: both kinds are asked
+    again = replace(
+        data, block=np.arange(M) % (M // 2)
+    )  # every posture stands in two groups: both kinds are asked
     (unit,) = units(again, own, rng)
     assert len(np.unique(unit)) == M // 2
     assert [len(np.unique(unit)) for unit in units(again, shared, rng)] == [GROUPS, M // 2]
-    few = replace(data, group=data.group // 2)                       # four groups: sixteen patterns of signs are no null
+    few = replace(data, group=data.group // 2)  # four groups: sixteen patterns of signs are no null
     assert together(few, shared, rng) == 1.0
 
 
 def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:
-    """Where the noise is equal and normal, flipped residuals have the evidence that the exact null has."""
+    """Where the noise is equal and normal, flipped residuals have the evidence that the exact null
+    has."""
     from scipy.stats import ks_2samp
 
     from modelsel.diagnosis.candidates import candidates
     from modelsel.diagnosis.evidence import by_size, null_evidence, shares
     from modelsel.diagnosis.scan import columns
+
     at, _ = campaign(even, rng)
     base_fit = fit(at, BASE, held="nothing")
     found = candidates(at, BASE, every(ARM))

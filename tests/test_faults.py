@@ -1,4 +1,6 @@
-"""What may go wrong around a study: killed, interrupted, no room, no right, no file, no terminal, two at once, no network."""
+"""What may go wrong around a study: killed, interrupted, no room, no right, no file, no terminal,
+two at once, no network."""
+
 from __future__ import annotations
 
 import json
@@ -46,16 +48,23 @@ def everything(folder: Path) -> set[str]:
     return {str(p.relative_to(folder)) for p in folder.rglob("*")}
 
 
-# -- killed, interrupted ----------------------------------------------------------------------------------------------
+# -- killed, interrupted
+# ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("kills", "more"), [(60, []), (4, ["sampling"])], ids=["study", "chain"])
 def test_killed_at_any_step(kills, more, tmp_path) -> None:
-    """SIGKILL at every step on the disk (drawn ones of a chain): every file left is whole, old or new; files of two runs are
-    never read as one; run again, the bytes are those of an unbroken run."""
+    """SIGKILL at every step on the disk (drawn ones of a chain): every file left is whole, old or
+    new; files of two runs are never read as one; run again, the bytes are those of an unbroken
+    run."""
     seed = os.environ.get("MODELSEL_SEED", "7")
-    ran = subprocess.run([sys.executable, str(HERE / "fault_host.py"), str(tmp_path), str(kills), seed, *more],
-                         capture_output=True, text=True, check=False, timeout=600)
+    ran = subprocess.run(
+        [sys.executable, str(HERE / "fault_host.py"), str(tmp_path), str(kills), seed, *more],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=600,
+    )
     assert not ran.returncode, ran.stderr
     found = json.loads(ran.stdout)
     said = f"MODELSEL_SEED={seed}: {found}"
@@ -71,12 +80,19 @@ def test_killed_at_any_step(kills, more, tmp_path) -> None:
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
 def test_interrupted(by, study, tmp_path) -> None:
     """130, with the command that goes on, and nothing left."""
-    code = ("import signal, sys, time, modelsel.study.runner as s\n"
-            "signal.signal(signal.SIGINT, signal.default_int_handler)\n"       # a shell's background job begins deaf to it
-            "s.analyse = lambda *a, **k: (print('there', flush=True), time.sleep(60))\n"
-            "from modelsel.cli.main import main; main(prog_name='modelsel')")
-    ran = subprocess.Popen([sys.executable, "-c", code, *words(study, tmp_path / "out")], stdout=subprocess.PIPE,
-                           stderr=subprocess.PIPE, text=True)
+    code = (
+        "import signal, sys, time, modelsel.study.runner as s\n"
+        # a shell's background job begins deaf to it
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "s.analyse = lambda *a, **k: (print('there', flush=True), time.sleep(60))\n"
+        "from modelsel.cli.main import main; main(prog_name='modelsel')"
+    )
+    ran = subprocess.Popen(
+        [sys.executable, "-c", code, *words(study, tmp_path / "out")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     assert ran.stdout is not None
     assert ran.stdout.readline() == "there\n"
     ran.send_signal(by)
@@ -87,17 +103,20 @@ def test_interrupted(by, study, tmp_path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-# -- no room, no right, no file ---------------------------------------------------------------------------------------
+# -- no room, no right, no file
+# ---------------------------------------------------------------------------------------
 
 
 def test_no_room(study, tmp_path, monkeypatch) -> None:
-    """A full disk: a message, the older result untouched, the new one at least told, nothing half-written."""
+    """A full disk: a message, the older result untouched, the new one at least told, nothing
+    half-written."""
     assert invoked(*words(study, tmp_path / "out"))[0] == 0
     before = {p: p.read_bytes() for p in (tmp_path / "out").iterdir()}
     study.write_text(study.read_text().replace("seed = 3", "seed = 4"))
 
     def full(handle: int) -> None:
         raise OSError(28, "No space left on device")
+
     monkeypatch.setattr("os.fsync", full)
     status, said = invoked(*words(study, tmp_path / "out"))
     assert status == 2
@@ -108,10 +127,17 @@ def test_no_room(study, tmp_path, monkeypatch) -> None:
 
 def test_no_room_at_all(study, tmp_path) -> None:
     """Files that may not grow beyond 4 kB, set by the system."""
+
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
-    ran = subprocess.run([*COMMAND, *words(study, tmp_path / "out")], capture_output=True, text=True, check=False,
-                         preexec_fn=limit)
+
+    ran = subprocess.run(
+        [*COMMAND, *words(study, tmp_path / "out")],
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=limit,
+    )
     assert ran.returncode == 2
     assert "cannot be written: File too large" in ran.stderr
     assert "Traceback" not in ran.stderr
@@ -137,12 +163,14 @@ def test_out_is_a_file(study, tmp_path) -> None:
 def test_the_file_does_not_stay(what, study, tmp_path, monkeypatch) -> None:
     """The measurements vanish, or are written to, while they are read."""
     from modelsel.study import runner as module
+
     read = module.read_measurements
 
     def meddled(path: Path, *rest: object) -> object:
-        found = read(path, *rest)                        # type: ignore[arg-type]
+        found = read(path, *rest)  # type: ignore[arg-type]
         path.unlink() if what == "gone" else path.write_text(path.read_text() + "\n")
         return found
+
     monkeypatch.setattr(module, "read_measurements", meddled)
     status, said = invoked(*words(study, tmp_path / "out"))
     assert status == 3
@@ -158,8 +186,13 @@ def test_no_file_to_read(target, study, tmp_path) -> None:
     study.write_text(study.read_text().replace("measurements.csv", target))
     status, said = invoked(*words(study, tmp_path / "out"))
     assert (status, "Traceback" in said) == (3, False)
-    assert invoked("study", str(tmp_path / target), "--out", str(tmp_path / "out"))[0] == 2 or target == "."
-    study.write_text(study.read_text().replace("robot.toml", target).replace(target, "measurements.csv", 1))
+    assert (
+        invoked("study", str(tmp_path / target), "--out", str(tmp_path / "out"))[0] == 2
+        or target == "."
+    )
+    study.write_text(
+        study.read_text().replace("robot.toml", target).replace(target, "measurements.csv", 1)
+    )
     assert not (tmp_path / "out").exists()
 
 
@@ -167,11 +200,16 @@ def test_no_terminal(study, tmp_path) -> None:
     """Every stream closed, and an output nobody reads: the files are written."""
     for k, ending in enumerate(("<&- >&- 2>&-", "| true")):
         out = tmp_path / f"out{k}"
-        subprocess.run(["bash", "-c", f'"$@" {ending}', "-", *COMMAND, *words(study, out)], check=False, timeout=60)
+        subprocess.run(
+            ["bash", "-c", f'"$@" {ending}', "-", *COMMAND, *words(study, out)],
+            check=False,
+            timeout=60,
+        )
         assert {p.name for p in out.iterdir()} == WRITTEN
 
 
-# -- two at once ------------------------------------------------------------------------------------------------------
+# -- two at once
+# ------------------------------------------------------------------------------------------------------
 
 
 def test_two_at_once(study, tmp_path) -> None:
@@ -187,20 +225,30 @@ def test_two_at_once(study, tmp_path) -> None:
 
 def test_a_claim_ends_with_its_process(tmp_path) -> None:
     """What a killed run leaves unfinished is removed by the next; its chain is not."""
-    code = ("import os, sys, pathlib\nfrom modelsel._files import claimed\n"
-            "with claimed(pathlib.Path(sys.argv[1])): os._exit(9)")
-    assert subprocess.run([sys.executable, "-c", code, str(tmp_path / "out")], check=False).returncode == 9
+    code = (
+        "import os, sys, pathlib\nfrom modelsel._files import claimed\n"
+        "with claimed(pathlib.Path(sys.argv[1])): os._exit(9)"
+    )
+    assert (
+        subprocess.run([sys.executable, "-c", code, str(tmp_path / "out")], check=False).returncode
+        == 9
+    )
     hidden = tmp_path / "out" / ".modelsel"
     (hidden / ".modelsel-part-0a1b2c3d-result.json").write_text("{")
     (hidden / "sampling.npz").write_text("chain")
     (hidden / ".mine").write_text("somebody else's")
     with claimed(tmp_path / "out"):
         assert everything(hidden) == {"lock", "sampling.npz", ".mine"}
-    assert everything(tmp_path / "out") == {".modelsel", ".modelsel/sampling.npz", ".modelsel/.mine"}
+    assert everything(tmp_path / "out") == {
+        ".modelsel",
+        ".modelsel/sampling.npz",
+        ".modelsel/.mine",
+    }
 
 
 def test_a_linked_hidden_folder_is_left_alone(study, tmp_path) -> None:
-    """The output folder's hidden folder leads elsewhere: nothing there is removed, written or opened, and the link is said."""
+    """The output folder's hidden folder leads elsewhere: nothing there is removed, written or
+    opened, and the link is said."""
     home, out = tmp_path / "home", tmp_path / "out"
     home.mkdir()
     out.mkdir()
@@ -229,7 +277,10 @@ def test_the_umask_holds(mask, tmp_path) -> None:
         write_all(tmp_path / "run", {"a": b"new"})
         write_beside(tmp_path / "b", b"new")
         with claimed(tmp_path / "held"):
-            modes = [(tmp_path / name).stat().st_mode & 0o777 for name in ("run/a", "b", "held/.modelsel/lock")]
+            modes = [
+                (tmp_path / name).stat().st_mode & 0o777
+                for name in ("run/a", "b", "held/.modelsel/lock")
+            ]
     finally:
         os.umask(before)
     assert modes == [0o666 & ~mask] * 3
@@ -244,25 +295,39 @@ def test_files_of_a_run_come_together(tmp_path) -> None:
     assert everything(tmp_path) == {"a", "b"}
 
 
-# -- no network -------------------------------------------------------------------------------------------------------
+# -- no network
+# -------------------------------------------------------------------------------------------------------
 
 
 def test_no_network(study, tmp_path) -> None:
-    """A whole study with its report where a socket breaks the run, in a namespace without a network where there are such."""
-    code = ("import socket\n"
-            "def broken(*a, **k): raise RuntimeError('a socket was opened')\n"
-            "socket.socket.__init__ = broken\n"
-            "from modelsel.cli.main import main; main(prog_name='modelsel')")
+    """A whole study with its report where a socket breaks the run, in a namespace without a network
+    where there are such."""
+    code = (
+        "import socket\n"
+        "def broken(*a, **k): raise RuntimeError('a socket was opened')\n"
+        "socket.socket.__init__ = broken\n"
+        "from modelsel.cli.main import main; main(prog_name='modelsel')"
+    )
     words_ = ["study", str(study), "--out", str(tmp_path / "out"), "--no-sampling"]
     alone = ["unshare", "-rn"]
     if shutil.which("unshare") is None or subprocess.run([*alone, "true"], check=False).returncode:
         alone = []
-    ran = subprocess.run([*alone, sys.executable, "-c", code, *words_], capture_output=True, text=True, check=False, timeout=120)
+    ran = subprocess.run(
+        [*alone, sys.executable, "-c", code, *words_],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
     assert not ran.returncode, ran.stderr
-    assert "Warning" not in ran.stderr              # a map of one place leaves room for its words
+    assert "Warning" not in ran.stderr  # a map of one place leaves room for its words
     assert {p.name for p in (tmp_path / "out").iterdir()} == {*WRITTEN, "report.pdf", "report.html"}
 
 
 def test_the_socket_guard_can_fail() -> None:
-    with guarded(), pytest.raises(AssertionError, match="a socket was opened"), socket.socket() as s:
+    with (
+        guarded(),
+        pytest.raises(AssertionError, match="a socket was opened"),
+        socket.socket() as s,
+    ):
         s.connect(("localhost", 1))

@@ -1,4 +1,6 @@
-"""Many studies as one job: two workers, one of which dies; what fails stops nothing; results as alone, byte for byte."""
+"""Many studies as one job: two workers, one of which dies; what fails stops nothing; results as
+alone, byte for byte."""
+
 from __future__ import annotations
 
 import json
@@ -88,7 +90,8 @@ tool_mm = [40, -25, 100]
 
 
 def test_fleet_on_two_workers(folder) -> None:
-    """One worker is killed at work; one study fails; the others are as alone; a second run takes up what is there."""
+    """One worker is killed at work; one study fails; the others are as alone; a second run takes up
+    what is there."""
     fleet, out = read_fleet(folder / "fleet.toml"), folder / "out"
     said: list[str] = []
     killed: list[int] = []
@@ -101,6 +104,7 @@ def test_fleet_on_two_workers(folder) -> None:
             victim = busy[0]
             killed.append(first[victim])
             os.kill(first[victim], signal.SIGKILL)
+
         thread = Thread(target=kill)
         thread.start()
         rows = run_fleet(fleet, out, client, sampling=False, say=said.append)
@@ -109,18 +113,34 @@ def test_fleet_on_two_workers(folder) -> None:
         kept = (out / "arm0" / "result.json").stat().st_mtime_ns
         again = run_fleet(fleet, out, client, sampling=False, resume=True, say=said.append)
     assert killed
-    assert [row["name"] for row in rows] == ["arm0", "arm1", "arm2", "arm3", "arm4", "what-if", "whole"]
+    assert [row["name"] for row in rows] == [
+        "arm0",
+        "arm1",
+        "arm2",
+        "arm3",
+        "arm4",
+        "what-if",
+        "whole",
+    ]
     assert [row["state"] for row in rows] == ["done", "done", "failed", *4 * ["done"]]
-    assert (rows[2]["exit"], "line 9" in rows[2]["why"], "x_mm" in rows[2]["why"]) == (3, True, True)
+    assert (rows[2]["exit"], "line 9" in rows[2]["why"], "x_mm" in rows[2]["why"]) == (
+        3,
+        True,
+        True,
+    )
     assert again == rows
     assert (out / "arm0" / "result.json").stat().st_mtime_ns == kept
     assert any("4 of 6 are finished already" in line for line in said)
     for name in ("arm0", "arm4"):
         alone = run(read_study(folder / name), folder / name, sampling=False)
         assert (out / name / "result.json").read_bytes() == alone.to_json().encode()
-        assert load_result(out / name).to_json() == alone.to_json()         # with all that a report is drawn from
-    assert json.loads((out / "what-if" / "result.json").read_text())["provenance"]["data_sha256"] == json.loads(
-        (out / "arm1" / "result.json").read_text())["provenance"]["data_sha256"]
+        assert (
+            load_result(out / name).to_json() == alone.to_json()
+        )  # with all that a report is drawn from
+    assert (
+        json.loads((out / "what-if" / "result.json").read_text())["provenance"]["data_sha256"]
+        == json.loads((out / "arm1" / "result.json").read_text())["provenance"]["data_sha256"]
+    )
     found = json.loads((out / "whole" / "parts.json").read_text())
     assert (found["rows"], found["pieces"]) == (300, 6)
     assert found["sigma_mm"] == pytest.approx(0.05, rel=0.15)
@@ -130,7 +150,10 @@ def test_fleet_on_two_workers(folder) -> None:
     before = [path.read_bytes() for path in written]
     assert [path.read_bytes() for path in save_summary(again, out, fleet.name)] == before
     pdf = PdfReader(written[2])
-    metadata, words = pdf.xmp_metadata, " ".join("".join(page.extract_text() for page in pdf.pages).split())
+    metadata, words = (
+        pdf.xmp_metadata,
+        " ".join("".join(page.extract_text() for page in pdf.pages).split()),
+    )
     assert b"pdfuaid" in metadata.stream.get_data()
     assert len(pdf.pages) <= 3
     assert "five arms" in words
@@ -157,13 +180,17 @@ file = "arm0"
     assert len(wrong.value.problems) == 2
     assert 'no file matches "nowhere*' in str(wrong.value)
     assert '"arm0" stands twice' in str(wrong.value)
-    (folder / "fleet.toml").write_text('name = "x"\n[[study]]\nfiel = "arm0"\n[[parts]]\nname = "p"\n')
+    (folder / "fleet.toml").write_text(
+        'name = "x"\n[[study]]\nfiel = "arm0"\n[[parts]]\nname = "p"\n'
+    )
     with pytest.raises(StudyError) as wrong:
         read_fleet(folder / "fleet.toml")
     assert 'unknown key "study.1.fiel". Did you mean "file"?' in str(wrong.value)
     assert "parts.1.tool_mm is missing" in str(wrong.value)
-    (folder / "fleet.toml").write_text('name = "x"\n[[parts]]\nname = "p"\nfiles = ["day*.parquet"]\nrobot = "puma760"\n'
-                                       "tool_mm = [40, -25, 100]\nfolds = 1000000000000\n")        # each is held
+    (folder / "fleet.toml").write_text(
+        'name = "x"\n[[parts]]\nname = "p"\nfiles = ["day*.parquet"]\nrobot = "puma760"\n'
+        "tool_mm = [40, -25, 100]\nfolds = 1000000000000\n"
+    )  # each is held
     with pytest.raises(StudyError, match=r"parts\.1\.folds.*1000"):
         read_fleet(folder / "fleet.toml")
     with pytest.raises(StudyError, match="no such fleet file"):
@@ -171,12 +198,20 @@ file = "arm0"
 
 
 def test_an_unexpected_error_in_one_set_stops_nothing(folder, monkeypatch) -> None:
-    """A set whose work breaks in a way nobody foresaw: its row says so, the set after it is fitted."""
+    """A set whose work breaks in a way nobody foresaw: its row says so, the set after it is
+    fitted."""
     text = (folder / "fleet.toml").read_text()
-    (folder / "fleet.toml").write_text('name = "two"\n' + "".join(
-        text[text.index("[[parts]]"):].replace('"whole"', f'"{name}"') for name in ("first", "second")))
+    (folder / "fleet.toml").write_text(
+        'name = "two"\n'
+        + "".join(
+            text[text.index("[[parts]]") :].replace('"whole"', f'"{name}"')
+            for name in ("first", "second")
+        )
+    )
     found = fleets.fit_parts
-    monkeypatch.setattr(fleets, "fit_parts", lambda *a: found(*a) if len(calls.append(1) or calls) > 1 else 1 / 0)
+    monkeypatch.setattr(
+        fleets, "fit_parts", lambda *a: found(*a) if len(calls.append(1) or calls) > 1 else 1 / 0
+    )
     calls: list[int] = []
 
     class Here:
@@ -189,6 +224,7 @@ def test_an_unexpected_error_in_one_set_stops_nothing(folder, monkeypatch) -> No
 
         def gather(self, done):
             return done
+
     monkeypatch.setattr("distributed.as_completed", lambda futures, loop: iter(futures))
     rows = run_fleet(read_fleet(folder / "fleet.toml"), folder / "out", Here())
     assert [(row["state"], row["exit"]) for row in rows] == [("failed", 1), ("done", 0)]
@@ -197,7 +233,8 @@ def test_an_unexpected_error_in_one_set_stops_nothing(folder, monkeypatch) -> No
 
 
 def test_a_study_alone_in_a_fleets_folder(folder) -> None:
-    """Two runs never write into one folder: the fleet's row says so, what the other run does is left alone."""
+    """Two runs never write into one folder: the fleet's row says so, what the other run does is
+    left alone."""
     task, out = read_fleet(folder / "fleet.toml").tasks[0], folder / "out" / "arm0"
     with claimed(out):
         row = fleets._one(task, str(out), False, False)
@@ -208,10 +245,15 @@ def test_a_study_alone_in_a_fleets_folder(folder) -> None:
 
 
 def test_pieces_know_nothing_of_the_one_before(folder) -> None:
-    """What hangs on the order of motion across pieces is refused; stated directions of approach are as in one file."""
+    """What hangs on the order of motion across pieces is refused; stated directions of approach are
+    as in one file."""
     files = sorted(folder.glob("day*.parquet"))
     arm = load("puma760")
-    for name, said in (("tracker-drift", "progress"), ("settle:2", "move2"), ("approach-backlash:2", "approach1")):
+    for name, said in (
+        ("tracker-drift", "progress"),
+        ("settle:2", "move2"),
+        ("approach-backlash:2", "approach1"),
+    ):
         model = Model((mechanism("geometric", arm), mechanism(name, arm)))
         with pytest.raises(StudyError, match=said):
             fit_parts(Parts(arm, TOOL, parts_of(files)), model)
@@ -222,7 +264,9 @@ def test_pieces_know_nothing_of_the_one_before(folder) -> None:
     model = Model((mechanism("geometric", arm), mechanism("approach-backlash:2", arm)))
     fitted, _ = fit_parts(Parts(arm, TOOL, parts_of([folder / "stated.parquet"])), model)
     at = read_measurements(folder / "stated.parquet", [False] * 6)
-    np.testing.assert_allclose(fitted.theta, fit(scene(arm, at, np.array([TOOL])), model).theta, atol=1e-9)
+    np.testing.assert_allclose(
+        fitted.theta, fit(scene(arm, at, np.array([TOOL])), model).theta, atol=1e-9
+    )
 
 
 def test_no_scheduler_there() -> None:

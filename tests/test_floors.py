@@ -1,7 +1,8 @@
-"""The house: imports point up the page, files and functions stay short, heavy libraries are imported late.
+"""The house: imports point up the page, files and functions stay short, heavy libraries are
+imported late.
 
-Only the text of the modules is read; nothing is imported. Late imports and imports under TYPE_CHECKING count too.
-"""
+Only the text of the modules is read; nothing is imported. Late imports and imports under
+TYPE_CHECKING count too."""
 
 from __future__ import annotations
 
@@ -12,33 +13,64 @@ from pathlib import Path
 
 import pytest
 
-# The folders of the package, top to bottom: a module may import from its own floor and from those above it in this list.
+# The folders of the package, top to bottom: a module may import from its own floor and from those
+# above it in this list.
 FLOORS = (
-    "base", "robot", "measurements", "mechanisms", "fitting", "setup", "selection", "diagnosis", "uncertainty", "config",
-    "calibration", "results", "report", "study", "cli",
+    "base",
+    "robot",
+    "measurements",
+    "mechanisms",
+    "fitting",
+    "setup",
+    "selection",
+    "diagnosis",
+    "uncertainty",
+    "config",
+    "calibration",
+    "results",
+    "report",
+    "study",
+    "cli",
 )
-BASE = ("exceptions", "notices")  # and every module of the package itself whose name starts with an underscore
-TOP = ("__init__", "__main__", "testing")  # beside the command line: the names of `import modelsel`, and of plug-ins' tests
+BASE = (
+    "exceptions",
+    "notices",
+)  # and every module of the package itself whose name starts with an underscore
+TOP = (
+    "__init__",
+    "__main__",
+    "testing",
+)  # beside the command line: the names of `import modelsel`, and of plug-ins' tests
 HEAVY = ("scipy.stats", "matplotlib", "pandas", "pyarrow", "emcee", "rich", "pydantic", "typst")
-ALLOWED = {("study_file", "pydantic"), ("fleet_file", "pydantic")}  # a study or fleet file is its schema, imported to read one
+ALLOWED = {
+    ("study_file", "pydantic"),
+    ("fleet_file", "pydantic"),
+}  # a study or fleet file is its schema, imported to read one
 LONGEST_FILE = 300
 LONGEST_FUNCTION = 60
 
 PACKAGE = Path(__file__).parents[1] / "modelsel"
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 LEVEL = (
-    {floor: level for level, floor in enumerate(FLOORS)} | dict.fromkeys(BASE, 0) | dict.fromkeys(TOP, len(FLOORS) - 1)
+    {floor: level for level, floor in enumerate(FLOORS)}
+    | dict.fromkeys(BASE, 0)
+    | dict.fromkeys(TOP, len(FLOORS) - 1)
 )
 
 
 def modules_of(package: Path) -> dict[str, Path]:
-    """Dotted name -> file, for every module below the package; a folder goes by the name of its __init__."""
-    dotted = {".".join(path.relative_to(package.parent).with_suffix("").parts): path for path in package.rglob("*.py")}
+    """Dotted name -> file, for every module below the package; a folder goes by the name of its
+    __init__."""
+    dotted = {
+        ".".join(path.relative_to(package.parent).with_suffix("").parts): path
+        for path in package.rglob("*.py")
+    }
     return {name.removesuffix(".__init__"): dotted[name] for name in sorted(dotted)}
 
 
 def imports_of(name: str, path: Path, known: Mapping[str, Path]) -> Iterator[tuple[int, str]]:
-    """(line, dotted name) of each module of the same package that a file imports, wherever in the file it does."""
+    """(line, dotted name) of each module of the same package that a file imports, wherever in the
+    file it does."""
     house = name.partition(".")[0]
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -49,11 +81,16 @@ def imports_of(name: str, path: Path, known: Mapping[str, Path]) -> Iterator[tup
             found = [child if child in known else base for child in children]
         else:
             continue
-        yield from ((node.lineno, target) for target in dict.fromkeys(found) if target.partition(".")[0] == house)
+        yield from (
+            (node.lineno, target)
+            for target in dict.fromkeys(found)
+            if target.partition(".")[0] == house
+        )
 
 
 def absolute(node: ast.ImportFrom, name: str, *, is_package: bool) -> str:
-    """The module that a from-import names: `from ..fit import x` inside modelsel.report.pdf is modelsel.fit."""
+    """The module that a from-import names: `from ..fit import x` inside modelsel.report.pdf is
+    modelsel.fit."""
     if not node.level:
         return node.module or ""
     parts = name.split(".") if is_package else name.split(".")[:-1]
@@ -66,7 +103,8 @@ def level_of(name: str) -> int | None:
 
 
 def floor_problems(package: Path) -> list[str]:
-    """Modules without a floor, imports that point down the page, and imports that run in a circle."""
+    """Modules without a floor, imports that point down the page, and imports that run in a
+    circle."""
     known = modules_of(package)
     problems = [
         f"{path}: {name} stands on no floor: move it into the folder of one of FLOORS (tests/test_floors.py)"
@@ -92,7 +130,8 @@ def floor_problems(package: Path) -> list[str]:
 
 
 def length_problems(package: Path) -> list[str]:
-    """Files above LONGEST_FILE lines, functions above LONGEST_FUNCTION from `def` to last line, docstring included."""
+    """Files above LONGEST_FILE lines, functions above LONGEST_FUNCTION from `def` to last line,
+    docstring included."""
     problems = []
     for path in modules_of(package).values():
         text = path.read_text(encoding="utf-8")
@@ -101,17 +140,22 @@ def length_problems(package: Path) -> list[str]:
         problems += [
             f"{path}:{node.lineno}: {node.name} has {lines} lines, at most {LONGEST_FUNCTION}"
             for node in ast.walk(ast.parse(text))
-            if isinstance(node, FUNCTIONS) and (lines := (node.end_lineno or 0) - node.lineno + 1) > LONGEST_FUNCTION
+            if isinstance(node, FUNCTIONS)
+            and (lines := (node.end_lineno or 0) - node.lineno + 1) > LONGEST_FUNCTION
         ]
     return problems
 
 
 def run_on_import(node: ast.AST) -> Iterator[ast.AST]:
-    """Every node that is run when the file is imported: not inside functions, not under `if TYPE_CHECKING`."""
+    """Every node that is run when the file is imported: not inside functions, not under `if
+    TYPE_CHECKING`."""
     for child in ast.iter_child_nodes(node):
         if isinstance(child, (*FUNCTIONS, ast.Lambda)):
             continue
-        if isinstance(child, ast.If) and ast.unparse(child.test) in {"TYPE_CHECKING", "typing.TYPE_CHECKING"}:
+        if isinstance(child, ast.If) and ast.unparse(child.test) in {
+            "TYPE_CHECKING",
+            "typing.TYPE_CHECKING",
+        }:
             yield from run_on_import(ast.Module(child.orelse, []))
         else:
             yield child
@@ -132,13 +176,16 @@ def heavy_problems(package: Path) -> list[str]:
             problems += [
                 f"{path}:{node.lineno}: {heavy} is imported with the module; import it in the function that needs it"
                 for heavy in HEAVY
-                if (path.stem, heavy) not in ALLOWED and any(f"{name}.".startswith(f"{heavy}.") for name in names)
+                if (path.stem, heavy) not in ALLOWED
+                and any(f"{name}.".startswith(f"{heavy}.") for name in names)
             ]
     return problems
 
 
 def test_every_name_stands_on_one_floor() -> None:
-    assert set(LEVEL) >= {path.name for path in PACKAGE.iterdir() if path.is_dir() and any(path.glob("*.py"))}
+    assert set(LEVEL) >= {
+        path.name for path in PACKAGE.iterdir() if path.is_dir() and any(path.glob("*.py"))
+    }
     assert modules_of(PACKAGE), f"no modules in {PACKAGE}"
 
 
@@ -149,41 +196,109 @@ def test_house(problems) -> None:
 
 
 BREACHES = {
-    "from, down": (floor_problems, {"fitting/least_squares.py": "from modelsel.selection.subsets import best"}, "selection.subsets from"),
-    "package, down": (floor_problems, {"fitting/least_squares.py": "from modelsel.selection import subsets"}, "selection.subsets from"),
-    "import, down": (floor_problems, {"fitting/least_squares.py": "import modelsel.selection.subsets as s"}, "selection.subsets from"),
-    "relative, down": (floor_problems, {"fitting/least_squares.py": "from ..selection.subsets import best"}, "selection.subsets from"),
-    "dot, down": (floor_problems, {"fitting/least_squares.py": "from ..selection import subsets"}, "selection.subsets from"),
-    "subpackage, down": (floor_problems, {"report/figures/a.py": "from ...cli.main import f"}, "cli.main from"),
-    "late, down": (floor_problems, {"fitting/least_squares.py": "def f():\n    import modelsel.selection.subsets"}, "selection.subsets from"),
-    "front door": (floor_problems, {"fitting/least_squares.py": "from modelsel import __version__"}, "floor 'cli'"),
+    "from, down": (
+        floor_problems,
+        {"fitting/least_squares.py": "from modelsel.selection.subsets import best"},
+        "selection.subsets from",
+    ),
+    "package, down": (
+        floor_problems,
+        {"fitting/least_squares.py": "from modelsel.selection import subsets"},
+        "selection.subsets from",
+    ),
+    "import, down": (
+        floor_problems,
+        {"fitting/least_squares.py": "import modelsel.selection.subsets as s"},
+        "selection.subsets from",
+    ),
+    "relative, down": (
+        floor_problems,
+        {"fitting/least_squares.py": "from ..selection.subsets import best"},
+        "selection.subsets from",
+    ),
+    "dot, down": (
+        floor_problems,
+        {"fitting/least_squares.py": "from ..selection import subsets"},
+        "selection.subsets from",
+    ),
+    "subpackage, down": (
+        floor_problems,
+        {"report/figures/a.py": "from ...cli.main import f"},
+        "cli.main from",
+    ),
+    "late, down": (
+        floor_problems,
+        {"fitting/least_squares.py": "def f():\n    import modelsel.selection.subsets"},
+        "selection.subsets from",
+    ),
+    "front door": (
+        floor_problems,
+        {"fitting/least_squares.py": "from modelsel import __version__"},
+        "floor 'cli'",
+    ),
     "no floor": (floor_problems, {"utils.py": ""}, "modelsel.utils stands on no floor"),
-    "no module": (floor_problems, {"fitting/least_squares.py": "from .gone import x"}, "modelsel.fitting.gone, which does not exist"),
+    "no module": (
+        floor_problems,
+        {"fitting/least_squares.py": "from .gone import x"},
+        "modelsel.fitting.gone, which does not exist",
+    ),
     "circle": (
         floor_problems,
-        {"fitting/least_squares.py": "from . import noise", "fitting/noise.py": "from .least_squares import f"},
+        {
+            "fitting/least_squares.py": "from . import noise",
+            "fitting/noise.py": "from .least_squares import f",
+        },
         "in a circle",
     ),
     "circle inside": (
         floor_problems,
-        {"report/figures/__init__.py": "from .a import A", "report/figures/a.py": "from . import B"},
+        {
+            "report/figures/__init__.py": "from .a import A",
+            "report/figures/a.py": "from . import B",
+        },
         "in a circle",
     ),
     "long file": (length_problems, {"fitting/least_squares.py": "x = 1\n" * 301}, "301 lines"),
-    "long function": (length_problems, {"fitting/least_squares.py": "class A:\n  def f():\n" + "    x = 1\n" * 60}, "f has 61 lines"),
-    "heavy": (heavy_problems, {"fitting/least_squares.py": "import pandas as pd"}, "least_squares.py:1: pandas is imported"),
-    "heavy, from": (heavy_problems, {"fitting/least_squares.py": "from scipy import linalg, stats"}, "scipy.stats is imported"),
-    "heavy, below": (heavy_problems, {"fitting/least_squares.py": "try:\n    import rich.table\nexcept: ..."}, "rich is imported"),
+    "long function": (
+        length_problems,
+        {"fitting/least_squares.py": "class A:\n  def f():\n" + "    x = 1\n" * 60},
+        "f has 61 lines",
+    ),
+    "heavy": (
+        heavy_problems,
+        {"fitting/least_squares.py": "import pandas as pd"},
+        "least_squares.py:1: pandas is imported",
+    ),
+    "heavy, from": (
+        heavy_problems,
+        {"fitting/least_squares.py": "from scipy import linalg, stats"},
+        "scipy.stats is imported",
+    ),
+    "heavy, below": (
+        heavy_problems,
+        {"fitting/least_squares.py": "try:\n    import rich.table\nexcept: ..."},
+        "rich is imported",
+    ),
 }
 SOUND = {
     "up": {
         "fitting/least_squares.py": "from ..exceptions import E\nfrom modelsel.robot import rigid\nimport modelsel.fitting.design, numpy"
     },
     "own floor": {"fitting/least_squares.py": "from . import noise"},
-    "subpackage": {"report/figures/__init__.py": "from . import a", "report/figures/a.py": "from ..style import S"},
-    "door": {"__init__.py": "from modelsel.fitting.least_squares import f", "__main__.py": "from .cli.main import main"},
-    "late": {"fitting/least_squares.py": "import scipy.linalg, richer\ndef f():\n    import pandas\n    from scipy import stats"},
-    "types": {"fitting/least_squares.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import pandas as pd"},
+    "subpackage": {
+        "report/figures/__init__.py": "from . import a",
+        "report/figures/a.py": "from ..style import S",
+    },
+    "door": {
+        "__init__.py": "from modelsel.fitting.least_squares import f",
+        "__main__.py": "from .cli.main import main",
+    },
+    "late": {
+        "fitting/least_squares.py": "import scipy.linalg, richer\ndef f():\n    import pandas\n    from scipy import stats"
+    },
+    "types": {
+        "fitting/least_squares.py": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import pandas as pd"
+    },
     "at the limits": {"fitting/least_squares.py": "def f():\n" + "    x = 1\n" * 59 + "\n" * 240},
 }
 
@@ -191,8 +306,21 @@ SOUND = {
 def planted(folder: Path, files: Mapping[str, str]) -> Path:
     """A package named modelsel with the modules that the examples import, and the given files."""
     names = (
-        *("__init__", "exceptions", "robot/rigid", "report/style", "report/figures/__init__", "cli/main"),
-        *("fitting/design", "fitting/least_squares", "fitting/noise", "selection/__init__", "selection/subsets"),
+        *(
+            "__init__",
+            "exceptions",
+            "robot/rigid",
+            "report/style",
+            "report/figures/__init__",
+            "cli/main",
+        ),
+        *(
+            "fitting/design",
+            "fitting/least_squares",
+            "fitting/noise",
+            "selection/__init__",
+            "selection/subsets",
+        ),
     )
     for name, text in ({f"{name}.py": "" for name in names} | dict(files)).items():
         path = folder / "modelsel" / name

@@ -1,4 +1,6 @@
-"""Gravity on the chain: published torques, the slope of the potential, levers of the arm pair, tilt of the base."""
+"""Gravity on the chain: published torques, the slope of the potential, levers of the arm pair, tilt
+of the base."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -17,7 +19,8 @@ from modelsel.robot.rigid import transform, turn
 
 
 def test_puma560_published_gravity_load() -> None:
-    """robotics-toolbox-python, tests/test_DHRobot.py: gravload(qn); the actuators' torque, the weight's with the other sign."""
+    """robotics-toolbox-python, tests/test_DHRobot.py: gravload(qn); the actuators' torque, the
+    weight's with the other sign."""
     robot, q = load("puma560"), np.radians([[0, 45, 180, 0, 45, 0]])
     found = torques(robot, pose(robot, q, np.zeros(3)), q)[:, 0]
     np.testing.assert_allclose(-found, [0, 31.6399, 6.0351, 0, 0.0283, 0], atol=5e-5)
@@ -25,7 +28,8 @@ def test_puma560_published_gravity_load() -> None:
 
 @pytest.mark.parametrize("name", builtin_names())
 def test_torque_is_the_slope_of_the_potential(name, rng) -> None:
-    """dU/dq of the masses of the robot file, or 1 kg at each later frame's origin and the target: own sum."""
+    """dU/dq of the masses of the robot file, or 1 kg at each later frame's origin and the target:
+    own sum."""
     at = drawn(name, rng, 4)
     robot, q, tool = at.robot, at.data.q, at.tools[0]
     given = any(j.mass for j in robot.joints)
@@ -33,47 +37,76 @@ def test_torque_is_the_slope_of_the_potential(name, rng) -> None:
     def potential(q: np.ndarray, first: int) -> np.ndarray:
         frames = pose(robot, q, tool)
         if not given:
-            bodies = [(1.0, frames.origins[k]) for k in range(first + 1, robot.n)] + [(1.0, frames.target)]
+            bodies = [(1.0, frames.origins[k]) for k in range(first + 1, robot.n)] + [
+                (1.0, frames.target)
+            ]
         else:
-            bodies = [(j.mass or 0.0, np.stack([(exact_frame(robot, x, k) @ [*j.com, 1])[:3] for x in q], 1))
-                      for k, j in enumerate(robot.joints)]
+            bodies = [
+                (
+                    j.mass or 0.0,
+                    np.stack([(exact_frame(robot, x, k) @ [*j.com, 1])[:3] for x in q], 1),
+                )
+                for k, j in enumerate(robot.joints)
+            ]
         return sum(m * G * np.array(robot.gravity) @ p / 1e3 for m, p in bodies)
 
     found = torques(robot, pose(robot, q, tool), q)
     for k in range(robot.n):
         step = np.eye(robot.n)[k] * 1e-5
-        np.testing.assert_allclose(found[k], (potential(q + step, k) - potential(q - step, k)) / 2e-5, atol=1e-6)
+        np.testing.assert_allclose(
+            found[k], (potential(q + step, k) - potential(q - step, k)) / 2e-5, atol=1e-6
+        )
 
 
 def exact_frame(robot: Robot, q: np.ndarray, last: int) -> np.ndarray:
     T = np.eye(4)
-    for joint, value in list(zip(robot.joints, q, strict=True))[:last + 1]:
+    for joint, value in list(zip(robot.joints, q, strict=True))[: last + 1]:
         T = T @ joint.before @ transform(turn(2, value))
     return T
 
 
 def test_which_joints_lie_under_gravity() -> None:
-    assert under_gravity(load("puma760")) == (2, 3, 4, 5)          # joint 1 is vertical, joint 6 has the target on its axis
-    assert arm_pair(load("iiwa14")) is None                           # no two successive joints stay parallel
+    assert under_gravity(load("puma760")) == (
+        2,
+        3,
+        4,
+        5,
+    )  # joint 1 is vertical, joint 6 has the target on its axis
+    assert arm_pair(load("iiwa14")) is None  # no two successive joints stay parallel
 
 
 def test_arm_pair_of_the_paper() -> None:
     """h1..h4's causes on the paper's arm, from chain and gravity alone."""
-    terms = {t.symbol: t.screws for name in ("joint2-twist", "joint3-twist", "backlash:3")
-             for t in mechanism(name, load("puma760")).terms}
-    assert [str(s[0]) for s in terms.values()] == ["frame 2 rz · cos(q2+q3)", "frame 2 rz · cos(q2)", "frame 3 rz · cos(q2+q3)",
-                                                   "frame 3 rz · sign(cos(q2+q3))"]
+    terms = {
+        t.symbol: t.screws
+        for name in ("joint2-twist", "joint3-twist", "backlash:3")
+        for t in mechanism(name, load("puma760")).terms
+    }
+    assert [str(s[0]) for s in terms.values()] == [
+        "frame 2 rz · cos(q2+q3)",
+        "frame 2 rz · cos(q2)",
+        "frame 3 rz · cos(q2+q3)",
+        "frame 3 rz · sign(cos(q2+q3))",
+    ]
 
 
 @pytest.mark.parametrize("flip", [1, -1], ids=["parallel", "antiparallel"])
 @pytest.mark.parametrize("turned", [0, 40, 200], ids=lambda v: f"zero{v}deg")
 def test_twist_follows_the_load_of_any_planar_arm(flip, turned, rng) -> None:
-    """A mass at the wrist alone: the twists' causes are its levers, and with positive compliance their sign is physics'."""
-    robot = robot_from_table({"gravity": [0, 0, -1], "joint": [
-        {"xyz_mm": [0, 0, 300], "axis": [0, 0, 1]},
-        {"xyz_mm": [0, 0, 100], "rpy_deg": [0, turned, 0], "axis": [0, 1, 0]},
-        {"xyz_mm": [600, 0, 0], "axis": [0, flip, 0]},
-        {"xyz_mm": [500, 0, 0], "axis": [1, 0, 0], "mass_kg": 1.0, "com_mm": [0, 0, 0]}]}, "planar.toml")
+    """A mass at the wrist alone: the twists' causes are its levers, and with positive compliance
+    their sign is physics'."""
+    robot = robot_from_table(
+        {
+            "gravity": [0, 0, -1],
+            "joint": [
+                {"xyz_mm": [0, 0, 300], "axis": [0, 0, 1]},
+                {"xyz_mm": [0, 0, 100], "rpy_deg": [0, turned, 0], "axis": [0, 1, 0]},
+                {"xyz_mm": [600, 0, 0], "axis": [0, flip, 0]},
+                {"xyz_mm": [500, 0, 0], "axis": [1, 0, 0], "mass_kg": 1.0, "com_mm": [0, 0, 0]},
+            ],
+        },
+        "planar.toml",
+    )
     q = rng.uniform(-3, 3, (40, 4))
     at = bind(robot, measurements(q, forward(robot, q, np.zeros(3))), (0, 0, 0))
     shoulder, elbow = mechanism("joint2-twist", robot), mechanism("joint3-twist", robot)
@@ -92,12 +125,15 @@ def test_base_tilt_turns_frame_0_about_its_origin(name, rng) -> None:
     columns = design(at, tilt.terms)[0]
     M = moment(at.robot, at.pose(slice(None)), at.data.q)
     for k in range(2):
-        np.testing.assert_allclose(columns[:, :, k], M[k][:, None] * np.cross(np.eye(3)[k], at.data.position), atol=1e-6)
+        np.testing.assert_allclose(
+            columns[:, :, k], M[k][:, None] * np.cross(np.eye(3)[k], at.data.position), atol=1e-6
+        )
 
 
 @pytest.mark.parametrize("down", [(0.0, 0.0, -1.0), (0.6, 0.0, -0.8), (-1.0, 0.0, 0.0)])
 def test_payload_tilt_turns_frame_0_with_the_moment_of_the_load(down, rng) -> None:
-    """Standing, leaning and on a wall: the columns are kilograms times (lever x down) about the axis, times (axis x target)."""
+    """Standing, leaning and on a wall: the columns are kilograms times (lever x down) about the
+    axis, times (axis x target)."""
     at = drawn("ur10", rng, 10)
     at = at.anew(robot=replace(at.robot, gravity=down))
     tilt = mechanism("payload-tilt", at.robot)

@@ -1,4 +1,5 @@
-"""Names are data: strings made to break programs in every name of every file; every output and the file system looked at."""
+"""Names are data: strings made to break programs in every name of every file; every output and the
+file system looked at."""
 
 from __future__ import annotations
 
@@ -42,7 +43,9 @@ from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.urdf import read_urdf_text
 
 SIGNS = "=+-@\t\r\uff1d\uff0b\uff0d\uff20"
-INSIDE = re.compile(r"[\x00-\x09\x0b-\x1f\x7f\x85\u2028\u2029\u061c\u200b\u200e\u200f\u202a-\u202e\u2066-\u2069\ufeff]")
+INSIDE = re.compile(
+    r"[\x00-\x09\x0b-\x1f\x7f\x85\u2028\u2029\u061c\u200b\u200e\u200f\u202a-\u202e\u2066-\u2069\ufeff]"
+)
 
 
 def every(table: dict[str, str]) -> pytest.MarkDecorator:
@@ -67,22 +70,36 @@ def folder_of(
 ) -> Path:
     """A study folder with the name in every place, or another where it is given."""
     place.mkdir(parents=True, exist_ok=True)
-    study, robot, source, target, group = (name if v is None else v for v in (study, robot, source, target, group))
-    (place / "robot.toml").write_text(ROBOT.replace('"arm3"', quoted(robot)).replace('"made up"', quoted(source)), "utf-8")
-    text = STUDY.replace('name = "small"', f"name = {quoted(study)}", 1).replace("tool_mm = [10, 20, 80]\n", "")
+    study, robot, source, target, group = (
+        name if v is None else v for v in (study, robot, source, target, group)
+    )
+    (place / "robot.toml").write_text(
+        ROBOT.replace('"arm3"', quoted(robot)).replace('"made up"', quoted(source)), "utf-8"
+    )
+    text = STUDY.replace('name = "small"', f"name = {quoted(study)}", 1).replace(
+        "tool_mm = [10, 20, 80]\n", ""
+    )
     tools = f"[robot.tools_mm]\n{quoted(target)} = [10, 20, 80]\nother = [0, 0, 0]\n[measurements]"
     text = text.replace("[measurements]", tools).replace(
         '"measurements.csv"', f'"measurements.csv"\ncolumns = {{ payload_kg = {quoted(column)} }}'
     )
     (place / "study.toml").write_text(text, "utf-8")
     frame = pd.read_csv(io.BytesIO(base_files()["measurements.csv"]), dtype=str)
-    group, target = (guarded(label) if label[:1] == "'" else label for label in (group, target))  # as any program writes them
+    group, target = (
+        guarded(label) if label[:1] == "'" else label for label in (group, target)
+    )  # as any program writes them
     frame["group"] = pd.Series([group] * 18 + ["tuesday"] * 18, dtype=object)
     frame["target"] = pd.Series([target] * 36, dtype=object)
     frame = frame.rename(columns={"payload_kg": column})
     frame["operator"] = pd.Series([name] * 36, dtype=object)
     frame[f"{name} too"] = np.linspace(1, 2, 36)
-    frame.to_csv(place / "measurements.csv", index=False, lineterminator="\n", encoding="utf-8", errors="surrogatepass")
+    frame.to_csv(
+        place / "measurements.csv",
+        index=False,
+        lineterminator="\n",
+        encoding="utf-8",
+        errors="surrogatepass",
+    )
     return place
 
 
@@ -125,13 +142,25 @@ def plain() -> dict[str, str]:
         told("study", str(folder), "--out", str(Path(name) / "out"), "--no-sampling", "--no-report")
         told("report", str(Path(name) / "out"), "--pages", "first,provenance")
         for form in FORMS:
-            told("export", str(Path(name) / "out"), "--format", form, "--out", str(Path(name) / "out" / f"x.{form}"))
-        return {p.name: p.read_text("utf-8") for p in (Path(name) / "out").iterdir() if p.suffix not in (".pdf", ".parquet")}
+            told(
+                "export",
+                str(Path(name) / "out"),
+                "--format",
+                form,
+                "--out",
+                str(Path(name) / "out" / f"x.{form}"),
+            )
+        return {
+            p.name: p.read_text("utf-8")
+            for p in (Path(name) / "out").iterdir()
+            if p.suffix not in (".pdf", ".parquet")
+        }
 
 
 @every(NAMES)
 def test_every_output_of_a_study(name, tmp_path, monkeypatch) -> None:
-    """A study with the name everywhere: its files, its page, its exports, what it says; nothing runs, nothing else is written."""
+    """A study with the name everywhere: its files, its page, its exports, what it says; nothing
+    runs, nothing else is written."""
     work, out = tmp_path / "work", tmp_path / "out"
     folder = folder_of(tmp_path / "study", name)
     work.mkdir()
@@ -139,16 +168,31 @@ def test_every_output_of_a_study(name, tmp_path, monkeypatch) -> None:
     before = everything(tmp_path)
     said = told("study", str(folder), "--out", str(out), "--no-sampling", "--no-report")
     assert name[:60] in said.replace("\n", "")
-    assert name in json.loads(told("study", str(folder), "--dry-run", "--json", "--out", str(out)))["study"]
+    assert (
+        name
+        in json.loads(told("study", str(folder), "--dry-run", "--json", "--out", str(out)))["study"]
+    )
     (out / "report.html").write_bytes(page_of(drawing.read(out)))
-    told("check", str(folder / "measurements.csv"), "--robot", str(folder / "robot.toml"), "--column", "payload_kg=load")
+    told(
+        "check",
+        str(folder / "measurements.csv"),
+        "--robot",
+        str(folder / "robot.toml"),
+        "--column",
+        "payload_kg=load",
+    )
     wrote = {"report.html", "result.json", "details.json", "calibration.json", "residuals.parquet"}
     assert everything(tmp_path) - before == {"out", *(f"out/{file}" for file in wrote)}
     result, details, stored = (
-        json.loads((out / file).read_text("utf-8")) for file in ("result.json", "details.json", "calibration.json")
+        json.loads((out / file).read_text("utf-8"))
+        for file in ("result.json", "details.json", "calibration.json")
     )
     assert (result["study"], result["robot"]) == (name, name)
-    assert (stored["study"], stored["robot"]["name"], stored["robot"]["source"]) == (name, name, " ".join(name.split()))
+    assert (stored["study"], stored["robot"]["name"], stored["robot"]["source"]) == (
+        name,
+        name,
+        " ".join(name.split()),
+    )
     assert [t["name"] for t in stored["targets"]] == [name]
     assert [g["name"] for g in stored["groups"]] == [name, "tuesday"]
     assert details["places"] == {"word": "line", "first": 2, "at": None}
@@ -162,7 +206,18 @@ def test_every_output_of_a_study(name, tmp_path, monkeypatch) -> None:
 @every(
     {
         k: NAMES[k]
-        for k in ("three quotes", "script", "doctype", "dollars", "typst", "markdown", "emoji", "hebrew", "combining", "up")
+        for k in (
+            "three quotes",
+            "script",
+            "doctype",
+            "dollars",
+            "typst",
+            "markdown",
+            "emoji",
+            "hebrew",
+            "combining",
+            "up",
+        )
     }
 )
 def test_report_of_a_study(name, tmp_path) -> None:
@@ -204,19 +259,27 @@ def _exports(name: str, out: Path) -> None:
         assert cell[:1] not in SIGNS or not cell or re.fullmatch(r"[+-]?[\d.]+(e[+-]?\d+)?", cell)
     data = data_in(texts["python"])
     assert (data["study"], data["robot"], data["targets"]) == (name, name, [name])
-    assert texts["python"].split("\nDATA: Data = ")[0] == plain()["x.python"].split("\nDATA: Data = ")[0]
+    assert (
+        texts["python"].split("\nDATA: Data = ")[0]
+        == plain()["x.python"].split("\nDATA: Data = ")[0]
+    )
     assert texts["table"] == plain()["x.table"]
 
 
 def test_every_python_module_is_imported(tmp_path) -> None:
-    """In a process of its own, where modelsel cannot be imported: each is the arm, and nothing is written."""
+    """In a process of its own, where modelsel cannot be imported: each is the arm, and nothing is
+    written."""
     c = loads(plain()["calibration.json"])
     at = workspace(c, 0, m=5)
     np.save(tmp_path / "q.npy", at.data.q)
     for k, name in enumerate(NAMES.values()):
         record = json.loads(plain()["calibration.json"])
-        record["study"] = record["robot"]["name"] = record["targets"][0]["name"] = record["groups"][0]["name"] = name
-        (tmp_path / f"arm{k}.py").write_text(export(loads(json.dumps(record)), "python").text, "utf-8")
+        record["study"] = record["robot"]["name"] = record["targets"][0]["name"] = record["groups"][
+            0
+        ]["name"] = name
+        (tmp_path / f"arm{k}.py").write_text(
+            export(loads(json.dumps(record)), "python").text, "utf-8"
+        )
     before = everything(tmp_path)
     code = (
         "import sys, json, importlib; sys.modules['modelsel'] = None; sys.dont_write_bytecode = True; import numpy as np\n"
@@ -225,7 +288,9 @@ def test_every_python_module_is_imported(tmp_path) -> None:
         "    x = m.position(q, m.DATA['targets'][0], **given)\n"
         "    out.append([m.DATA['study'], m.DATA['robot'], m.DATA['targets'][0], x.tolist()])\nprint(json.dumps(out))"
     )
-    ran = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    ran = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
     for name, (study, robot, target, x) in zip(NAMES.values(), json.loads(ran.stdout), strict=True):
         assert study == robot == target == name
         if not data_in((tmp_path / "arm0.py").read_text("utf-8"))["needs"]:
@@ -236,7 +301,8 @@ def test_every_python_module_is_imported(tmp_path) -> None:
 @every(REFUSED)
 @pytest.mark.parametrize("where", ["study", "robot", "source", "target", "group"])
 def test_refused_in_one_sentence(where, name, tmp_path) -> None:
-    """Each place of a study folder: what cannot be seen is refused with its place, nothing is written, nothing is shown raw."""
+    """Each place of a study folder: what cannot be seen is refused with its place, nothing is
+    written, nothing is shown raw."""
     if where == "source" and (len(name) == 201 or unfit(" ".join(name.split()) or "none") is None):
         return  # a source is a text: line breaks in it are blanks
     if "\ud800" in name and where != "group":
@@ -244,7 +310,13 @@ def test_refused_in_one_sentence(where, name, tmp_path) -> None:
     folder = folder_of(tmp_path / "study", "fine", **{where: name})
     before = everything(tmp_path)
     said = told(
-        "study", str(folder), "--out", str(tmp_path / "out"), "--no-sampling", "--no-report", status=3 if where == "group" else 2
+        "study",
+        str(folder),
+        "--out",
+        str(tmp_path / "out"),
+        "--no-sampling",
+        "--no-report",
+        status=3 if where == "group" else 2,
     )
     assert len(said.splitlines()) <= 2 + (where == "target")
     assert everything(tmp_path) == before
@@ -255,8 +327,13 @@ def test_refused_everywhere_else(name, tmp_path) -> None:
     """DataFrames, features, studies from Python, URDFs, stored calibrations, plug-ins."""
     assert unfit(name) is not None
     frame = pd.read_csv(io.BytesIO(base_files()["measurements.csv"]))
-    with pytest.raises(DataError, match=r"DataFrame, row 3, column target: .*(not a name|empty cell)"):
-        read_measurements(frame.assign(target=pd.Series(["a"] * 3 + [name] + ["b"] * 32, dtype=object)), (False,) * 3)
+    with pytest.raises(
+        DataError, match=r"DataFrame, row 3, column target: .*(not a name|empty cell)"
+    ):
+        read_measurements(
+            frame.assign(target=pd.Series(["a"] * 3 + [name] + ["b"] * 32, dtype=object)),
+            (False,) * 3,
+        )
     with pytest.raises(StudyError, match="name: not a name"):
         Study(name=name, robot={"name": "ur5", "tool_mm": [0, 0, 0]}, measurements="m.csv")
     with pytest.raises(StudyError, match="robot's name is not one"):
@@ -281,10 +358,14 @@ def test_refused_everywhere_else(name, tmp_path) -> None:
 
 
 def test_a_changed_calibration_runs_nothing(tmp_path, monkeypatch) -> None:
-    """calibration.json by another hand: names of causes that are no words are refused, as is a target that is there twice."""
+    """calibration.json by another hand: names of causes that are no words are refused, as is a
+    target that is there twice."""
     monkeypatch.chdir(tmp_path)
     text = plain()["calibration.json"]
-    for old, new in (('"name": "q2"', '"name": "__import__(\'os\')"'), ('"name": "q2"', '"name": "q2 or 1"')):
+    for old, new in (
+        ('"name": "q2"', '"name": "__import__(\'os\')"'),
+        ('"name": "q2"', '"name": "q2 or 1"'),
+    ):
         if old in text:
             with pytest.raises(StudyError, match="damaged"):
                 loads(text.replace(old, new))
@@ -293,7 +374,9 @@ def test_a_changed_calibration_runs_nothing(tmp_path, monkeypatch) -> None:
     with pytest.raises(StudyError, match="two targets"):
         loads(json.dumps(record))
     with pytest.raises(ValueError, match="malformed"):
-        data_in(module_of({}).replace("= {}\n", "= {'a': __import__('os').system('touch PWNED')}\n"))
+        data_in(
+            module_of({}).replace("= {}\n", "= {'a': __import__('os').system('touch PWNED')}\n")
+        )
     with pytest.raises(ValueError, match="not a module"):
         data_in("import os\n" + module_of({}))
     assert everything(tmp_path) == set()
@@ -301,10 +384,12 @@ def test_a_changed_calibration_runs_nothing(tmp_path, monkeypatch) -> None:
 
 @every(NAMES)
 def test_fleet_folders_stay_below(name, tmp_path) -> None:
-    """A study's folder in a fleet: its name, or refused; never a folder elsewhere, a device or a hidden one."""
+    """A study's folder in a fleet: its name, or refused; never a folder elsewhere, a device or a
+    hidden one."""
     folder_of(tmp_path / "arm", "fine")
     (tmp_path / "fleet.toml").write_text(
-        f'name = {quoted(name)}\n[[study]]\nfile = "arm/study.toml"\nname = {quoted(name)}\n', "utf-8"
+        f'name = {quoted(name)}\n[[study]]\nfile = "arm/study.toml"\nname = {quoted(name)}\n',
+        "utf-8",
     )
     if name in ("../../..", "/etc/x", "CON") or set(name) & set('\\/:*?"<>|'):
         with pytest.raises(StudyError, match="no name for a folder"):
@@ -316,15 +401,32 @@ def test_fleet_folders_stay_below(name, tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["con", "NUL.txt", "com1", ".modelsel", "summary.csv", "a.", "a ", ".", "..", "a/b", "a\\b", "C:a"]
+    "name",
+    [
+        "con",
+        "NUL.txt",
+        "com1",
+        ".modelsel",
+        "summary.csv",
+        "a.",
+        "a ",
+        ".",
+        "..",
+        "a/b",
+        "a\\b",
+        "C:a",
+    ],
 )
 def test_fleet_names_that_are_no_folder(name, tmp_path) -> None:
     folder_of(tmp_path / "arm", "fine")
-    (tmp_path / "fleet.toml").write_text(f'name = "x"\n[[study]]\nfile = "arm/study.toml"\nname = {quoted(name)}\n')
+    (tmp_path / "fleet.toml").write_text(
+        f'name = "x"\n[[study]]\nfile = "arm/study.toml"\nname = {quoted(name)}\n'
+    )
     with pytest.raises(StudyError, match="no name for a folder"):
         read_fleet(tmp_path / "fleet.toml")
     (tmp_path / "fleet.toml").write_text(
-        'name = "x"\n' + "".join(f'[[study]]\nfile = "arm/study.toml"\nname = "{n}"\n' for n in ("Cell", "cell"))
+        'name = "x"\n'
+        + "".join(f'[[study]]\nfile = "arm/study.toml"\nname = "{n}"\n' for n in ("Cell", "cell"))
     )
     with pytest.raises(StudyError, match="stands twice"):
         read_fleet(tmp_path / "fleet.toml")
@@ -332,27 +434,38 @@ def test_fleet_names_that_are_no_folder(name, tmp_path) -> None:
 
 @every({**NAMES, **REFUSED})
 def test_column_names_and_mechanisms(name, tmp_path, monkeypatch) -> None:
-    """A column may be called anything: it can be mapped, and is told where it is not used. A package's name is a plain word."""
+    """A column may be called anything: it can be mapped, and is told where it is not used. A
+    package's name is a plain word."""
     monkeypatch.chdir(tmp_path)
     if name.strip() and not set(name) & set("\ud800\r\0"):  # of which no CSV can be made
         folder = folder_of(tmp_path / "study", "fine", column=f"the {name} load")
-        measured = read_measurements(folder / "measurements.csv", (False,) * 3, {"payload_kg": f"the {name} load"})
+        measured = read_measurements(
+            folder / "measurements.csv", (False,) * 3, {"payload_kg": f"the {name} load"}
+        )
         assert measured.covariates["payload_kg"].max() == 5.0
         told("check", str(folder / "measurements.csv"), "--robot", str(folder / "robot.toml"))
-    columns = {f"a{name}": "text", f"b{name}": 1.0} if "\ud800" not in name else {}  # which no DataFrame has, either
+    columns = (
+        {f"a{name}": "text", f"b{name}": 1.0} if "\ud800" not in name else {}
+    )  # which no DataFrame has, either
     frame = pd.read_csv(io.BytesIO(base_files()["measurements.csv"])).assign(**columns)
     for note in read_measurements(frame, (False,) * 3).notes:
         assert not INSIDE.search(note.sentence)
     before = everything(tmp_path)
     ran = CliRunner().invoke(main, ["mechanisms", f"--new={name}"])
     assert ran.exit_code in (0, 2)
-    assert everything(tmp_path) - before <= {name, f"{name}/pyproject.toml", f"{name}/{name}.py", f"{name}/README.md"}
+    assert everything(tmp_path) - before <= {
+        name,
+        f"{name}/pyproject.toml",
+        f"{name}/{name}.py",
+        f"{name}/README.md",
+    }
     assert ran.exit_code == 2 or name in ("base", "link2")
 
 
 @every(NAMES)
 def test_links_of_a_urdf(name, tmp_path) -> None:
-    """Names of links and joints of the user's own file, and of what is written: quoted by the XML library, said as they are."""
+    """Names of links and joints of the user's own file, and of what is written: quoted by the XML
+    library, said as they are."""
     root = ET.Element("robot", name=name)
     for link in ("world", name, "tip"):
         ET.SubElement(root, "link", name=link)
@@ -369,7 +482,8 @@ def test_links_of_a_urdf(name, tmp_path) -> None:
     assert len(str(error.value).splitlines()) == 1
 
 
-# -- cells that are formulas ---------------------------------------------------------------------------------------------------
+# -- cells that are formulas
+# ---------------------------------------------------------------------------------------------------
 
 
 @every({**NAMES, "empty": "", "two": "''=x", "sign": "-", "number": "-1.5e-3"})
@@ -381,9 +495,25 @@ def test_a_guarded_cell_comes_back(name) -> None:
     assert cell in (name, f"'{name}")
 
 
-@every({k: NAMES[k] for k in ("formula", "plus", "plus one", "minus", "at", "full-width", "apostrophe formula", "csv", "quote")})
+@every(
+    {
+        k: NAMES[k]
+        for k in (
+            "formula",
+            "plus",
+            "plus one",
+            "minus",
+            "at",
+            "full-width",
+            "apostrophe formula",
+            "csv",
+            "quote",
+        )
+    }
+)
 def test_commands_are_guarded_and_read_back(name, tmp_path) -> None:
-    """`simulate` and `compensate` write a target's name so that no spreadsheet runs it, and read it as it was."""
+    """`simulate` and `compensate` write a target's name so that no spreadsheet runs it, and read it
+    as it was."""
     folder = folder_of(tmp_path / "study", name)
     told("study", str(folder), "--out", str(tmp_path / "out"), "--no-sampling", "--no-report")
     told("simulate", str(folder), "--out", str(folder / "planted.csv"))
@@ -398,7 +528,9 @@ def test_commands_are_guarded_and_read_back(name, tmp_path) -> None:
         "--forward",
     )
     for file in ("planted.csv", "commands.csv"):
-        cells = [row["target"] for row in csv.DictReader(io.StringIO((folder / file).read_text("utf-8")))]
+        cells = [
+            row["target"] for row in csv.DictReader(io.StringIO((folder / file).read_text("utf-8")))
+        ]
         assert guarded(name) in cells
         assert name in read_measurements(folder / file, (False,) * 3).targets
 

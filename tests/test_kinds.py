@@ -1,4 +1,6 @@
-"""Rows that are no points: coordinates, wires, ball-bars, distances, touched points, plates; read, fitted, named, judged."""
+"""Rows that are no points: coordinates, wires, ball-bars, distances, touched points, plates; read,
+fitted, named, judged."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -55,8 +57,11 @@ from modelsel.uncertainty.nuisance import components
 ARM = [False] * 6
 PUMA = load("puma760")
 COUPLING = one("wrist-coupling", "", at(5, "rz", lambda s: s.q[:, 3]), 1.2e-3)
-OFFERED = tuple(p for name in ("wrist-coupling", "joint-compliance", "encoder-scale", "gear-eccentricity")
-                for p in parts(name, PUMA))
+OFFERED = tuple(
+    p
+    for name in ("wrist-coupling", "joint-compliance", "encoder-scale", "gear-eccentricity")
+    for p in parts(name, PUMA)
+)
 
 
 def campaign(seed: int = 7) -> Campaign:
@@ -70,7 +75,12 @@ def made(c: Campaign, folder: Path, **known: Known) -> Measurements:
 def model(data: Measurements, *names: str, register: bool = False) -> Model:
     features = () if data.gauges is None else data.gauges.features
     placing = setup(PUMA, len(data.targets), 1, register, data.rotation is not None, features)
-    return Model((*((placing,) if placing.terms else ()), *(mechanism(name, PUMA) for name in ("geometric", *names))))
+    return Model(
+        (
+            *((placing,) if placing.terms else ()),
+            *(mechanism(name, PUMA) for name in ("geometric", *names)),
+        )
+    )
 
 
 def plan(estimation: int, **more: object) -> Plan:
@@ -81,14 +91,17 @@ def prepared(data: Measurements, estimation: int, **more: object) -> Data:
     return prepare(PUMA, data, plan(estimation, **more))[0]
 
 
-# -- each kind -----------------------------------------------------------------------------------------------------------------
+# -- each kind
+# -----------------------------------------------------------------------------------------------------------------
 
 FILLED: dict[str, Callable[[Campaign], None]] = {
     "axes": lambda c: c.axes(150),
     "wires": lambda c: c.wires(150),
     "wires of unknown zero": lambda c: c.wires(150, dead=12.5),
     "ball-bars": lambda c: c.bars(150, {"b1": 600.0, "b2": 400.0, "b3": 500.0}, given=True),
-    "ball-bars of unknown length": lambda c: c.bars(150, {"b1": 600.0, "b2": 400.0, "b3": 500.0}, given=False),
+    "ball-bars of unknown length": lambda c: c.bars(
+        150, {"b1": 600.0, "b2": 400.0, "b3": 500.0}, given=False
+    ),
     "distances": lambda c: c.distances(150),
     "touched points": lambda c: c.touches(90, 9),
     "plates": lambda c: c.plates(150, 5),
@@ -96,7 +109,13 @@ FILLED: dict[str, Callable[[Campaign], None]] = {
 }
 
 
-TELL = {"axes": 27, "wires and points": 27, "touched points": 20, "plates": 20, "ball-bars of unknown length": 20}    # others: 21
+TELL = {
+    "axes": 27,
+    "wires and points": 27,
+    "touched points": 20,
+    "plates": 20,
+    "ball-bars of unknown length": 20,
+}  # others: 21
 
 
 @pytest.mark.parametrize("what", FILLED)
@@ -107,7 +126,9 @@ def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> Non
     measured = made(c, tmp_path, **known)
     data = prepared(measured, round(0.7 * measured.configurations))
     assert data.scene.data.gauges is not None
-    base = fit(data.training(), model(measured))            # points tell 27 numbers of this arm; six are where the base stands
+    base = fit(
+        data.training(), model(measured)
+    )  # points tell 27 numbers of this arm; six are where the base stands
     assert sum(not base.terms[k].fixture for k in base.representatives) == TELL.get(what, 21)
     assert all(k in base.found.kept for k, t in enumerate(base.terms) if t.fixture)
     data, extension, _ = explain(data, model(measured), OFFERED, 1, cells=False)
@@ -118,26 +139,47 @@ def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> Non
     count = data.scene.measured[~data.estimation].sum()
     expected = NOISE * np.sqrt(1 + extension.fit.rank / extension.fit.rows)
     assert np.sqrt(np.square(left).sum() / count) == pytest.approx(expected, rel=0.25)
-    assert extension.fit.sigma == pytest.approx(1, rel=0.2)                       # s_mm is the noise that was put in
+    assert extension.fit.sigma == pytest.approx(1, rel=0.2)  # s_mm is the noise that was put in
     lack = lack_of_fit(SimpleNamespace(fit=extension.fit), Floor(NOISE, "stated"), data)
-    assert lack.f == pytest.approx(extension.fit.sigma ** 2)                      # over the coordinates that rows of a kind have
+    assert lack.f == pytest.approx(
+        extension.fit.sigma**2
+    )  # over the coordinates that rows of a kind have
     assert lacking(lack) == ()
 
 
 def every_kind(rng: np.random.Generator) -> tuple[Scene, tuple[Term, ...], np.ndarray]:
-    """A row of every kind, eight times over, features and tracker anywhere, and a model with its point."""
+    """A row of every kind, eight times over, features and tracker anywhere, and a model with its
+    point."""
     kind = list(KINDS) * 8
     shared = [k if k in UNKNOWN else "" for k in kind]
     length = np.where(np.isin(kind, ("wire", "distance")), 1000.0, np.nan)
-    data = measurements(PUMA.draw(rng, len(kind)), rng.normal(0, 500, (len(kind), 3)), kind=kind, feature=shared, length=length)
+    data = measurements(
+        PUMA.draw(rng, len(kind)),
+        rng.normal(0, 500, (len(kind), 3)),
+        kind=kind,
+        feature=shared,
+        length=length,
+    )
     count = len(data.gauges.features)
     turned = np.linalg.qr(rng.normal(size=(count + 1, 3, 3)))[0]
     fixtures = Fixtures(rng.normal(0, 1500, (count, 3)), turned[1:], rng.uniform(0, 100, count))
-    bound = replace(scene(PUMA, data, np.array([TOOL])), fixtures=fixtures, placement=(turned[:1], rng.normal(0, 100, (1, 3))))
+    bound = replace(
+        scene(PUMA, data, np.array([TOOL])),
+        fixtures=fixtures,
+        placement=(turned[:1], rng.normal(0, 100, (1, 3))),
+    )
     terms = model(data, "gravity-twist", "approach-backlash:2").terms
-    terms += tuple(Term(f"{axis} again", (Screw(0, axis, Member("feature", k)),)) for k, f in enumerate(data.gauges.features)
-                   for axis in ("length",) if f.kind == "wire")
-    return bound, terms, np.array([rng.normal() * (3 if t.unit.startswith("mm") else 1e-2) for t in terms])
+    terms += tuple(
+        Term(f"{axis} again", (Screw(0, axis, Member("feature", k)),))
+        for k, f in enumerate(data.gauges.features)
+        for axis in ("length",)
+        if f.kind == "wire"
+    )
+    return (
+        bound,
+        terms,
+        np.array([rng.normal() * (3 if t.unit.startswith("mm") else 1e-2) for t in terms]),
+    )
 
 
 def test_columns_are_the_derivatives_of_what_rows_read(rng) -> None:
@@ -147,8 +189,12 @@ def test_columns_are_the_derivatives_of_what_rows_read(rng) -> None:
     for k, term in enumerate(terms):
         h = np.zeros(len(terms))
         h[k] = 1e-2 if term.unit.startswith("mm") else 1e-5
-        steps = (residuals(bound, terms, theta - h) - residuals(bound, terms, theta + h)) / (2 * h[k])
-        np.testing.assert_allclose(X[:, :, k], steps, atol=1e-6 * max(np.abs(steps).max(), 1e-3), err_msg=term.symbol)
+        steps = (residuals(bound, terms, theta - h) - residuals(bound, terms, theta + h)) / (
+            2 * h[k]
+        )
+        np.testing.assert_allclose(
+            X[:, :, k], steps, atol=1e-6 * max(np.abs(steps).max(), 1e-3), err_msg=term.symbol
+        )
     assert not X[~bound.measured].any()
     assert {s.frame for t in terms for s in t.screws} == set(range(8))
 
@@ -159,7 +205,9 @@ def test_many_draws_at_once_and_some_rows_alone_read_the_same(rng) -> None:
     many = Ensemble(bound, terms).residuals(np.stack([theta, 0.5 * theta]))
     np.testing.assert_allclose(many[0].T, whole, atol=1e-9)
     np.testing.assert_allclose(many[1].T, residuals(bound, terms, 0.5 * theta), atol=1e-9)
-    np.testing.assert_allclose(residuals(bound.take(np.arange(5, 40)), terms, theta), whole[5:40], atol=1e-9)
+    np.testing.assert_allclose(
+        residuals(bound.take(np.arange(5, 40)), terms, theta), whole[5:40], atol=1e-9
+    )
 
 
 def test_lengths_are_what_the_words_say(rng) -> None:
@@ -170,17 +218,26 @@ def test_lengths_are_what_the_words_say(rng) -> None:
     for kind, sign in (("wire", 1000.0), ("ball-bar", 0.0)):
         k, rows = place[kind], gauges.of(kind)
         away = np.linalg.norm(x[rows] - fixtures.centre[k], axis=1) - fixtures.length[k]
-        np.testing.assert_allclose(r[rows], np.column_stack([sign - away, 0 * away, 0 * away]), atol=1e-9)
+        np.testing.assert_allclose(
+            r[rows], np.column_stack([sign - away, 0 * away, 0 * away]), atol=1e-9
+        )
     rows, k = gauges.of("plane"), place["plane"]
-    np.testing.assert_allclose(r[rows, 0], -(x[rows] - fixtures.centre[k]) @ fixtures.axes[k][2], atol=1e-9)
+    np.testing.assert_allclose(
+        r[rows, 0], -(x[rows] - fixtures.centre[k]) @ fixtures.axes[k][2], atol=1e-9
+    )
     rows = gauges.of("y")
-    np.testing.assert_allclose(r[rows], np.array([0, 1, 0]) * (bound.data.position[rows] - x[rows]), atol=1e-9)
+    np.testing.assert_allclose(
+        r[rows], np.array([0, 1, 0]) * (bound.data.position[rows] - x[rows]), atol=1e-9
+    )
     rows = gauges.of("distance")
     start = -residuals(bound.origin)
-    np.testing.assert_allclose(r[rows, 0], 1000 - np.linalg.norm(x[rows] - start[rows], axis=1), atol=1e-9)
+    np.testing.assert_allclose(
+        r[rows, 0], 1000 - np.linalg.norm(x[rows] - start[rows], axis=1), atol=1e-9
+    )
 
 
-# -- what the data cannot tell ---------------------------------------------------------------------------------------------------
+# -- what the data cannot tell
+# ---------------------------------------------------------------------------------------------------
 
 
 def test_without_a_length_one_stays_as_drawn_and_that_is_said(tmp_path) -> None:
@@ -190,12 +247,15 @@ def test_without_a_length_one_stays_as_drawn_and_that_is_said(tmp_path) -> None:
     data = prepared(measured, 90)
     fitted = fit(data.training(), model(measured, "wrist-coupling:5"))
     held = fitted.terms[fitted.found.held]
-    assert (held.symbol, fitted.theta[fitted.found.held]) == ("a3", 0.0)          # the longest: 431.8 mm from joint 2 to 3
-    assert fitted.sigma == pytest.approx(1, rel=0.2)                              # not shrunk to nothing
+    assert (held.symbol, fitted.theta[fitted.found.held]) == (
+        "a3",
+        0.0,
+    )  # the longest: 431.8 mm from joint 2 to 3
+    assert fitted.sigma == pytest.approx(1, rel=0.2)  # not shrunk to nothing
     said = " ".join(u.sentence for u in unidentifiable(fitted.found, fitted.terms))
     assert "a3 is kept at zero: no row measures a length" in said
     assert "α1, β1 and γ1 are kept at zero: no row is measured in a frame of its own" in said
-    assert "x of p0" in said                                                      # nor where the base stands
+    assert "x of p0" in said  # nor where the base stands
     assert "a1" in said
     c.distances(6)
     more = made(c, tmp_path)
@@ -207,7 +267,9 @@ def test_a_feature_that_no_estimation_row_measures_is_left_out(tmp_path) -> None
     c.points(40)
     c.wires(30)
     measured = made(c, tmp_path)
-    labels = np.array(["held-out" if k >= 60 else "estimation" for k in range(70)], dtype=object)      # all of w3
+    labels = np.array(
+        ["held-out" if k >= 60 else "estimation" for k in range(70)], dtype=object
+    )  # all of w3
     data, _, notes = prepare(PUMA, measured, plan(0, column="role"), labels)
     assert len(data.scene) == 60
     note = next(n for n in notes if n.code == "feature-unseen")
@@ -234,7 +296,9 @@ def test_folds_count_what_was_measured(tmp_path) -> None:
     folded = fold_scene(data.training(), model(measured).terms, data.training_folds())
     each = [f.rows for f in by_unit(data.training(), model(measured).terms, np.arange(90))]
     assert np.concatenate(each).tolist() == [3] * 30 + [1] * 60
-    assert folded.rows.tolist() == [int(3 * (data.folds[:30] == k).sum() + (data.folds[30:] == k).sum()) for k in range(10)]
+    assert folded.rows.tolist() == [
+        int(3 * (data.folds[:30] == k).sum() + (data.folds[30:] == k).sum()) for k in range(10)
+    ]
 
 
 def test_a_wrong_wire_length_is_an_outlier_and_a_wrong_point_too(tmp_path) -> None:
@@ -249,7 +313,9 @@ def test_a_wrong_wire_length_is_an_outlier_and_a_wrong_point_too(tmp_path) -> No
 
 
 def test_single_numbers_and_points_have_one_robust_scale(rng) -> None:
-    seen = np.arange(40_000)[:, None] % 2 <= np.arange(2, -1, -1)[None] // 2          # all three, or the first alone
+    seen = (
+        np.arange(40_000)[:, None] % 2 <= np.arange(2, -1, -1)[None] // 2
+    )  # all three, or the first alone
     size = np.linalg.norm(rng.normal(size=seen.shape) * seen, axis=1)
     for rows in (slice(0, None, 2), slice(1, None, 2), slice(None)):
         assert scale_of(size[rows], seen[rows]) == pytest.approx(1, rel=0.03)
@@ -259,7 +325,9 @@ def test_what_a_set_up_cannot_be_is_refused(tmp_path) -> None:
     c = campaign()
     c.points(3)
     c.wires(60)
-    with pytest.raises(DataError, match="3 estimation configurations have a measured point; registration needs 4"):
+    with pytest.raises(
+        DataError, match="3 estimation configurations have a measured point; registration needs 4"
+    ):
         prepared(made(c, tmp_path), 63, register=True)
     for k, row in enumerate(c.rows):
         row["group"] = f"day {k % 2}"
@@ -273,8 +341,13 @@ def test_what_a_set_up_cannot_be_is_refused(tmp_path) -> None:
     with pytest.raises(StudyError, match='feature "d0" stands in several groups'):
         prepared(made(c, tmp_path), 63, per_group=True)
     del c.rows[-2:]
-    few, sides = made(c, tmp_path), np.array(["held-out"] * 3 + ["estimation"] * 3 + ["held-out"] * 57, dtype=object)
-    with pytest.raises(DataError, match=r'feature "w1" \(wire\) has 3 estimation rows; to place it takes 4'):
+    few, sides = (
+        made(c, tmp_path),
+        np.array(["held-out"] * 3 + ["estimation"] * 3 + ["held-out"] * 57, dtype=object),
+    )
+    with pytest.raises(
+        DataError, match=r'feature "w1" \(wire\) has 3 estimation rows; to place it takes 4'
+    ):
         prepare(PUMA, few, plan(0, column="role"), sides)
 
 
@@ -282,10 +355,19 @@ def test_anchors_stand_where_they_stood_in_a_registered_frame(tmp_path) -> None:
     c = campaign()
     c.points(40)
     c.wires(60)
-    R, t = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0], np.array([2000.0, -500.0, 300.0])
+    R, t = (
+        np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0],
+        np.array([2000.0, -500.0, 300.0]),
+    )
     R *= np.linalg.det(R)
     for row in c.rows[:40]:
-        row |= dict(zip(("x_mm", "y_mm", "z_mm"), R @ [row["x_mm"], row["y_mm"], row["z_mm"]] + t, strict=True))
+        row |= dict(
+            zip(
+                ("x_mm", "y_mm", "z_mm"),
+                R @ [row["x_mm"], row["y_mm"], row["z_mm"]] + t,
+                strict=True,
+            )
+        )
     measured = made(c, tmp_path)
     data = prepared(measured, 80, register=True)
     fitted = fit(data.training(), model(measured, "wrist-coupling:5", register=True))
@@ -301,13 +383,18 @@ def test_an_anchor_beside_a_plane_of_positions_needs_a_first_guess(tmp_path) -> 
     q = q[good][:30]
     c.add("wire", q, "w1", length_mm=np.linalg.norm(c.exact(q) - ANCHORS["w1"], axis=1))
     c.points(20)
-    with pytest.raises(DataError, match=r"lie in a plane: it could stand on either side.*estimate = true"):
+    with pytest.raises(
+        DataError, match=r"lie in a plane: it could stand on either side.*estimate = true"
+    ):
         prepared(made(c, tmp_path), 40)
-    data = prepared(made(c, tmp_path, w1=Known(position=(700.0, -1000.0, 400.0), estimate=True)), 40)
+    data = prepared(
+        made(c, tmp_path, w1=Known(position=(700.0, -1000.0, 400.0), estimate=True)), 40
+    )
     assert np.linalg.norm(data.scene.fixtures.centre[0] - ANCHORS["w1"]) < 60
 
 
-# -- a file, a study, and what comes after ------------------------------------------------------------------------------------
+# -- a file, a study, and what comes after
+# ------------------------------------------------------------------------------------
 
 
 def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path) -> None:
@@ -317,7 +404,8 @@ def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path
     c.distances(25)
     c.plates(40, 2)
     c.file(tmp_path)
-    study = parse_study(f"""
+    study = parse_study(
+        f"""
         name = "wires"
         [robot]
         name = "puma760"
@@ -330,14 +418,23 @@ def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path
         estimation = 110
         [model]
         candidates = ["wrist-coupling", "joint-compliance"]
-        """, "study.toml")
+        """,
+        "study.toml",
+    )
     result = run(study, tmp_path, sampling=False)
     told = result.to_dict()
-    assert [(f["name"], f["fitted"]) for f in told["features"]][:2] == [("w1", ("x of w1", "y of w1", "z of w1")), ("w2", ())]
+    assert [(f["name"], f["fitted"]) for f in told["features"]][:2] == [
+        ("w1", ("x of w1", "y of w1", "z of w1")),
+        ("w2", ()),
+    ]
     np.testing.assert_allclose(told["features"][0]["position_mm"], ANCHORS["w1"], atol=0.3)
     assert (told["configurations"]["estimation"], told["configurations"]["held_out"]) == (110, 30)
-    assert told["noise_floor"]["mean_mm"] == pytest.approx(NOISE * (30 * np.sqrt(8 / np.pi) + 110 * np.sqrt(2 / np.pi)) / 140)
-    assert any(line.startswith("Feature plate0 (plane): a point of it is at") for line in sentences(result))
+    assert told["noise_floor"]["mean_mm"] == pytest.approx(
+        NOISE * (30 * np.sqrt(8 / np.pi) + 110 * np.sqrt(2 / np.pi)) / 140
+    )
+    assert any(
+        line.startswith("Feature plate0 (plane): a point of it is at") for line in sentences(result)
+    )
     assert "NaN" not in dumps(details(result))
     stored = loads(calibration_text(calibration_of(result)))
     assert not any(t.fixture for t in stored.terms)
@@ -371,9 +468,17 @@ def test_simulated_rows_read_what_the_planted_arm_reads(tmp_path) -> None:
     c.distances(5)
     known = {name: Known(position=place) for name, place in ANCHORS.items()}
     data = made(c, tmp_path, **known)
-    planted = Term("p", (Screw(5, "rz", mechanism("wrist-coupling:5", PUMA).terms[0].screws[0].cause),))
-    frame = simulate_rows(PUMA, np.array([TOOL]), [(planted.screws[0], 1e-3)], data=data, noise_mm=0.0,
-                          rng=np.random.default_rng(0))
+    planted = Term(
+        "p", (Screw(5, "rz", mechanism("wrist-coupling:5", PUMA).terms[0].screws[0].cause),)
+    )
+    frame = simulate_rows(
+        PUMA,
+        np.array([TOOL]),
+        [(planted.screws[0], 1e-3)],
+        data=data,
+        noise_mm=0.0,
+        rng=np.random.default_rng(0),
+    )
     frame.to_csv(tmp_path / "made.csv", index=False)
     back = with_known(read_measurements(tmp_path / "made.csv", ARM), known)
     assert (len(back), back.gauges.kind.tolist()) == (len(data), data.gauges.kind.tolist())
@@ -381,7 +486,14 @@ def test_simulated_rows_read_what_the_planted_arm_reads(tmp_path) -> None:
     np.testing.assert_allclose(residuals(every, (planted,), np.array([1e-3])), 0, atol=1e-8)
     c.plates(10, 1)
     with pytest.raises(StudyError, match="rows of kind plane hold the arm to a place"):
-        simulate_rows(PUMA, np.array([TOOL]), [], data=made(c, tmp_path), noise_mm=0.1, rng=np.random.default_rng(0))
+        simulate_rows(
+            PUMA,
+            np.array([TOOL]),
+            [],
+            data=made(c, tmp_path),
+            noise_mm=0.1,
+            rng=np.random.default_rng(0),
+        )
 
 
 def test_check_counts_rows_by_kind(tmp_path) -> None:
@@ -408,10 +520,17 @@ def test_poses_stand_beside_wires(tmp_path) -> None:
         made(c, tmp_path)
 
 
-# -- bad files ----------------------------------------------------------------------------------------------------------------
+# -- bad files
+# ----------------------------------------------------------------------------------------------------------------
 
 HEAD = "q1_rad,q2_rad,kind,feature,length_mm,x_mm,y_mm,z_mm"
-GOOD = ["0,0.1,point,,,1,2,3", "0,0.2,z,,,,,3", "0,0.3,wire,w,900,,,", "0,0.4,distance,d,,,,", "0,0.5,distance,d,12,,,"]
+GOOD = [
+    "0,0.1,point,,,1,2,3",
+    "0,0.2,z,,,,,3",
+    "0,0.3,wire,w,900,,,",
+    "0,0.4,distance,d,,,,",
+    "0,0.5,distance,d,12,,,",
+]
 BAD = {
     "0,1,wires,w,900,,,": r'line 7, column kind: "wires" is no kind of measurement. Did you mean "wire"\?',
     "0,1,,w,900,,,": 'line 7, column kind: "" is no kind',
@@ -441,7 +560,12 @@ def test_a_bad_row_is_refused_with_its_place(line, tmp_path) -> None:
 
 def test_good_rows_are_read_as_they_stand(tmp_path) -> None:
     data = read_measurements(written(tmp_path, HEAD, *GOOD), ARM[:2])
-    assert [KINDS[k] for k in data.gauges.kind] == ["point", "z", "wire", "distance"]       # a distance begins at its first row
+    assert [KINDS[k] for k in data.gauges.kind] == [
+        "point",
+        "z",
+        "wire",
+        "distance",
+    ]  # a distance begins at its first row
     assert data.row.tolist() == [0, 1, 2, 4]
     np.testing.assert_array_equal(data.position[1], [np.nan, np.nan, 3])
     np.testing.assert_array_equal(data.gauges.length, [np.nan, np.nan, 900, 12])
@@ -449,14 +573,20 @@ def test_good_rows_are_read_as_they_stand(tmp_path) -> None:
     assert data.block[3] not in data.block[:3]
     others = "0,0.6,distance,d,14,,,", "0,0.7,distance,e,,,,", "0,0.8,distance,e,9,,,"
     more = read_measurements(written(tmp_path, HEAD, *GOOD, *others), ARM[:2])
-    assert [len(more), len(np.unique(more.block))] == [6, 5]                  # two that begin alike are never apart
+    assert [len(more), len(np.unique(more.block))] == [6, 5]  # two that begin alike are never apart
 
 
-@pytest.mark.parametrize(("line", "said"), [("0,1,wire,w,-3,,,", "DataFrame, row 5, column length_mm: a length must be above"),
-                                            ("0,1,ball-bar,w,900,,,", "of kind wire on row 2 and of kind ball-bar here"),
-                                            ("0,1,z,,,5,,3", 'row 5, column x_mm: found "5.0", but a row of this kind')])
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("0,1,wire,w,-3,,,", "DataFrame, row 5, column length_mm: a length must be above"),
+        ("0,1,ball-bar,w,900,,,", "of kind wire on row 2 and of kind ball-bar here"),
+        ("0,1,z,,,5,,3", 'row 5, column x_mm: found "5.0", but a row of this kind'),
+    ],
+)
 def test_a_bad_row_of_a_dataframe_is_refused_with_its_place(line, said, tmp_path) -> None:
     import pandas as pd
+
     frame = pd.read_csv(written(tmp_path, HEAD, *GOOD, line))
     with pytest.raises(DataError, match=said):
         read_measurements(frame, ARM[:2])
@@ -472,18 +602,36 @@ def test_every_kind_goes_through_a_dataframe_and_back(tmp_path) -> None:
     c.touches(4, 1)
     c.plates(4, 1)
     for row in c.rows[:6]:
-        row |= {"qw": 0.6, "qx": 0.0, "qy": 0.8, "qz": 0.0, "srx_rad": 1e-4, "sry_rad": 2e-4, "srz_rad": 3e-4}
+        row |= {
+            "qw": 0.6,
+            "qx": 0.0,
+            "qy": 0.8,
+            "qz": 0.0,
+            "srx_rad": 1e-4,
+            "sry_rad": 2e-4,
+            "srz_rad": 3e-4,
+        }
         row |= {"s_mm": np.nan, "sx_mm": 0.1, "sy_mm": 0.2, "sz_mm": 0.3}
     for k, row in enumerate(c.rows):
         row |= {"group": f"day {k % 2}", "temperature_C": 20.0 + k}
     data = made(c, tmp_path)
     for back in (read_measurements(data.to_frame(), ARM), read_measurements(c.file(tmp_path), ARM)):
         assert back.gauges.features == data.gauges.features
-        for mine, other in ((back, data), (back.gauges.origin, data.gauges.origin), (back.gauges, data.gauges)):
+        for mine, other in (
+            (back, data),
+            (back.gauges.origin, data.gauges.origin),
+            (back.gauges, data.gauges),
+        ):
             for name, values in vars(other).items():
-                if isinstance(values, np.ndarray) and not (name == "position" and mine is back.gauges.origin):
-                    np.testing.assert_allclose(getattr(mine, name), values, rtol=1e-12, atol=1e-12, err_msg=name)
-        np.testing.assert_array_equal(back.covariates["temperature_C"], data.covariates["temperature_C"])
+                if isinstance(values, np.ndarray) and not (
+                    name == "position" and mine is back.gauges.origin
+                ):
+                    np.testing.assert_allclose(
+                        getattr(mine, name), values, rtol=1e-12, atol=1e-12, err_msg=name
+                    )
+        np.testing.assert_array_equal(
+            back.covariates["temperature_C"], data.covariates["temperature_C"]
+        )
     some = data.take(data.gauges.of("distance", "wire"))
     assert len(read_measurements(some.to_frame(), ARM)) == len(some) == 12
 
@@ -496,7 +644,10 @@ def test_copies_are_of_one_kind_feature_and_reading(tmp_path) -> None:
     for k, row in enumerate(c.rows):
         row["order"] = k
     again = [c.rows[4] | {"order": 100}, c.rows[31] | {"order": 101}, c.rows[34] | {"order": 102}]
-    others = [c.rows[4] | {"order": 103, "feature": "w2"}, c.rows[35] | {"order": 104, "feature": "p1"}]
+    others = [
+        c.rows[4] | {"order": 103, "feature": "w2"},
+        c.rows[35] | {"order": 104, "feature": "p1"},
+    ]
     c.rows += [*again, *others]
     data = read_measurements(c.file(tmp_path), ARM)
     assert data.row.tolist() == [*range(37), 40, 41]
@@ -511,24 +662,43 @@ def test_repeated_readings_of_one_coarse_number_are_no_copies(tmp_path) -> None:
     for _ in range(3):
         c.wires(30)
     for k, first in enumerate(c.rows[:30] * 3):
-        c.rows[k] = first | {"order": k, "length_mm": round(5 * (first["length_mm"] + c.rng.normal(0, 0.05))) / 5}
+        c.rows[k] = first | {
+            "order": k,
+            "length_mm": round(5 * (first["length_mm"] + c.rng.normal(0, 0.05))) / 5,
+        }
     assert len(read_measurements(c.file(tmp_path), ARM)) == 90
 
 
 def test_uncertainties_are_the_rows_own(tmp_path) -> None:
     head, rows = f"{HEAD},s_mm,sx_mm,sy_mm,sz_mm", [f"{line}," for line in GOOD]
     tails = [",0.1,0.2,0.3", "0.4,,,", "0.5,,,", "0.6,,,", "0.7,,,"]
-    data = read_measurements(written(tmp_path, head, *(a[:-1] + "," + b for a, b in zip(rows, tails, strict=True))), ARM[:2])
+    data = read_measurements(
+        written(tmp_path, head, *(a[:-1] + "," + b for a, b in zip(rows, tails, strict=True))),
+        ARM[:2],
+    )
     np.testing.assert_array_equal(data.sigma[:, 0], [0.1, 0.4, 0.5, 0.7])
     np.testing.assert_array_equal(data.sigma[0], [0.1, 0.2, 0.3])
     tails[2] = ",,,"
-    with pytest.raises(DataError, match="line 4, column s_mm: a row of kind wire has no standard uncertainty above zero"):
-        read_measurements(written(tmp_path, head, *(a[:-1] + "," + b for a, b in zip(rows, tails, strict=True))), ARM[:2])
+    with pytest.raises(
+        DataError,
+        match="line 4, column s_mm: a row of kind wire has no standard uncertainty above zero",
+    ):
+        read_measurements(
+            written(tmp_path, head, *(a[:-1] + "," + b for a, b in zip(rows, tails, strict=True))),
+            ARM[:2],
+        )
 
 
 def test_files_that_mean_something_else_by_these_names_are_read_as_before(tmp_path) -> None:
-    data = read_measurements(written(tmp_path, "q1_rad,q2_rad,x_mm,y_mm,z_mm,kind,s_mm,length_mm", "0,1,1,2,3,sphere,7,8",
-                                     "1,1,1,2,3,cone,7,8"), ARM[:2])
+    data = read_measurements(
+        written(
+            tmp_path,
+            "q1_rad,q2_rad,x_mm,y_mm,z_mm,kind,s_mm,length_mm",
+            "0,1,1,2,3,sphere,7,8",
+            "1,1,1,2,3,cone,7,8",
+        ),
+        ARM[:2],
+    )
     assert data.gauges is None
     assert set(data.covariates) == {"s_mm", "length_mm"}
     assert "Columns that hold no numbers are ignored: kind." in [n.sentence for n in data.notes]
@@ -541,12 +711,26 @@ def test_what_a_study_knows_of_features_is_checked(tmp_path) -> None:
     c.bars(10, {"bar": 400.0}, given=True)
     point = (1.0, 2.0, 3.0)
     with pytest.raises(StudyError) as refused:
-        made(c, tmp_path, w9=Known(position=point), w1=Known(normal=point), plate0=Known(position=point), bar=Known(length=400.0))
+        made(
+            c,
+            tmp_path,
+            w9=Known(position=point),
+            w1=Known(normal=point),
+            plate0=Known(position=point),
+            bar=Known(length=400.0),
+        )
     assert [p.partition(":")[2].strip() for p in refused.value.problems] == [
-        'no row of the file names it. Known: bar, plate0, w1, w2, w3.', "normal goes with plane, but its rows are of kind wire.",
-        "a known plane needs position_mm and normal.", "length_mm stands in its rows already; give it once."]
+        "no row of the file names it. Known: bar, plate0, w1, w2, w3.",
+        "normal goes with plane, but its rows are of kind wire.",
+        "a known plane needs position_mm and normal.",
+        "length_mm stands in its rows already; give it once.",
+    ]
     with pytest.raises(StudyError, match="say how a tracker measures points"):
-        prepare(PUMA, replace(made(c, tmp_path), sigma=None), replace(plan(40), instrument=Instrument(0.01, 5, 5)))
+        prepare(
+            PUMA,
+            replace(made(c, tmp_path), sigma=None),
+            replace(plan(40), instrument=Instrument(0.01, 5, 5)),
+        )
     both = plan(40, instrument=Instrument(0.01, 5, 5), stated_mm=0.1)
     _, floor, _ = prepare(PUMA, replace(made(c, tmp_path), sigma=None), both)
     assert (floor.coordinate_mm, floor.source) == (0.1, "stated")
@@ -563,6 +747,7 @@ def test_a_study_without_features_is_hashed_as_before() -> None:
 
 def test_parts_of_a_set_are_points(tmp_path) -> None:
     import pandas as pd
+
     c = campaign()
     c.wires(30)
     pd.DataFrame(c.rows).to_parquet(tmp_path / "rows.parquet", index=False)
@@ -580,7 +765,10 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
     known = prepared(measured, 100).training()
     fitted = fit(known, model(measured))
     some = [fitted.terms[k] for k in fitted.representatives]
-    at, pool_scene = fitted.at(), scene(PUMA, measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL]))
+    at, pool_scene = (
+        fitted.at(),
+        scene(PUMA, measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL])),
+    )
     p = pool(known, pool_scene, fitted.terms, at, NOISE)
     X = design(replace(known, whiten=1.0), some, at)[0].reshape(-1, len(some))
     own = [k for k, t in enumerate(some) if not t.fixture]
@@ -591,9 +779,16 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
 
 def test_the_page_s_example_is_read(tmp_path) -> None:
     text = (Path(__file__).parents[1] / "docs" / "kinds.md").read_text(encoding="utf-8")
-    rows, known = (text.partition(f"```{language}\n")[2].partition("```")[0] for language in ("csv", "toml"))
+    rows, known = (
+        text.partition(f"```{language}\n")[2].partition("```")[0] for language in ("csv", "toml")
+    )
     data = read_measurements(written(tmp_path, rows.strip()), ARM)
     assert [KINDS[k] for k in data.gauges.kind] == ["point", "z", "wire", "distance", "same-point"]
-    study = 'name = "a"\n[robot]\nname = "puma760"\ntool_mm = [0, 0, 100]\n[measurements]\nfile = "a.csv"\n' + known
+    study = (
+        'name = "a"\n[robot]\nname = "puma760"\ntool_mm = [0, 0, 100]\n[measurements]\nfile = "a.csv"\n'
+        + known
+    )
     assert set(known_features(parse_study(study, "study.toml"))) == {"north", "plate", "bar"}
-    assert all(f"| `{kind}` |" in text or f"`{kind}`, " in text or f"`{kind}` |" in text for kind in KINDS)
+    assert all(
+        f"| `{kind}` |" in text or f"`{kind}`, " in text or f"`{kind}` |" in text for kind in KINDS
+    )

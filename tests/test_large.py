@@ -1,4 +1,6 @@
-"""Large data: naming sees a drawn share of the rows and says so; fits, errors and gains are of all rows."""
+"""Large data: naming sees a drawn share of the rows and says so; fits, errors and gains are of all
+rows."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -32,9 +34,11 @@ def test_naming_sees_a_share_and_says_so(rng, tmp_path, monkeypatch) -> None:
     at = drawn("puma760", rng, 320)
     at = planted(at, one(5, "rz", q(4)).terms, np.array([1.5e-3]), rng, 0.05)
     position = at.data.position.copy()
-    position[[11, 250]] += 5.0                                        # gross, on either side of the split
+    position[[11, 250]] += 5.0  # gross, on either side of the split
     names = [*(f"q{j}_rad" for j in range(1, 7)), "x_mm", "y_mm", "z_mm"]
-    pd.DataFrame(np.column_stack([at.data.q, position]), columns=names).to_csv(tmp_path / "measurements.csv", index=False)
+    pd.DataFrame(np.column_stack([at.data.q, position]), columns=names).to_csv(
+        tmp_path / "measurements.csv", index=False
+    )
     monkeypatch.setattr(explain, "SCANNED", 90)
     result = run(parse_study(STUDY, "study.toml"), tmp_path, sampling=False)
     assert "wrist-coupling" in " ".join(result.chosen.names)
@@ -58,6 +62,7 @@ def test_bundled_bootstrap_has_the_same_interval(rng, monkeypatch) -> None:
 def test_readings_alike_by_neighbours_or_by_tree(rng, monkeypatch) -> None:
     """Few close neighbours are compared along one direction, many by a tree: the same blocks."""
     from modelsel.measurements import measurements
+
     few = np.repeat(rng.uniform(-1, 1, (50, 3)), 2, axis=0) + rng.uniform(-4e-7, 4e-7, (100, 3))
     monkeypatch.setattr(measurements, "_near", lambda q, order, close: None)
     by_tree = blocks(few, np.arange(100))

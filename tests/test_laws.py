@@ -1,4 +1,6 @@
-"""Every registered mechanism on every built-in robot goes through the laws; and the laws see what breaks them."""
+"""Every registered mechanism on every built-in robot goes through the laws; and the laws see what
+breaks them."""
+
 from __future__ import annotations
 
 import itertools
@@ -18,7 +20,12 @@ from modelsel.robot.files import builtin_names, load
 from modelsel.robot.kinematics import Robot
 
 ROBOTS = {name: load(name) for name in builtin_names()}
-JOINED = (laws.law1_columns_are_derivatives, laws.law2_rows_are_local, laws.law3_linear_in_the_cause, laws.law7_inputs_stay)
+JOINED = (
+    laws.law1_columns_are_derivatives,
+    laws.law2_rows_are_local,
+    laws.law3_linear_in_the_cause,
+    laws.law7_inputs_stay,
+)
 EACH = (laws.law4_plant_and_recover, laws.law6_a_value)
 
 
@@ -27,7 +34,11 @@ def picked(robot: Robot, rng: np.random.Generator) -> list[Mechanism]:
     by_name: dict[str, list[Mechanism]] = {}
     for m in every(robot):
         by_name.setdefault(m.name, []).append(m)
-    return [m for same in by_name.values() for m in dict.fromkeys([same[rng.integers(len(same))], same[-1]])]
+    return [
+        m
+        for same in by_name.values()
+        for m in dict.fromkeys([same[rng.integers(len(same))], same[-1]])
+    ]
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -62,7 +73,9 @@ def test_law5_symbols_and_units(robot, rng) -> None:
 
 def test_every_entry_is_tried() -> None:
     """No entry of the table escapes: each applies to at least one built-in robot."""
-    assert {m.name.partition(":")[0] for robot in ROBOTS.values() for m in every(robot)} == set(BUILTIN)
+    assert {m.name.partition(":")[0] for robot in ROBOTS.values() for m in every(robot)} == set(
+        BUILTIN
+    )
 
 
 @pytest.mark.parametrize("name", ["backlash:3", "wrist-coupling", "tracker-drift"])
@@ -72,7 +85,8 @@ def test_whole_check_for_plugins(name, rng) -> None:
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_names(robot) -> None:
-    """What is built under a name is found under it; only the constants of a scanned mechanism share one."""
+    """What is built under a name is found under it; only the constants of a scanned mechanism share
+    one."""
     arm = ROBOTS[robot]
     found = every(arm)
     assert len({(m.name, m.terms) for m in found}) == len(found)
@@ -82,16 +96,34 @@ def test_names(robot) -> None:
         assert parts(name, arm) == tuple(m for m in found if m.name == name)
 
 
-@pytest.mark.parametrize("cause", [Number(1.0), cos(q(2) + q(3)), sin(2.0 * q(4)), Named("torque2", "N m"), Named("approach3"),
-                                   Named("move3", "rad"), Named("payload_kg", "kg") * cos(q(2)), Named("range_mm", "mm"),
-                                   Named("temperature_C", "°C") - 20.0,
-                                   Named("moment_x", "N m") / (Number(2.0) + q(1) * q(1))], ids=str)
+@pytest.mark.parametrize(
+    "cause",
+    [
+        Number(1.0),
+        cos(q(2) + q(3)),
+        sin(2.0 * q(4)),
+        Named("torque2", "N m"),
+        Named("approach3"),
+        Named("move3", "rad"),
+        Named("payload_kg", "kg") * cos(q(2)),
+        Named("range_mm", "mm"),
+        Named("temperature_C", "°C") - 20.0,
+        Named("moment_x", "N m") / (Number(2.0) + q(1) * q(1)),
+    ],
+    ids=str,
+)
 def test_any_screw_obeys(cause, rng) -> None:
     """What the error map will scan: every place times a cause of each kind."""
     at = drawn("puma760", rng, laws.M)
-    terms = tuple(Term(f"{f}{axis}", (Screw(f, axis, cause),)) for f in range(1, 8) for axis in laws.AXES)
+    terms = tuple(
+        Term(f"{f}{axis}", (Screw(f, axis, cause),)) for f in range(1, 8) for axis in laws.AXES
+    )
     whole = Mechanism("cells", terms, "All.", "H", "here")
-    for law in (laws.law1_columns_are_derivatives, laws.law2_rows_are_local, laws.law3_linear_in_the_cause):
+    for law in (
+        laws.law1_columns_are_derivatives,
+        laws.law2_rows_are_local,
+        laws.law3_linear_in_the_cause,
+    ):
         law(whole, at, rng)
     for f, axis in itertools.product(range(1, 8), laws.AXES):
         single = replace(one(f, axis, cause), sentence="One.", equation="H", source="here")
@@ -124,7 +156,7 @@ def broken_l2() -> Mechanism:
 
 
 def broken_l4() -> Mechanism:
-    return one(7, "rz", Number(1.0))              # turns the target about its own axis: moves no point
+    return one(7, "rz", Number(1.0))  # turns the target about its own axis: moves no point
 
 
 def broken_l5() -> Mechanism:
@@ -132,12 +164,19 @@ def broken_l5() -> Mechanism:
 
 
 def broken_l6() -> Mechanism:
-    return one(2, "rz", Centred(q(2)))            # prints as q2, which it is not
+    return one(2, "rz", Centred(q(2)))  # prints as q2, which it is not
 
 
-@pytest.mark.parametrize(("law", "wrong"), [(laws.law2_rows_are_local, broken_l2), (laws.law4_plant_and_recover, broken_l4),
-                                            (laws.law5_symbols_and_units, broken_l5), (laws.law6_a_value, broken_l6)],
-                         ids=["L2", "L4", "L5", "L6"])
+@pytest.mark.parametrize(
+    ("law", "wrong"),
+    [
+        (laws.law2_rows_are_local, broken_l2),
+        (laws.law4_plant_and_recover, broken_l4),
+        (laws.law5_symbols_and_units, broken_l5),
+        (laws.law6_a_value, broken_l6),
+    ],
+    ids=["L2", "L4", "L5", "L6"],
+)
 def test_laws_can_fail(law, wrong, rng) -> None:
     with pytest.raises((AssertionError, NameError)):
         law(wrong(), drawn("puma760", rng, laws.M), rng)
@@ -146,27 +185,34 @@ def test_laws_can_fail(law, wrong, rng) -> None:
 def test_law1_can_fail(rng, monkeypatch) -> None:
     """A field with the lever the wrong way round is no derivative."""
     right = design.screws_into
+
     def wrong(field, *others):
         right(field, *others)
         field[:, 3:] *= -1
+
     monkeypatch.setattr(design, "screws_into", wrong)
     with pytest.raises(AssertionError, match="L1"):
-        laws.law1_columns_are_derivatives(mechanism("backlash:3", ROBOTS["puma760"]), drawn("puma760", rng, 20), rng)
+        laws.law1_columns_are_derivatives(
+            mechanism("backlash:3", ROBOTS["puma760"]), drawn("puma760", rng, 20), rng
+        )
 
 
 def test_setup_columns_with_orientation(rng) -> None:
-    """The rotational rows are derivatives too: tracker, target offset and target orientation, measured in six components."""
+    """The rotational rows are derivatives too: tracker, target offset and target orientation,
+    measured in six components."""
     robot = ROBOTS["ur5"]
     at = drawn(robot, rng, 20)
     turned = at.pose(slice(None)).rotation.transpose(2, 0, 1)
     from modelsel.fitting.problem import scene
     from modelsel.measurements.measurements import measurements
+
     data = measurements(at.data.q, at.data.position, rotation=turned)
     six = scene(robot, data, at.tools)
     assert six.components == 6
     whole = setup(robot, 1, 1, True, True)
     both = Mechanism("all", (*whole.terms, *mechanism("wrist-coupling", robot).terms))
     from modelsel.fitting.design import design, residuals
+
     columns, residual = design(six, both.terms)
     assert np.abs(residual).max() < 1e-9
     for j, term in enumerate(both.terms):
@@ -176,4 +222,6 @@ def test_setup_columns_with_orientation(rng) -> None:
         difference = (residuals(six, both.terms, down) - residuals(six, both.terms, up)) / (2 * h)
         for part in (slice(0, 3), slice(3, 6)):
             size = max(np.abs(difference[:, part]).max(), 1e-2)
-            np.testing.assert_allclose(columns[:, part, j], difference[:, part], atol=1e-6 * size, err_msg=term.symbol)
+            np.testing.assert_allclose(
+                columns[:, part, j], difference[:, part], atol=1e-6 * size, err_msg=term.symbol
+            )

@@ -1,4 +1,5 @@
 """Too little, too much, too even: sensible words, the right exit status, bounded memory."""
+
 from __future__ import annotations
 
 import json
@@ -38,38 +39,54 @@ candidates = ["wrist-coupling", "backlash:3", "thermal-growth"]
 """
 
 
-def frame(rng: np.random.Generator, m: int, *, sigma: float = SIGMA, still: bool = False) -> pd.DataFrame:
+def frame(
+    rng: np.random.Generator, m: int, *, sigma: float = SIGMA, still: bool = False
+) -> pd.DataFrame:
     """An arm whose second joint's zero is 2 mrad off; `still`: always in the same configuration."""
     angles = PUMA.draw(rng, 1).repeat(m, 0) if still else PUMA.draw(rng, m)
     off = angles + np.array([0, 2e-3, 0, 0, 0, 0])
     x = forward(PUMA, off, TOOL) + sigma * rng.standard_normal((m, 3))
-    return pd.DataFrame(np.column_stack([angles, x]), columns=[*(f"q{j}_rad" for j in range(1, 7)), "x_mm", "y_mm", "z_mm"])
+    return pd.DataFrame(
+        np.column_stack([angles, x]),
+        columns=[*(f"q{j}_rad" for j in range(1, 7)), "x_mm", "y_mm", "z_mm"],
+    )
 
 
 def told(folder: Path, table: pd.DataFrame, status: int) -> str:
-    """What `modelsel study` says of it, with the exit status it must have; a refused study leaves nothing behind."""
+    """What `modelsel study` says of it, with the exit status it must have; a refused study leaves
+    nothing behind."""
     (folder / "study.toml").write_text(STUDY)
     table.to_csv(folder / "measurements.csv", index=False)
     out = folder / "out"
-    ran = CliRunner().invoke(main, ["study", str(folder), "--out", str(out), "--no-report", "--no-sampling"])
+    ran = CliRunner().invoke(
+        main, ["study", str(folder), "--out", str(out), "--no-report", "--no-sampling"]
+    )
     assert ran.exit_code == status, ran.output
     assert "Traceback" not in ran.output
     assert (out / "result.json").exists() == (status == 0)
     return " ".join(ran.output.split())
 
 
-# -- too little ---------------------------------------------------------------------------------------------------------------
+# -- too little
+# ---------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("m", "still", "words"), [
-    (1, False, "one set of joint readings"), (2, False, "6 measured coordinates cannot determine"),
-    (40, True, "one set of joint readings"), (8, False, "24 measured coordinates cannot determine the 24")])
+@pytest.mark.parametrize(
+    ("m", "still", "words"),
+    [
+        (1, False, "one set of joint readings"),
+        (2, False, "6 measured coordinates cannot determine"),
+        (40, True, "one set of joint readings"),
+        (8, False, "24 measured coordinates cannot determine the 24"),
+    ],
+)
 def test_too_few_configurations(m, still, words, rng, tmp_path) -> None:
     assert words in told(tmp_path, frame(rng, m, still=still), 4)
 
 
 def test_hardly_enough(rng, tmp_path) -> None:
-    """Ten configurations, six degrees of freedom: an effect would have to be large to be found, and the limit says so."""
+    """Ten configurations, six degrees of freedom: an effect would have to be large to be found, and
+    the limit says so."""
     told(tmp_path, frame(rng, 10), 0)
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     limit = result["nothing_else"]["detection_limit_mm"]
@@ -80,7 +97,8 @@ def test_a_still_arm_without_noise(rng, tmp_path) -> None:
     assert "one set of joint readings" in told(tmp_path, frame(rng, 12, sigma=0.0, still=True), 4)
 
 
-# -- too even -----------------------------------------------------------------------------------------------------------------
+# -- too even
+# -----------------------------------------------------------------------------------------------------------------
 
 
 def test_no_noise_at_all(rng, tmp_path) -> None:
@@ -96,20 +114,29 @@ def test_no_noise_and_an_effect(rng) -> None:
     at = drawn("puma760", rng, 60)
     at = planted(at, one(4, "rz", sin(2.0 * q(4))).terms, np.array([1e-3]))
     base = Model((mechanism("geometric", PUMA),))
-    _, extension, _ = explain(study_of(at), base, (*parts("encoder-eccentricity", PUMA), *parts("wrist-coupling", PUMA)), 1,
-                              cells=False)
+    _, extension, _ = explain(
+        study_of(at),
+        base,
+        (*parts("encoder-eccentricity", PUMA), *parts("wrist-coupling", PUMA)),
+        1,
+        cells=False,
+    )
     assert [e.candidate.mechanism.name for e in extension.effects] == ["encoder-eccentricity:4"]
     assert extension.effects[0].estimate == pytest.approx([1e-3, 0.0], abs=1e-8)
 
 
 @pytest.mark.parametrize("name", ["temperature_C", "payload_kg", "time_s"])
 def test_a_covariate_of_no_numbers(name, rng, tmp_path) -> None:
-    assert f"line 2, column {name}: expected a finite number" in told(tmp_path, frame(rng, 30).assign(**{name: np.nan}), 3)
+    assert f"line 2, column {name}: expected a finite number" in told(
+        tmp_path, frame(rng, 30).assign(**{name: np.nan}), 3
+    )
 
 
 def test_causes_that_never_change(rng, tmp_path) -> None:
     """Constant temperature, payload, time: nothing is made of them."""
-    table = frame(rng, 50).assign(temperature_C=20.0, payload_kg=0.0, time_s=5.0, current_A=3.0, empty=np.nan)
+    table = frame(rng, 50).assign(
+        temperature_C=20.0, payload_kg=0.0, time_s=5.0, current_A=3.0, empty=np.nan
+    )
     said = told(tmp_path, table, 0)
     assert "Columns that hold no numbers are ignored: empty" in said
     assert json.loads((tmp_path / "out" / "result.json").read_text())["findings"] == []
@@ -117,11 +144,18 @@ def test_causes_that_never_change(rng, tmp_path) -> None:
 
 @pytest.mark.parametrize("name", ["puma760", "ur5", "scara"])
 def test_targets_on_every_axis(name, rng) -> None:
-    """A target on the last axis, at the flange, on any axis of the flange: fitted, its unseen turns left out."""
+    """A target on the last axis, at the flange, on any axis of the flange: fitted, its unseen turns
+    left out."""
     robot = small_scara() if name == "scara" else load(name)
     for tool in ((0.0, 0.0, 0.0), (0.0, 0.0, 80.0), (80.0, 0.0, 0.0), (0.0, 80.0, 0.0)):
         angles = robot.draw(rng, 60)
-        at = bind(robot, measurements(angles, forward(robot, angles, np.array(tool)) + rng.normal(0, SIGMA, (60, 3))), tool)
+        at = bind(
+            robot,
+            measurements(
+                angles, forward(robot, angles, np.array(tool)) + rng.normal(0, SIGMA, (60, 3))
+            ),
+            tool,
+        )
         fitted = fit(at, Model((mechanism("geometric", robot),)))
         assert fitted.sigma == pytest.approx(SIGMA, rel=0.35)
         assert np.isfinite(fitted.standard_errors).all()
@@ -129,18 +163,44 @@ def test_targets_on_every_axis(name, rng) -> None:
 
 def small_scara() -> Robot:
     rows = [(0, 200, 300, 0), (0, 0, 250, 180), (0, 100, 0, 0)]
-    return robot_from_table({"name": "scara", "source": "made up", "joint": [
-        {"dh": {"theta_deg": t, "d_mm": d, "a_mm": a, "alpha_deg": b}} for t, d, a, b in rows]}, "scara.toml")
+    return robot_from_table(
+        {
+            "name": "scara",
+            "source": "made up",
+            "joint": [
+                {"dh": {"theta_deg": t, "d_mm": d, "a_mm": a, "alpha_deg": b}}
+                for t, d, a, b in rows
+            ],
+        },
+        "scara.toml",
+    )
 
 
-# -- too much -----------------------------------------------------------------------------------------------------------------
+# -- too much
+# -----------------------------------------------------------------------------------------------------------------
 
 
 def snake(n: int) -> Robot:
     """Many joints, axes to all sides."""
-    return robot_from_table({"name": "snake", "source": "made up", "gravity": [0, 0, -1], "joint": [
-        {"dh": {"theta_deg": 0, "d_mm": 20.0 * (k % 3), "a_mm": 80.0, "alpha_deg": (90, -90, 60)[k % 3]}} for k in range(n)]},
-        "snake.toml")
+    return robot_from_table(
+        {
+            "name": "snake",
+            "source": "made up",
+            "gravity": [0, 0, -1],
+            "joint": [
+                {
+                    "dh": {
+                        "theta_deg": 0,
+                        "d_mm": 20.0 * (k % 3),
+                        "a_mm": 80.0,
+                        "alpha_deg": (90, -90, 60)[k % 3],
+                    }
+                }
+                for k in range(n)
+            ],
+        },
+        "snake.toml",
+    )
 
 
 def of_snake(n: int, m: int, rng: np.random.Generator) -> Scene:
@@ -153,8 +213,16 @@ def of_snake(n: int, m: int, rng: np.random.Generator) -> Scene:
 def test_sixty_joints_and_two_hundred_mechanisms(rng) -> None:
     at = of_snake(60, 150, rng)
     base = Model((mechanism("geometric", at.robot),))
-    offered = [part for name in ("encoder-eccentricity", "gear-eccentricity", "approach-backlash", "encoder-scale")
-               for part in parts(name, at.robot)]
+    offered = [
+        part
+        for name in (
+            "encoder-eccentricity",
+            "gear-eccentricity",
+            "approach-backlash",
+            "encoder-scale",
+        )
+        for part in parts(name, at.robot)
+    ]
     assert len(offered) > 200
     fitted = fit(at, base)
     assert fitted.rank > 200
@@ -163,7 +231,8 @@ def test_sixty_joints_and_two_hundred_mechanisms(rng) -> None:
 
 
 def test_the_error_map_of_many_joints_is_bounded(rng, monkeypatch) -> None:
-    """Its cells grow with the cube of the joints; beyond a bound, neighbours alone, which is said."""
+    """Its cells grow with the cube of the joints; beyond a bound, neighbours alone, which is
+    said."""
     at = of_snake(16, 12, rng)
     base = Model((mechanism("geometric", at.robot),))
     assert crowded(at)
@@ -177,14 +246,20 @@ def test_the_error_map_of_many_joints_is_bounded(rng, monkeypatch) -> None:
     few = of_snake(6, 12, rng)
     assert not crowded(few)
     assert beside(few) == ()
-    whole = {c.mechanism.name for c in candidates(few, Model((mechanism("geometric", few.robot),)), every(few.robot))}
+    whole = {
+        c.mechanism.name
+        for c in candidates(few, Model((mechanism("geometric", few.robot),)), every(few.robot))
+    }
     assert "1 rz sin(q3+q6) & cos(q3+q6)" in whole
     monkeypatch.setattr(possible, "CELLS", 10)
-    assert len(candidates(few, Model((mechanism("geometric", few.robot),)), every(few.robot))) < len(whole)
+    assert len(
+        candidates(few, Model((mechanism("geometric", few.robot),)), every(few.robot))
+    ) < len(whole)
 
 
 def test_a_fit_holds_no_design_matrix(rng) -> None:
-    """Forty thousand configurations: the fit takes a small part of what the design matrix alone would."""
+    """Forty thousand configurations: the fit takes a small part of what the design matrix alone
+    would."""
     at = drawn("puma760", rng, 40_000).anew()
     model = Model((mechanism("geometric", PUMA),))
     tracemalloc.start()

@@ -1,4 +1,6 @@
-"""A simple mistake of the set-up is found and told, each planted in data of arms with errors of their own."""
+"""A simple mistake of the set-up is found and told, each planted in data of arms with errors of
+their own."""
+
 from __future__ import annotations
 
 import os
@@ -37,7 +39,8 @@ Change = Callable[[Array, Array], tuple[Array, Array]]
 
 
 def arm(rng: np.random.Generator, name: str, m: int = 80, registered: bool = True) -> Scene:
-    """A built-in arm with geometric errors (about 1 mm) and noise; where it is to be registered, the tracker stands elsewhere."""
+    """A built-in arm with geometric errors (about 1 mm) and noise; where it is to be registered,
+    the tracker stands elsewhere."""
     at = drawn_arm(name, rng, m)
     terms = geometric(at.robot).terms
     size = np.array([5e-4 if t.unit == "rad" else 0.3 for t in terms])
@@ -70,6 +73,7 @@ def columns(a: int, b: int) -> Change:
         order = np.arange(q.shape[1])
         order[[a - 1, b - 1]] = b - 1, a - 1
         return q[:, order], x
+
     return change
 
 
@@ -86,7 +90,10 @@ MISTAKES: dict[str, tuple[Change, str]] = {
     "coupled": (lambda q, x: (q + np.outer(q[:, 1], np.arange(6) == 2), x), "q2 is taken from q3"),
     "degrees": (lambda q, x: (np.degrees(q), x), "all readings are in degrees, not radians"),
     "radians": (lambda q, x: (np.radians(q), x), "all readings are in radians, not degrees"),
-    "one radians": (lambda q, x: (np.where(np.arange(6) == 2, np.radians(q), q), x), "q3 is in radians, not degrees"),
+    "one radians": (
+        lambda q, x: (np.where(np.arange(6) == 2, np.radians(q), q), x),
+        "q3 is in radians, not degrees",
+    ),
     "metres": (lambda q, x: (q, x / 1000), "the positions are metres"),
     "inches": (lambda q, x: (q, x / 25.4), "the positions are inches"),
 }
@@ -99,7 +106,10 @@ def test_a_planted_mistake_is_named_with_its_numbers(robot, name, rng) -> None:
     sentence = said(arm(rng, robot), change)
     assert sentence is not None
     assert words in sentence
-    assert re.search(r"fit \d+ times better \([\d.]+ mm in place of \d+ mm, median\) if [^:]+: (check|name|convert) ", sentence)
+    assert re.search(
+        r"fit \d+ times better \([\d.]+ mm in place of \d+ mm, median\) if [^:]+: (check|name|convert) ",
+        sentence,
+    )
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -124,7 +134,9 @@ def test_what_the_study_says_of_tool_and_frame(rng) -> None:
     sentence = said(bare, lambda q, x: (q, x), False) or ""
     assert "the target sits at " in sentence
     assert sentence.endswith("on the flange: check tool_mm in the study.")
-    numbers = [float(part) for part in sentence.partition("sits at ")[2].partition(" mm")[0].split(",")]
+    numbers = [
+        float(part) for part in sentence.partition("sits at ")[2].partition(" mm")[0].split(",")
+    ]
     assert numbers == pytest.approx(OFF_AXIS, abs=1.5)
     turned = rpy(0.1, 0.2, -0.4)
     assert "register = true" in (said(at, lambda q, x: (q, x @ turned.T + 100), False) or "")
@@ -137,7 +149,9 @@ def test_what_the_study_says_of_tool_and_frame(rng) -> None:
 @pytest.mark.parametrize("registered", [True, False])
 @pytest.mark.parametrize("robot", ["ur5", "puma760", "iiwa14"])
 def test_no_false_alarm(robot, registered, rng) -> None:
-    """Geometric errors ten times the usual, gross points, another robot: no simple mistake explains any of it, but the links."""
+    """Geometric errors ten times the usual, gross points, another robot: no simple mistake explains
+    any of it, but the links."""
+
     def same(q: Array, x: Array) -> tuple[Array, Array]:
         return q, x
 
@@ -147,17 +161,27 @@ def test_no_false_alarm(robot, registered, rng) -> None:
     size = np.array([1e-2 if t.unit == "rad" else 3.0 for t in terms])
     rough = planted(drawn_arm(robot, rng, 60), terms, rng.normal(0, size), rng, 0.05)
     assert said(rough, same, registered) is None
-    gross = at.data.position + np.where(rng.random((60, 1)) < 0.1, 500.0, 0.0) * rng.normal(size=(60, 3))
+    gross = at.data.position + np.where(rng.random((60, 1)) < 0.1, 500.0, 0.0) * rng.normal(
+        size=(60, 3)
+    )
     assert said(at, lambda q, x: (q, gross), registered) is None
-    other = replace(drawn_arm("irb1600" if robot != "iiwa14" else "fr3", rng, 60, OFF_AXIS), robot=at.robot)
-    wrong_robot = said(other, same, registered)           # links and zeros may turn one arm into the other: then that is said
-    assert wrong_robot is None or "check the robot file, and whether it is this robot's" in wrong_robot
+    other = replace(
+        drawn_arm("irb1600" if robot != "iiwa14" else "fr3", rng, 60, OFF_AXIS), robot=at.robot
+    )
+    wrong_robot = said(
+        other, same, registered
+    )  # links and zeros may turn one arm into the other: then that is said
+    assert (
+        wrong_robot is None or "check the robot file, and whether it is this robot's" in wrong_robot
+    )
 
 
 def test_gross_points_do_not_hide_a_mistake(rng) -> None:
     at = arm(rng, "ur5")
     gross = np.where(rng.random((80, 1)) < 0.1, 800.0, 0.0) * rng.normal(size=(80, 3))
-    assert "joint 3 turns the other way" in (said(at, lambda q, x: (sense(3)(q, x)[0], x + gross)) or "")
+    assert "joint 3 turns the other way" in (
+        said(at, lambda q, x: (sense(3)(q, x)[0], x + gross)) or ""
+    )
 
 
 def test_few_configurations_say_nothing(rng) -> None:
@@ -166,33 +190,46 @@ def test_few_configurations_say_nothing(rng) -> None:
 
 @pytest.mark.parametrize("name", ["puma760", "ur5-tracker", "wam-tracker", "positioner"])
 def test_the_studies_raise_no_alarm_and_their_mistakes_are_found(name, monkeypatch) -> None:
-    """Their own data as they are, and with one joint's sense reversed (the positioner's positions do not tell it)."""
+    """Their own data as they are, and with one joint's sense reversed (the positioner's positions
+    do not tell it)."""
     data = Path(os.environ.get("MODELSEL_DATA") or Path(__file__).parents[2] / "shared" / "data")
     if name != "puma760" and os.environ.get("MODELSEL_NO_DATA") == "1":
         pytest.skip("MODELSEL_NO_DATA=1")
     monkeypatch.setenv("MODELSEL_DATA", str(data))
-    question, measured, labels, _ = asked(read_study(STUDIES / name / "study.toml"), STUDIES / name, BUILTIN)
+    question, measured, labels, _ = asked(
+        read_study(STUDIES / name / "study.toml"), STUDIES / name, BUILTIN
+    )
     notes = prepare(question.robot, measured, question.plan, labels)[2]
     assert MISTAKEN not in [n.code for n in notes]
     wrong = replace(measured, q=sense(3)(measured.q, measured.position)[0])
     if name == "positioner":
         return
     try:
-        found = "".join(n.sentence for n in prepare(question.robot, wrong, question.plan, labels)[2] if n.code == MISTAKEN)
+        found = "".join(
+            n.sentence
+            for n in prepare(question.robot, wrong, question.plan, labels)[2]
+            if n.code == MISTAKEN
+        )
     except DataError as refused:
         found = str(refused)
     assert "if joint 3 turns the other way: check the sign of q3 and the robot file's axis" in found
 
 
 def test_it_is_told_first_and_nothing_is_changed(rng, tmp_path) -> None:
-    """In check, in a dry run, on the first line of a study; the study itself takes the data as they stand."""
+    """In check, in a dry run, on the first line of a study; the study itself takes the data as they
+    stand."""
     at = arm(rng, "ur5", 40)
     q, position = sense(5)(at.data.q, at.data.position)
     measurements(q, position).to_frame().to_csv(tmp_path / "measurements.csv", index=False)
-    (tmp_path / "study.toml").write_text('name = "s"\n[robot]\nname = "ur5"\nregister = true\n[measurements]\n'
-                                         'file = "measurements.csv"\n[model]\ncandidates = []\n')
+    (tmp_path / "study.toml").write_text(
+        'name = "s"\n[robot]\nname = "ur5"\nregister = true\n[measurements]\n'
+        'file = "measurements.csv"\n[model]\ncandidates = []\n'
+    )
     words = "if joint 5 turns the other way"
-    for command in (["check", str(tmp_path / "measurements.csv"), "--robot", "ur5"], ["study", str(tmp_path), "--dry-run"]):
+    for command in (
+        ["check", str(tmp_path / "measurements.csv"), "--robot", "ur5"],
+        ["study", str(tmp_path), "--dry-run"],
+    ):
         ran = CliRunner().invoke(main, command)
         assert ran.exit_code == 0, ran.output
         assert words in ran.output
@@ -203,7 +240,7 @@ def test_it_is_told_first_and_nothing_is_changed(rng, tmp_path) -> None:
     assert lines[0].startswith("Check the set-up: The positions fit ")
     assert words in lines[0]
     assert sum(words in line for line in lines) == 1
-    assert opening(result.record)[0] == lines[0]                      # the report's first page, and its page to explore
+    assert opening(result.record)[0] == lines[0]  # the report's first page, and its page to explore
 
 
 def test_a_refusal_says_the_mistake(rng) -> None:

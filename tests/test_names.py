@@ -1,4 +1,6 @@
-"""What `import modelsel` offers: every name exists, is typed, and costs nothing until it is used."""
+"""What `import modelsel` offers: every name exists, is typed, and costs nothing until it is
+used."""
+
 from __future__ import annotations
 
 import ast
@@ -31,9 +33,16 @@ def test_public_functions_are_typed_and_say_what_they_do(name) -> None:
     if inspect.isfunction(thing):
         signature = inspect.signature(thing)
         assert signature.return_annotation is not inspect.Signature.empty
-        assert all(p.annotation is not inspect.Parameter.empty for p in signature.parameters.values())
+        assert all(
+            p.annotation is not inspect.Parameter.empty for p in signature.parameters.values()
+        )
 
 
 def test_importing_loads_nothing_heavy() -> None:
     code = "import sys, modelsel; print(sorted(m for m in ('numpy', 'pandas', 'scipy', 'pydantic') if m in sys.modules))"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout
+        == "[]\n"
+    )

@@ -1,5 +1,6 @@
-"""The notebooks of docs/notebooks run as they stand and show what they compute. `python tests/test_notebooks.py` writes their
-outputs anew."""
+"""The notebooks of docs/notebooks run as they stand and show what they compute. `python
+tests/test_notebooks.py` writes their outputs anew."""
+
 from __future__ import annotations
 
 import base64
@@ -17,27 +18,34 @@ import pytest
 FOLDER = Path(__file__).parents[1] / "docs" / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 AGAIN = "python tests/test_notebooks.py writes the outputs anew"
-SECONDS = 120           # a cell, on a machine that does much else
+SECONDS = 120  # a cell, on a machine that does much else
 ALL_BYTES = 300_000
-KERNEL = {"MPLBACKEND": "module://matplotlib_inline.backend_inline", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+KERNEL = {
+    "MPLBACKEND": "module://matplotlib_inline.backend_inline",
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+}
 
 
 def rewrite(out: Path) -> None:
-    """Every notebook into a folder, with its outputs as they are now: run where it stands, in one kernel that imports the
-    libraries once and has no names of the notebook before."""
+    """Every notebook into a folder, with its outputs as they are now: run where it stands, in one
+    kernel that imports the libraries once and has no names of the notebook before."""
     from jupyter_client.manager import KernelManager
     from nbclient import NotebookClient
+
     kernel = KernelManager(kernel_name="python3")
     kernel.start_kernel(env=os.environ | KERNEL, cwd=str(FOLDER))
     try:
         for path in NOTEBOOKS:
             notebook = nbformat.read(path, as_version=4)
             notebook.cells.insert(0, nbformat.v4.new_code_cell("%reset -f"))
-            NotebookClient(notebook, km=kernel, timeout=SECONDS, resources={"metadata": {"path": str(FOLDER)}}).execute()
+            NotebookClient(
+                notebook, km=kernel, timeout=SECONDS, resources={"metadata": {"path": str(FOLDER)}}
+            ).execute()
             del notebook.cells[0]
             for k, cell in enumerate(code(notebook), 1):
                 cell.execution_count = k
-                cell.metadata.pop("execution", None)      # when it was run is nobody's business
+                cell.metadata.pop("execution", None)  # when it was run is nobody's business
                 for output in cell.outputs:
                     if "execution_count" in output:
                         output.execution_count = k
@@ -56,14 +64,21 @@ def said(cell: Any) -> Iterator[str]:
         if output.output_type == "stream":
             yield output.text
         for kind, content in sorted(output.get("data", {}).items()):
-            yield f"picture {base64.b64decode(content)[16:24].hex()}" if kind == "image/png" else content
+            yield (
+                f"picture {base64.b64decode(content)[16:24].hex()}"
+                if kind == "image/png"
+                else content
+            )
 
 
 @pytest.fixture(scope="module")
 def now(tmp_path_factory) -> Path:
-    """The notebooks as they come out now; in a process of its own, whose sockets are its own affair."""
+    """The notebooks as they come out now; in a process of its own, whose sockets are its own
+    affair."""
     folder = tmp_path_factory.mktemp("notebooks")
-    ran = subprocess.run([sys.executable, __file__, str(folder)], capture_output=True, text=True, check=False)
+    ran = subprocess.run(
+        [sys.executable, __file__, str(folder)], capture_output=True, text=True, check=False
+    )
     assert ran.returncode == 0, ran.stderr
     return folder
 
@@ -81,7 +96,9 @@ def test_gallery_is_whole_and_small() -> None:
     assert sum(path.stat().st_size for path in NOTEBOOKS) < ALL_BYTES
     for path in NOTEBOOKS:
         notebook = nbformat.read(path, as_version=4)
-        assert not [line for cell in code(notebook) for line in cell.source.splitlines() if len(line) > 112]    # fits a page
+        assert not [
+            line for cell in code(notebook) for line in cell.source.splitlines() if len(line) > 112
+        ]  # fits a page
         shown = "".join(text for cell in code(notebook) for text in said(cell))
         assert "Traceback" not in shown
         assert str(FOLDER.parents[1]) not in path.read_text(encoding="utf-8")

@@ -1,4 +1,6 @@
-"""Zeros off by any angle and wrong links are found and told with their numbers, in arms with errors of their own."""
+"""Zeros off by any angle and wrong links are found and told with their numbers, in arms with errors
+of their own."""
+
 from __future__ import annotations
 
 import re
@@ -37,7 +39,9 @@ def test_one_zero(name, joint, degrees, rng) -> None:
 
 
 def test_one_zero_in_the_robots_own_frame(rng) -> None:
-    assert off(said(arm(rng, "ur5", registered=False), shifted(3, np.radians(17)), False), 3) == pytest.approx(-17, abs=0.5)
+    assert off(
+        said(arm(rng, "ur5", registered=False), shifted(3, np.radians(17)), False), 3
+    ) == pytest.approx(-17, abs=0.5)
 
 
 @pytest.mark.parametrize("name", ["ur5", "iiwa14"])
@@ -62,7 +66,9 @@ def with_link(at: Scene, joint: int, by: float) -> Scene:
 @pytest.mark.parametrize("name", ["ur5", "iiwa14"])
 def test_a_link_that_the_table_has_wrong(name, rng) -> None:
     sentence = said(with_link(arm(rng, name), 3, -194.0), same) or ""
-    found = re.search(r"the nominal arm's a3 is off by ([+-][\d.]+) mm: check the robot file", sentence)
+    found = re.search(
+        r"the nominal arm's a3 is off by ([+-][\d.]+) mm: check the robot file", sentence
+    )
     assert found is not None, sentence
     assert float(found[1]) == pytest.approx(194, abs=3)
 
@@ -71,7 +77,7 @@ def test_a_link_that_the_table_has_wrong(name, rng) -> None:
 def test_joints_at_rest_that_were_written_as_0(rest, rng) -> None:
     at = drawn_arm("iiwa14", rng, 60)
     q = at.data.q.copy()
-    q[:, rest] = [0.9, -0.6][:len(rest)]
+    q[:, rest] = [0.9, -0.6][: len(rest)]
     position = forward(at.robot, q, np.array(OFF_AXIS)) + rng.normal(0, 0.05, (60, 3))
     at = replace(at, data=replace(at.data, q=q, position=position), tools=np.zeros((1, 3)))
     q0 = q.copy()

@@ -1,7 +1,9 @@
-"""The page to explore, in a browser: opens without a word or a request, is worked by mouse and by keys, reads light and dark.
+"""The page to explore, in a browser: opens without a word or a request, is worked by mouse and by
+keys, reads light and dark.
 
 `python tests/test_page.py` writes the README's pictures of the report anew, from reports/puma760.
 """
+
 from __future__ import annotations
 
 import json
@@ -50,7 +52,10 @@ def test_opens_in_silence_and_asks_no_network(page) -> None:
 
 
 def test_verdict_ladder_and_findings_are_there(page, drawn) -> None:
-    result, text = json.loads((drawn / "result.json").read_text()), page.find_element("tag name", "body").text
+    result, text = (
+        json.loads((drawn / "result.json").read_text()),
+        page.find_element("tag name", "body").text,
+    )
     assert all(sentence in text for sentence in result["verdict"])
     assert all(finding["sentence"] in text for finding in result["findings"])
     assert len(css(page, "#ladder tbody tr")) == 8
@@ -78,9 +83,9 @@ def test_click_on_a_cell_shows_its_panel(page) -> None:
     chosen.click()
     text = page.find_element("id", "panel").text
     assert text.startswith("frame 5 rz · q4")
-    assert "Joint 5 turns with joint 4." in text                      # the mechanism's card
-    assert re.search(r"wrist-coupling:5\n0\.9", text)                 # the credible set
-    assert len(css(page, "#panel svg")) == 2                          # the residual against the cause, from chosen and base
+    assert "Joint 5 turns with joint 4." in text  # the mechanism's card
+    assert re.search(r"wrist-coupling:5\n0\.9", text)  # the credible set
+    assert len(css(page, "#panel svg")) == 2  # the residual against the cause, from chosen and base
     assert len(css(page, "#panel svg circle")) > 200
     assert chosen.get_attribute("aria-selected") == "true"
     css(page, "#panel button")[0].click()
@@ -89,22 +94,28 @@ def test_click_on_a_cell_shows_its_panel(page) -> None:
 
 
 def test_points_of_a_cell_are_the_python_s(page, drawn) -> None:
-    """The page's own residual about frame 5 rz against q4 is what details.json holds for the finding."""
+    """The page's own residual about frame 5 rz against q4 is what details.json holds for the
+    finding."""
     source = drawing.read(drawn)
     i, j = (result_map(drawn)[k].index(v) for k, v in (("places", "5 rz"), ("causes", "q4")))
     got = page.execute_script(
-        f"const d = JSON.parse(document.getElementById('data').textContent); return numbers(d, {i}, {j})")
-    (panel,) = next(f for f in source.details["findings"] if f["label"] == "wrist-coupling:5")["panels"]
+        f"const d = JSON.parse(document.getElementById('data').textContent); return numbers(d, {i}, {j})"
+    )
+    (panel,) = next(f for f in source.details["findings"] if f["label"] == "wrist-coupling:5")[
+        "panels"
+    ]
     assert got["x"] == pytest.approx(panel["x"], abs=1e-2)
     assert got["after"] == pytest.approx(panel["after"], abs=3e-6)
 
 
 @pytest.mark.parametrize("place", ["frame 1 rz", "frame 2 rz", "frame 7 tx"])
 def test_every_kind_of_cell_opens(page, place) -> None:
-    """Waves, pairs, single causes, ripples: a picture with finite numbers, no word on the console."""
+    """Waves, pairs, single causes, ripples: a picture with finite numbers, no word on the
+    console."""
     pictures = page.execute_script(
         f"return [...document.querySelectorAll(\"td[aria-label^='{place}, ']\")].map("
-        "(td) => { td.click(); return document.getElementById('panel').innerHTML; })")
+        "(td) => { td.click(); return document.getElementById('panel').innerHTML; })"
+    )
     assert len(pictures) > 20
     assert not [p for p in pictures if "NaN" in p or "Infinity" in p]
     assert page.get_log("browser") == []
@@ -112,8 +123,9 @@ def test_every_kind_of_cell_opens(page, place) -> None:
 
 def test_keyboard_reaches_and_opens_a_cell(page) -> None:
     from selenium.webdriver.common.keys import Keys
+
     first = css(page, "#map td[tabindex='0']")
-    assert len(first) == 1                                            # one stop of the tab key for the whole map
+    assert len(first) == 1  # one stop of the tab key for the whole map
     for _ in range(40):
         page.switch_to.active_element.send_keys(Keys.TAB)
         if page.switch_to.active_element == first[0]:
@@ -125,7 +137,9 @@ def test_keyboard_reaches_and_opens_a_cell(page) -> None:
     assert now != first[0]
     assert [c.get_attribute("tabindex") for c in (now, first[0])] == ["0", "-1"]
     now.send_keys(Keys.ENTER)
-    place, cause = re.match(r"(frame \S+ \S+), cause (.+), F", now.get_attribute("aria-label")).groups()
+    place, cause = re.match(
+        r"(frame \S+ \S+), cause (.+), F", now.get_attribute("aria-label")
+    ).groups()
     assert page.find_element("id", "panel").text.startswith(f"{place} · {cause}")
     assert page.find_element("id", "panel").get_attribute("aria-live") == "polite"
 
@@ -136,6 +150,7 @@ def picture(page) -> bytes:
 
 def test_workspace_turns_and_switches_rungs(page) -> None:
     from selenium.webdriver.common.keys import Keys
+
     canvas, after = page.find_element("id", "space"), picture(page)
     canvas.send_keys(Keys.ARROW_LEFT)
     turned = picture(page)
@@ -143,7 +158,10 @@ def test_workspace_turns_and_switches_rungs(page) -> None:
     page.find_element("id", "reset").click()
     assert picture(page) == after
     from selenium.webdriver.common.action_chains import ActionChains
-    ActionChains(page).move_to_element(canvas).click_and_hold().move_by_offset(60, 20).release().perform()
+
+    ActionChains(page).move_to_element(canvas).click_and_hold().move_by_offset(
+        60, 20
+    ).release().perform()
     assert picture(page) != after
     page.find_element("id", "reset").click()
     page.find_element("id", "before").click()
@@ -154,12 +172,15 @@ def test_workspace_turns_and_switches_rungs(page) -> None:
     assert picture(page) == after
 
 
-WEIGHTS = (0.2126, 0.7152, 0.0722)      # of red, green and blue in relative luminance (WCAG 2.1)
+WEIGHTS = (0.2126, 0.7152, 0.0722)  # of red, green and blue in relative luminance (WCAG 2.1)
 
 
 def luminance(colour: str) -> float:
     channels = [int(v) / 255 for v in re.findall(r"\d+", colour)[:3]]
-    return sum(w * (c / 12.92 if c <= 0.03928 else ((c + 0.055) / 1.055) ** 2.4) for w, c in zip(WEIGHTS, channels, strict=True))
+    return sum(
+        w * (c / 12.92 if c <= 0.03928 else ((c + 0.055) / 1.055) ** 2.4)
+        for w, c in zip(WEIGHTS, channels, strict=True)
+    )
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -170,7 +191,9 @@ def test_contrast_in_both_schemes(drawn, scheme) -> None:
         ground = driver.execute_script("return getComputedStyle(document.body).backgroundColor")
         assert (luminance(ground) > 0.5) == (scheme == "light")
         for selector in ("h1", "h2", ".quiet", ".verdict", "#findings td", ".map th"):
-            ink = driver.execute_script(f"return getComputedStyle(document.querySelector('{selector}')).color")
+            ink = driver.execute_script(
+                f"return getComputedStyle(document.querySelector('{selector}')).color"
+            )
             low, high = sorted((luminance(ink), luminance(ground)))
             assert (high + 0.05) / (low + 0.05) >= 4.5, selector
 
@@ -183,7 +206,9 @@ def test_narrow_screens_need_no_sideways_scroll(page) -> None:
 def test_words_of_the_data_stay_words(browser, drawn, tmp_path) -> None:
     source = drawing.read(drawn)
     evil = '</script><script>document.title = "owned"</script><img src=x onerror="document.title=\'owned\'">'
-    source.result["study"] = source.result["verdict"][0] = source.result["findings"][0]["sentence"] = evil
+    source.result["study"] = source.result["verdict"][0] = source.result["findings"][0][
+        "sentence"
+    ] = evil
     source.details["findings"][0]["label"] = evil
     (tmp_path / "report.html").write_bytes(html(source))
     browser.get_log("browser")
@@ -213,15 +238,29 @@ def test_little_to_show(browser, drawn, tmp_path) -> None:
 
 
 def rewrite() -> None:
-    """reports/puma760-*.png: the first page of the PDF, the page to explore with a finding's cell chosen."""
+    """reports/puma760-*.png: the first page of the PDF, the page to explore with a finding's cell
+    chosen."""
     folder = ROOT / "reports" / "puma760"
-    first = ["pdftoppm", "-png", "-r", "72", "-f", "1", "-l", "1", "-singlefile", folder / "report.pdf"]
+    first = [
+        "pdftoppm",
+        "-png",
+        "-r",
+        "72",
+        "-f",
+        "1",
+        "-l",
+        "1",
+        "-singlefile",
+        folder / "report.pdf",
+    ]
     subprocess.run([*first, ROOT / "reports" / "puma760-pdf"], check=True)
     with chromium(prefers_reduced_motion="reduce", prefers_color_scheme="light") as driver:
         resize(driver, 1180, 900)
         opened(driver, folder / "report.html")
         chosen = cell(driver, "frame 5 rz", "q4")
-        driver.execute_script("arguments[0].click(); document.getElementById('map-title').scrollIntoView()", chosen)
+        driver.execute_script(
+            "arguments[0].click(); document.getElementById('map-title').scrollIntoView()", chosen
+        )
         driver.save_screenshot(ROOT / "reports" / "puma760-html.png")
 
 

@@ -1,4 +1,6 @@
-"""The place of every value: lines of a file, rows of a DataFrame or of Parquet, from reading to the last message."""
+"""The place of every value: lines of a file, rows of a DataFrame or of Parquet, from reading to the
+last message."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -18,16 +20,27 @@ from modelsel.study.simulation import simulate
 
 
 def spoilt(tmp_path, kind: str, rng: np.random.Generator) -> tuple[object, np.ndarray, str]:
-    """(source, rows whose positions are exchanged in pairs, how its user calls them) of an arm of three joints."""
+    """(source, rows whose positions are exchanged in pairs, how its user calls them) of an arm of
+    three joints."""
     robot = load("ur5")
-    frame = simulate(robot, np.array([30.0, 0, 90]), [], at=measurements(robot.draw(rng, 60), np.zeros((60, 3))), noise_mm=0.02,
-                     rng=rng)
+    frame = simulate(
+        robot,
+        np.array([30.0, 0, 90]),
+        [],
+        at=measurements(robot.draw(rng, 60), np.zeros((60, 3))),
+        noise_mm=0.02,
+        rng=rng,
+    )
     frame["operator"] = "Ann"
     bad = np.sort(rng.choice(60, 4, replace=False))
     place = [frame.columns.get_loc(f"{axis}_mm") for axis in "xyz"]
     frame.iloc[bad, place] = frame.iloc[bad[::-1], place].to_numpy()
     if kind == "frame":
-        return frame.set_index(np.arange(1000, 1060)), bad, f"rows {', '.join(map(str, bad))}, counted from 0"
+        return (
+            frame.set_index(np.arange(1000, 1060)),
+            bad,
+            f"rows {', '.join(map(str, bad))}, counted from 0",
+        )
     if kind == "parquet":
         frame.to_parquet(tmp_path / "data.parquet")
         return tmp_path / "data.parquet", bad, f"rows {', '.join(map(str, bad))}, counted from 0"
@@ -37,7 +50,9 @@ def spoilt(tmp_path, kind: str, rng: np.random.Generator) -> tuple[object, np.nd
         frame.loc[above, "operator"] = 'Ann,\nthen "Bob"\r\nand Carol'
         lines = lines + 2 * (bad > above)
     frame.to_csv(tmp_path / "data.csv", index=False, lineterminator="\n")
-    text = (tmp_path / "data.csv").read_bytes().decode().replace("\r\n", "\n").split("\n")      # as an editor counts
+    text = (
+        (tmp_path / "data.csv").read_bytes().decode().replace("\r\n", "\n").split("\n")
+    )  # as an editor counts
     for row, line in zip(bad, lines, strict=True):
         assert text[line - 1].startswith(f"{frame.iloc[row, 0]:.6f}"[:6])
     return tmp_path / "data.csv", bad, f"lines {', '.join(map(str, lines))}"
@@ -45,16 +60,27 @@ def spoilt(tmp_path, kind: str, rng: np.random.Generator) -> tuple[object, np.nd
 
 @pytest.mark.parametrize("kind", ["frame", "parquet", "csv", "csv with line breaks in cells"])
 def test_rows_are_called_as_their_user_counts(kind, rng, tmp_path) -> None:
-    """A fault of the data, from reading to the last message: terminal, result, report of the run and of its folder."""
+    """A fault of the data, from reading to the last message: terminal, result, report of the run
+    and of its folder."""
     source, bad, words = spoilt(tmp_path, kind, rng)
-    study = Study(name="x", robot={"name": "ur5", "tool_mm": [30.0, 0.0, 90.0]}, measurements=source, split={"estimation": 60},
-                  model={"candidates": ["wrist-coupling"]})
+    study = Study(
+        name="x",
+        robot={"name": "ur5", "tool_mm": [30.0, 0.0, 90.0]},
+        measurements=source,
+        split={"estimation": 60},
+        model={"candidates": ["wrist-coupling"]},
+    )
     result = run(study, tmp_path, sampling=False)
     assert result.record["outliers"] == bad.tolist()
     assert f"({words})" in " ".join(f.sentence for f in result.faults)
-    assert any(f"Outliers left out: 4 rows ({words})." in sentence for sentence in tables.sentences(result))
+    assert any(
+        f"Outliers left out: 4 rows ({words})." in sentence for sentence in tables.sentences(result)
+    )
     save(result, tmp_path / "out")
-    pages = book(drawing.read(tmp_path / "out"), {"outliers": drawing.PAGES["outliers"], "findings": drawing.PAGES["findings"]})
+    pages = book(
+        drawing.read(tmp_path / "out"),
+        {"outliers": drawing.PAGES["outliers"], "findings": drawing.PAGES["findings"]},
+    )
     shown = [block["text"] for block in pages if block["kind"] == "text"]
     assert any(f"Left out: 4 rows ({words}" in text for text in shown)
     assert any(f"4 rows of the measurements ({words})" in text for text in shown)
@@ -63,7 +89,10 @@ def test_rows_are_called_as_their_user_counts(kind, rng, tmp_path) -> None:
 def test_a_row_group_counts_from_the_start_of_its_file(tmp_path, rng) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
-    columns = {f"q{j}_rad": rng.uniform(-1, 1, 30) for j in (1, 2)} | {f"{axis}_mm": rng.uniform(1, 2, 30) for axis in "xyz"}
+
+    columns = {f"q{j}_rad": rng.uniform(-1, 1, 30) for j in (1, 2)} | {
+        f"{axis}_mm": rng.uniform(1, 2, 30) for axis in "xyz"
+    }
     columns["x_mm"][23] = np.nan
     pq.write_table(pa.table(columns), tmp_path / "data.parquet", row_group_size=10)
     with pytest.raises(DataError, match=r"data\.parquet, row 23, column x_mm"):

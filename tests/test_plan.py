@@ -1,4 +1,6 @@
-"""What to measure next: formulas against refits and simulation, and ten chosen configurations against forty drawn ones."""
+"""What to measure next: formulas against refits and simulation, and ten chosen configurations
+against forty drawn ones."""
+
 from __future__ import annotations
 
 import json
@@ -38,29 +40,44 @@ from modelsel.robot.kinematics import forward
 ROBOT = load("puma760")
 GEOMETRY = mechanism("geometric", ROBOT)
 SIGMA = 0.05
-NAMES = (("joint-compliance:2", "base-tilt"), ("backlash:3", "joint-compliance:3"), ("encoder-scale:5", "wrist-coupling:5"),
-         ("link-bending:2", "joint-compliance:3"), ("joint2-twist", "base-tilt"), ("thermal-growth:2", "thermal-zero:3"),
-         ("gear-eccentricity:4", "axis-wobble:4"), ("encoder-eccentricity:5", "gear-ripple:5:3"))
+NAMES = (
+    ("joint-compliance:2", "base-tilt"),
+    ("backlash:3", "joint-compliance:3"),
+    ("encoder-scale:5", "wrist-coupling:5"),
+    ("link-bending:2", "joint-compliance:3"),
+    ("joint2-twist", "base-tilt"),
+    ("thermal-growth:2", "thermal-zero:3"),
+    ("gear-eccentricity:4", "axis-wobble:4"),
+    ("encoder-eccentricity:5", "gear-ripple:5:3"),
+)
 
 
-def simulated(rng: np.random.Generator, names: tuple[str, ...], possible: int, size: float = 0.012) -> tuple[Pool, Rivals]:
-    """60 configurations measured, rivals that move the target by `size` mm rms beyond the geometry, a pool of others."""
+def simulated(
+    rng: np.random.Generator, names: tuple[str, ...], possible: int, size: float = 0.012
+) -> tuple[Pool, Rivals]:
+    """60 configurations measured, rivals that move the target by `size` mm rms beyond the geometry,
+    a pool of others."""
     known, more = drawn(ROBOT, rng, 60), drawn(ROBOT, rng, possible)
     mechanisms = [parts(name, ROBOT)[0] for name in names]
-    Q = np.linalg.svd(design(known, GEOMETRY.terms)[0].reshape(180, -1), full_matrices=False)[0][:, :25]
+    Q = np.linalg.svd(design(known, GEOMETRY.terms)[0].reshape(180, -1), full_matrices=False)[0][
+        :, :25
+    ]
     estimates = []
     for m in mechanisms:
         theta = np.array([t.size[1] for t in m.terms])
         moved = (design(known, m.terms)[0] @ theta).ravel()
         estimates.append(theta * size / np.sqrt(np.square(moved - Q @ (Q.T @ moved)).sum() / 60))
     even = np.full(len(names), 1 / len(names))
-    rivals = Rivals(names, tuple(m.terms for m in mechanisms), tuple(estimates), even, GEOMETRY.terms)
+    rivals = Rivals(
+        names, tuple(m.terms for m in mechanisms), tuple(estimates), even, GEOMETRY.terms
+    )
     terms = [*GEOMETRY.terms, *(t for m in mechanisms for t in m.terms)]
     return pool(known, more, terms, ((), np.zeros(0)), SIGMA), rivals
 
 
 def test_right_is_the_formula() -> None:
-    """methods: δ = 4, ρ = 0.9 gives 0.8144; nothing between them, a coin; all between them, certainty."""
+    """methods: δ = 4, ρ = 0.9 gives 0.8144; nothing between them, a coin; all between them,
+    certainty."""
     assert _right(np.array(16.0), np.array(16 * (1 - 0.81))) == pytest.approx(0.8144, abs=1e-4)
     assert _right(np.array(100.0), np.array(0.0)) == 0.5
     assert _right(np.array(100.0), np.array(100.0)) == pytest.approx(1.0, abs=1e-9)
@@ -72,26 +89,38 @@ def test_update_is_a_refit(rng) -> None:
     pair = _Pair(p, rivals, 0, 1)
     _, left = pair.with_each()
     columns, truth = p.of([*rivals.others, *rivals.terms[1]]), p.of(rivals.terms[0])
-    scale = np.sqrt(np.square(p.possible[:, :, columns]).sum(1).mean(0) + np.square(p.known[:, :, columns]).sum(1).mean(0))
+    scale = np.sqrt(
+        np.square(p.possible[:, :, columns]).sum(1).mean(0)
+        + np.square(p.known[:, :, columns]).sum(1).mean(0)
+    )
     for k in range(12):
-        A = np.concatenate([p.known, p.possible[k:k + 1]]).reshape(-1, len(p.terms)) / SIGMA
-        whole = np.vstack([A[:, columns], np.diag(scale / 10)])               # the prior: 10 mm
+        A = np.concatenate([p.known, p.possible[k : k + 1]]).reshape(-1, len(p.terms)) / SIGMA
+        whole = np.vstack([A[:, columns], np.diag(scale / 10)])  # the prior: 10 mm
         y = np.concatenate([A[:, truth] @ rivals.estimates[0], np.zeros(len(columns))])
-        assert left[k] == pytest.approx(np.square(y - whole @ np.linalg.lstsq(whole, y, rcond=None)[0]).sum(), rel=1e-5)
+        assert left[k] == pytest.approx(
+            np.square(y - whole @ np.linalg.lstsq(whole, y, rcond=None)[0]).sum(), rel=1e-5
+        )
     pair.add(3)
     assert pair.left(slice(None)) == pytest.approx(left[3], rel=1e-6)
 
 
-def named_rate(p: Pool, rivals: Rivals, some: list[int], rng: np.random.Generator, draws: int = 1500) -> float:
-    """How often the true rival fits better, simulated: least squares of each on noisy data, the rivals true in turn."""
+def named_rate(
+    p: Pool, rivals: Rivals, some: list[int], rng: np.random.Generator, draws: int = 1500
+) -> float:
+    """How often the true rival fits better, simulated: least squares of each on noisy data, the
+    rivals true in turn."""
     A = np.concatenate([p.known, p.possible[some]]).reshape(-1, len(p.terms)) / SIGMA
     A = A / np.where(scale := np.linalg.norm(A, axis=0), scale, 1.0)
-    span = [np.linalg.svd(A[:, p.of([*rivals.others, *t])], full_matrices=False) for t in rivals.terms]
+    span = [
+        np.linalg.svd(A[:, p.of([*rivals.others, *t])], full_matrices=False) for t in rivals.terms
+    ]
     bases = [U[:, 1e-9 * S[0] < S] for U, S, _ in span]
     right = 0
     for i in (0, 1):
         truth = p.of(rivals.terms[i])
-        y = (A[:, truth] @ (scale[truth] * rivals.estimates[i]))[:, None] + rng.standard_normal((len(A), draws))
+        y = (A[:, truth] @ (scale[truth] * rivals.estimates[i]))[:, None] + rng.standard_normal(
+            (len(A), draws)
+        )
         held = [np.square(Q.T @ y).sum(0) for Q in bases]
         right += int((held[i] > held[1 - i]).sum())
     return right / (2 * draws)
@@ -101,11 +130,14 @@ def named_rate(p: Pool, rivals: Rivals, some: list[int], rng: np.random.Generato
 def test_probability_is_the_rate_of_naming(names, rng) -> None:
     p, rivals = simulated(rng, names, 30, 0.02)
     for some in ([], list(range(15))):
-        assert named_rate(p, rivals, some, rng) == pytest.approx(told_with(p, [rivals], some), abs=0.04)
+        assert named_rate(p, rivals, some, rng) == pytest.approx(
+            told_with(p, [rivals], some), abs=0.04
+        )
 
 
 def test_ten_chosen_separate_what_forty_drawn_do(rng) -> None:
-    """The figure to reach: over eight pairs of rivals, told by formula; and named at that rate in simulated data."""
+    """The figure to reach: over eight pairs of rivals, told by formula; and named at that rate in
+    simulated data."""
     chosen, random, rates = [], [], []
     for names in NAMES:
         p, rivals = simulated(rng, names, 3000)
@@ -124,21 +156,35 @@ def test_ten_chosen_separate_what_forty_drawn_do(rng) -> None:
 
 def test_what_no_choice_tells_is_one(rng) -> None:
     p, rivals = simulated(rng, NAMES[1], 50)
-    twice = Rivals(("a", "b", "a again"), (*rivals.terms, rivals.terms[0]), (*rivals.estimates, rivals.estimates[0]),
-                   np.array([0.4, 0.35, 0.25]), rivals.others)
+    twice = Rivals(
+        ("a", "b", "a again"),
+        (*rivals.terms, rivals.terms[0]),
+        (*rivals.estimates, rivals.estimates[0]),
+        np.array([0.4, 0.35, 0.25]),
+        rivals.others,
+    )
     left, twins = distinct(p, twice)
     assert left.names == ("a", "b")
     np.testing.assert_allclose(left.probability, [0.65, 0.35])
     assert twins == ("a again and a",)
-    only, _ = distinct(p, replace(twice, names=("a", "a again"), terms=twice.terms[::2], estimates=twice.estimates[::2],
-                                  probability=np.array([0.5, 0.5])))
+    only, _ = distinct(
+        p,
+        replace(
+            twice,
+            names=("a", "a again"),
+            terms=twice.terms[::2],
+            estimates=twice.estimates[::2],
+            probability=np.array([0.5, 0.5]),
+        ),
+    )
     assert only is None
 
 
 def kept(p: Pool) -> list[Term]:
     from modelsel.fitting.identifiability import identify
     from modelsel.fitting.reduction import reduce
-    A = p.known[:, :, :len(GEOMETRY.terms)].reshape(-1, len(GEOMETRY.terms))
+
+    A = p.known[:, :, : len(GEOMETRY.terms)].reshape(-1, len(GEOMETRY.terms))
     return [GEOMETRY.terms[k] for k in identify(reduce(A, A[:, 0])).kept]
 
 
@@ -151,8 +197,15 @@ def test_indices_are_those_of_the_singular_values(rng) -> None:
     A = A / np.sqrt(np.square(p.possible[:, :, columns]).sum(1).mean(0)) / SIGMA
     s = np.linalg.svd(A.reshape(-1, len(columns)), compute_uv=False)
     found = indices(p, terms, [2, 7])
-    expected = {"o1": np.prod(s) ** (1 / len(s)) / np.sqrt(62), "o2": s[-1] / s[0], "o3": s[-1], "o4": s[-1] ** 2 / s[0],
-                "o5": 1 / (1 / s).sum(), "d": 2 * np.log(s).sum(), "a": -np.log((1 / s ** 2).sum())}
+    expected = {
+        "o1": np.prod(s) ** (1 / len(s)) / np.sqrt(62),
+        "o2": s[-1] / s[0],
+        "o3": s[-1],
+        "o4": s[-1] ** 2 / s[0],
+        "o5": 1 / (1 / s).sum(),
+        "d": 2 * np.log(s).sum(),
+        "a": -np.log((1 / s**2).sum()),
+    }
     for name, value in expected.items():
         assert found[name] == pytest.approx(value, rel=1e-6)
 
@@ -162,7 +215,9 @@ def test_criterion_beats_chance(criterion, rng) -> None:
     p, _ = simulated(rng, NAMES[0], 150)
     terms = kept(p)
     rows = determine(p, terms, 6, criterion)
-    drawn_ = max(indices(p, terms, rng.choice(150, 6, replace=False).tolist())[criterion] for _ in range(40))
+    drawn_ = max(
+        indices(p, terms, rng.choice(150, 6, replace=False).tolist())[criterion] for _ in range(40)
+    )
     assert indices(p, terms, rows)[criterion] > drawn_
     assert len(set(rows)) == 6
 
@@ -173,7 +228,8 @@ def test_the_command_offers_every_criterion() -> None:
 
 
 def test_more_needed() -> None:
-    """Noncentrality is configurations x size²: a quarter of the size takes sixteen times as many."""
+    """Noncentrality is configurations x size²: a quarter of the size takes sixteen times as
+    many."""
     assert more_needed(0.02, 80, 0.005) == 16 * 80 - 80
     assert more_needed(0.02, 80, 0.03) == 0
 
@@ -203,27 +259,56 @@ size = 1.1e-4
 def test_command(tmp_path, rng) -> None:
     (tmp_path / "study.toml").write_text(STUDY)
     runner = CliRunner()
+
     def run(*words: str):
         return runner.invoke(main, [str(w) for w in words])
+
     assert run("simulate", tmp_path, "--out", tmp_path / "measurements.csv").exit_code == 0
-    ran = run("plan", tmp_path, "--limits", "--count", "4", "--out", tmp_path / "next.csv", "--size", "0.01")
+    ran = run(
+        "plan",
+        tmp_path,
+        "--limits",
+        "--count",
+        "4",
+        "--out",
+        tmp_path / "next.csv",
+        "--size",
+        "0.01",
+    )
     assert ran.exit_code == 0, ran.output
     assert "told from its nearest rival with probability" in ran.output
     assert "An effect of 0.01 mm rms" in ran.output
     narrow = run("plan", tmp_path, "--joint", "q2_deg=-10:10", "--count", "3", "--json")
-    assert all(abs(row["q2_rad"]) <= np.radians(10) for row in json.loads(narrow.stdout)["configurations"])
+    assert all(
+        abs(row["q2_rad"]) <= np.radians(10) for row in json.loads(narrow.stdout)["configurations"]
+    )
     for wrong in ("q2_deg", "q2_deg=5", "q2_deg=a:b", "q2=1:2", "q9_deg=1:2"):
         assert run("plan", tmp_path, "--joint", wrong).exit_code == 2
     chosen = pd.read_csv(tmp_path / "next.csv")
     assert len(chosen) == 4
     assert set(np.unique(chosen[[f"approach{j}" for j in range(1, 7)]])) <= {-1, 1}
-    pd.DataFrame({f"q{j}_deg": rng.uniform(-90, 90, 40) for j in range(1, 7)}).to_csv(tmp_path / "pool.csv", index=False)
-    first, again = (run("plan", tmp_path, "--pool", tmp_path / "pool.csv", "--count", "3", "--json", "--for", "o2") for _ in "ab")
+    pd.DataFrame({f"q{j}_deg": rng.uniform(-90, 90, 40) for j in range(1, 7)}).to_csv(
+        tmp_path / "pool.csv", index=False
+    )
+    first, again = (
+        run(
+            "plan",
+            tmp_path,
+            "--pool",
+            tmp_path / "pool.csv",
+            "--count",
+            "3",
+            "--json",
+            "--for",
+            "o2",
+        )
+        for _ in "ab"
+    )
     assert first.exit_code == 0, first.output
     assert first.stdout == again.stdout
     assert run("plan", tmp_path, "--pool", tmp_path / "pool.csv", "--limits").exit_code == 2
     result = study_run(tmp_path, sampling=False)
-    planned = plan_next(result, 4, limits=True)                                # the same from Python, and in a notebook
+    planned = plan_next(result, 4, limits=True)  # the same from Python, and in a notebook
     pd.testing.assert_frame_equal(planned.to_frame(), chosen, atol=1e-6)
     assert "told from its nearest rival with probability" in planned._repr_html_()
     with pytest.raises(DataError, match="DataFrame: column q1_rad or q1_deg is missing"):
@@ -231,15 +316,28 @@ def test_command(tmp_path, rng) -> None:
 
 
 def test_ranges_and_units_are_the_users(rng) -> None:
-    """Drawn within what was measured, wider or narrower where that is asked, and written in the units that were read."""
+    """Drawn within what was measured, wider or narrower where that is asked, and written in the
+    units that were read."""
     robot = load("irb120")
     at = drawn(robot, rng, 60, (30.0, 0.0, 100.0))
     q = np.degrees(at.data.q) * 0.4
     x = forward(robot, np.radians(q), np.array([30.0, 0.0, 100.0])) + rng.normal(0, 0.05, (60, 3))
-    frame = pd.DataFrame({f"q{j}_{'rad' if j == 6 else 'deg'}": np.radians(q[:, j - 1]) if j == 6 else q[:, j - 1]
-                          for j in range(1, 7)} | dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True)))
-    result = study_run(Study(name="s", robot={"name": "irb120", "tool_mm": (30, 0, 100)}, measurements=frame,
-                             model={"candidates": ["backlash"]}), sampling=False)
+    frame = pd.DataFrame(
+        {
+            f"q{j}_{'rad' if j == 6 else 'deg'}": np.radians(q[:, j - 1]) if j == 6 else q[:, j - 1]
+            for j in range(1, 7)
+        }
+        | dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
+    )
+    result = study_run(
+        Study(
+            name="s",
+            robot={"name": "irb120", "tool_mm": (30, 0, 100)},
+            measurements=frame,
+            model={"candidates": ["backlash"]},
+        ),
+        sampling=False,
+    )
     near, wide = plan_next(result, 12).to_frame(), plan_next(result, 12, limits=True).to_frame()
     names = [f"q{j}_deg" for j in range(1, 6)] + ["q6_rad"]
     assert list(near)[:6] == list(wide)[:6] == names
@@ -247,21 +345,28 @@ def test_ranges_and_units_are_the_users(rng) -> None:
     assert ((near[names] >= low) & (near[names] <= high)).all(axis=None)
     assert not ((wide[names] >= low) & (wide[names] <= high)).all(axis=None)
     limit = np.array([j.limits for j in robot.joints])
-    assert (np.abs(np.radians(wide["q2_deg"]) - limit[1].mean()) <= np.ptp(limit[1]) / 2 + 1e-9).all()
+    assert (
+        np.abs(np.radians(wide["q2_deg"]) - limit[1].mean()) <= np.ptp(limit[1]) / 2 + 1e-9
+    ).all()
     own = plan_next(result, 12, joints={"q2_deg": (-170.0, -150.0), "q6_rad": (3.0, 3.5)})
     assert own.to_frame()["q2_deg"].between(-170, -150).all()
     assert own.to_frame()["q6_rad"].between(3.0, 3.5).all()
     assert "Drawn within the robot file's limits." in repr(plan_next(result, 2, limits=True))
     assert "Drawn within the joint ranges measured, q2_deg, q6_rad as given." in repr(own)
-    for wrong, said in (({"q7_deg": (0, 1)}, '"q7_deg" is no joint'), ({"q2_deg": (9, 1)}, "from a lower to a higher number")):
+    for wrong, said in (
+        ({"q7_deg": (0, 1)}, '"q7_deg" is no joint'),
+        ({"q2_deg": (9, 1)}, "from a lower to a higher number"),
+    ):
         with pytest.raises(StudyError, match=said):
             plan_next(result, 3, joints=wrong)
 
 
 def test_every_target_is_seen_at_every_configuration(rng) -> None:
-    """A pool without targets is seen through all of the study's; one that lists them unevenly is refused."""
+    """A pool without targets is seen through all of the study's; one that lists them unevenly is
+    refused."""
     from modelsel.measurements.measurements import measurements
     from modelsel.study.planning import every_target, table_of
+
     at = drawn(ROBOT, rng, 40, target=["a", "b"] * 20, configuration=np.repeat(np.arange(20), 2))
     q = ROBOT.draw(rng, 7)
     possible = every_target(measurements(q, np.zeros((7, 3))), ("a", "b"))
@@ -286,6 +391,14 @@ def load_calibration_like(at):
     from modelsel.fitting.least_squares import fit
     from modelsel.fitting.noise import Floor
     from modelsel.selection.evaluation import Data
+
     rows = np.ones(len(at), bool)
-    return calibrate("plan", Data(at, rows, ~rows, np.zeros(len(at), np.intp), True), fit(at, Model((GEOMETRY,))),
-                     Floor(SIGMA, "stated"), None, False, {})
+    return calibrate(
+        "plan",
+        Data(at, rows, ~rows, np.zeros(len(at), np.intp), True),
+        fit(at, Model((GEOMETRY,))),
+        Floor(SIGMA, "stated"),
+        None,
+        False,
+        {},
+    )

@@ -1,4 +1,6 @@
-"""A package from outside: begun by the tool, tried by its laws, built, installed, found in a study; a broken one stops none."""
+"""A package from outside: begun by the tool, tried by its laws, built, installed, found in a study;
+a broken one stops none."""
+
 from __future__ import annotations
 
 import json
@@ -50,36 +52,62 @@ size = 1e-3
 def command(*words: str, cwd: Path, path: Path | None = None) -> subprocess.CompletedProcess[str]:
     code = "from modelsel.cli.main import main; main()"
     env = os.environ | ({} if path is None else {"PYTHONPATH": str(path)})
-    return subprocess.run([sys.executable, "-c", code, *words], cwd=cwd, env=env, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        [sys.executable, "-c", code, *words],
+        cwd=cwd,
+        env=env,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory) -> Path:
-    """The tool's own skeleton, built as a wheel without a network and installed into a folder of its own."""
+    """The tool's own skeleton, built as a wheel without a network and installed into a folder of
+    its own."""
     here = tmp_path_factory.mktemp("outside")
     begun = command("mechanisms", "--new", "hose-twist", cwd=here)
     assert begun.returncode == 0, begun.stderr
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q"]
     offline = ["--no-index", "--no-deps"]
-    subprocess.run([*pip, "wheel", *offline, "--no-build-isolation", "-w", "dist", "./hose-twist"], cwd=here, check=True)
+    subprocess.run(
+        [*pip, "wheel", *offline, "--no-build-isolation", "-w", "dist", "./hose-twist"],
+        cwd=here,
+        check=True,
+    )
     (wheel,) = (here / "dist").glob("*.whl")
-    subprocess.run([*pip, "install", *offline, "--target", str(here / "site"), str(wheel)], cwd=here, check=True)
+    subprocess.run(
+        [*pip, "install", *offline, "--target", str(here / "site"), str(wheel)],
+        cwd=here,
+        check=True,
+    )
     return here
 
 
 def test_an_outside_package_is_built_installed_and_found(installed) -> None:
     shown = command("mechanisms", "hose-twist", cwd=installed, path=installed / "site")
     assert shown.stdout.startswith("hose-twist: The hose pack twists joint 4"), shown.stderr
-    assert command("mechanisms", "hose-twist", cwd=installed).returncode == 2        # without it nobody knows it
+    assert (
+        command("mechanisms", "hose-twist", cwd=installed).returncode == 2
+    )  # without it nobody knows it
     (installed / "study.toml").write_text(STUDY)
-    assert command("simulate", "study.toml", "--out", "measurements.csv", cwd=installed).returncode == 0
+    assert (
+        command("simulate", "study.toml", "--out", "measurements.csv", cwd=installed).returncode
+        == 0
+    )
     quick = ("--json", "--no-report", "--no-sampling")
-    ran = command("study", "study.toml", "--out", "out", *quick, cwd=installed, path=installed / "site")
+    ran = command(
+        "study", "study.toml", "--out", "out", *quick, cwd=installed, path=installed / "site"
+    )
     assert ran.returncode == 0, ran.stderr
     (finding,) = json.loads(ran.stdout)["findings"]
     assert finding["credible_set"][0]["mechanism"] == "hose-twist"
     assert finding["estimate"][0]["value"] == pytest.approx(1e-3, rel=0.1)
-    assert load_calibration(installed / "out").model.names == ("geometric", "hose-twist")     # without the package
+    assert load_calibration(installed / "out").model.names == (
+        "geometric",
+        "hose-twist",
+    )  # without the package
     refused = command("study", "study.toml", "--out", "out", cwd=installed)
     assert refused.returncode == 2
     assert 'unknown mechanism "hose-twist"' in refused.stderr
@@ -89,7 +117,15 @@ def test_skeleton_obeys_the_laws(installed) -> None:
     ran = command("mechanisms", "--test", "hose-twist/hose_twist.py", cwd=installed)
     assert ran.returncode == 0, ran.stdout
     assert ran.stdout.count("obeys the laws") == 10
-    by_name = command("mechanisms", "--test", "hose_twist", "--robot", "ur5", cwd=installed, path=installed / "site")
+    by_name = command(
+        "mechanisms",
+        "--test",
+        "hose_twist",
+        "--robot",
+        "ur5",
+        cwd=installed,
+        path=installed / "site",
+    )
     assert by_name.stdout == "hose-twist on ur5: obeys the laws\n"
 
 
@@ -106,13 +142,18 @@ def mechanisms():
 
 def test_what_is_wrong_is_said(tmp_path) -> None:
     (tmp_path / "wrong.py").write_text(WRONG)
-    ran = CliRunner().invoke(main, ["mechanisms", "--test", str(tmp_path / "wrong.py"), "--robot", "puma760"])
+    ran = CliRunner().invoke(
+        main, ["mechanisms", "--test", str(tmp_path / "wrong.py"), "--robot", "puma760"]
+    )
     assert ran.exit_code == 5
     assert "lever on puma760: L5:" in ran.output
     assert "raises on puma760: ZeroDivisionError" in ran.output
     assert "long-arm applies to none" in ran.output
     (tmp_path / "empty.py").write_text("x = 1\n")
-    for path, says in ((tmp_path / "empty.py", "no attribute 'mechanisms'"), (tmp_path / "none.py", "cannot be loaded")):
+    for path, says in (
+        (tmp_path / "empty.py", "no attribute 'mechanisms'"),
+        (tmp_path / "none.py", "cannot be loaded"),
+    ):
         with pytest.raises(StudyError, match=says):
             table(str(path))
 
@@ -122,7 +163,9 @@ def test_a_broken_plugin_is_listed_and_stops_nothing(tmp_path, monkeypatch) -> N
     info = tmp_path / "wrong-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: wrong\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[modelsel.mechanisms]\nwrong = wrong:mechanisms\ngone = nowhere:mechanisms\n")
+    (info / "entry_points.txt").write_text(
+        "[modelsel.mechanisms]\nwrong = wrong:mechanisms\ngone = nowhere:mechanisms\n"
+    )
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr("sys.dont_write_bytecode", True)
     registry, out = with_plugins(robot=PUMA)
@@ -168,7 +211,8 @@ def own_cause(tmp_path, monkeypatch) -> Path:
 
 
 def test_a_cause_that_no_calibration_can_store_is_refused_before_the_work(own_cause) -> None:
-    """The plug-in is left out, and why is said; a study that names it is refused; nothing is written."""
+    """The plug-in is left out, and why is said; a study that names it is refused; nothing is
+    written."""
     says = "Squared is a kind of cause of its own, which no calibration can store: build it of those in modelsel.mechanisms.causes."
     quick = ["--no-report", "--no-sampling"]
     study, out = own_cause / "study.toml", own_cause / "out"
@@ -184,10 +228,18 @@ def test_a_cause_that_no_calibration_can_store_is_refused_before_the_work(own_ca
     assert not (own_cause / "other").exists()
 
 
-@pytest.mark.parametrize("model", [{"candidates": "all"}, {"candidates": ["bent"]}, {"base": ["geometric", "bent"]},
-                                   {"ladder": [["bent"]]}])
+@pytest.mark.parametrize(
+    "model",
+    [
+        {"candidates": "all"},
+        {"candidates": ["bent"]},
+        {"base": ["geometric", "bent"]},
+        {"ladder": [["bent"]]},
+    ],
+)
 def test_a_registry_with_such_a_cause_is_refused_before_the_work(model, own_cause) -> None:
     from own import mechanisms
+
     steps: list[str] = []
     whole = read_study(own_cause).model_copy(update={"model": ModelTable(**model)})
     with pytest.raises(StudyError, match="bent: Squared is a kind of cause of its own"):
@@ -196,18 +248,28 @@ def test_a_registry_with_such_a_cause_is_refused_before_the_work(model, own_caus
 
 
 def bad(**changes: object) -> Mechanism:
-    whole = {"name": "m", "terms": (Term("k", (Screw(2, "rz", q(3)),), (1e-5, 1e-3)),), "sentence": "One.", "equation": "k",
-             "source": "here"}
+    whole = {
+        "name": "m",
+        "terms": (Term("k", (Screw(2, "rz", q(3)),), (1e-5, 1e-3)),),
+        "sentence": "One.",
+        "equation": "k",
+        "source": "here",
+    }
     return Mechanism(**(whole | changes))
 
 
-@pytest.mark.parametrize(("wrong", "says"), [
-    (bad(sentence="no stop"), "full stop"), (bad(source=""), "lacks a name"),
-    (bad(terms=(Term("k", (Screw(2, "rz", q(3)),), (1e-3, 1e-5)),)), "from low to high"),
-    (bad(terms=(Term("k", (Screw(2, "rz", q(3)),), sign=3),)), "its sign is 3"),
-    (bad(terms=(Term("k", (Screw(7, "rz", Number(1.0)),)),)), "moves nothing|moves no"),
-    (bad(terms=(Term("k", (Screw(2, "rz", q(3)),), (0.0, 10.0)),)), "moves the target"),
-    (bad(terms=2 * (Term("k", (Screw(2, "rz", q(3)),)),)), "repeats a symbol")])
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        (bad(sentence="no stop"), "full stop"),
+        (bad(source=""), "lacks a name"),
+        (bad(terms=(Term("k", (Screw(2, "rz", q(3)),), (1e-3, 1e-5)),)), "from low to high"),
+        (bad(terms=(Term("k", (Screw(2, "rz", q(3)),), sign=3),)), "its sign is 3"),
+        (bad(terms=(Term("k", (Screw(7, "rz", Number(1.0)),)),)), "moves nothing|moves no"),
+        (bad(terms=(Term("k", (Screw(2, "rz", q(3)),), (0.0, 10.0)),)), "moves the target"),
+        (bad(terms=2 * (Term("k", (Screw(2, "rz", q(3)),)),)), "repeats a symbol"),
+    ],
+)
 def test_laws_say_what_is_wrong(wrong, says, rng) -> None:
     assert any(re.search(says, text) for text in broken(wrong, PUMA, rng)), broken(wrong, PUMA, rng)
     with pytest.raises(LawBroken):
@@ -215,13 +277,22 @@ def test_laws_say_what_is_wrong(wrong, says, rng) -> None:
 
 
 def test_a_covariate_of_ones_own_is_drawn(rng) -> None:
-    assert broken(bad(terms=(Term("k", (Screw(2, "rz", Named("current_A", "A")),), (1e-5, 1e-3)),)), PUMA, rng) == []
+    assert (
+        broken(
+            bad(terms=(Term("k", (Screw(2, "rz", Named("current_A", "A")),), (1e-5, 1e-3)),)),
+            PUMA,
+            rng,
+        )
+        == []
+    )
     assert broken(mechanism("backlash:3", PUMA), PUMA, rng) == []
 
 
 def test_unsound() -> None:
     assert "calls itself" in unsound("other", lambda robot: bad(), PUMA)
-    assert "does not have" in unsound("m", lambda robot: bad(terms=(Term("k", (Screw(9, "rz", q(3)),)),)), PUMA)
+    assert "does not have" in unsound(
+        "m", lambda robot: bad(terms=(Term("k", (Screw(9, "rz", q(3)),)),)), PUMA
+    )
     assert unsound("m", lambda robot: bad(), PUMA) is None
 
 

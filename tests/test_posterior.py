@@ -1,5 +1,6 @@
-"""The closed-form posterior: the exact chain at many draws, intervals against statsmodels and quadrature, and calibration by
-simulation."""
+"""The closed-form posterior: the exact chain at many draws, intervals against statsmodels and
+quadrature, and calibration by simulation."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -40,21 +41,51 @@ def oriented(rng: np.random.Generator, m: int = 9) -> Scene:
 
 def placed(rng: np.random.Generator) -> Scene:
     """Two targets, two groups with a placement each, blocks of weights, a sliding joint."""
-    bare = drawn(small_arm(prismatic=True), rng, 12, target=np.array(["a", "b"] * 6), group=np.array(["x"] * 6 + ["y"] * 6),
-                 configuration=np.arange(12) // 2)
-    return replace(bare, placement=(rotations(rng, 2), rng.normal(0, 100, (2, 3))), whiten=rng.normal(size=(12, 3, 3)),
-                   tools=rng.normal(0, 50, (2, 3)))
+    bare = drawn(
+        small_arm(prismatic=True),
+        rng,
+        12,
+        target=np.array(["a", "b"] * 6),
+        group=np.array(["x"] * 6 + ["y"] * 6),
+        configuration=np.arange(12) // 2,
+    )
+    return replace(
+        bare,
+        placement=(rotations(rng, 2), rng.normal(0, 100, (2, 3))),
+        whiten=rng.normal(size=(12, 3, 3)),
+        tools=rng.normal(0, 50, (2, 3)),
+    )
 
 
 @pytest.mark.parametrize("kind", ["puma760", "orientation", "placed"])
 def test_ensemble_is_the_exact_chain(rng: np.random.Generator, kind: str) -> None:
-    at = {"orientation": oriented, "placed": placed}.get(kind, lambda r: drawn("puma760", r, 11))(rng)
-    named = () if kind != "puma760" else (mechanism("gravity-twist", at.robot), mechanism("backlash:3", at.robot))
-    model = Model((setup(at.robot, len(at.data.targets), len(at.data.groups), kind == "placed", kind == "orientation"),
-                   mechanism("geometric", at.robot), *named))
+    at = {"orientation": oriented, "placed": placed}.get(kind, lambda r: drawn("puma760", r, 11))(
+        rng
+    )
+    named = (
+        ()
+        if kind != "puma760"
+        else (mechanism("gravity-twist", at.robot), mechanism("backlash:3", at.robot))
+    )
+    model = Model(
+        (
+            setup(
+                at.robot,
+                len(at.data.targets),
+                len(at.data.groups),
+                kind == "placed",
+                kind == "orientation",
+            ),
+            mechanism("geometric", at.robot),
+            *named,
+        )
+    )
     theta = rng.normal(0, 1e-2, (5, len(model.terms)))
     expected = np.stack([whitened(at, residuals(at, model.terms, t)).T for t in theta])
-    assert np.abs(Ensemble(at, model.terms).residuals(theta) - expected).max() < 1e-9 * np.abs(expected).max()
+    assert (
+        np.abs(Ensemble(at, model.terms).residuals(theta) - expected).max()
+        < 1e-9 * np.abs(expected).max()
+    )
 
 
 def test_intervals_are_those_of_least_squares(rng: np.random.Generator) -> None:
@@ -71,7 +102,8 @@ def test_intervals_are_those_of_least_squares(rng: np.random.Generator) -> None:
 
 
 def test_shrunk_posterior_is_the_conjugate_one(rng: np.random.Generator) -> None:
-    """Against the textbook's formulas for a normal prior in units of the noise, its rows written out."""
+    """Against the textbook's formulas for a normal prior in units of the noise, its rows written
+    out."""
     at = drawn(ARM, rng, 15)
     scene = planted(at, MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
     precision = np.zeros(len(MODEL.terms))
@@ -92,7 +124,8 @@ def test_shrunk_posterior_is_the_conjugate_one(rng: np.random.Generator) -> None
 
 
 def test_weights_find_the_curved_posterior() -> None:
-    """One angle known to half a radian: quadrature of the exact posterior against weighted draws, which the plain draws miss."""
+    """One angle known to half a radian: quadrature of the exact posterior against weighted draws,
+    which the plain draws miss."""
     rng = np.random.default_rng(0)
     at = drawn(ARM, rng, 8, tool=(0.0, 0.0, 0.0))
     model = Model((one(1, "rz", 0.02 * cos(q(2)) + 1.0),))
@@ -103,7 +136,7 @@ def test_weights_find_the_curved_posterior() -> None:
     good = weighted(scene, fitted, draws)
     grid = fitted.theta[0] + np.linspace(-3.0, 3.0, 6001)
     cost = np.square(Ensemble(scene, model.terms).residuals(grid[:, None])).sum((1, 2))
-    density = cost ** (-known.freedom / 2 - 0.5)          # σ integrated out
+    density = cost ** (-known.freedom / 2 - 0.5)  # σ integrated out
     density /= density.sum()
     mean = float(density @ grid)
     spread = float(np.sqrt(density @ np.square(grid - mean)))
@@ -118,12 +151,17 @@ STUDIES, DRAWS, BINS = 2000, 99, 20
 
 
 def test_calibrated_by_simulation(rng: np.random.Generator) -> None:
-    """2,000 studies: ranks of the planted values among weighted draws are uniform, and 95 % intervals cover 95 ± 1 %."""
+    """2,000 studies: ranks of the planted values among weighted draws are uniform, and 95 %
+    intervals cover 95 ± 1 %."""
     at = drawn(ARM, rng, 12)
     p = len(MODEL.terms)
     kept = list(fit(at, MODEL, held="nothing").found.kept)
     size = np.array([t.size[1] if t.size else 1e-4 for t in MODEL.terms])
-    ranks, covered, effective = np.zeros((STUDIES, len(kept))), np.zeros((STUDIES, len(kept) + 1)), 0.0
+    ranks, covered, effective = (
+        np.zeros((STUDIES, len(kept))),
+        np.zeros((STUDIES, len(kept) + 1)),
+        0.0,
+    )
     for study in range(STUDIES):
         truth = np.zeros(p)
         truth[kept] = rng.normal(0, 0.3 * size[kept])
@@ -142,19 +180,23 @@ def test_calibrated_by_simulation(rng: np.random.Generator) -> None:
     statistic = np.square(counts - STUDIES / BINS).sum(1) / (STUDIES / BINS)
     assert chi2.sf(statistic, BINS - 1).min() > 0.01 / len(kept), statistic
     assert abs(covered[:, :-1].mean() - 0.95) < 0.01
-    assert (np.abs(covered.mean(0) - 0.95) < 0.015).all(), covered.mean(0)      # three standard deviations of one parameter's
+    assert (np.abs(covered.mean(0) - 0.95) < 0.015).all(), covered.mean(
+        0
+    )  # three standard deviations of one parameter's
     assert effective > 0.9
 
 
-
 def test_covers_parameters_of_usual_size(rng: np.random.Generator) -> None:
-    """300 arms whose every geometric parameter is drawn about its drawing, whether the data tell it or not: 95 % intervals hold
-    95 ± 2 % of all, and of those that the data hardly determine; none goes beyond what its size allows."""
+    """300 arms whose every geometric parameter is drawn about its drawing, whether the data tell it
+    or not: 95 % intervals hold 95 ± 2 % of all, and of those that the data hardly determine; none
+    goes beyond what its size allows."""
     inside, weakly, most = [], [], 0.0
     sizes = usual_sizes(MODEL)
     for _ in range(300):
         at, scale = drawn(ARM, rng, 20), rng.uniform(0.7, 2.0)
-        truth = np.where(np.isfinite(sizes), scale * np.where(np.isfinite(sizes), sizes, 0.0), 0.0) * rng.normal(size=len(sizes))
+        truth = np.where(
+            np.isfinite(sizes), scale * np.where(np.isfinite(sizes), sizes, 0.0), 0.0
+        ) * rng.normal(size=len(sizes))
         fitted = fit(planted(at, MODEL.terms, truth, rng, 0.05), MODEL)
         low, high = posterior(fitted).quantile(np.array([0.025, 0.975])).T
         fitted_terms = [k for k in fitted.found.kept if np.isfinite(sizes[k])]

@@ -1,5 +1,7 @@
-"""README and CONTRIBUTING say what is true: their Python runs and prints what they show, their names are the registry's, the
-report is the study's. `python tests/test_readme.py` writes the README's shown output, excerpt and names of mechanisms anew."""
+"""README and CONTRIBUTING say what is true: their Python runs and prints what they show, their
+names are the registry's, the report is the study's. `python tests/test_readme.py` writes the
+README's shown output, excerpt and names of mechanisms anew."""
+
 from __future__ import annotations
 
 import ast
@@ -47,7 +49,8 @@ def fenced(language: str, text: str) -> list[str]:
 
 
 def printed(blocks: list[str], names: dict[str, object]) -> list[str]:
-    """What each block prints, run in order in one namespace, from the folder that the README stands in."""
+    """What each block prints, run in order in one namespace, from the folder that the README stands
+    in."""
     out = []
     with contextlib.chdir(ROOT):
         for block in blocks:
@@ -60,38 +63,69 @@ def printed(blocks: list[str], names: dict[str, object]) -> list[str]:
 def excerpt(result: modelsel.study.pipeline.Result) -> str:
     """The sentences of a study's output."""
     from rich.console import Console
+
     stream = io.StringIO()
     show(result, Console(file=stream, width=10_000))
     lines = [line for line in stream.getvalue().splitlines() if line.startswith(EXCERPT)]
-    return "\n".join(textwrap.fill(line, 130, subsequent_indent="    ", break_on_hyphens=False) for line in lines) + "\n"
+    return (
+        "\n".join(
+            textwrap.fill(line, 130, subsequent_indent="    ", break_on_hyphens=False)
+            for line in lines
+        )
+        + "\n"
+    )
 
 
 def mechanism_names(registry: Registry = BUILTIN) -> str:
     """Every registered name, as the README lists them."""
-    return textwrap.fill(", ".join(f"`{stem}`" for stem in registry) + ".", 150, break_on_hyphens=False)
+    return textwrap.fill(
+        ", ".join(f"`{stem}`" for stem in registry) + ".", 150, break_on_hyphens=False
+    )
 
 
 def naming_table() -> str:
     """The benchmark of naming as it was kept, method by method."""
-    kept = json.loads((ROOT / "benchmarks" / "results" / "naming.json").read_text(encoding="utf-8"))["summary"]["table"]
-    rows = [("| method, on the same candidates | false alarm, nothing planted | found | rightly named | surplus findings a case "
-            "| held-out error over the oracle's |"), "|---|---|---|---|---|---|"]
+    kept = json.loads(
+        (ROOT / "benchmarks" / "results" / "naming.json").read_text(encoding="utf-8")
+    )["summary"]["table"]
+    rows = [
+        (
+            "| method, on the same candidates | false alarm, nothing planted | found | rightly named | surplus findings a case "
+            "| held-out error over the oracle's |"
+        ),
+        "|---|---|---|---|---|---|",
+    ]
     for method, row in kept.items():
         rates = " | ".join(f"{row[key]['rate']:.2f}" for key in ("false alarm", "found", "right"))
-        rows.append(f"| {method} | {rates} | {row['extra']['mean']:.2f} | {row['held-out']['mean']:.3f} |")
+        rows.append(
+            f"| {method} | {rates} | {row['extra']['mean']:.2f} | {row['held-out']['mean']:.3f} |"
+        )
     return "\n".join(rows)
 
 
 def floors() -> str:
-    """The picture of the package: every floor of test_floors.py, what its folder says of itself, and the modules there."""
+    """The picture of the package: every floor of test_floors.py, what its folder says of itself,
+    and the modules there."""
     lines = []
     for floor in FLOORS:
         folder, listed = (PACKAGE, DOOR) if floor == "door" else (PACKAGE / floor, ())
-        said = (ast.get_docstring(ast.parse((folder / "__init__.py").read_text(encoding="utf-8"))) or "").partition("\n")[0]
-        there = sorted(path.name for path in folder.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists())
-        there = [name for name in there if name.removesuffix(".py") in listed or not (listed or name == "__init__.py")]
+        said = (
+            ast.get_docstring(ast.parse((folder / "__init__.py").read_text(encoding="utf-8"))) or ""
+        ).partition("\n")[0]
+        there = sorted(
+            path.name
+            for path in folder.iterdir()
+            if path.suffix == ".py" or (path / "__init__.py").exists()
+        )
+        there = [
+            name
+            for name in there
+            if name.removesuffix(".py") in listed or not (listed or name == "__init__.py")
+        ]
         lines.append(f"{floor:10}{said}")
-        lines += textwrap.wrap(" ".join(there), 120, initial_indent=" " * 10, subsequent_indent=" " * 10)
+        lines += textwrap.wrap(
+            " ".join(there), 120, initial_indent=" " * 10, subsequent_indent=" " * 10
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -114,7 +148,12 @@ def test_python_prints_what_is_shown(page, ran) -> None:
 
 def test_at_most_twelve_lines_beside_imports(page) -> None:
     for block in fenced("python", page):
-        assert len([line for line in block.splitlines() if line and not re.match(r"from|import", line)]) <= 12
+        assert (
+            len(
+                [line for line in block.splitlines() if line and not re.match(r"from|import", line)]
+            )
+            <= 12
+        )
 
 
 def test_excerpt_is_what_the_study_prints(page, ran) -> None:
@@ -126,7 +165,11 @@ def test_a_study_of_your_own_is_one(page) -> None:
     (toml,), (table,) = (fenced(kind, section("Your own data", page)) for kind in ("toml", "csv"))
     study = parse_study(toml, "README.md")
     found = read_measurements(pd.read_csv(io.StringIO(table)), load(study.robot.name).prismatic)
-    assert (study.robot.register_, study.measurements.file, found.q.shape) == (True, "measurements.csv", (1, 6))
+    assert (study.robot.register_, study.measurements.file, found.q.shape) == (
+        True,
+        "measurements.csv",
+        (1, 6),
+    )
 
 
 def test_every_mechanism_is_named(page) -> None:
@@ -138,14 +181,17 @@ def test_naming_s_rates_are_the_benchmark_s(page) -> None:
 
 
 def test_report_shown_is_the_study_s(ran) -> None:
-    """reports/puma760: its verdict and its ladder are those of the study as it runs now, and its page says them."""
+    """reports/puma760: its verdict and its ladder are those of the study as it runs now, and its
+    page says them."""
     folder, result = ROOT / "reports" / "puma760", ran[1]["result"].to_dict()
     kept = json.loads((folder / "result.json").read_text(encoding="utf-8"))
     again = "modelsel study studies/puma760/study.toml writes it anew, python tests/test_page.py its pictures"
     assert kept["verdict"] == result["verdict"], again
     for old, new in zip(kept["ladder"], result["ladder"], strict=True):
         assert old["mechanisms"] == new["mechanisms"], again
-        assert old["held_out"]["mean_mm"] == pytest.approx(new["held_out"]["mean_mm"], rel=1e-6), again
+        assert old["held_out"]["mean_mm"] == pytest.approx(new["held_out"]["mean_mm"], rel=1e-6), (
+            again
+        )
     page = html.unescape((folder / "report.html").read_text(encoding="utf-8"))
     assert all(sentence in page for sentence in kept["verdict"]), again
 
@@ -165,7 +211,8 @@ def test_floors_are_those_of_the_test(page) -> None:
     assert shown == floors(), AGAIN
 
 
-# -- CONTRIBUTING: a mechanism in ten lines ----------------------------------------------------------------------------
+# -- CONTRIBUTING: a mechanism in ten lines
+# ----------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -183,6 +230,7 @@ def plugin(tmp_path, monkeypatch) -> Path:
     monkeypatch.setattr("sys.dont_write_bytecode", True)
     yield tmp_path
     import sys
+
     sys.modules.pop("hosepack", None)
 
 
@@ -195,7 +243,7 @@ def test_example_is_a_mechanism(plugin, rng) -> None:
     columns, h = design(at, mechanism.terms)[0], 1e-5
     for j, term in enumerate(mechanism.terms):
         low, high = (residuals(at, [term], np.array([step])) for step in (-h, h))
-        difference = (low - high) / (2 * h)                              # residual = measured - predicted
+        difference = (low - high) / (2 * h)  # residual = measured - predicted
         assert np.abs(columns[:, :, j] - difference).max() <= 1e-6 * np.abs(difference).max()
         assert np.abs(difference).max() > 1
     with pytest.raises(StudyError):

@@ -1,4 +1,6 @@
-"""Real robots' studies run, and say what their READMEs say: figures to the digits shown, the first finding by name."""
+"""Real robots' studies run, and say what their READMEs say: figures to the digits shown, the first
+finding by name."""
+
 from __future__ import annotations
 
 import os
@@ -16,12 +18,15 @@ DATA = {"wam-tracker": "jacobi-wam", "positioner": "rct-positioner"}
 
 
 def ran(name: str, monkeypatch: pytest.MonkeyPatch) -> Result:
-    """The study's result. Absent data fail the test, unless MODELSEL_NO_DATA=1 says that this is meant."""
+    """The study's result. Absent data fail the test, unless MODELSEL_NO_DATA=1 says that this is
+    meant."""
     data = Path(os.environ.get("MODELSEL_DATA") or Path(__file__).parents[2] / "shared" / "data")
     if not (data / DATA[name]).is_dir():
         if os.environ.get("MODELSEL_NO_DATA") == "1":
             pytest.skip("MODELSEL_NO_DATA=1")
-        pytest.fail(f"{DATA[name]} is not at {data}: set MODELSEL_DATA, or MODELSEL_NO_DATA=1 to go without")
+        pytest.fail(
+            f"{DATA[name]} is not at {data}: set MODELSEL_DATA, or MODELSEL_NO_DATA=1 to go without"
+        )
     monkeypatch.setenv("MODELSEL_DATA", str(data))
     return run(read_study(STUDIES / name / "study.toml"), STUDIES / name, sampling=False)
 
@@ -30,14 +35,20 @@ def shown(name: str) -> dict[str, list[float]]:
     """Rows of the README's table of results: the first word -> its numbers."""
     page = (STUDIES / name / "README.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (nominal|geometric|chosen)[^|]*\|(.+)\|$", page, re.MULTILINE)
-    return {word: [float(cell) for cell in cells.split("|") if cell.strip()] for word, cells in rows}
+    return {
+        word: [float(cell) for cell in cells.split("|") if cell.strip()] for word, cells in rows
+    }
 
 
 @pytest.mark.parametrize("name", DATA)
 def test_study_says_what_its_readme_says(name, monkeypatch) -> None:
     result, said = ran(name, monkeypatch), shown(name)
     base = next(r for r in result.ladder if r.names == ("geometric",))
-    for word, rung in (("nominal", result.ladder[0]), ("geometric", base), ("chosen", result.chosen)):
+    for word, rung in (
+        ("nominal", result.ladder[0]),
+        ("geometric", base),
+        ("chosen", result.chosen),
+    ):
         fitted, held_out = said[word][1], said[word][-1]
         assert rung.estimation.mean_mm == pytest.approx(fitted, abs=0.006), word
         assert rung.held_out.mean_mm == pytest.approx(held_out, abs=0.006), word

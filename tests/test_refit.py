@@ -1,4 +1,6 @@
-"""A file that cannot carry everything holds the best robot that it can, says how good that is, and counts warmth from 20 °C."""
+"""A file that cannot carry everything holds the best robot that it can, says how good that is, and
+counts warmth from 20 °C."""
+
 from __future__ import annotations
 
 import csv
@@ -61,10 +63,17 @@ def held_out(result: Result, predicted: np.ndarray) -> float:
 def read(form: str, text: str) -> tuple[Robot, np.ndarray]:
     """The robot in a file of an export, and its target on the flange."""
     import tomllib
+
     if form == "urdf":
         return read_urdf_text(text, "file", tip="target"), np.zeros(3)
-    (target,) = [line.partition("= ")[2].removesuffix(" mm") for line in text.splitlines() if line.startswith("# target ")]
-    return robot_from_table(tomllib.loads(text), "file"), np.array([float(v) for v in target.split(",")])
+    (target,) = [
+        line.partition("= ")[2].removesuffix(" mm")
+        for line in text.splitlines()
+        if line.startswith("# target ")
+    ]
+    return robot_from_table(tomllib.loads(text), "file"), np.array(
+        [float(v) for v in target.split(",")]
+    )
 
 
 @pytest.mark.parametrize("form", ["urdf", "dh", "mdh"])
@@ -75,11 +84,18 @@ def test_a_geometry_is_as_good_as_geometry_alone(form, puma) -> None:
     seen = held_out(result, forward(robot, result.data.scene.data.q, target))
     geometric = next(r for r in result.ladder if r.names == ("geometric",))
     assert seen == pytest.approx(geometric.held_out.rms_mm, rel=1e-6)
-    assert made.errors == ("held out", pytest.approx(result.ladder[0].held_out.rms_mm), pytest.approx(seen, rel=1e-6),
-                           pytest.approx(result.chosen.held_out.rms_mm))
+    assert made.errors == (
+        "held out",
+        pytest.approx(result.ladder[0].held_out.rms_mm),
+        pytest.approx(seen, rel=1e-6),
+        pytest.approx(result.chosen.held_out.rms_mm),
+    )
     assert made.worse is None
-    assert f"{seen:.3g} mm rms, the whole model leaves {result.chosen.held_out.rms_mm:.3g} mm" in made.text + made.notes[0]
-    beside = replace(c, refits=None)                    # as version 0.1.0 left it: fitted beside what is left out
+    assert (
+        f"{seen:.3g} mm rms, the whole model leaves {result.chosen.held_out.rms_mm:.3g} mm"
+        in made.text + made.notes[0]
+    )
+    beside = replace(c, refits=None)  # as version 0.1.0 left it: fitted beside what is left out
     robot, target = read(form, export(beside, form).text)
     assert held_out(result, forward(robot, result.data.scene.data.q, target)) > 1.5 * seen
     assert "run the study again" in " ".join(export(beside, form).notes)
@@ -94,20 +110,34 @@ def test_what_carries_everything_is_the_whole_model(puma) -> None:
 
 def warm_arm(robot: Robot, factor: float) -> Robot:
     """Every length of an arm times a factor."""
+
     def longer(N: np.ndarray) -> np.ndarray:
         out = N.copy()
         out[:3, 3] *= factor
         return out
-    return replace(robot, joints=tuple(replace(j, before=longer(j.before)) for j in robot.joints), last=longer(robot.last))
+
+    return replace(
+        robot,
+        joints=tuple(replace(j, before=longer(j.before)) for j in robot.joints),
+        last=longer(robot.last),
+    )
 
 
 def warm_study(folder: Path, low: float, high: float, nominal_at: float, seed: int = 27) -> Result:
     """A study of an arm that is exactly nominal at one temperature and grows by 12 ppm/°C."""
     rng, robot = np.random.default_rng(seed), load("puma760")
     q, warm = robot.draw(rng, 150), rng.uniform(low, high, 150)
-    x = np.concatenate([forward(warm_arm(robot, 1 + 12e-6 * (t - nominal_at)), q[k:k + 1], np.array([0, 0, 100.0]))
-                        for k, t in enumerate(warm)]) + rng.normal(0, NOISE, (150, 3))
-    columns = {f"q{j + 1}_rad": q[:, j] for j in range(6)} | dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
+    x = np.concatenate(
+        [
+            forward(
+                warm_arm(robot, 1 + 12e-6 * (t - nominal_at)), q[k : k + 1], np.array([0, 0, 100.0])
+            )
+            for k, t in enumerate(warm)
+        ]
+    ) + rng.normal(0, NOISE, (150, 3))
+    columns = {f"q{j + 1}_rad": q[:, j] for j in range(6)} | dict(
+        zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True)
+    )
     pd.DataFrame(columns | {"temperature_C": warm}).to_csv(folder / "m.csv", index=False)
     return run(parse_study(STUDY, "study.toml"), folder, sampling=False)
 
@@ -117,17 +147,28 @@ def test_an_arm_that_is_nominal_at_27_degrees(low, high, counted, tmp_path) -> N
     result = warm_study(tmp_path, low, high, 27.0)
     c = calibration_of(result)
     assert f"counted from {counted} °C" in result.findings[0].sentence
-    cause = {s["cause"] for f in result.record["findings"] for e in f["credible_set"] for s in e["screws"]}
-    assert any(f"(temperature_C-{counted})" in text or text == f"temperature_C-{counted}" for text in cause)
+    cause = {
+        s["cause"]
+        for f in result.record["findings"]
+        for e in f["credible_set"]
+        for s in e["screws"]
+    }
+    assert any(
+        f"(temperature_C-{counted})" in text or text == f"temperature_C-{counted}" for text in cause
+    )
     growth = next(s for s in result.record["significance"] if s["mechanism"].startswith("thermal"))
-    assert growth["mean_mm"] < 12e-6 * (high - 20) * load("puma760").reach          # not that of an arm that was frozen
+    assert (
+        growth["mean_mm"] < 12e-6 * (high - 20) * load("puma760").reach
+    )  # not that of an arm that was frozen
     made = export(c, "urdf")
     robot, target = read("urdf", made.text)
     seen = held_out(result, forward(robot, result.data.scene.data.q, target))
     assert seen <= result.ladder[0].held_out.rms_mm or made.worse is not None
     nominal, geometric = result.ladder[:2]
     assert geometric.names == ("geometric",)
-    best = nominal if nominal.cv_rms_mm < geometric.cv_rms_mm else geometric           # chosen without the held-out rows
+    best = (
+        nominal if nominal.cv_rms_mm < geometric.cv_rms_mm else geometric
+    )  # chosen without the held-out rows
     assert seen == pytest.approx(best.held_out.rms_mm, rel=1e-6)
     assert made.errors[2] == pytest.approx(seen, rel=1e-6)
     warm = result.data.scene.data.covariates["temperature_C"][result.data.used].mean()
@@ -138,17 +179,33 @@ def test_an_arm_that_is_nominal_at_27_degrees(low, high, counted, tmp_path) -> N
 def test_reference_temperature() -> None:
     assert reference({}) == 20
     assert reference({"temperature_C": np.array([18.0, 31.0])}) == 20
-    assert reference({"temperature_C": np.array([26.0, 29.0])}) == 28          # 27.5
+    assert reference({"temperature_C": np.array([26.0, 29.0])}) == 28  # 27.5
     assert reference({"temperature_C": np.array([-9.0, -5.0])}) == -7
-    assert measurements(np.zeros((2, 1)), np.zeros((2, 3)), covariates={"temperature_C": np.array([30.0, 32.0])}
-                        ).take([0]).reference_celsius == 31                          # of the whole campaign
+    assert (
+        measurements(
+            np.zeros((2, 1)), np.zeros((2, 3)), covariates={"temperature_C": np.array([30.0, 32.0])}
+        )
+        .take([0])
+        .reference_celsius
+        == 31
+    )  # of the whole campaign
     for t in (20.0, 28.0, -7.0, 0.0):
         cause = warmth(t)
         assert parse(str(cause), {"temperature_C": "°C"}) == cause
-        for name, unit in (("thermal-zero:2", "rad/°C"), ("thermal-growth:3", "1/°C"), ("thermal-expansion", "1/°C")):
+        for name, unit in (
+            ("thermal-zero:2", "rad/°C"),
+            ("thermal-growth:3", "1/°C"),
+            ("thermal-expansion", "1/°C"),
+        ):
             own = mechanism(name, load("puma760"), counted_from(BUILTIN, t))
-            assert all(s.cause in (cause, Combined("*", s.cause.left, cause) if isinstance(s.cause, Combined) else cause)
-                       for s in own.terms[0].screws)
+            assert all(
+                s.cause
+                in (
+                    cause,
+                    Combined("*", s.cause.left, cause) if isinstance(s.cause, Combined) else cause,
+                )
+                for s in own.terms[0].screws
+            )
             assert f"counted from {t:g} °C" in own.sentence
             assert own.terms[0].unit == unit
 
@@ -156,19 +213,25 @@ def test_reference_temperature() -> None:
 def test_a_plug_in_keeps_its_own_thermal_mechanism() -> None:
     def own(robot: Robot) -> None:
         return None
+
     assert counted_from({**BUILTIN, "thermal-expansion": own}, 27.0)["thermal-expansion"] is own
 
 
 def test_a_table_needs_nothing_beside_the_nominal_chain() -> None:
-    """Read without its reader: the constant rows are the constant corrections of what it carries."""
+    """Read without its reader: the constant rows are the constant corrections of what it
+    carries."""
     c, _ = wide(np.random.default_rng(3))
     rows = list(csv.DictReader(export(c, "table").text.splitlines()))
     still = np.zeros((c.robot.n + 1, 6))
     for row in rows:
         if not row["name1"]:
-            still[int(row["frame"]) - 1, ("tx", "ty", "tz", "rx", "ry", "rz").index(row["axis"])] = float(row["correction"])
+            still[
+                int(row["frame"]) - 1, ("tx", "ty", "tz", "rx", "ry", "rz").index(row["axis"])
+            ] = float(row["correction"])
     np.testing.assert_allclose(still, constants(alone(c, "table")), rtol=1e-7)
-    assert not np.allclose(still, constants(c), rtol=1e-3)          # refitted without what hangs on three values
+    assert not np.allclose(
+        still, constants(c), rtol=1e-3
+    )  # refitted without what hangs on three values
 
 
 def test_worse_than_nominal_is_said_first(puma, tmp_path) -> None:
@@ -177,7 +240,10 @@ def test_worse_than_nominal_is_said_first(puma, tmp_path) -> None:
     (tmp_path / "calibration.json").write_text(json.dumps(record))
     words = ["export", str(tmp_path), "--format", "urdf", "--out", str(tmp_path / "a.urdf")]
     out = CliRunner().invoke(main, words).output
-    assert out.splitlines()[0] == "Warning: this file is worse than the nominal arm: 1.12 mm rms against 1 mm, held out."
+    assert (
+        out.splitlines()[0]
+        == "Warning: this file is worse than the nominal arm: 1.12 mm rms against 1 mm, held out."
+    )
     told = json.loads(CliRunner().invoke(main, [*words, "--json"]).output)
     assert told["worse_than_nominal"]
     assert told["errors"]["nominal_rms_mm"] == 1.0
@@ -189,14 +255,18 @@ def test_without_held_out_rows_the_fitted_ones_are_said(form) -> None:
     assert export(c, form).errors[0] == "on the rows that were fitted"
 
 
-@pytest.mark.parametrize(("change", "says"), [
-    (lambda r: r["alone"]["geometry"]["estimates"][0].update(term=999), "not of its terms"),
-    (lambda r: r["alone"]["geometry"]["estimates"].reverse(), "not of its terms"),
-    (lambda r: r["alone"]["geometry"]["estimates"][0].update(symbol="h1"), "other terms"),
-    (lambda r: r["alone"].update(drawing=r["alone"]["geometry"]), "not of its terms"),
-    (lambda r: r["alone"]["geometry"].update(held_out_rms_mm=-1.0), "below zero"),
-    (lambda r: r["alone"]["geometry"]["estimates"][0].update(value=None), "finite number"),
-    (lambda r: r.pop("whole"), "whole")])
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda r: r["alone"]["geometry"]["estimates"][0].update(term=999), "not of its terms"),
+        (lambda r: r["alone"]["geometry"]["estimates"].reverse(), "not of its terms"),
+        (lambda r: r["alone"]["geometry"]["estimates"][0].update(symbol="h1"), "other terms"),
+        (lambda r: r["alone"].update(drawing=r["alone"]["geometry"]), "not of its terms"),
+        (lambda r: r["alone"]["geometry"].update(held_out_rms_mm=-1.0), "below zero"),
+        (lambda r: r["alone"]["geometry"]["estimates"][0].update(value=None), "finite number"),
+        (lambda r: r.pop("whole"), "whole"),
+    ],
+)
 def test_damaged_refits_are_refused(change, says, puma) -> None:
     record = json.loads(calibration_text(puma[1]))
     change(record["refits"])
@@ -205,15 +275,26 @@ def test_damaged_refits_are_refused(change, says, puma) -> None:
 
 
 def test_a_registered_geometry_is_as_good_as_it_says(tmp_path) -> None:
-    """The tracker stands anywhere: the file's arm, put where the calibration has it, errs by what is said."""
+    """The tracker stands anywhere: the file's arm, put where the calibration has it, errs by what
+    is said."""
     rng, robot = np.random.default_rng(5), load("puma760")
     q = robot.draw(rng, 160)
-    bent = q + [0, 0, 4e-3, 0, -6e-3, 0] + 2e-3 * np.cos(q[:, 1] + q[:, 2])[:, None] * [0, 0, 1.0, 0, 0, 0]
+    bent = (
+        q
+        + [0, 0, 4e-3, 0, -6e-3, 0]
+        + 2e-3 * np.cos(q[:, 1] + q[:, 2])[:, None] * [0, 0, 1.0, 0, 0, 0]
+    )
     x = forward(robot, bent, np.array([30.0, -20.0, 120.0])) + rng.normal(0, NOISE, (160, 3))
     x = x @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]).T + [1500.0, 800, 300]
-    columns = {f"q{j + 1}_rad": q[:, j] for j in range(6)} | dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
+    columns = {f"q{j + 1}_rad": q[:, j] for j in range(6)} | dict(
+        zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True)
+    )
     pd.DataFrame(columns).to_csv(tmp_path / "m.csv", index=False)
-    result = run(parse_study(STUDY.replace("tool_mm = [0, 0, 100]", "register = true"), "study.toml"), tmp_path, sampling=False)
+    result = run(
+        parse_study(STUDY.replace("tool_mm = [0, 0, 100]", "register = true"), "study.toml"),
+        tmp_path,
+        sampling=False,
+    )
     c = loads(calibration_text(calibration_of(result)))
     made = export(c, "urdf")
     assert made.left_out

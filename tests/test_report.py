@@ -1,4 +1,6 @@
-"""The report in PDF: tagged, embedded, silent, the same bytes twice; from files alone; sound where there is little to draw."""
+"""The report in PDF: tagged, embedded, silent, the same bytes twice; from files alone; sound where
+there is little to draw."""
+
 from __future__ import annotations
 
 import io
@@ -37,12 +39,14 @@ def pages(folder: Path) -> list[str]:
 def texts(pdf: bytes) -> list[str]:
     """The text of every page."""
     from pypdf import PdfReader
+
     return [page.extract_text() for page in PdfReader(io.BytesIO(pdf)).pages]
 
 
 def walked(node: object) -> list[dict]:
     """All structure elements below a node of the tag tree."""
     from pypdf.generic import ArrayObject, DictionaryObject
+
     node = node.get_object() if hasattr(node, "get_object") else node
     if isinstance(node, ArrayObject):
         return [e for kid in node for e in walked(kid)]
@@ -63,6 +67,7 @@ def test_files_are_there_and_small(drawn) -> None:
 
 def test_tagged_titled_every_figure_with_a_text(drawn) -> None:
     from pypdf import PdfReader
+
     reader = PdfReader(drawn / "report.pdf")
     root = reader.trailer["/Root"]
     assert root["/MarkInfo"]["/Marked"]
@@ -74,14 +79,17 @@ def test_tagged_titled_every_figure_with_a_text(drawn) -> None:
     blocks = book(source, drawing.PAGES)
     assert len(figures) >= len(source.pictures) > 10
     assert {b["alt"] for b in blocks if b["kind"] == "figure"} <= {str(t["/Alt"]) for t in figures}
-    assert compiled(content(source, blocks), source.pictures)[1] == []      # no word of the compiler
+    assert compiled(content(source, blocks), source.pictures)[1] == []  # no word of the compiler
     assert all(len(str(t["/Alt"])) > 20 for t in figures)
     assert sum(t["/S"] == "/Table" for t in tags) >= 5
 
 
 def test_fonts_are_embedded(drawn) -> None:
     from pypdf import PdfReader
-    fonts = [f.get_object() for page in PdfReader(drawn / "report.pdf").pages for f in fonts_of(page)]
+
+    fonts = [
+        f.get_object() for page in PdfReader(drawn / "report.pdf").pages for f in fonts_of(page)
+    ]
     assert fonts
     for font in fonts:
         inner = font["/DescendantFonts"][0].get_object()["/FontDescriptor"].get_object()
@@ -105,10 +113,14 @@ def test_first_page_stands_alone(drawn) -> None:
     assert len(result["verdict"]) == 3
     for sentence in result["verdict"]:
         assert plain(sentence) in plain(first)
-    for finding, said in zip(result["findings"], drawing.read(drawn).details["findings"], strict=True):
+    for finding, said in zip(
+        result["findings"], drawing.read(drawn).details["findings"], strict=True
+    ):
         assert plain(said["label"]) in plain(first)
         assert finding["sentence"].startswith(said["what"])
-    captions = [b["caption"] for b in book(drawing.read(drawn), drawing.PAGES, ("first",)) if "caption" in b]
+    captions = [
+        b["caption"] for b in book(drawing.read(drawn), drawing.PAGES, ("first",)) if "caption" in b
+    ]
     assert captions
     assert not [c for c in captions if re.search(r"\d", c)]
 
@@ -116,16 +128,23 @@ def test_first_page_stands_alone(drawn) -> None:
 def test_numbers_of_the_ladder_are_the_result_s(drawn) -> None:
     result, text = json.loads((drawn / "result.json").read_text()), plain("".join(pages(drawn)))
     for rung in result["ladder"]:
-        row = "".join(f"{rung[s][k]:.3f}" if rung[s][k] < 9.9995 else f"{rung[s][k]:.2f}"
-                      for s in ("estimation", "held_out") for k in ("mean_mm", "max_mm"))
+        row = "".join(
+            f"{rung[s][k]:.3f}" if rung[s][k] < 9.9995 else f"{rung[s][k]:.2f}"
+            for s in ("estimation", "held_out")
+            for k in ("mean_mm", "max_mm")
+        )
         assert row in text
 
 
 def test_what_the_table_of_subsets_is_for_is_said_with_it(drawn) -> None:
-    """It may add names where nothing else was found: in the PDF, and below the table on a terminal."""
+    """It may add names where nothing else was found: in the PDF, and below the table on a
+    terminal."""
     (page,) = [p for p in pages(drawn) if "The table of subsets" in p]
     assert plain(TABLE_FOR) in plain(page)
-    ran = CliRunner().invoke(main, ["study", str(PUMA), "--out", str(drawn.parent / "said"), "--no-report", "--no-sampling"])
+    ran = CliRunner().invoke(
+        main,
+        ["study", str(PUMA), "--out", str(drawn.parent / "said"), "--no-report", "--no-sampling"],
+    )
     assert plain(TABLE_FOR) in plain(ran.output)
 
 
@@ -138,7 +157,8 @@ def test_a_page_per_finding(drawn) -> None:
 
 
 def within_margins(file: Path | io.BytesIO) -> None:
-    """Every letter stands within the margins, those of pictures, too; header and footer stand above and below."""
+    """Every letter stands within the margins, those of pictures, too; header and footer stand above
+    and below."""
     from pdfminer.high_level import extract_pages
     from pdfminer.layout import LTChar
 
@@ -164,13 +184,17 @@ def test_same_bytes_anywhere(drawn, tmp_path) -> None:
     for name in ("result.json", "details.json"):
         shutil.copy(drawn / name, tmp_path)
     code = f"from pathlib import Path; from modelsel.report.drawing import draw; draw(Path({str(tmp_path)!r}))"
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)          # another process, another hash seed
+    subprocess.run(
+        [sys.executable, "-c", code], check=True, cwd=tmp_path
+    )  # another process, another hash seed
     for name in ("report.pdf", "report.html"):
         assert (tmp_path / name).read_bytes() == (drawn / name).read_bytes()
 
 
 def test_study_writes_the_same_details_again(drawn, tmp_path) -> None:
-    again = CliRunner().invoke(main, ["study", str(PUMA / "study.toml"), "--out", str(tmp_path), "--no-report"])
+    again = CliRunner().invoke(
+        main, ["study", str(PUMA / "study.toml"), "--out", str(tmp_path), "--no-report"]
+    )
     assert again.exit_code == 0
     assert {p.name for p in tmp_path.iterdir()} == set(WRITES)
     for name in ("result.json", "details.json"):
@@ -191,13 +215,19 @@ def test_pages_are_chosen(drawn, tmp_path) -> None:
     assert 'Did you mean "first"?' in wrong.output
 
 
-@pytest.mark.parametrize(("change", "said"), [
-    (lambda d: (d / "result.json").unlink(), "there is no result.json"),
-    (lambda d: (d / "details.json").unlink(), "there is no details.json"),
-    (lambda d: (d / "result.json").write_text('{"schema": 2}'), "schema 2"),
-    (lambda d: (d / "result.json").write_text("{"), "cannot be read"),
-    (lambda d: (d / "details.json").write_text('{"schema": 1, "data_sha256": "x"}'), "another run"),
-])
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda d: (d / "result.json").unlink(), "there is no result.json"),
+        (lambda d: (d / "details.json").unlink(), "there is no details.json"),
+        (lambda d: (d / "result.json").write_text('{"schema": 2}'), "schema 2"),
+        (lambda d: (d / "result.json").write_text("{"), "cannot be read"),
+        (
+            lambda d: (d / "details.json").write_text('{"schema": 1, "data_sha256": "x"}'),
+            "another run",
+        ),
+    ],
+)
 def test_refuses_in_one_sentence(drawn, tmp_path, change, said) -> None:
     for name in ("result.json", "details.json"):
         shutil.copy(drawn / name, tmp_path)
@@ -223,11 +253,20 @@ def test_words_of_the_data_are_not_markup(drawn) -> None:
 def test_long_names_keep_their_place(drawn) -> None:
     """The first page stays one, a finding's page too, and nothing stands outside the margins."""
     source = drawing.read(drawn)
-    result, details, name = source.result, source.details, "a-name-that-nobody-shortened-when-it-was-written-down:12"
-    result["study"] = "The third arm of cell 12 in hall B after the exchange of its elbow gear, measured by the night shift"
+    result, details, name = (
+        source.result,
+        source.details,
+        "a-name-that-nobody-shortened-when-it-was-written-down:12",
+    )
+    result["study"] = (
+        "The third arm of cell 12 in hall B after the exchange of its elbow gear, measured by the night shift"
+    )
     for said, finding in zip(details["findings"], result["findings"], strict=True):
         said.update(label=name, what=said["what"] + 12 * " and so on")
-        finding.update(sentence=3 * finding["sentence"], credible_set=8 * [finding["credible_set"][0] | {"mechanism": name}])
+        finding.update(
+            sentence=3 * finding["sentence"],
+            credible_set=8 * [finding["credible_set"][0] | {"mechanism": name}],
+        )
     for rung in result["ladder"][2:]:
         rung["mechanisms"] = ["geometric", *(len(rung["mechanisms"]) - 1) * [name]]
     result["findings"], details["findings"] = 3 * result["findings"], 3 * details["findings"]
@@ -241,19 +280,29 @@ def test_long_names_keep_their_place(drawn) -> None:
 def test_failure_leaves_the_result(monkeypatch, tmp_path) -> None:
     def broken(*_: object) -> None:
         raise ReportError("the compiler is ill")
+
     monkeypatch.setattr(drawing, "book", broken)
-    done = CliRunner().invoke(main, ["study", str(PUMA / "study.toml"), "--out", str(tmp_path), "--no-sampling"])
+    done = CliRunner().invoke(
+        main, ["study", str(PUMA / "study.toml"), "--out", str(tmp_path), "--no-sampling"]
+    )
     assert done.exit_code == 1
     assert "the compiler is ill" in done.output
     assert "Nominal model" in done.output
     assert json.loads((tmp_path / "result.json").read_text())["schema"] == 1
 
 
-# -- little to draw ------------------------------------------------------------------------------------------------------
+# -- little to draw
+# ------------------------------------------------------------------------------------------------------
 
 
-def small(folder: Path, *, estimation: int = 40, candidates: str = '["backlash"]', base: str = '["geometric"]',
-          orientation: bool = False) -> Path:
+def small(
+    folder: Path,
+    *,
+    estimation: int = 40,
+    candidates: str = '["backlash"]',
+    base: str = '["geometric"]',
+    orientation: bool = False,
+) -> Path:
     """A study of some of the PUMA's rows."""
     data = pd.read_csv(PUMA / "measurements.csv").iloc[:60].reset_index(drop=True)
     if orientation:
@@ -262,13 +311,16 @@ def small(folder: Path, *, estimation: int = 40, candidates: str = '["backlash"]
         from modelsel.robot.files import load
         from modelsel.robot.kinematics import pose
         from modelsel.robot.rigid import turn
+
         q = data[[f"q{j}_rad" for j in range(1, 7)]].to_numpy()
         R = pose(load("puma760"), q, np.array([0.0, 0, 100])).rotation.transpose(2, 0, 1)
         data[["qx", "qy", "qz", "qw"]] = Rotation.from_matrix(R @ turn(2, 1e-3)).as_quat()
     data.to_csv(folder / "measurements.csv", index=False)
-    text = ('name = "small"\nseed = 1\n[robot]\nname = "puma760"\ntool_mm = [0, 0, 100]\n'
-            f'[measurements]\nfile = "measurements.csv"\n[split]\nestimation = {estimation}\n'
-            f"[model]\nbase = {base}\ncandidates = {candidates}\n[comparison]\nfolds = 5\n")
+    text = (
+        'name = "small"\nseed = 1\n[robot]\nname = "puma760"\ntool_mm = [0, 0, 100]\n'
+        f'[measurements]\nfile = "measurements.csv"\n[split]\nestimation = {estimation}\n'
+        f"[model]\nbase = {base}\ncandidates = {candidates}\n[comparison]\nfolds = 5\n"
+    )
     (folder / "study.toml").write_text(text)
     return folder
 
@@ -294,13 +346,27 @@ def test_sound_with_little_to_draw(case, tmp_path) -> None:
     text = pages(out)
     for sentence in json.loads((out / "result.json").read_text())["verdict"]:
         assert plain(sentence) in plain(text[0])
-    assert "NaN" not in (out / "report.html").read_text(encoding="utf-8").partition('id="data"')[2].partition("</script>")[0]
+    assert (
+        "NaN"
+        not in (out / "report.html")
+        .read_text(encoding="utf-8")
+        .partition('id="data"')[2]
+        .partition("</script>")[0]
+    )
 
 
 def test_no_finding_no_sampling_no_outlier(drawn) -> None:
     """A result of nothing at all still makes a report."""
     source = drawing.read(drawn)
-    source.result.update(findings=[], outliers=[], unidentifiable=[], warnings=[], path=[], sampling=None, nested_cv=None)
+    source.result.update(
+        findings=[],
+        outliers=[],
+        unidentifiable=[],
+        warnings=[],
+        path=[],
+        sampling=None,
+        nested_cv=None,
+    )
     source.result["error_map"] = {"places": [], "causes": [], "f": [], "p_family_wise": []}
     source.result["candidates"]["best"] = []
     source.details.update(findings=[], map={"places": [], "columns": [], "slopes": [], "named": []})
@@ -313,37 +379,92 @@ def extended(result: dict, rng: np.random.Generator) -> dict:
     """The result with what sampling adds."""
     symbols, low, median, high = [f"p{k}" for k in range(12)], -1e-3, 0.0, 1e-3
     r = np.corrcoef(rng.standard_normal((12, 30)))
-    one = {"mechanism": "geometric", "unit": "rad", "standard_error": 0.3, "bootstrap_error": 0.3, "posterior_error": None,
-           "differ": False}
+    one = {
+        "mechanism": "geometric",
+        "unit": "rad",
+        "standard_error": 0.3,
+        "bootstrap_error": 0.3,
+        "posterior_error": None,
+        "differ": False,
+    }
     return result | {
-        "parameters": [{**one, "symbol": s, "estimate": v, "low": v - 0.6, "high": v + 0.6}
-                       for s, v in zip(symbols, rng.standard_normal(12), strict=True)],
-        "correlation": {"symbols": symbols, "matrix": r.tolist(), "clusters": [["p0", "p1"], ["p4", "p7", "p9"]],
-                        "pairs": [{"a": "p0", "b": "p1", "r": 0.99, "sentence": "p0 goes with p1."}]},
-        "significance": [{"mechanism": "gravity-twist", "parameters": ["p0"], "mean_mm": 1.234, "max_mm": 2.0, "f": 10.0,
-                          "p": 1e-9, "log10_evidence": -3.21, "cv_rms_mm": 1.0, "cv_rms_without_mm": 2.0, "held_out_rms_mm": 0.5,
-                          "held_out_rms_without_mm": None, "catalogue": "larger than usual", "stability": 0.925}],
-        "sampling": {"effective_samples": 500, "r_hat": 1.001, "tau": 30.0, "steps": 1500, "walkers": 48,
-                     "converged": True, "sampled": symbols[:3],
-                     "quantiles": [{"name": "p0", "unit": "rad", "low": low, "median": median, "high": high,
-                                    "closed_form_low": low, "closed_form_median": median, "closed_form_high": high}],
-                     "importance": {"draws": 100, "effective": 90, "sentence": "The closed form says the same."},
-                     "trace": {"names": symbols[:3], "draws": rng.standard_normal((200, 3)).tolist()}},
+        "parameters": [
+            {**one, "symbol": s, "estimate": v, "low": v - 0.6, "high": v + 0.6}
+            for s, v in zip(symbols, rng.standard_normal(12), strict=True)
+        ],
+        "correlation": {
+            "symbols": symbols,
+            "matrix": r.tolist(),
+            "clusters": [["p0", "p1"], ["p4", "p7", "p9"]],
+            "pairs": [{"a": "p0", "b": "p1", "r": 0.99, "sentence": "p0 goes with p1."}],
+        },
+        "significance": [
+            {
+                "mechanism": "gravity-twist",
+                "parameters": ["p0"],
+                "mean_mm": 1.234,
+                "max_mm": 2.0,
+                "f": 10.0,
+                "p": 1e-9,
+                "log10_evidence": -3.21,
+                "cv_rms_mm": 1.0,
+                "cv_rms_without_mm": 2.0,
+                "held_out_rms_mm": 0.5,
+                "held_out_rms_without_mm": None,
+                "catalogue": "larger than usual",
+                "stability": 0.925,
+            }
+        ],
+        "sampling": {
+            "effective_samples": 500,
+            "r_hat": 1.001,
+            "tau": 30.0,
+            "steps": 1500,
+            "walkers": 48,
+            "converged": True,
+            "sampled": symbols[:3],
+            "quantiles": [
+                {
+                    "name": "p0",
+                    "unit": "rad",
+                    "low": low,
+                    "median": median,
+                    "high": high,
+                    "closed_form_low": low,
+                    "closed_form_median": median,
+                    "closed_form_high": high,
+                }
+            ],
+            "importance": {
+                "draws": 100,
+                "effective": 90,
+                "sentence": "The closed form says the same.",
+            },
+            "trace": {"names": symbols[:3], "draws": rng.standard_normal((200, 3)).tolist()},
+        },
     }
 
 
 def test_sections_come_with_their_keys(drawn, rng) -> None:
     source = drawing.read(drawn)
     chosen = ("significance", "correlation", "posterior")
-    bare = {k: v for k, v in source.result.items() if k not in ("parameters", "significance", "correlation", "sampling")}
+    bare = {
+        k: v
+        for k, v in source.result.items()
+        if k not in ("parameters", "significance", "correlation", "sampling")
+    }
     assert book(drawing.Source(bare, source.details), drawing.PAGES, chosen) == []
     full = drawing.Source(extended(source.result, rng), source.details)
     pdf, warnings = compiled(content(full, book(full, drawing.PAGES, chosen)), full.pictures)
     assert not warnings
     assert set(full.pictures) == {"forest.svg", "correlation.svg", "posterior.svg"}
     text = plain("".join(texts(pdf)))
-    for word in ("gravity-twist1.2342.000<0.001−3.2–→0.50092%", "gravity-twist:largerthanusual", "p0goeswithp1.",
-                 "Theclosedformsaysthesame."):
+    for word in (
+        "gravity-twist1.2342.000<0.001−3.2–→0.50092%",
+        "gravity-twist:largerthanusual",
+        "p0goeswithp1.",
+        "Theclosedformsaysthesame.",
+    ):
         assert word in text
     full.result["sampling"].update(converged=False, quantiles=None)
     blocks = book(full, drawing.PAGES, ("posterior",))

@@ -1,4 +1,6 @@
-"""A joint that rests gives no direction of approach, whatever its encoder's noise says; small and slow motions still do."""
+"""A joint that rests gives no direction of approach, whatever its encoder's noise says; small and
+slow motions still do."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -35,7 +37,8 @@ def test_a_joint_that_rests_throughout_has_no_motion(rng: np.random.Generator) -
 
 @seeds(1, 2, 3)
 def test_a_joint_that_rests_at_times_keeps_the_side_it_came_from(rng: np.random.Generator) -> None:
-    """It moves every tenth visit; between, its reading flickers. Told by a loop that knows which visits are motions."""
+    """It moves every tenth visit; between, its reading flickers. Told by a loop that knows which
+    visits are motions."""
     noise = 10 ** rng.uniform(-5.5, -4.2)
     goal = np.repeat(rng.permutation(8) * 0.3, 10)
     q = np.stack([rng.uniform(-2, 2, 80), goal + noise * rng.standard_normal(80)], 1)
@@ -54,9 +57,15 @@ def test_a_joint_that_rests_at_times_keeps_the_side_it_came_from(rng: np.random.
 
 @seeds(1, 2)
 def test_small_and_slow_motions_are_motions(rng: np.random.Generator) -> None:
-    """Steps of every size down to noise's, and a slow sweep of steps that are each below a tenth of a degree, with jumps."""
-    q = np.stack([np.cumsum(rng.choice([-1, 1], 200) * 10 ** rng.uniform(-5, 0, 200)),
-                  np.tile(np.linspace(0, 0.05, 50), 4) + np.repeat(np.arange(4.0), 50)], 1)
+    """Steps of every size down to noise's, and a slow sweep of steps that are each below a tenth of
+    a degree, with jumps."""
+    q = np.stack(
+        [
+            np.cumsum(rng.choice([-1, 1], 200) * 10 ** rng.uniform(-5, 0, 200)),
+            np.tile(np.linspace(0, 0.05, 50), 4) + np.repeat(np.arange(4.0), 50),
+        ],
+        1,
+    )
     data = read(q)
     assert not rests(data)
     np.testing.assert_array_equal(data.approach[1:], np.sign(np.diff(q, axis=0)))
@@ -84,5 +93,13 @@ def test_a_resting_joint_is_the_place_of_no_cause_of_motion(rng: np.random.Gener
     X, _ = stacked(at, base.terms, fitted.at())
     sizes = scan(columns(at, found, fitted.at()), basis(X)).sizes
     moved = {c.label: k for c, k in zip(found, sizes, strict=True)}
-    assert [moved[f"{stem}:2"] for stem in ("approach-backlash", "overshoot", "settle")] == [0, 0, 0]
-    assert [moved[f"{stem}:1"] for stem in ("approach-backlash", "overshoot", "settle")] == [1, 1, 1]
+    assert [moved[f"{stem}:2"] for stem in ("approach-backlash", "overshoot", "settle")] == [
+        0,
+        0,
+        0,
+    ]
+    assert [moved[f"{stem}:1"] for stem in ("approach-backlash", "overshoot", "settle")] == [
+        1,
+        1,
+        1,
+    ]

@@ -1,4 +1,6 @@
-"""A study described in Python, and its result as tables, on a notebook's page, in a folder and back."""
+"""A study described in Python, and its result as tables, on a notebook's page, in a folder and
+back."""
+
 from __future__ import annotations
 
 import json
@@ -33,14 +35,24 @@ estimation = 40
 [model]
 candidates = ["wrist-coupling"]
 """
-TABLES_OF_IT = {"seed": 5, "robot": {"name": "puma760", "tool_mm": OFF_AXIS}, "split": {"estimation": 40},
-                "model": {"candidates": ("wrist-coupling",)}}
+TABLES_OF_IT = {
+    "seed": 5,
+    "robot": {"name": "puma760", "tool_mm": OFF_AXIS},
+    "split": {"estimation": 40},
+    "model": {"candidates": ("wrist-coupling",)},
+}
 
 
 def table(m: int = 60) -> pd.DataFrame:
     """The PUMA with a wrist coupling, as a DataFrame."""
     rng = np.random.default_rng(5)
-    at = planted(scene_of("puma760", rng, m, covariates={}), one(5, "rz", q(4)).terms, np.array([1e-3]), rng, 0.03)
+    at = planted(
+        scene_of("puma760", rng, m, covariates={}),
+        one(5, "rz", q(4)).terms,
+        np.array([1e-3]),
+        rng,
+        0.03,
+    )
     return at.data.to_frame()[[f"q{j}_rad" for j in range(1, 7)] + ["x_mm", "y_mm", "z_mm"]]
 
 
@@ -54,11 +66,13 @@ def result(frame) -> Result:
     return run(Study(name="arm <b>7</b>", measurements=frame, **TABLES_OF_IT), sampling=False)
 
 
-# -- a study in Python -------------------------------------------------------------------------------------------------
+# -- a study in Python
+# -------------------------------------------------------------------------------------------------
 
 
 def test_a_study_in_python_is_that_of_the_file(frame, result, tmp_path) -> None:
-    """The same values; the same bytes of the result but for the hash of the study, whose data have no file's name."""
+    """The same values; the same bytes of the result but for the hash of the study, whose data have
+    no file's name."""
     frame.to_csv(tmp_path / "m.csv", index=False)
     (tmp_path / "study.toml").write_text(TOML)
     described = Study(name="arm <b>7</b>", measurements={"file": Path("m.csv")}, **TABLES_OF_IT)
@@ -67,7 +81,9 @@ def test_a_study_in_python_is_that_of_the_file(frame, result, tmp_path) -> None:
     from_file = run(tmp_path, sampling=False).record
     assert from_file["provenance"]["study_sha256"] != result.record["provenance"]["study_sha256"]
     for record in (one := dict(from_file), other := dict(result.record)):
-        record["provenance"] = {k: v for k, v in record["provenance"].items() if k != "study_sha256"}
+        record["provenance"] = {
+            k: v for k, v in record["provenance"].items() if k != "study_sha256"
+        }
     assert one == other
     assert [f["credible_set"][0]["mechanism"] for f in one["findings"]] == ["wrist-coupling:5"]
 
@@ -76,12 +92,25 @@ def test_a_robot_may_be_an_object(rng) -> None:
     arm, other = small_arm(), small_arm(prismatic=True)
     at = scene_of(arm, rng, 30)
     split = {"estimation": 20}
-    study = Study(name="small", robot={"nominal": arm, "register": True}, measurements=at.data.to_frame(), split=split,
-                  model={"candidates": []})
+    study = Study(
+        name="small",
+        robot={"nominal": arm, "register": True},
+        measurements=at.data.to_frame(),
+        split=split,
+        model={"candidates": []},
+    )
     assert run(study, sampling=False).robot is arm
     text = study.model_dump_json()
-    assert text != Study(name="small", robot={"nominal": other, "register": True}, measurements=at.data.to_frame(),
-                         split=split, model={"candidates": []}).model_dump_json()
+    assert (
+        text
+        != Study(
+            name="small",
+            robot={"nominal": other, "register": True},
+            measurements=at.data.to_frame(),
+            split=split,
+            model={"candidates": []},
+        ).model_dump_json()
+    )
 
 
 def test_a_study_keeps_the_data_it_was_given(frame) -> None:
@@ -93,38 +122,67 @@ def test_a_study_keeps_the_data_it_was_given(frame) -> None:
     assert study != Study(name="x", measurements=mine, **TABLES_OF_IT)
 
 
-@pytest.mark.parametrize(("tables", "says"), [
-    ({"robot": "puma760"}, 'robot: expected a table: name = "puma760"'), ({"robot": load("ur5")}, "nominal = the Robot"),
-    ({"split": 80}, "split: expected a table, found"),
-    ({"robot": {"nominal": "puma760", "tool_mm": OFF_AXIS}}, "robot.nominal"),
-    ({"measurements": 3}, "measurements: expected a file or a pandas DataFrame, found int"),
-    ({"measurements": {"file": "m.csv", "frame": pd.DataFrame()}}, "give file or frame"), ({"seeds": 1}, 'Did you mean "seed"'),
-    ({"robot": {"nominal": load("ur5"), "name": "ur5", "tool_mm": OFF_AXIS}}, "give either name"),
-    ({"split": {"estimation": "all"}}, "split.estimation")])
+@pytest.mark.parametrize(
+    ("tables", "says"),
+    [
+        ({"robot": "puma760"}, 'robot: expected a table: name = "puma760"'),
+        ({"robot": load("ur5")}, "nominal = the Robot"),
+        ({"split": 80}, "split: expected a table, found"),
+        ({"robot": {"nominal": "puma760", "tool_mm": OFF_AXIS}}, "robot.nominal"),
+        ({"measurements": 3}, "measurements: expected a file or a pandas DataFrame, found int"),
+        ({"measurements": {"file": "m.csv", "frame": pd.DataFrame()}}, "give file or frame"),
+        ({"seeds": 1}, 'Did you mean "seed"'),
+        (
+            {"robot": {"nominal": load("ur5"), "name": "ur5", "tool_mm": OFF_AXIS}},
+            "give either name",
+        ),
+        ({"split": {"estimation": "all"}}, "split.estimation"),
+    ],
+)
 def test_problems_are_said_as_of_a_file(tables, says) -> None:
     with pytest.raises(StudyError) as refused:
-        Study(**({"name": "x", "robot": {"name": "puma760", "tool_mm": OFF_AXIS}, "measurements": "m.csv"} | tables | {
-            "noise": {"floor_mm": -1}}))
+        Study(
+            **(
+                {
+                    "name": "x",
+                    "robot": {"name": "puma760", "tool_mm": OFF_AXIS},
+                    "measurements": "m.csv",
+                }
+                | tables
+                | {"noise": {"floor_mm": -1}}
+            )
+        )
     assert says in str(refused.value)
-    assert "noise.floor_mm" in str(refused.value)        # all at once
+    assert "noise.floor_mm" in str(refused.value)  # all at once
 
 
 def test_when_every_candidate_is_in_nothing_is_left_to_name(frame) -> None:
     """Without a warning of the arithmetic: pytest makes one an error."""
-    study = Study(name="x", measurements=frame, **TABLES_OF_IT | {"model": {"candidates": ["wrist-coupling:5"]}})
+    study = Study(
+        name="x",
+        measurements=frame,
+        **TABLES_OF_IT | {"model": {"candidates": ["wrist-coupling:5"]}},
+    )
     said = run(study, sampling=False).record["nothing_else"]["sentence"]
     assert "by chance with probability 1." in said
 
 
-# -- tables ------------------------------------------------------------------------------------------------------------
+# -- tables
+# ------------------------------------------------------------------------------------------------------------
 
 
 def test_ladder_and_findings_are_those_of_the_file(result) -> None:
     ladder, record = result.to_frame(), result.record
     assert ladder["model"].tolist() == ["nominal", "geometric", "+ wrist-coupling:5"]
-    assert ladder["held_out_mean_mm"].tolist() == [r["held_out"]["mean_mm"] for r in record["ladder"]]
+    assert ladder["held_out_mean_mm"].tolist() == [
+        r["held_out"]["mean_mm"] for r in record["ladder"]
+    ]
     (found,) = result.to_frame("findings").to_dict("records")
-    assert (found["name"], found["verdict"], found["screws"]) == ("wrist-coupling:5", "found", "frame 5 rz · q4")
+    assert (found["name"], found["verdict"], found["screws"]) == (
+        "wrist-coupling:5",
+        "found",
+        "frame 5 rz · q4",
+    )
     assert found["sentence"] == record["findings"][0]["sentence"]
     (estimate,) = result.to_frame("estimates").to_dict("records")
     assert abs(estimate["value"] - 1e-3) < 4 * estimate["standard_error"]
@@ -136,7 +194,11 @@ def test_ladder_and_findings_are_those_of_the_file(result) -> None:
 def test_residuals_make_the_ladder_s_errors(result, frame) -> None:
     """Of the rows measured, joined to the user's own table by their row."""
     joined = frame.join(result.to_frame("residuals"))
-    for name, rung in (("nominal", result.ladder[0]), ("base", result.ladder[1]), ("chosen", result.chosen)):
+    for name, rung in (
+        ("nominal", result.ladder[0]),
+        ("base", result.ladder[1]),
+        ("chosen", result.chosen),
+    ):
         for held, errors in ((False, rung.estimation), (True, rung.held_out)):
             rows = joined[(joined["estimation"] != held) & ~joined["outlier"]]
             size = np.linalg.norm(rows[[f"{name}_{axis}_mm" for axis in "xyz"]], axis=1)
@@ -157,7 +219,8 @@ def test_page_says_verdict_and_findings_and_escapes(result) -> None:
     assert len(page) < 8000
 
 
-# -- the folder --------------------------------------------------------------------------------------------------------
+# -- the folder
+# --------------------------------------------------------------------------------------------------------
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -177,7 +240,8 @@ def test_what_is_saved_comes_back(result, tmp_path) -> None:
 
 
 def test_report_of_a_loaded_result_is_the_fresh_one_s(result, drawn, tmp_path) -> None:
-    """Byte for byte: of a result in memory, and of a whole study as the command leaves it, sampling and all."""
+    """Byte for byte: of a result in memory, and of a whole study as the command leaves it, sampling
+    and all."""
     save(result, tmp_path / "a")
     report(result, tmp_path / "a", ("first",))
     report(load_result(tmp_path / "a"), tmp_path / "b", ("first",))
@@ -192,6 +256,7 @@ def test_a_report_leaves_the_session_s_figures_alone(result, tmp_path) -> None:
     """Those of a notebook: its backend, its open figures, its style."""
     import matplotlib as mpl
     import matplotlib.pyplot as plt
+
     with mpl.rc_context({"font.size": 31.0}):
         mine, backend = plt.figure(), mpl.get_backend()
         with mpl.rc_context():
@@ -206,7 +271,7 @@ def test_a_report_leaves_the_session_s_figures_alone(result, tmp_path) -> None:
 
 def test_a_folder_of_parts_is_refused(result, tmp_path) -> None:
     save(result, tmp_path / "a")
-    (tmp_path / "a" / RESIDUALS).unlink()                # as studies were written before: all but this table
+    (tmp_path / "a" / RESIDUALS).unlink()  # as studies were written before: all but this table
     back = load_result(tmp_path / "a")
     with pytest.raises(StudyError, match="run the study again"):
         back.to_frame("residuals")

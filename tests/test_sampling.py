@@ -1,4 +1,6 @@
-"""emcee against the closed form, densities against quadrature and dense formulas, diagnostics against arviz-stats, resuming."""
+"""emcee against the closed form, densities against quadrature and dense formulas, diagnostics
+against arviz-stats, resuming."""
+
 from __future__ import annotations
 
 import json
@@ -40,7 +42,9 @@ from modelsel.uncertainty.summary import confidence as certainty
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))
-MODEL = Model((*BASE.mechanisms, mechanism("joint-compliance:2", ARM), mechanism("gear-eccentricity:2", ARM)))
+MODEL = Model(
+    (*BASE.mechanisms, mechanism("joint-compliance:2", ARM), mechanism("gear-eccentricity:2", ARM))
+)
 NOTHING = Importance(1, 1.0, "")
 
 
@@ -68,16 +72,24 @@ def named(fitted: Fit) -> list[int]:
 
 
 def close(chain: Sampling, errors: float = 4.0) -> None:
-    """Medians and 95 % limits against the closed form's, in Monte-Carlo standard errors of a quantile: √(p(1−p)/n) over the
-    density there, which for a normal is 2.1 and 1.25 standard deviations / √n."""
+    """Medians and 95 % limits against the closed form's, in Monte-Carlo standard errors of a
+    quantile: √(p(1−p)/n) over the density there, which for a normal is 2.1 and 1.25 standard
+    deviations / √n."""
     spread = (chain.closed_form[:, 2] - chain.closed_form[:, 0]) / 3.92
-    off = np.abs(chain.quantiles - chain.closed_form) / spread[:, None] * np.sqrt(chain.effective)[:, None]
+    off = (
+        np.abs(chain.quantiles - chain.closed_form)
+        / spread[:, None]
+        * np.sqrt(chain.effective)[:, None]
+    )
     assert (off < errors * np.array([2.7, 1.25, 2.7])).all(), off
 
 
 @pytest.mark.parametrize("exact", [True, False])
-def test_emcee_agrees_with_the_closed_form(scene: Scene, rng: np.random.Generator, exact: bool) -> None:
-    """Every coefficient on the exact chain; or some of many on the reduced data, the others integrated out."""
+def test_emcee_agrees_with_the_closed_form(
+    scene: Scene, rng: np.random.Generator, exact: bool
+) -> None:
+    """Every coefficient on the exact chain; or some of many on the reduced data, the others
+    integrated out."""
     few = Model((one(1, "tx"), one(2, "tx"), one(1, "rz"), one(2, "rz", sin(q(1)))))
     fitted = fit(scene, few if exact else MODEL)
     chosen = fitted.found.kept if exact else named(fitted)
@@ -99,21 +111,27 @@ def test_linear_and_exact_densities_agree(scene: Scene, rng: np.random.Generator
     for fitted in (fit(scene, MODEL), fit(scene, MODEL, precision=precision)):
         for chosen in (named(fitted), named(fitted)[:1]):
             whole, reduced = (target(scene, fitted, chosen, exact=e) for e in (True, False))
-            walkers = rng.standard_normal((6, whole.size))                     # as far as the closed form's draws
+            walkers = rng.standard_normal((6, whole.size))  # as far as the closed form's draws
             a, b = whole.log_density(walkers), reduced.log_density(walkers)
             assert np.allclose(a - a[0], b - b[0], atol=1e-3)
 
 
 def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) -> None:
-    """Against the formula with the whole covariance matrix written out (Patterson & Thompson 1971), and the prior of what data
-    hardly determine, in units of the first scale."""
+    """Against the formula with the whole covariance matrix written out (Patterson & Thompson 1971),
+    and the prior of what data hardly determine, in units of the first scale."""
     instrument = Instrument(0.05, 10.0, 60.0, (1500.0, -800.0, 400.0))
-    at, _ = weigh(planted(drawn(ARM, rng, 9), MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1), instrument, None)
+    at, _ = weigh(
+        planted(drawn(ARM, rng, 9), MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1),
+        instrument,
+        None,
+    )
     fitted = fit(at, MODEL)
     noise = components(at, instrument)
     assert noise.names == ("noise along the beam", "noise across the beam")
     chosen = tuple(named(fitted))
-    whole = Target(fitted, noise, chosen, (*map(str, chosen), *noise.names), ("1",) * (len(chosen) + 2))
+    whole = Target(
+        fitted, noise, chosen, (*map(str, chosen), *noise.names), ("1",) * (len(chosen) + 2)
+    )
     X, r = design(at, MODEL.terms, fitted.at())
     rest = [k for k in fitted.found.kept if k not in chosen]
     X = X.reshape(-1, len(MODEL.terms))[:, rest]
@@ -123,21 +141,31 @@ def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) 
     assert not isinstance(at.whiten, float)
     root = np.linalg.inv(at.whiten)
     walkers = np.zeros((4, whole.size))
-    walkers[:, len(chosen):] = rng.normal(0, 3, (4, 2))
+    walkers[:, len(chosen) :] = rng.normal(0, 3, (4, 2))
     expected = []
-    for scales in np.exp(whole.natural(walkers)[:, len(chosen):]):
-        blocks = (scales[0] ** 2 * (0.05 + 1e-5 * d) ** 2)[:, None, None] * np.einsum("mi,mj->mij", u, u) + (
-            scales[1] ** 2 * (60e-6 * d) ** 2)[:, None, None] * (np.eye(3) - np.einsum("mi,mj->mij", u, u))
+    for scales in np.exp(whole.natural(walkers)[:, len(chosen) :]):
+        blocks = (scales[0] ** 2 * (0.05 + 1e-5 * d) ** 2)[:, None, None] * np.einsum(
+            "mi,mj->mij", u, u
+        ) + (scales[1] ** 2 * (60e-6 * d) ** 2)[:, None, None] * (
+            np.eye(3) - np.einsum("mi,mj->mij", u, u)
+        )
         S = np.zeros((27, 27))
         for k in range(9):
-            S[3 * k:3 * k + 3, 3 * k:3 * k + 3] = blocks[k]
+            S[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = blocks[k]
         plain = np.einsum("mij,mjp->mip", root, X.reshape(9, 3, -1)).reshape(27, -1)
         raw = np.einsum("mij,mj->mi", root, r).ravel()
         inverse = np.linalg.inv(S)
         held, pull = fitted.root[:, rest] / scales[0], -fitted.root @ fitted.theta / scales[0]
-        gram, cross = plain.T @ inverse @ plain + held.T @ held, plain.T @ inverse @ raw + held.T @ pull
+        gram, cross = (
+            plain.T @ inverse @ plain + held.T @ held,
+            plain.T @ inverse @ raw + held.T @ pull,
+        )
         left = raw @ inverse @ raw + pull @ pull - cross @ np.linalg.solve(gram, cross)
-        left += np.linalg.slogdet(S)[1] + np.linalg.slogdet(gram)[1] + 2 * fitted.by_prior * np.log(scales[0])
+        left += (
+            np.linalg.slogdet(S)[1]
+            + np.linalg.slogdet(gram)[1]
+            + 2 * fitted.by_prior * np.log(scales[0])
+        )
         expected.append(-0.5 * left)
     found = whole.log_density(walkers)
     assert np.allclose(found - found[0], np.array(expected) - expected[0], atol=1e-6)
@@ -145,7 +173,8 @@ def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) 
 
 @pytest.mark.parametrize("nu", [3.0, 8.0, 100.0])
 def test_tail_with_a_coefficient_integrated_out(rng: np.random.Generator, nu: float) -> None:
-    """A Student-t per point: the approximate integral over one coefficient against quadrature, to 1 % of a density."""
+    """A Student-t per point: the approximate integral over one coefficient against quadrature, to 1
+    % of a density."""
     model = Model((one(1, "tx"), one(2, "rz", sin(q(1)))))
     at = drawn(ARM, rng, 25)
     scene = planted(at, model.terms, np.zeros(2), rng, 0.1)
@@ -163,7 +192,13 @@ def test_tail_with_a_coefficient_integrated_out(rng: np.random.Generator, nu: fl
             return float(-(nu + 3) / 2 * np.log1p(distance / nu).sum() - 75 * np.log(s))
 
         top = log_density(0.0)
-        area = quad(lambda beta, f=log_density, top=top: np.exp(f(beta) - top), -0.5, 0.5, points=[0.0], limit=200)[0]
+        area = quad(
+            lambda beta, f=log_density, top=top: np.exp(f(beta) - top),
+            -0.5,
+            0.5,
+            points=[0.0],
+            limit=200,
+        )[0]
         expected.append(top + np.log(area))
     found = whole.log_density(points)
     assert np.allclose(found - found[0], np.array(expected) - expected[0], atol=0.03)
@@ -174,10 +209,20 @@ def test_tail_is_found(rng: np.random.Generator) -> None:
     """Noise with 3 degrees of freedom is told from normal noise."""
     at = drawn(ARM, rng, 80)
     tails = []
-    for noise in (rng.normal(0, 0.1, (80, 3)) / np.sqrt(rng.chisquare(3, (80, 1)) / 3), rng.normal(0, 0.1, (80, 3))):
+    for noise in (
+        rng.normal(0, 0.1, (80, 3)) / np.sqrt(rng.chisquare(3, (80, 1)) / 3),
+        rng.normal(0, 0.1, (80, 3)),
+    ):
         scene = replace(at, data=replace(at.data, position=at.data.position + noise))
         fitted = fit(scene, MODEL)
-        tails.append(sample(target(scene, fitted, named(fitted), tail=True), NOTHING, "", np.random.default_rng(1)).quantiles[-1])
+        tails.append(
+            sample(
+                target(scene, fitted, named(fitted), tail=True),
+                NOTHING,
+                "",
+                np.random.default_rng(1),
+            ).quantiles[-1]
+        )
     assert tails[0][0] > 0.1
     assert tails[0][2] > 0.3
     assert tails[1][2] < 0.2
@@ -190,11 +235,12 @@ def stepped(at: float) -> Model:
 
 @pytest.mark.usefixtures("short")
 def test_the_moment_of_a_step_is_sampled(rng: np.random.Generator) -> None:
-    """tracker-step's constant is scanned in steps of 0.025; the chain finds it between two configurations."""
+    """tracker-step's constant is scanned in steps of 0.025; the chain finds it between two
+    configurations."""
     model, truth = stepped(0.6), stepped(0.612)
     at = drawn(ARM, rng, 40)
     theta = np.zeros(len(model.terms))
-    theta[len(BASE.terms):len(BASE.terms) + 3] = 2.0
+    theta[len(BASE.terms) : len(BASE.terms) + 3] = 2.0
     data = study_of(planted(at, truth.terms, theta, rng, 0.05))
     fitted = fit(data.training(), model)
     chosen = target_of(data, fitted, Request(BASE, "default", None, False, BUILTIN))
@@ -202,7 +248,12 @@ def test_the_moment_of_a_step_is_sampled(rng: np.random.Generator) -> None:
     assert "constant of tracker-step" in described(chosen)
     low, _, high = sample(chosen, NOTHING, "", rng).quantiles[-1]
     progress = np.unique(data.scene.data.progress)
-    assert progress[progress < 0.612].max() - 0.01 < low < high < progress[progress > 0.612].min() + 0.01
+    assert (
+        progress[progress < 0.612].max() - 0.01
+        < low
+        < high
+        < progress[progress > 0.612].min() + 0.01
+    )
 
 
 def test_held_constant_moves_nothing(rng: np.random.Generator) -> None:
@@ -216,7 +267,8 @@ def test_held_constant_moves_nothing(rng: np.random.Generator) -> None:
     assert into[0, 0][1].min() == -1.0
 
 
-# -- diagnostics and moves -----------------------------------------------------------------------------------------------
+# -- diagnostics and moves
+# -----------------------------------------------------------------------------------------------
 
 
 def wandering(rng: np.random.Generator, steps: int = 2000, walkers: int = 6) -> Array:
@@ -230,21 +282,29 @@ def wandering(rng: np.random.Generator, steps: int = 2000, walkers: int = 6) -> 
 
 def test_diagnostics_against_arviz(rng: np.random.Generator) -> None:
     from arviz_stats.base import array_stats
+
     chain = wandering(rng)
     apart = chain.copy()
     apart[:, 0] += 1.0
     for each in (chain, apart, np.exp(chain)):
-        expected = [array_stats.rhat(each[:, :, j].T, chain_axis=0, draw_axis=1, method="rank") for j in range(3)]
+        expected = [
+            array_stats.rhat(each[:, :, j].T, chain_axis=0, draw_axis=1, method="rank")
+            for j in range(3)
+        ]
         assert np.allclose(r_hat(each), expected, rtol=1e-6)
     tau = autocorrelation_time(chain)
-    assert np.allclose(tau, (1, 1.6 / 0.4, 1.95 / 0.05), rtol=0.15)                # (1 + memory) / (1 − memory)
-    effective = [array_stats.ess(chain[:, :, j].T, chain_axis=0, draw_axis=1, method="mean") for j in range(3)]
+    assert np.allclose(tau, (1, 1.6 / 0.4, 1.95 / 0.05), rtol=0.15)  # (1 + memory) / (1 − memory)
+    effective = [
+        array_stats.ess(chain[:, :, j].T, chain_axis=0, draw_axis=1, method="mean")
+        for j in range(3)
+    ]
     assert np.allclose(chain.shape[0] * chain.shape[1] / tau, effective, rtol=0.15)
     assert np.isinf(autocorrelation_time(np.ones((50, 4, 1)))).all()
 
 
 def test_snooker_keeps_a_normal_normal(rng: np.random.Generator) -> None:
-    """One step from exact draws of a standard normal leaves the variance at 1 (emcee 3.1.6's own move does not)."""
+    """One step from exact draws of a standard normal leaves the variance at 1 (emcee 3.1.6's own
+    move does not)."""
     n, d = 200_000, 8
     x, z, first, second = rng.normal(size=(4, n, d))
     proposal, log_factor = snooker(x, z, first - second)
@@ -255,7 +315,8 @@ def test_snooker_keeps_a_normal_normal(rng: np.random.Generator) -> None:
     assert abs(np.square(after).mean() - 1) < 4 * np.sqrt(2 / (n * d))
 
 
-# -- one seed, interruption, resuming ----------------------------------------------------------------------------------------
+# -- one seed, interruption, resuming
+# ----------------------------------------------------------------------------------------
 
 
 class Broken:
@@ -286,14 +347,23 @@ def test_resumed_chain_is_the_unbroken_one(scene: Scene, after: int) -> None:
     assert keeper.kept
     resumed = sample(aim, NOTHING, "", np.random.default_rng(3), keeper=Broken(0, keeper.state))
     assert np.array_equal(whole.chain, resumed.chain)
-    assert json.dumps(whole.to_dict(), default=np.ndarray.tolist) == json.dumps(resumed.to_dict(), default=np.ndarray.tolist)
+    assert json.dumps(whole.to_dict(), default=np.ndarray.tolist) == json.dumps(
+        resumed.to_dict(), default=np.ndarray.tolist
+    )
     assert not np.array_equal(whole.chain, sample(aim, NOTHING, "", np.random.default_rng(4)).chain)
 
 
 def test_checkpoint_belongs_to_one_run(tmp_path: Path, rng: np.random.Generator) -> None:
-    names, identity = ["a", "b"], {"data_sha256": "1", "study_sha256": "2", "modelsel": "3", "numpy": "4", "scipy": "5"}
-    state = State(rng.normal(size=(5, 4, 2)), rng.normal(size=(5, 4)), np.arange(4.0),
-                  np.random.RandomState(1).get_state(legacy=True))
+    names, identity = (
+        ["a", "b"],
+        {"data_sha256": "1", "study_sha256": "2", "modelsel": "3", "numpy": "4", "scipy": "5"},
+    )
+    state = State(
+        rng.normal(size=(5, 4, 2)),
+        rng.normal(size=(5, 4)),
+        np.arange(4.0),
+        np.random.RandomState(1).get_state(legacy=True),
+    )
     first = Checkpoint(tmp_path, resume=False)
     first.bind(identity)
     first.keep(names, state, now=True)
@@ -301,8 +371,13 @@ def test_checkpoint_belongs_to_one_run(tmp_path: Path, rng: np.random.Generator)
     again.bind(identity)
     found = again.load(names)
     assert found is not None
-    for a, b in ((found.chain, state.chain), (found.log_density, state.log_density), (found.accepted, state.accepted),
-                 (found.random[1], state.random[1]), (found.random[2:], state.random[2:])):
+    for a, b in (
+        (found.chain, state.chain),
+        (found.log_density, state.log_density),
+        (found.accepted, state.accepted),
+        (found.random[1], state.random[1]),
+        (found.random[2:], state.random[2:]),
+    ):
         assert np.array_equal(a, b)
     with pytest.raises(StudyError, match="the parameters changed"):
         again.load(["a", "c"])
@@ -350,12 +425,18 @@ xyz_mm = [350, 0, 0]
 def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
     """A study of its own in a folder, with an angle of joint 2 off."""
     from modelsel.robot.files import read_robot
+
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "robot.toml").write_text(ROBOT)
     arm = read_robot(tmp_path / "robot.toml")
     angles = rng.uniform(-1.5, 1.5, (30, 3))
-    where = forward(arm, angles + np.array([0, 2e-3, 0]), np.array([40.0, -25, 100])) + rng.normal(0, 0.05, (30, 3))
-    lines = ["q1_rad,q2_rad,q3_rad,x_mm,y_mm,z_mm", *(",".join(f"{v:.9f}" for v in row) for row in np.hstack([angles, where]))]
+    where = forward(arm, angles + np.array([0, 2e-3, 0]), np.array([40.0, -25, 100])) + rng.normal(
+        0, 0.05, (30, 3)
+    )
+    lines = [
+        "q1_rad,q2_rad,q3_rad,x_mm,y_mm,z_mm",
+        *(",".join(f"{v:.9f}" for v in row) for row in np.hstack([angles, where])),
+    ]
     (tmp_path / "data.csv").write_text("\n".join(lines) + "\n")
     return tmp_path
 
@@ -369,8 +450,11 @@ def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, str]:
 
 
 @pytest.mark.usefixtures("short")
-def test_interrupted_study_resumes(folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
-    """Ctrl-C: exit 130 with the command that resumes, and the same bytes in the end; another study is refused."""
+def test_interrupted_study_resumes(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C: exit 130 with the command that resumes, and the same bytes in the end; another study
+    is refused."""
     command = ("study", str(folder), "--out", str(folder / "out"), "--no-report")
     status, _ = invoke(monkeypatch, *command)
     assert status == 0
@@ -413,7 +497,9 @@ def test_unconverged_chain_is_not_quoted(folder: Path, monkeypatch: pytest.Monke
     assert "has not converged after 600 steps" in output
     result = json.loads((folder / "out" / "result.json").read_text())
     assert not result["sampling"]["converged"]
-    assert {row[key] for row in result["sampling"]["quantiles"] for key in ("low", "median", "high")} == {None}
+    assert {
+        row[key] for row in result["sampling"]["quantiles"] for key in ("low", "median", "high")
+    } == {None}
     assert result["sampling"]["trace"]["draws"] == []
     assert "unconverged" in [w["code"] for w in result["warnings"]]
 
@@ -424,9 +510,17 @@ def test_over_all_and_without(folder: Path, monkeypatch: pytest.MonkeyPatch) -> 
     (folder / "study.toml").write_text(STUDY + '[sampling]\nover = "all"\n')
     assert invoke(monkeypatch, "study", str(folder), "--out", str(folder / "out"))[0] == 0
     result = json.loads((folder / "out" / "result.json").read_text())
-    assert result["sampling"]["sampled"] == [*(p["symbol"] for p in result["parameters"]), "noise scale"]
-    assert all(abs(np.log(p["posterior_error"] / p["standard_error"])) < 0.2 for p in result["parameters"])
-    assert invoke(monkeypatch, "study", str(folder), "--out", str(folder / "out"), "--no-sampling")[0] == 0
+    assert result["sampling"]["sampled"] == [
+        *(p["symbol"] for p in result["parameters"]),
+        "noise scale",
+    ]
+    assert all(
+        abs(np.log(p["posterior_error"] / p["standard_error"])) < 0.2 for p in result["parameters"]
+    )
+    assert (
+        invoke(monkeypatch, "study", str(folder), "--out", str(folder / "out"), "--no-sampling")[0]
+        == 0
+    )
     bare = json.loads((folder / "out" / "result.json").read_text())
     assert bare["sampling"] is None
     assert all(p["posterior_error"] is None for p in bare["parameters"])
@@ -434,7 +528,9 @@ def test_over_all_and_without(folder: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert bare["correlation"] == result["correlation"]
 
 
-def test_chain_as_frame_and_arviz(scene: Scene, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chain_as_frame_and_arviz(
+    scene: Scene, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
     fitted = fit(scene, MODEL)
     chain = sample(target(scene, fitted, named(fitted), exact=False), NOTHING, "", rng)
     frame = chain.to_dataframe()
@@ -447,7 +543,8 @@ def test_chain_as_frame_and_arviz(scene: Scene, rng: np.random.Generator, monkey
         chain.to_arviz()
 
 
-# -- what is sampled, over odd data ---------------------------------------------------------------------------------------------
+# -- what is sampled, over odd data
+# ---------------------------------------------------------------------------------------------
 
 
 def test_many_rows_are_sampled_reduced_and_said(rng: np.random.Generator) -> None:
@@ -463,11 +560,14 @@ def test_many_rows_are_sampled_reduced_and_said(rng: np.random.Generator) -> Non
 @pytest.mark.usefixtures("short")
 @pytest.mark.parametrize("kind", ["sigma", "orientation", "targets", "sliding"])
 def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
-    """Noise scales per axis or of the orientations come back near what was simulated; outliers stay out."""
+    """Noise scales per axis or of the orientations come back near what was simulated; outliers stay
+    out."""
     arm = small_arm(prismatic=kind == "sliding")
     base = Model((mechanism("geometric", arm),))
     joints = arm.draw(rng, 30)
-    position = forward(arm, joints, np.array([40.0, -25, 100])) + rng.normal(0, [0.1, 0.1, 0.3], (30, 3))
+    position = forward(arm, joints, np.array([40.0, -25, 100])) + rng.normal(
+        0, [0.1, 0.1, 0.3], (30, 3)
+    )
     more: dict[str, object] = {}
     if kind == "sigma":
         more = {"sigma": np.full((30, 3), 0.1)}
@@ -478,23 +578,45 @@ def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
     at = replace(at, tools=np.tile(at.tools[:1], (len(at.data.targets), 1)))
     if kind == "orientation":
         turned = np.einsum("ijm->mij", at.pose(slice(None)).rotation)
-        turned = np.einsum("mij,mjk->mik", np.array([rpy(*angles) for angles in rng.normal(0, 3e-4, (30, 3))]), turned)
-        at = replace(at, data=replace(at.data, rotation=turned), tool_rotations=np.eye(3)[None],
-                     whiten=np.tile(np.diag([10.0, 10, 10, 1000, 1000, 1000]), (30, 1, 1)))
+        turned = np.einsum(
+            "mij,mjk->mik",
+            np.array([rpy(*angles) for angles in rng.normal(0, 3e-4, (30, 3))]),
+            turned,
+        )
+        at = replace(
+            at,
+            data=replace(at.data, rotation=turned),
+            tool_rotations=np.eye(3)[None],
+            whiten=np.tile(np.diag([10.0, 10, 10, 1000, 1000, 1000]), (30, 1, 1)),
+        )
     elif kind == "sigma":
         at, _floor = weigh(at, None, None)
     data = study_of(at)
     data.outlying[3] = True
     data.scene.data.position[3] += 50.0
     fitted = fit(data.training(), base)
-    found = sampled(certainty(data, fitted, ("geometric",), 1), data, fitted, Request(base, "default", None, False, BUILTIN), 1)
+    found = sampled(
+        certainty(data, fitted, ("geometric",), 1),
+        data,
+        fitted,
+        Request(base, "default", None, False, BUILTIN),
+        1,
+    )
     chain = found.sampling
     assert chain is not None
     assert chain.converged
-    scales = {name: chain.quantiles[j] for j, name in enumerate(chain.names) if name.startswith("noise")}
+    scales = {
+        name: chain.quantiles[j] for j, name in enumerate(chain.names) if name.startswith("noise")
+    }
     if kind == "sigma":
         assert list(scales) == ["noise in x", "noise in y", "noise in z"]
-        assert 0.7 < scales["noise in x"][1] < 1.5                      # simulated: 1, and 3 along z
+        assert 0.7 < scales["noise in x"][1] < 1.5  # simulated: 1, and 3 along z
         assert 2 < scales["noise in z"][1] < 4.5
     if kind == "orientation":
-        assert scales["noise of orientation"][0] < 0.3 < scales["noise of orientation"][2] < 1 < scales["noise of position"][1]
+        assert (
+            scales["noise of orientation"][0]
+            < 0.3
+            < scales["noise of orientation"][2]
+            < 1
+            < scales["noise of position"][1]
+        )

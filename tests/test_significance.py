@@ -1,4 +1,6 @@
-"""Significance, bootstrap and correlation against statsmodels, refits written out, and simulation."""
+"""Significance, bootstrap and correlation against statsmodels, refits written out, and
+simulation."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -32,7 +34,9 @@ from modelsel.uncertainty.summary import Request, confidence, sampled
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))
-MODEL = Model((*BASE.mechanisms, mechanism("joint-compliance:2", ARM), mechanism("gear-eccentricity:2", ARM)))
+MODEL = Model(
+    (*BASE.mechanisms, mechanism("joint-compliance:2", ARM), mechanism("gear-eccentricity:2", ARM))
+)
 NAMES = ("geometric", "joint-compliance:2", "gear-eccentricity:2")
 TRUTH = np.zeros(len(MODEL.terms))
 TRUTH[-3:] = 2e-4, 1e-3, -5e-4
@@ -53,7 +57,9 @@ def linear(data: Data, fitted: Fit) -> tuple[np.ndarray, np.ndarray, list[int]]:
     return X, r + X @ fitted.theta, list(fitted.found.kept)
 
 
-def judged(data: Data, fitted: Fit, names: Sequence[str], rng: np.random.Generator) -> tuple[Significance, ...]:
+def judged(
+    data: Data, fitted: Fit, names: Sequence[str], rng: np.random.Generator
+) -> tuple[Significance, ...]:
     return significance(data, fitted, names, resampled(data, fitted, rng), rng)
 
 
@@ -63,17 +69,22 @@ def test_nested_f_is_that_of_statsmodels(data: Data, rng: np.random.Generator) -
     whole = sm.OLS(y.ravel(), X.reshape(-1, len(TRUTH))[:, kept]).fit()
     boot, ruled = resampled(data, fitted, rng), set()
     for own in ([kept[-1]], kept[-2:], *([k] for k in kept[:12])):
-        less = sm.OLS(y.ravel(), X.reshape(-1, len(TRUTH))[:, [k for k in kept if k not in own]]).fit()
+        less = sm.OLS(
+            y.ravel(), X.reshape(-1, len(TRUTH))[:, [k for k in kept if k not in own]]
+        ).fit()
         f, p, _ = nested(fitted, own, boot)
         expected = whole.compare_f_test(less)
         assert f == pytest.approx(expected[0], rel=1e-6)
-        assert p == pytest.approx(max(expected[1], boot.p_value(fitted, own)), rel=1e-4)      # no smaller than signs allow
+        assert p == pytest.approx(
+            max(expected[1], boot.p_value(fitted, own)), rel=1e-4
+        )  # no smaller than signs allow
         ruled.add(bool(p > boot.p_value(fitted, own)))
     assert ruled == {True, False}
 
 
 def test_what_is_lost_without_a_mechanism(data: Data, rng: np.random.Generator) -> None:
-    """Every column against fits of the smaller model, fold by fold and on held-out rows; the whole model's against its rung."""
+    """Every column against fits of the smaller model, fold by fold and on held-out rows; the whole
+    model's against its rung."""
     whole = rung(data, MODEL, NAMES)
     rows = {s.mechanism: s for s in judged(data, whole.fit, NAMES, rng)}
     assert set(rows) == set(NAMES)
@@ -87,19 +98,27 @@ def test_what_is_lost_without_a_mechanism(data: Data, rng: np.random.Generator) 
     for k in range(5):
         inside = folds != k
         A = np.vstack([X[inside][:, :, left].reshape(-1, len(left)), prior])
-        beta = np.linalg.lstsq(A, np.append(y[inside].ravel(), np.zeros(len(prior))), rcond=1e-15)[0]
+        beta = np.linalg.lstsq(A, np.append(y[inside].ravel(), np.zeros(len(prior))), rcond=1e-15)[
+            0
+        ]
         cv[~inside] = np.square(y[~inside] - X[~inside][:, :, left] @ beta).sum(1)
     ecc = rows["gear-eccentricity:2"]
     assert ecc.cv_rms_without_mm == pytest.approx(np.sqrt(cv.mean()), rel=1e-6)
     A = np.vstack([X[:, :, left].reshape(-1, len(left)), prior])
     beta = np.linalg.lstsq(A, np.append(y.ravel(), np.zeros(len(prior))), rcond=1e-15)[0]
-    away, far = design(data.scene.take(~data.estimation & ~data.outlying), MODEL.terms, whole.fit.at())
+    away, far = design(
+        data.scene.take(~data.estimation & ~data.outlying), MODEL.terms, whole.fit.at()
+    )
     missed = far + away @ whole.fit.theta - away[:, :, left] @ beta
-    assert ecc.held_out_rms_without_mm == pytest.approx(np.sqrt(np.square(missed).sum(1).mean()), rel=1e-6)
+    assert ecc.held_out_rms_without_mm == pytest.approx(
+        np.sqrt(np.square(missed).sum(1).mean()), rel=1e-6
+    )
     theta = whole.fit.theta.copy()
     theta[-2:] = 0
     scene = data.scene.take(~data.outlying)
-    moved = np.linalg.norm(residuals(scene, MODEL.terms, theta) - whole.fit.residuals(scene), axis=1)
+    moved = np.linalg.norm(
+        residuals(scene, MODEL.terms, theta) - whole.fit.residuals(scene), axis=1
+    )
     assert (ecc.mean_mm, ecc.max_mm) == pytest.approx((moved.mean(), moved.max()), rel=1e-9)
     sizes = [s.mean_mm for s in judged(data, whole.fit, NAMES, rng)]
     assert sizes == sorted(sizes, reverse=True)
@@ -107,7 +126,9 @@ def test_what_is_lost_without_a_mechanism(data: Data, rng: np.random.Generator) 
 
 def test_stability_tells_effects_from_none(rng: np.random.Generator) -> None:
     """A strong effect stays in every half, an absent one in about 5 % of them over many studies."""
-    model = Model((one(1, "tx"), one(1, "rz"), one(2, "rz", sin(q(1))), one(3, "rz", sin(2.0 * q(2)))))
+    model = Model(
+        (one(1, "tx"), one(1, "rz"), one(2, "rz", sin(q(1))), one(3, "rz", sin(2.0 * q(2))))
+    )
     at, absent = drawn(ARM, rng, 30), []
     for _ in range(200):
         scene = planted(at, model.terms, np.array([1.0, 1e-3, 1e-3, 0.0]), rng, 0.1)
@@ -124,10 +145,20 @@ def test_stability_of_the_study_itself(data: Data, rng: np.random.Generator) -> 
     fitted = fit(data.training(), MODEL)
     shares = {s.mechanism: s.stability for s in judged(data, fitted, NAMES, rng)}
     assert shares["gear-eccentricity:2"] == 1.0
-    few = data.scene.data.block < 6          # too few configurations for a half to carry the model: undefined, not nought
-    small = Data(data.scene.take(few), data.estimation[few], np.zeros(int(few.sum()), bool), data.folds[few], False)
+    few = (
+        data.scene.data.block < 6
+    )  # too few configurations for a half to carry the model: undefined, not nought
+    small = Data(
+        data.scene.take(few),
+        data.estimation[few],
+        np.zeros(int(few.sum()), bool),
+        data.folds[few],
+        False,
+    )
     tiny = fit(small.training(), Model((one(1, "tx"), one(1, "rz"))))
-    assert stability(fold(small.training(), tiny.terms, np.arange(6), tiny.at()), tiny, [[0]], rng) != [None]
+    assert stability(
+        fold(small.training(), tiny.terms, np.arange(6), tiny.at()), tiny, [[0]], rng
+    ) != [None]
     pairs = halves(rng, 10, 7)
     assert pairs.shape == (10, 3)
     assert all(len(set(a) | set(b)) == 6 for a, b in zip(pairs[::2], pairs[1::2], strict=True))
@@ -151,14 +182,20 @@ def test_no_held_out_and_no_freedom(rng: np.random.Generator) -> None:
     assert only.cv_rms_without_mm is not None
 
 
-# -- bootstrap ------------------------------------------------------------------------------------------------------------
+# -- bootstrap
+# ------------------------------------------------------------------------------------------------------------
 
 
 def test_bootstrap_is_the_cluster_robust_formula(rng: np.random.Generator) -> None:
-    """Against CR2 written out with dense matrices (Bell & McCaffrey 2002), two targets a configuration."""
+    """Against CR2 written out with dense matrices (Bell & McCaffrey 2002), two targets a
+    configuration."""
     bare = drawn(ARM, rng, 40)
-    pairs = replace(bare.data, configuration=np.arange(40) // 2, block=np.arange(40) // 2,
-                    q=bare.data.q[np.arange(40) // 2 * 2])
+    pairs = replace(
+        bare.data,
+        configuration=np.arange(40) // 2,
+        block=np.arange(40) // 2,
+        q=bare.data.q[np.arange(40) // 2 * 2],
+    )
     model = Model((one(1, "tx"), one(1, "rz"), one(2, "rz"), one(2, "rz", sin(q(1)))))
     at = planted(bare.anew(data=pairs), model.terms, np.zeros(4))
     lump = np.repeat(rng.normal(0, 0.1, (20, 3)), 2, axis=0)
@@ -171,18 +208,25 @@ def test_bootstrap_is_the_cluster_robust_formula(rng: np.random.Generator) -> No
     meat = np.zeros((4, 4))
     for k in range(20):
         rows = slice(6 * k, 6 * k + 6)
-        score = X[rows].T @ np.linalg.inv(np.real(sqrtm(np.eye(6) - X[rows] @ inverse @ X[rows].T))) @ r[rows]
+        score = (
+            X[rows].T
+            @ np.linalg.inv(np.real(sqrtm(np.eye(6) - X[rows] @ inverse @ X[rows].T)))
+            @ r[rows]
+        )
         meat += np.outer(score, score)
     expected = np.sqrt(np.diag(inverse @ meat @ inverse))
     assert np.allclose(found.errors, expected, rtol=4 / np.sqrt(2 * 999))
-    assert np.median(found.errors / fitted.standard_errors) > 1.15      # what a configuration's two targets share counts once
+    assert (
+        np.median(found.errors / fitted.standard_errors) > 1.15
+    )  # what a configuration's two targets share counts once
     assert (found.units > 5).all()
     assert (found.units <= 20).all()
     assert set(np.unique(signs(rng, 3, 5))) == {-1.0, 1.0}
 
 
 def test_three_answers_agree_or_are_flagged(rng: np.random.Generator) -> None:
-    """Equal noise: no parameter is flagged. Noise that grows along the arm's turn: the one it hurts is."""
+    """Equal noise: no parameter is flagged. Noise that grows along the arm's turn: the one it hurts
+    is."""
     model = Model((one(1, "tx"), one(1, "rz"), one(2, "rz", Named("current_A", "A"))))
     at = drawn(ARM, rng, 120)
     even = study_of(planted(at, model.terms, np.zeros(3), rng, 0.1))
@@ -191,7 +235,10 @@ def test_three_answers_agree_or_are_flagged(rng: np.random.Generator) -> None:
     assert not any(p.differ for p in found)
     assert difference_notes(found) == ()
     assert np.allclose([p.bootstrap_error / p.standard_error for p in found], 1, atol=0.3)
-    position = even.scene.data.position + rng.normal(0, 0.5, (120, 3)) * np.square(at.data.covariates["current_A"])[:, None]
+    position = (
+        even.scene.data.position
+        + rng.normal(0, 0.5, (120, 3)) * np.square(at.data.covariates["current_A"])[:, None]
+    )
     uneven = study_of(replace(at, data=replace(at.data, position=position)))
     again = fit(uneven.training(), model)
     flagged = parameters(uneven, again, resampled(uneven, again, rng))
@@ -200,14 +247,25 @@ def test_three_answers_agree_or_are_flagged(rng: np.random.Generator) -> None:
 
 
 def test_intervals_where_the_noise_grows(rng: np.random.Generator) -> None:
-    """Noise that grows with what drives the last parameter: least squares' interval holds it far too seldom, the reported one
-    as often as it says; its F test finds it far too often, the reported p does not."""
+    """Noise that grows with what drives the last parameter: least squares' interval holds it far
+    too seldom, the reported one as often as it says; its F test finds it far too often, the
+    reported p does not."""
     model = Model((one(1, "tx"), one(1, "rz"), one(2, "rz", Named("current_A", "A"))))
     plain, reported, p = 0, 0, []
     for _ in range(200):
         at = drawn(ARM, rng, 60)
-        noise = rng.normal(0, 0.1, (60, 3)) * (0.1 + np.square(at.data.covariates["current_A"]))[:, None]
-        data = study_of(replace(at, data=replace(at.data, position=planted(at, model.terms, np.zeros(3)).data.position + noise)))
+        noise = (
+            rng.normal(0, 0.1, (60, 3))
+            * (0.1 + np.square(at.data.covariates["current_A"]))[:, None]
+        )
+        data = study_of(
+            replace(
+                at,
+                data=replace(
+                    at.data, position=planted(at, model.terms, np.zeros(3)).data.position + noise
+                ),
+            )
+        )
         fitted = fit(data.training(), model)
         boot = resampled(data, fitted, rng)
         last = parameters(data, fitted, boot)[-1]
@@ -217,7 +275,9 @@ def test_intervals_where_the_noise_grows(rng: np.random.Generator) -> None:
     assert plain < 0.85 * 200
     assert binom.cdf(reported, 200, 0.95) > 1e-4
     assert reported < 200
-    assert binom.sf(sum(one_p <= 0.05 for one_p in p) - 1, 200, 0.08) > 1e-4        # of F alone more than 30 of 200
+    assert (
+        binom.sf(sum(one_p <= 0.05 for one_p in p) - 1, 200, 0.08) > 1e-4
+    )  # of F alone more than 30 of 200
     assert min(p) >= 1 / 1000
 
 
@@ -232,7 +292,8 @@ def test_shrunk_parameters_have_their_prior_in_the_bootstrap(rng: np.random.Gene
     assert np.allclose(found.errors, posterior(fitted).spread, rtol=0.25)
 
 
-# -- correlation -----------------------------------------------------------------------------------------------------------
+# -- correlation
+# -----------------------------------------------------------------------------------------------------------
 
 
 def test_correlation_is_that_of_draws(data: Data, rng: np.random.Generator) -> None:
@@ -243,21 +304,36 @@ def test_correlation_is_that_of_draws(data: Data, rng: np.random.Generator) -> N
     assert np.abs(np.corrcoef(draws.T) - found.matrix).max() < 5 / np.sqrt(20_000)
     assert len(found.symbols) == len(set(found.symbols)) == len(kept)
     assert "c2 of joint-compliance:2" in found.symbols
-    strong = {(a, b) for i, a in enumerate(found.symbols) for j, b in enumerate(found.symbols)
-              if i < j and abs(found.matrix[i, j]) > 0.9 and not {kept[i], kept[j]} & set(fitted.leaning)}
+    strong = {
+        (a, b)
+        for i, a in enumerate(found.symbols)
+        for j, b in enumerate(found.symbols)
+        if i < j and abs(found.matrix[i, j]) > 0.9 and not {kept[i], kept[j]} & set(fitted.leaning)
+    }
     assert {(p.a, p.b) for p in found.pairs} == strong
     assert all(any({p.a, p.b} <= set(c) for c in found.clusters) for p in found.pairs)
 
 
 def test_pairs_are_said_in_words(rng: np.random.Generator) -> None:
-    model = Model((one(1, "tx"), one(2, "rz", sin(q(1))), one(2, "rz", sin(q(1) + 0.05)), one(1, "ty"), one(3, "rz")))
+    model = Model(
+        (
+            one(1, "tx"),
+            one(2, "rz", sin(q(1))),
+            one(2, "rz", sin(q(1) + 0.05)),
+            one(1, "ty"),
+            one(3, "rz"),
+        )
+    )
     fitted = fit(planted(drawn(ARM, rng, 30), model.terms, np.zeros(5), rng, 0.1), model)
     found = correlation(fitted)
     (pair,) = found.pairs
     assert pair.r < -0.99
     assert "rises as" in pair.sentence
     assert found.clusters == ((pair.a, pair.b),)
-    assert labels(model)[1:3] == ("k2rz of frame 2 rz · sin(q1)", "k2rz of frame 2 rz · sin(q1+0.05)")
+    assert labels(model)[1:3] == (
+        "k2rz of frame 2 rz · sin(q1)",
+        "k2rz of frame 2 rz · sin(q1+0.05)",
+    )
 
 
 def test_nothing_fitted_has_no_tables(rng: np.random.Generator) -> None:

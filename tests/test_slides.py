@@ -1,7 +1,9 @@
-"""What goes wrong with joints that slide is found and named: a screw's pitch, a bowed rail, a scale that grows with temperature.
+"""What goes wrong with joints that slide is found and named: a screw's pitch, a bowed rail, a scale
+that grows with temperature.
 
-Positions come from readings moved by the error, through the nominal chain: no screw of this package has a part in them.
-"""
+Positions come from readings moved by the error, through the nominal chain: no screw of this package
+has a part in them."""
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -35,8 +37,11 @@ def growth(q: Array, warm: Array) -> Array:
     return 6e-5 * (warm - 20.0) * q[:, 2]
 
 
-def said(rng: np.random.Generator, error: Callable[[Array, Array], Array], across: bool = False) -> tuple[Effect, ...]:
-    """Effects found in 90 configurations whose slide errs along itself, or across itself by the third frame's x."""
+def said(
+    rng: np.random.Generator, error: Callable[[Array, Array], Array], across: bool = False
+) -> tuple[Effect, ...]:
+    """Effects found in 90 configurations whose slide errs along itself, or across itself by the
+    third frame's x."""
     q, warm = ARM.draw(rng, 90), rng.uniform(15, 35, 90)
     off, moved = error(q, warm), q.copy()
     if across:
@@ -44,16 +49,29 @@ def said(rng: np.random.Generator, error: Callable[[Array, Array], Array], acros
     else:
         moved[:, 2] += off
         position = forward(ARM, moved, TOOL)
-    at = bind(ARM, measurements(q, position, covariates={"temperature_C": warm}, prismatic=ARM.prismatic), TOOL)
+    at = bind(
+        ARM,
+        measurements(q, position, covariates={"temperature_C": warm}, prismatic=ARM.prismatic),
+        TOOL,
+    )
     at = measured(at, at.data.position + rng.normal(0, SIGMA, position.shape))
     return explain(study_of(at), BASE, every(ARM), 1, cells=True)[1].effects
 
 
-@pytest.mark.parametrize(("error", "across", "names", "words"), [
-    (pitch, False, {"q3"}, "Joint 3 slides unevenly, a wave every 17"),
-    pytest.param(growth, False, {"q3", "temperature_C"}, "(temperature_C-20)*q3 and q3",
-                 id="growth-False-names1-temperature_C*q3 and q3"),      # the stream of draws goes by this name
-    (lambda q, warm: 2e-5 * (q[:, 2] - 120.0) ** 2, True, {"q3"}, "q3 and q3*q3")])
+@pytest.mark.parametrize(
+    ("error", "across", "names", "words"),
+    [
+        (pitch, False, {"q3"}, "Joint 3 slides unevenly, a wave every 17"),
+        pytest.param(
+            growth,
+            False,
+            {"q3", "temperature_C"},
+            "(temperature_C-20)*q3 and q3",
+            id="growth-False-names1-temperature_C*q3 and q3",
+        ),  # the stream of draws goes by this name
+        (lambda q, warm: 2e-5 * (q[:, 2] - 120.0) ** 2, True, {"q3"}, "q3 and q3*q3"),
+    ],
+)
 def test_one_cause_is_one_finding(error, across, names, words, rng) -> None:
     (effect,) = said(rng, error, across)
     assert effect.candidate.mechanism.names() == names
@@ -62,10 +80,13 @@ def test_one_cause_is_one_finding(error, across, names, words, rng) -> None:
 
 
 def test_waves_of_a_slide_are_finer_than_its_travel_tells_apart() -> None:
-    """Between two neighbours no wave loses more than 1 % of its length to the nearer; a slide that stood still has none."""
+    """Between two neighbours no wave loses more than 1 % of its length to the nearer; a slide that
+    stood still has none."""
     step = max(b - a for a, b in pairwise(PITCHES))
     assert np.sinc(step / 2) > 0.99
     q = np.zeros((20, 3))
     q[:, :2] = np.random.default_rng(1).uniform(-2, 2, (20, 2))
     at = bind(ARM, measurements(q, forward(ARM, q, TOOL), prismatic=ARM.prismatic), TOOL)
-    assert not [c for c in candidates(at, BASE, every(ARM)) if "slides unevenly" in c.mechanism.sentence]
+    assert not [
+        c for c in candidates(at, BASE, every(ARM)) if "slides unevenly" in c.mechanism.sentence
+    ]

@@ -1,4 +1,6 @@
-"""Estimation configurations are spread in joints and covariates, follow from the seed, and never tear repeats apart."""
+"""Estimation configurations are spread in joints and covariates, follow from the seed, and never
+tear repeats apart."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -16,14 +18,19 @@ TURNS = tuple(j.prismatic for j in ARM.joints)
 
 
 def campaign(rng: np.random.Generator, m: int = 200) -> Measurements:
-    """Single-joint sweeps and lines as in the paper, temperature drifting up late, payload hung on at a few."""
+    """Single-joint sweeps and lines as in the paper, temperature drifting up late, payload hung on
+    at a few."""
     start, end = ARM.draw(rng, m // 10), ARM.draw(rng, m // 10)
     one = rng.integers(0, 6, m // 10)
     end = np.where(np.arange(6) == one[:, None], end, start)
-    q = (start[:, None] + np.linspace(0, 1, 10)[None, :, None] * (end - start)[:, None]).reshape(-1, 6)
+    q = (start[:, None] + np.linspace(0, 1, 10)[None, :, None] * (end - start)[:, None]).reshape(
+        -1, 6
+    )
     temperature = 20 + 15 * (np.arange(m) / m) ** 4
     payload = 3.0 * (np.arange(m) % 25 == 7)
-    return measurements(q, rng.normal(size=(m, 3)), covariates={"temperature_C": temperature, "payload_kg": payload})
+    return measurements(
+        q, rng.normal(size=(m, 3)), covariates={"temperature_C": temperature, "payload_kg": payload}
+    )
 
 
 def information(X: np.ndarray, inside: np.ndarray) -> float:
@@ -40,20 +47,28 @@ def rough(rng: np.random.Generator, count: int, of: int) -> np.ndarray:
 
 @seeds(1, 2, 3, 4)
 def test_better_spread_than_chance(rng) -> None:
-    """Eighty of two hundred, against fifty random draws: no joint or covariate worse covered than by the usual draw, all
-    together better than by any."""
+    """Eighty of two hundred, against fifty random draws: no joint or covariate worse covered than
+    by the usual draw, all together better than by any."""
     data = campaign(rng)
     inside = choose(data, 80, TURNS, rng)
     assert inside.sum() == 80
     draws = [rough(rng, 80, 200) for _ in range(50)]
     whole = np.column_stack([np.sin(data.q), np.cos(data.q), *data.covariates.values()])
     assert information(whole, inside) > max(information(whole, d) for d in draws)
-    joints = [np.column_stack([f(k * q) for k in (1, 2) for f in (np.sin, np.cos)]) for q in data.q.T]
+    joints = [
+        np.column_stack([f(k * q) for k in (1, 2) for f in (np.sin, np.cos)]) for q in data.q.T
+    ]
     for values in (*joints, *(c[:, None] for c in data.covariates.values())):
-        assert information(values, inside) >= np.median([information(values, d) for d in draws]) - 0.3     # nats, of 21
+        assert (
+            information(values, inside) >= np.median([information(values, d) for d in draws]) - 0.3
+        )  # nats, of 21
     temperature = data.covariates["temperature_C"]
-    assert temperature[inside].max() > 20 + 0.95 * (temperature.max() - 20)          # the late drift is seen
-    assert temperature[inside].std() > 1.1 * temperature[:80].std()                  # the first eighty rows never do
+    assert temperature[inside].max() > 20 + 0.95 * (
+        temperature.max() - 20
+    )  # the late drift is seen
+    assert (
+        temperature[inside].std() > 1.1 * temperature[:80].std()
+    )  # the first eighty rows never do
     payload = data.covariates["payload_kg"] > 0
     assert inside[payload].mean() > 0.4
 
@@ -63,14 +78,18 @@ def test_the_start_alone_is_no_design(rng) -> None:
     data = campaign(rng)
     X = _features(data, np.arange(len(data)), TURNS)
     inside = choose(data, 80, TURNS, rng)
+
     def size(of: np.ndarray) -> float:
         return float(np.linalg.slogdet(X[of].T @ X[of] + 1e-6 * np.eye(X.shape[1]))[1])
+
     assert size(inside) > max(size(rough(rng, 80, 200)) for _ in range(50)) + 3
 
 
 def test_one_seed_one_split(rng) -> None:
     data = campaign(rng)
-    first, again, other = (choose(data, 80, TURNS, np.random.default_rng(seed)) for seed in (5, 5, 6))
+    first, again, other = (
+        choose(data, 80, TURNS, np.random.default_rng(seed)) for seed in (5, 5, 6)
+    )
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
 
@@ -78,13 +97,17 @@ def test_one_seed_one_split(rng) -> None:
 @seeds(1, 2, 3)
 def test_repeats_stay_on_one_side(rng) -> None:
     """Readings visited up to five times, two targets at each visit."""
-    q = ARM.draw(rng, 40)[rng.permutation(np.r_[np.arange(40), rng.integers(0, 40, 60)])].repeat(2, axis=0)
+    q = ARM.draw(rng, 40)[rng.permutation(np.r_[np.arange(40), rng.integers(0, 40, 60)])].repeat(
+        2, axis=0
+    )
     data = measurements(q, rng.normal(size=(200, 3)), target=["a", "b"] * 100)
     inside = choose(data, 50, TURNS, rng)
     for reading in np.unique(q, axis=0):
         assert len(np.unique(inside[(q == reading).all(1)])) == 1
     most = max(len(np.unique(data.configuration[data.block == b])) for b in data.block)
-    assert abs(data.take(inside).configurations - 50) < most          # as asked, but for what belongs together
+    assert (
+        abs(data.take(inside).configurations - 50) < most
+    )  # as asked, but for what belongs together
 
 
 @pytest.mark.parametrize("count", [1, 199, 200])
@@ -101,7 +124,8 @@ def test_a_prismatic_joint(rng) -> None:
     assert q[inside, 0].std() > q[:, 0].std()
 
 
-# -- as a study asks for it -------------------------------------------------------------------------------------------
+# -- as a study asks for it
+# -------------------------------------------------------------------------------------------
 
 
 def test_default_size(rng) -> None:
@@ -114,18 +138,28 @@ def test_default_size(rng) -> None:
 def test_by_column(rng) -> None:
     data = campaign(rng)
     role = np.array(["estimation", "held-out"], object)[(np.arange(200) % 3 == 0).astype(int)]
-    assert np.array_equal(split(data, role, Plan(1, None, column="role"), TURNS), np.arange(200) % 3 != 0)
+    assert np.array_equal(
+        split(data, role, Plan(1, None, column="role"), TURNS), np.arange(200) % 3 != 0
+    )
 
 
 def test_splits_that_cannot_be(rng) -> None:
     data = campaign(rng, 40)
+
     def refuse(labels: list[str], match: str, **plan: object) -> None:
         with pytest.raises(StudyError, match=match):
             split(data, np.array(labels, object), Plan(1, None, column="role", **plan), TURNS)
-    refuse(["estimation"] * 39 + ["held_out"], 'holds "held_out"; expected "estimation" or "held-out"')
+
+    refuse(
+        ["estimation"] * 39 + ["held_out"], 'holds "held_out"; expected "estimation" or "held-out"'
+    )
     refuse(["held-out"] * 40, "nothing is left for estimation")
-    with pytest.raises(StudyError, match=r"split\.estimation = 41, but the file has 40 configurations"):
+    with pytest.raises(
+        StudyError, match=r"split\.estimation = 41, but the file has 40 configurations"
+    ):
         split(data, None, Plan(1, None, estimation=41), TURNS)
     twice = measurements(np.zeros((2, 6)), np.zeros((2, 3)), configuration=["a", "b"])
     with pytest.raises(StudyError, match="equal joint readings stand on both sides"):
-        split(twice, np.array(["estimation", "held-out"], object), Plan(1, None, column="role"), TURNS)
+        split(
+            twice, np.array(["estimation", "held-out"], object), Plan(1, None, column="role"), TURNS
+        )

@@ -1,4 +1,6 @@
-"""Where registration finds the tracker and the targets is said where a user looks, with units and frames, and is right."""
+"""Where registration finds the tracker and the targets is said where a user looks, with units and
+frames, and is right."""
+
 from __future__ import annotations
 
 import re
@@ -16,21 +18,32 @@ from modelsel.results.storage import read
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import rpy
 
-PLACES = {"a": ((0.3, -0.5, 2.0), (2500.0, -800.0, 400.0)), "b": ((-0.1, 0.2, -1.0), (100.0, 3000.0, 0.0))}
+PLACES = {
+    "a": ((0.3, -0.5, 2.0), (2500.0, -800.0, 400.0)),
+    "b": ((-0.1, 0.2, -1.0), (100.0, 3000.0, 0.0)),
+}
 TOOL = (30.0, -20.0, 80.0)
 
 
 def study(rng: np.random.Generator, registered: object, **robot: object) -> Study:
-    """Two groups of 30 configurations of a small arm with a tool, each group's tracker elsewhere where that is asked."""
+    """Two groups of 30 configurations of a small arm with a tool, each group's tracker elsewhere
+    where that is asked."""
     at = drawn(small_arm(), rng, 60)
     q, group = at.data.q, np.array(["a", "b"]).repeat(30)
     x = forward(at.robot, q, np.array(TOOL))
     names = list(group) if registered == "per group" else ["a"] * 60
     if registered:
-        x = np.array([rpy(*PLACES[g][0]) @ one + PLACES[g][1] for g, one in zip(names, x, strict=True)])
+        x = np.array(
+            [rpy(*PLACES[g][0]) @ one + PLACES[g][1] for g, one in zip(names, x, strict=True)]
+        )
     rows = measurements(q, x + rng.normal(0, 0.01, x.shape), group=list(group)).to_frame()
-    return Study(name="small", robot={"nominal": at.robot, "register": registered, **robot}, measurements=rows,
-                 model={"candidates": []}, split={"estimation": 40})
+    return Study(
+        name="small",
+        robot={"nominal": at.robot, "register": registered, **robot},
+        measurements=rows,
+        model={"candidates": []},
+        split={"estimation": 40},
+    )
 
 
 def near(found: dict, placed: str) -> None:
@@ -40,7 +53,8 @@ def near(found: dict, placed: str) -> None:
 
 
 def test_registered_once(rng, tmp_path) -> None:
-    """In result.json, on the terminal, in the PDF and on the page; the report is drawn from the files alone."""
+    """In result.json, on the terminal, in the PDF and on the page; the report is drawn from the
+    files alone."""
     result = run(study(rng, True), sampling=False)
     placed = result.record["registration"]
     (base,), (target,) = placed["base_in_tracker"], placed["target_on_flange"]
@@ -48,8 +62,11 @@ def test_registered_once(rng, tmp_path) -> None:
     assert base["group"] == "all"
     assert target["position_mm"] == pytest.approx(TOOL, abs=0.1)
     words = standing_sentences(placed)
-    assert re.fullmatch(r"Base of the nominal robot \(frame 0\) in the tracker's frame: [\d.]+, -[\d.]+, [\d.]+ mm, turned by "
-                        r"roll, pitch, yaw 17\.\d+, -28\.\d+, 114\.\d+° \(fixed x, y, z\)\.", words[0])
+    assert re.fullmatch(
+        r"Base of the nominal robot \(frame 0\) in the tracker's frame: [\d.]+, -[\d.]+, [\d.]+ mm, turned by "
+        r"roll, pitch, yaw 17\.\d+, -28\.\d+, 114\.\d+° \(fixed x, y, z\)\.",
+        words[0],
+    )
     assert re.fullmatch(r"Target in the flange frame: [\d.]+, -[\d.]+, [\d.]+ mm\.", words[1])
     lines = sentences(result)
     assert f"Registered: b{words[0][1:]}" in lines

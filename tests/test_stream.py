@@ -1,4 +1,6 @@
-"""Configurations in pieces: any order, any grouping, any machine, and the answers of all rows at once."""
+"""Configurations in pieces: any order, any grouping, any machine, and the answers of all rows at
+once."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -21,12 +23,16 @@ TOOL = (40.0, -25.0, 100.0)
 
 
 def model(*names: str) -> Model:
-    return Model(tuple(mechanism(name, load("puma760")) for name in names or ("geometric", "joint2-twist")))
+    return Model(
+        tuple(mechanism(name, load("puma760")) for name in names or ("geometric", "joint2-twist"))
+    )
 
 
 def some_scene(rng: np.random.Generator, m: int = 240) -> Scene:
     which = model()
-    theta = rng.normal(size=len(which.terms)) * np.array([0.3 if t.unit.startswith("mm") else 3e-4 for t in which.terms])
+    theta = rng.normal(size=len(which.terms)) * np.array(
+        [0.3 if t.unit.startswith("mm") else 3e-4 for t in which.terms]
+    )
     return planted(drawn("puma760", rng, m), which.terms, theta, rng, 0.05)
 
 
@@ -49,7 +55,11 @@ def test_pieces_in_any_order_are_the_whole(rng) -> None:
 
 
 def test_search_on_the_reduced_data(rng) -> None:
-    at, base, extra = some_scene(rng), model("geometric"), model("geometric", "joint2-twist", "joint3-twist", "backlash:3")
+    at, base, extra = (
+        some_scene(rng),
+        model("geometric"),
+        model("geometric", "joint2-twist", "joint3-twist", "backlash:3"),
+    )
     kept = list(fit(at, base, held="nothing").found.kept)
     groups = [[k] for k in range(len(base.terms), len(extra.terms))]
     stream = Stream.empty(extra.terms, 6)
@@ -75,11 +85,12 @@ def test_equal_readings_share_a_fold(rng) -> None:
     found = fold_of(twice.data, 10)
     assert np.array_equal(found[:60], found[60:])
     counts = np.bincount(fold_of(drawn("puma760", rng, 5000).data, 10))
-    assert counts.min() > 400                                  # 500 each, give or take 21
+    assert counts.min() > 400  # 500 each, give or take 21
 
 
 def test_partitions_on_disk(rng, tmp_path) -> None:
-    """Two Parquet files of several row groups give the fit of the rows in memory; a pass reads each piece once."""
+    """Two Parquet files of several row groups give the fit of the rows in memory; a pass reads each
+    piece once."""
     at, which = some_scene(rng, 300), model("geometric")
     names = [*(f"q{j}_rad" for j in range(1, 7)), "x_mm", "y_mm", "z_mm"]
     table = pd.DataFrame(np.column_stack([at.data.q, at.data.position]), columns=names)
@@ -91,12 +102,15 @@ def test_partitions_on_disk(rng, tmp_path) -> None:
     def watched(work, items):
         asked.append(len(items))
         return map(work, items)
+
     source = Parts(at.robot, TOOL, parts_of(files), watched)
     assert (len(source), len(source.parts)) == (300, 7)
     found, cv = fit_parts(source, which, 5)
     whole = fit(at, which)
     assert found.found.kept == whole.found.kept
-    np.testing.assert_allclose(found.theta, whole.theta, rtol=0, atol=1e-7 * np.abs(whole.theta).max())
+    np.testing.assert_allclose(
+        found.theta, whole.theta, rtol=0, atol=1e-7 * np.abs(whole.theta).max()
+    )
     assert found.rss == pytest.approx(whole.rss, rel=1e-9)
     assert cv.rms == pytest.approx(whole.sigma, rel=0.2)
     assert set(asked) == {7}

@@ -1,5 +1,6 @@
 """The tutorial and the page on Python print what they show: every command and block is run.
 `python tests/test_tutorial.py` writes the shown output anew."""
+
 from __future__ import annotations
 
 import contextlib
@@ -38,14 +39,16 @@ RIVALS = '["gear-eccentricity", "axis-wobble", "joint-compliance", "base-tilt", 
 
 
 def invoked(*words: str) -> str:
-    """What a command prints on the output; it must be done (0) or have said what a check found (5)."""
+    """What a command prints on the output; it must be done (0) or have said what a check found
+    (5)."""
     ran = CliRunner().invoke(main, [*words])
     assert ran.exit_code in (0, 5), ran.output
     return ran.stdout
 
 
 def workshop(folder: Path, text: str) -> None:
-    """The files that the tutorial's commands run on: its own cell, two campaigns before and after, a study with rivals."""
+    """The files that the tutorial's commands run on: its own cell, two campaigns before and after,
+    a study with rivals."""
     (folder / "cell").mkdir()
     shutil.copy(ROOT / "studies" / "puma760" / "measurements.csv", folder / "cell")
     (study,) = fenced("toml", text)
@@ -53,26 +56,46 @@ def workshop(folder: Path, text: str) -> None:
     (folder / "targets.csv").write_text(fenced("csv", text)[1])
     shape = {"candidates": '"all"', "estimation": 80, "count": 120}
     for name, effects, keys in (
-            ("before", [(3, "rz", "cos(q2+q3)", 1e-3)], shape | {"seed": 1}),
-            ("after", [(3, "rz", "cos(q2+q3)", 1.4e-3), *WORN], shape | {"seed": 2}),
-            ("rivals", [(2, "rz", "cos(q2)", 1.1e-4)], {"seed": 3, "candidates": RIVALS, "estimation": 50, "count": 60})):
+        ("before", [(3, "rz", "cos(q2+q3)", 1e-3)], shape | {"seed": 1}),
+        ("after", [(3, "rz", "cos(q2+q3)", 1.4e-3), *WORN], shape | {"seed": 2}),
+        (
+            "rivals",
+            [(2, "rz", "cos(q2)", 1.1e-4)],
+            {"seed": 3, "candidates": RIVALS, "estimation": 50, "count": 60},
+        ),
+    ):
         here = folder / "studies" / name
         here.mkdir(parents=True)
-        (here / "study.toml").write_text(CAMPAIGN.format(**keys) + "".join(EFFECT.format(*e) for e in effects))
+        (here / "study.toml").write_text(
+            CAMPAIGN.format(**keys) + "".join(EFFECT.format(*e) for e in effects)
+        )
         invoked("simulate", str(here), "--out", str(here / "measurements.csv"))
         if name != "rivals":
-            invoked("study", str(here), "--out", str(folder / "reports" / name), "--json", "--no-report", "--no-sampling")
+            invoked(
+                "study",
+                str(here),
+                "--out",
+                str(folder / "reports" / name),
+                "--json",
+                "--no-report",
+                "--no-sampling",
+            )
 
 
 def commands(block: str) -> str:
-    """A console block as it would be now: each command, then what it prints, folded; of a study what follows the tables."""
+    """A console block as it would be now: each command, then what it prints, folded; of a study
+    what follows the tables."""
     out = ""
     for line in re.findall(r"^\$ modelsel (.*)$", block, re.MULTILINE):
         shown = invoked(*line.split())
         if line.startswith("study "):
-            shown = "…\n" + re.sub(r"(?<=\w|,|:) *\n(?=\S)", " ", shown[shown.index("Nominal model"):])
-        out += f"$ modelsel {line}\n" + "".join(textwrap.fill(row, 112, subsequent_indent="    ", break_on_hyphens=False) + "\n"
-                                               for row in shown.splitlines())
+            shown = "…\n" + re.sub(
+                r"(?<=\w|,|:) *\n(?=\S)", " ", shown[shown.index("Nominal model") :]
+            )
+        out += f"$ modelsel {line}\n" + "".join(
+            textwrap.fill(row, 112, subsequent_indent="    ", break_on_hyphens=False) + "\n"
+            for row in shown.splitlines()
+        )
     return out
 
 
@@ -92,7 +115,11 @@ def test_commands_print_what_is_shown(tmp_path) -> None:
 
 def test_csv_shown_is_the_file_s() -> None:
     header = fenced("csv", TUTORIAL.read_text(encoding="utf-8"))[0]
-    assert (ROOT / "studies" / "puma760" / "measurements.csv").read_text(encoding="utf-8").startswith(header)
+    assert (
+        (ROOT / "studies" / "puma760" / "measurements.csv")
+        .read_text(encoding="utf-8")
+        .startswith(header)
+    )
 
 
 def test_python_prints_what_is_shown() -> None:

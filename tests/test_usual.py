@@ -1,4 +1,6 @@
-"""What the data hardly determine is held by its usual size: smoothly, by the robot file's word, and nothing else is touched."""
+"""What the data hardly determine is held by its usual size: smoothly, by the robot file's word, and
+nothing else is touched."""
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -22,8 +24,9 @@ TABLE = {"joint": [{"dh": {"theta_deg": 0, "d_mm": 100, "a_mm": 300, "alpha_deg"
 
 @seeds(1, 2)
 def test_a_target_wanders_off_the_axis_without_a_jump(rng) -> None:
-    """From on the last axis to a millimetre off it two combinations become estimable on paper. The arm that is predicted with a
-    longer tool moves by micrometres a step; keeping parameters at zero by a threshold moved it by tenths of a millimetre."""
+    """From on the last axis to a millimetre off it two combinations become estimable on paper. The
+    arm that is predicted with a longer tool moves by micrometres a step; keeping parameters at zero
+    by a threshold moved it by tenths of a millimetre."""
     at = drawn(PUMA, rng, 80, (0.0, 0.0, 100.0))
     model = Model((geometric(PUMA),))
     noise = rng.normal(0, 0.05, (80, 3))
@@ -33,22 +36,27 @@ def test_a_target_wanders_off_the_axis_without_a_jump(rng) -> None:
     for off in (0.0, 1e-9, 1e-6, 1e-4, 1e-2, 0.03, 0.1, 0.3, 1.0):
         here = at.anew(tools=np.array([[off, 0.0, 100.0]]))
         here = planted(here, model.terms, theta)
-        found = fit(replace(here, data=replace(here.data, position=here.data.position + noise)), model)
+        found = fit(
+            replace(here, data=replace(here.data, position=here.data.position + noise)), model
+        )
         assert found.rank == pytest.approx(25, abs=2)
         predicted.append(residuals(fresh, found.terms, found.theta))
     jumps = [np.linalg.norm(b - a, axis=1).max() for a, b in pairwise(predicted)]
     assert max(jumps[:-1]) < 0.02, jumps
-    assert jumps[-1] < 0.15, jumps                # a millimetre is another tool
+    assert jumps[-1] < 0.15, jumps  # a millimetre is another tool
 
 
 @seeds(1, 2)
 def test_what_is_well_determined_is_least_squares(rng) -> None:
-    """Parameters that do not depend on each other, each determined far better than to a quarter of its usual size."""
+    """Parameters that do not depend on each other, each determined far better than to a quarter of
+    its usual size."""
     whole = geometric(load("ur5"))
     at = drawn("ur5", rng, 200)
     kept = fit(at, Model((whole,)), held="nothing").found.kept
     model = Model((replace(whole, terms=tuple(whole.terms[k] for k in kept)),))
-    at = planted(at, model.terms, rng.normal(size=len(kept)) * [t.usual for t in model.terms], rng, 0.002)
+    at = planted(
+        at, model.terms, rng.normal(size=len(kept)) * [t.usual for t in model.terms], rng, 0.002
+    )
     held, plain = fit(at, model), fit(at, model, held="nothing")
     assert (usual_sizes(model) > 4 * np.sqrt(len(kept)) * plain.standard_errors).all()
     np.testing.assert_allclose(held.theta, plain.theta, rtol=1e-9)
@@ -61,13 +69,19 @@ def test_the_robot_file_may_say_more(rng) -> None:
     model = Model((setup(robot, 1, 1, True, False), geometric(robot)))
     sizes = {t.symbol: s for t, s in zip(model.terms, usual_sizes(model), strict=True)}
     assert (sizes["a2"], sizes["α2"]) == (0.2, 5e-3)
-    assert (sizes["a1"], sizes["α1"], sizes["a4"]) == (OPEN["t"], OPEN["r"], OPEN["t"])       # found by registration
+    assert (sizes["a1"], sizes["α1"], sizes["a4"]) == (
+        OPEN["t"],
+        OPEN["r"],
+        OPEN["t"],
+    )  # found by registration
     assert robot_of(robot_record(robot)).usual == robot.usual
     assert mechanism_of(mechanism_record(geometric(robot))) == geometric(robot)
 
 
-@pytest.mark.parametrize(("key", "value"), [("usual_mm", 0.0), ("usual_mrad", -1.0), ("usual_mm", float("nan")),
-                                            ("usual_mrad", "much")])
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("usual_mm", 0.0), ("usual_mrad", -1.0), ("usual_mm", float("nan")), ("usual_mrad", "much")],
+)
 def test_a_usual_size_is_a_number_above_zero(key, value) -> None:
     with pytest.raises(StudyError, match=key):
         robot_from_table({**TABLE, key: value}, "robot.toml")

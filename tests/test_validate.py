@@ -1,4 +1,5 @@
 """Errors in mm by hand, and a gain whose interval holds what it says it holds."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -31,11 +32,20 @@ def test_rotational_residuals_are_not_millimetres() -> None:
 
 def test_no_rows_no_figures(rng) -> None:
     nothing = errors(np.zeros((0, 3)))
-    assert (nothing.mean_mm, nothing.rms_mm, nothing.p95_mm, nothing.max_mm, nothing.rows) == (None, None, None, None, 0)
+    assert (nothing.mean_mm, nothing.rms_mm, nothing.p95_mm, nothing.max_mm, nothing.rows) == (
+        None,
+        None,
+        None,
+        None,
+        0,
+    )
     left = errors(np.ones((2, 3)), np.ones(2, bool))
     assert (left.mean_mm, left.rows, left.left_out) == (None, 0, 2)
     assert left.mean_all_mm == pytest.approx(np.sqrt(3))
-    assert gain(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, int), rng).held_out_rms_before_mm is None
+    assert (
+        gain(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, int), rng).held_out_rms_before_mm
+        is None
+    )
     two = gain(np.ones((6, 3)), np.zeros((6, 3)), np.arange(6) // 3, rng)
     assert two.interval_mm is None
     assert two.held_out_rms_before_mm == pytest.approx(np.sqrt(3))
@@ -43,7 +53,8 @@ def test_no_rows_no_figures(rng) -> None:
 
 @seeds(1, 2, 3)
 def test_gain_is_paired(rng) -> None:
-    """Both share a scatter ten times what separates them: the interval is narrow, holds the figure and excludes nought."""
+    """Both share a scatter ten times what separates them: the interval is narrow, holds the figure
+    and excludes nought."""
     common = rng.normal(size=(100, 3)) * rng.uniform(0.2, 3, (100, 1))
     found = gain(common, 0.95 * common, np.arange(100), rng)
     low, high = found.interval_mm
@@ -61,12 +72,20 @@ def test_nothing_gained(rng) -> None:
 
 
 def test_whole_configurations_are_drawn(rng) -> None:
-    """Ten rows of one configuration that are one observation ten times: the interval is as wide as without the copies."""
+    """Ten rows of one configuration that are one observation ten times: the interval is as wide as
+    without the copies."""
     before, after = rng.normal(size=(40, 3)), 0.7 * rng.normal(size=(40, 3))
     once = gain(before, after, np.arange(40), np.random.default_rng(1))
-    copies = gain(before.repeat(10, 0), after.repeat(10, 0), np.arange(40).repeat(10), np.random.default_rng(1))
+    copies = gain(
+        before.repeat(10, 0),
+        after.repeat(10, 0),
+        np.arange(40).repeat(10),
+        np.random.default_rng(1),
+    )
     np.testing.assert_allclose(copies.interval_mm, once.interval_mm, rtol=1e-9)
-    alone = gain(before.repeat(10, 0), after.repeat(10, 0), np.arange(400), np.random.default_rng(1))
+    alone = gain(
+        before.repeat(10, 0), after.repeat(10, 0), np.arange(400), np.random.default_rng(1)
+    )
     assert np.ptp(alone.interval_mm) < 0.5 * np.ptp(once.interval_mm)
 
 
@@ -79,8 +98,9 @@ def test_one_seed_one_interval() -> None:
 
 @pytest.mark.parametrize("rows", [1, 3], ids=lambda v: f"{v}-a-configuration")
 def test_interval_covers(rows, rng) -> None:
-    """100 studies of 60 held-out configurations, rows of one configuration alike in part: the true gain, sigma before and
-    after known, lies inside about 95 % of the intervals: a bootstrap of 60 gives 90 to 97 %."""
+    """100 studies of 60 held-out configurations, rows of one configuration alike in part: the true
+    gain, sigma before and after known, lies inside about 95 % of the intervals: a bootstrap of 60
+    gives 90 to 97 %."""
     trials, m, inside = 100, 60, 0
     truth = np.sqrt(3) * (1.0 - np.sqrt(0.5))
     for _ in range(trials):

@@ -1,4 +1,5 @@
 """Values that remember their hash: the same as worked out anew, and never another process's."""
+
 from __future__ import annotations
 
 import os
@@ -23,7 +24,11 @@ assert {made: 1}[read] == 1
 """
 
 
-@pytest.mark.parametrize("cause", [sin(2.0 * q(4)), cos(q(2) + q(3)) * Named("payload_kg", "kg"), Bump("q1", 0.1, 0.2)], ids=str)
+@pytest.mark.parametrize(
+    "cause",
+    [sin(2.0 * q(4)), cos(q(2) + q(3)) * Named("payload_kg", "kg"), Bump("q1", 0.1, 0.2)],
+    ids=str,
+)
 def test_a_hash_is_worked_out_once_and_is_the_same(cause: Cause) -> None:
     fresh = replace(cause)
     assert KEPT not in vars(fresh)
@@ -37,4 +42,9 @@ def test_a_hash_is_worked_out_once_and_is_the_same(cause: Cause) -> None:
 def test_another_process_hashes_anew() -> None:
     screw = Screw(4, "rz", sin(2.0 * q(4)))
     assert hash(screw) == vars(screw)[KEPT]
-    subprocess.run([sys.executable, "-c", THERE], input=pickle.dumps(screw), check=True, env=os.environ | {"PYTHONHASHSEED": "7"})
+    subprocess.run(
+        [sys.executable, "-c", THERE],
+        input=pickle.dumps(screw),
+        check=True,
+        env=os.environ | {"PYTHONHASHSEED": "7"},
+    )

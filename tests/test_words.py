@@ -1,4 +1,6 @@
-"""What a person reads: values with their errors, what would tell entries apart, tables of what is there."""
+"""What a person reads: values with their errors, what would tell entries apart, tables of what is
+there."""
+
 from __future__ import annotations
 
 import subprocess
@@ -22,67 +24,115 @@ from modelsel.results.tables import adds
 from modelsel.robot.files import load
 
 
-@pytest.mark.parametrize(("value", "error", "unit", "said"), [
-    (-1.432e-3, 1.3e-5, "rad", "-1.432 ± 0.013 mrad"),
-    (1.0e-3, 3.44e-5, "rad", "1.000 ± 0.034 mrad"),
-    (-169e-6, 25e-6, "rad", "-169 ± 25 µrad"),
-    (0.0249, 0.0177, "mm", "0.025 ± 0.018 mm"),
-    (727e-9, 31e-6, "rad", "1 ± 31 µrad"),
-    (1.0, 0.0996, "mm", "1.00 ± 0.10 mm"),
-    (1.2e-5, 1.1e-6, "1/K", "12.0 ± 1.1 ppm/K"),
-    (2e-3, None, "rad", "2.00 mrad"),
-    (1e-4, None, "rad/rad", "100 µrad/rad"),
-    (0.0, None, "mm", "0 mm"),
-    (0.25, None, "1", "0.250"),
-])
-def test_a_value_ends_where_its_two_digit_error_does(value: float, error: float | None, unit: str, said: str) -> None:
+@pytest.mark.parametrize(
+    ("value", "error", "unit", "said"),
+    [
+        (-1.432e-3, 1.3e-5, "rad", "-1.432 ± 0.013 mrad"),
+        (1.0e-3, 3.44e-5, "rad", "1.000 ± 0.034 mrad"),
+        (-169e-6, 25e-6, "rad", "-169 ± 25 µrad"),
+        (0.0249, 0.0177, "mm", "0.025 ± 0.018 mm"),
+        (727e-9, 31e-6, "rad", "1 ± 31 µrad"),
+        (1.0, 0.0996, "mm", "1.00 ± 0.10 mm"),
+        (1.2e-5, 1.1e-6, "1/K", "12.0 ± 1.1 ppm/K"),
+        (2e-3, None, "rad", "2.00 mrad"),
+        (1e-4, None, "rad/rad", "100 µrad/rad"),
+        (0.0, None, "mm", "0 mm"),
+        (0.25, None, "1", "0.250"),
+    ],
+)
+def test_a_value_ends_where_its_two_digit_error_does(
+    value: float, error: float | None, unit: str, said: str
+) -> None:
     """GUM 7.2.6."""
     assert quantity(value, error, unit) == said
 
 
 def test_a_range_that_moves_nothing_is_not_said() -> None:
     bumps = [Bump("progress", centre, 0.5) for centre in (0.0, 0.5, 1.0)]
-    terms = [Term(f"v{axis}{k}", (Screw(1, axis, bump),)) for axis in ("tx", "rx") for k, bump in enumerate(bumps)]
+    terms = [
+        Term(f"v{axis}{k}", (Screw(1, axis, bump),))
+        for axis in ("tx", "rx")
+        for k, bump in enumerate(bumps)
+    ]
     shifts, nothing, turns = [0.0, 0.05, 0.0739], [0.0, 1e-12, 5e-12], [0.0, 1e-5, 4e-5]
     assert amount(terms, np.array(shifts + nothing), np.ones(6)) == "from top to bottom 0.0739 mm"
-    assert amount(terms, np.array(shifts + turns), np.ones(6)) == "from top to bottom 0.0739 mm and 40.0 µrad"
+    assert (
+        amount(terms, np.array(shifts + turns), np.ones(6))
+        == "from top to bottom 0.0739 mm and 40.0 µrad"
+    )
 
 
 def entry(mechanism: str | None, *screws: tuple[int, str, str]) -> dict[str, object]:
     """One entry of a credible set."""
-    return {"mechanism": mechanism, "probability": 0.3, "alike": True,
-            "screws": [{"frame": frame, "axis": axis, "cause": cause} for frame, axis, cause in screws]}
+    return {
+        "mechanism": mechanism,
+        "probability": 0.3,
+        "alike": True,
+        "screws": [{"frame": frame, "axis": axis, "cause": cause} for frame, axis, cause in screws],
+    }
 
 
 def test_what_tells_apart_names_both_and_what_they_differ_in() -> None:
     own = entry("joint-compliance:5", (5, "rz", "torque5"))
-    assert separation({"credible_set": [own, entry("joint-compliance:5", (5, "rz", "torque5_6"))]}) == [
-        ("joint-compliance:5, torque5 and joint-compliance:5, torque5_6 have different causes (torque5 against torque5_6): "
-        "configurations in which these change independently of each other tell them apart.")]
-    cell, wave = entry(None, (2, "tx", "cos(q2)")), entry(None, (1, "tz", "sin(q2)"), (1, "tz", "cos(q2)"))
+    assert separation(
+        {"credible_set": [own, entry("joint-compliance:5", (5, "rz", "torque5_6"))]}
+    ) == [
+        (
+            "joint-compliance:5, torque5 and joint-compliance:5, torque5_6 have different causes (torque5 against torque5_6): "
+            "configurations in which these change independently of each other tell them apart."
+        )
+    ]
+    cell, wave = (
+        entry(None, (2, "tx", "cos(q2)")),
+        entry(None, (1, "tz", "sin(q2)"), (1, "tz", "cos(q2)")),
+    )
     assert "(cos(q2) against sin(q2) & cos(q2))" in separation({"credible_set": [cell, wave]})[0]
     step = (1, "tx", "sign(progress-0.05)")
     bumped, moved = entry("fault:tracker-bumped", step), entry("tracker-step", step)
     assert separation({"credible_set": [bumped, moved]}) == [
-        ("fault:tracker-bumped and tracker-step are two names of one displacement: no measurement tells them apart, either "
-        "corrects the error.")]
+        (
+            "fault:tracker-bumped and tracker-step are two names of one displacement: no measurement tells them apart, either "
+            "corrects the error."
+        )
+    ]
     elsewhere = separation({"credible_set": [cell, entry(None, (7, "ty", "cos(q2)"))]})
     assert "the same cause at frame 2 tx and frame 7 ty: a second target" in elsewhere[0]
 
 
 def test_a_parameters_quantiles_have_one_unit() -> None:
-    found = {"unit": "rad", "low": -60.9e-6, "median": 727e-9, "high": 63.5e-6,
-             "closed_form_low": -60.5e-6, "closed_form_high": None}
+    found = {
+        "unit": "rad",
+        "low": -60.9e-6,
+        "median": 727e-9,
+        "high": 63.5e-6,
+        "closed_form_low": -60.5e-6,
+        "closed_form_high": None,
+    }
     assert _quantiles(found) == ["-60.9", "0.7", "63.5", "-60.5", "–", "µrad"]
     assert _quantiles(dict.fromkeys(found, 0.019) | {"unit": "1"}) == ["0.0190"] * 5 + [""]
 
 
 def test_a_column_of_nothing_but_dashes_is_not_shown() -> None:
-    one = {"mechanism": "geometric", "mean_mm": 6.0, "max_mm": 9.8, "p": 0.0, "log10_evidence": None, "stability": None,
-           "held_out_rms_without_mm": 5.6, "held_out_rms_mm": 0.07, "catalogue": "as expected"}
-    for known, names in (({}, ["mean mm", "worst mm", "nominal p", "held-out rms mm"]),
-                         ({"stability": 0.5}, ["mean mm", "worst mm", "nominal p", "held-out rms mm", "stable"])):
-        table = next(b for b in significance(Source({"significance": [one | known]}, {})) if b["kind"] == "table")
+    one = {
+        "mechanism": "geometric",
+        "mean_mm": 6.0,
+        "max_mm": 9.8,
+        "p": 0.0,
+        "log10_evidence": None,
+        "stability": None,
+        "held_out_rms_without_mm": 5.6,
+        "held_out_rms_mm": 0.07,
+        "catalogue": "as expected",
+    }
+    for known, names in (
+        ({}, ["mean mm", "worst mm", "nominal p", "held-out rms mm"]),
+        ({"stability": 0.5}, ["mean mm", "worst mm", "nominal p", "held-out rms mm", "stable"]),
+    ):
+        table = next(
+            b
+            for b in significance(Source({"significance": [one | known]}, {}))
+            if b["kind"] == "table"
+        )
         assert [c["name"] for c in table["columns"]] == ["mechanism", *names]
         assert ("Stable" in table["caption"]) == bool(known)
         assert "take the names as given" in table["caption"]
@@ -90,7 +140,11 @@ def test_a_column_of_nothing_but_dashes_is_not_shown() -> None:
 
 def test_the_set_up_alone_has_a_name_in_every_table() -> None:
     assert adds([["nominal"], [], ["geometric"], ["geometric", "backlash:3"]]) == [
-        "nominal", "set-up alone", "geometric", "+ backlash:3"]
+        "nominal",
+        "set-up alone",
+        "geometric",
+        "+ backlash:3",
+    ]
 
 
 def test_a_robot_without_masses_says_so() -> None:
@@ -101,7 +155,9 @@ def test_a_robot_without_masses_says_so() -> None:
 
 
 def test_the_package_runs_as_a_module() -> None:
-    said = subprocess.run([sys.executable, "-m", "modelsel", "--version"], capture_output=True, text=True, check=True).stdout
+    said = subprocess.run(
+        [sys.executable, "-m", "modelsel", "--version"], capture_output=True, text=True, check=True
+    ).stdout
     assert said.startswith("modelsel")
 
 
@@ -109,7 +165,9 @@ def test_turns_and_slides_are_bounded_each_in_its_unit() -> None:
     made = Commands(*(np.zeros((2, 3)) for _ in range(3)), *(np.ones(2) for _ in range(4)))
     made.change[:] = [[1e-3, -2e-3, 0.05], [0.0, 0.0, -0.07]]
     for slides, said in ((False, "70 mrad."), (True, "2 mrad or 70 µm.")):
-        assert _sentence(made, np.array([False, False, slides])).endswith(f"No joint changes by more than {said}")
+        assert _sentence(made, np.array([False, False, slides])).endswith(
+            f"No joint changes by more than {said}"
+        )
 
 
 def test_a_fitted_effect_is_drawn_whole() -> None:

@@ -1,1 +1,2 @@
-"""Speed, as ratios against peers in the same run: one pinned core, BLAS on one thread, interleaved rounds."""
+"""Speed, as ratios against peers in the same run: one pinned core, BLAS on one thread, interleaved
+rounds."""

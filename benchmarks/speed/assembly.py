@@ -1,4 +1,6 @@
-"""The design matrix, 3m x 43: against Pinocchio's regressor called per configuration, and against filling the same bytes."""
+"""The design matrix, 3m x 43: against Pinocchio's regressor called per configuration, and against
+filling the same bytes."""
+
 from __future__ import annotations
 
 import time
@@ -19,14 +21,21 @@ M, PEER = 10_000, 500
 def pinocchio(robot: Robot) -> object:
     """Pinocchio's model of the same chain, metres."""
     import pinocchio as pin
+
     model, parent = pin.Model(), 0
     for k, joint in enumerate(robot.joints):
-        parent = model.addJoint(parent, pin.JointModelRZ(), pin.SE3(joint.before[:3, :3], joint.before[:3, 3] / 1e3), f"j{k}")
+        parent = model.addJoint(
+            parent,
+            pin.JointModelRZ(),
+            pin.SE3(joint.before[:3, :3], joint.before[:3, 3] / 1e3),
+            f"j{k}",
+        )
     return model
 
 
 def run() -> dict[str, float]:
     import pinocchio as pin
+
     scene, model = arm_scene(M)
     terms, space = model.terms, Space()
     parts = [part for _, part in scene.parts(STREAM)]
@@ -37,7 +46,8 @@ def run() -> dict[str, float]:
     A, peer = np.empty((44, 3, M)), np.empty((PEER, 3, 43))
 
     def regressor() -> None:
-        """The same 43 columns of each configuration: 36 of the links, 3 of the target, 4 of flexure and backlash."""
+        """The same 43 columns of each configuration: 36 of the links, 3 of the target, 4 of flexure
+        and backlash."""
         for row, out in zip(q, peer):
             pin.forwardKinematics(chain, data, row)
             out[:, :36] = pin.computeJointKinematicRegressor(chain, data, 6, world, tool)[:3]
@@ -55,8 +65,11 @@ def run() -> dict[str, float]:
 
     ours()
     seconds = interleaved({"ours": ours, "fill": fill, "pinocchio": regressor}, 9)
-    return {"assembly_vs_pinocchio": seconds["pinocchio"] / PEER / (seconds["ours"] / M),
-            "assembly_of_fill": seconds["fill"] / seconds["ours"], "assembly_ns_per_configuration": seconds["ours"] / M * 1e9}
+    return {
+        "assembly_vs_pinocchio": seconds["pinocchio"] / PEER / (seconds["ours"] / M),
+        "assembly_of_fill": seconds["fill"] / seconds["ours"],
+        "assembly_ns_per_configuration": seconds["ours"] / M * 1e9,
+    }
 
 
 def growth() -> list[tuple[int, float]]:

@@ -1,4 +1,5 @@
 """Studies on two workers against one, and what the fleet adds to each; wall time, both cores."""
+
 from __future__ import annotations
 
 import os
@@ -41,17 +42,26 @@ def run(count: int = 500) -> dict[str, float]:
         folder = Path(name)
         q = arm.draw(rng, 60)
         names = [*(f"q{j}_rad" for j in range(1, 7)), "x_mm", "y_mm", "z_mm"]
-        pd.DataFrame(np.column_stack([q, forward(arm, q, TOOL) + rng.normal(0, 0.05, (60, 3))]), columns=names).to_csv(
-            folder / "measurements.csv", index=False)
+        pd.DataFrame(
+            np.column_stack([q, forward(arm, q, TOOL) + rng.normal(0, 0.05, (60, 3))]),
+            columns=names,
+        ).to_csv(folder / "measurements.csv", index=False)
         (folder / "study.toml").write_text(STUDY)
-        entries = "".join(f'[[study]]\nfile = "study.toml"\nname = "s{k}"\nseed = {k}\n' for k in range(count))
+        entries = "".join(
+            f'[[study]]\nfile = "study.toml"\nname = "s{k}"\nseed = {k}\n' for k in range(count)
+        )
         (folder / "fleet.toml").write_text(f'name = "speed"\n{entries}')
         fleet = read_fleet(folder / "fleet.toml")
         seconds = {}
         for workers in (1, 2):
             with cluster(workers) as client:
                 small = read_fleet(folder / "fleet.toml")
-                run_fleet(type(small)(small.name, small.tasks[:2 * workers], (), small.folder), folder / "warm", client, sampling=False)
+                run_fleet(
+                    type(small)(small.name, small.tasks[: 2 * workers], (), small.folder),
+                    folder / "warm",
+                    client,
+                    sampling=False,
+                )
                 start = time.perf_counter()
                 rows = run_fleet(fleet, folder / f"out{workers}", client, sampling=False)
                 seconds[workers] = time.perf_counter() - start
@@ -62,5 +72,9 @@ def run(count: int = 500) -> dict[str, float]:
         for k in range(some):
             save(alone(study, folder, sampling=False), folder / f"alone{k}")
         each = (time.perf_counter() - start) / some
-    return {"fleet_two_workers": seconds[1] / seconds[2], "fleet_overhead_ms": 1e3 * (seconds[1] / count - each),
-            "fleet_study_ms": 1e3 * each, "fleet_studies": float(count)}
+    return {
+        "fleet_two_workers": seconds[1] / seconds[2],
+        "fleet_overhead_ms": 1e3 * (seconds[1] / count - each),
+        "fleet_study_ms": 1e3 * each,
+        "fleet_studies": float(count),
+    }

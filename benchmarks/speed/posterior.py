@@ -1,4 +1,6 @@
-"""Effective samples a second of the exact posterior (closed form and importance weights) against emcee with the same likelihood."""
+"""Effective samples a second of the exact posterior (closed form and importance weights) against
+emcee with the same likelihood."""
+
 from __future__ import annotations
 
 import importlib.util
@@ -21,6 +23,7 @@ def run() -> dict[str, float]:
 
     from modelsel.fitting.batch import Ensemble
     from modelsel.uncertainty.posterior import posterior, weighted
+
     scene, model = arm_scene(M)
     fitted = fit(scene, model)
     kept = list(fitted.found.kept)
@@ -55,4 +58,7 @@ def run() -> dict[str, float]:
         rate = STEPS * WALKERS / max(tau, 1.0) / seconds
         out[f"posterior_vs_emcee{name}"] = best / rate
         out[f"emcee{name}_tau"] = tau
-    return out | {"posterior_effective_per_second": best, "posterior_effective_share": draws.effective / 4000}
+    return out | {
+        "posterior_effective_per_second": best,
+        "posterior_effective_share": draws.effective / 4000,
+    }

@@ -1,4 +1,6 @@
-"""Design and fit of many configurations: the streaming reduction against scikit-learn on the stored matrix, and against dgemm."""
+"""Design and fit of many configurations: the streaming reduction against scikit-learn on the stored
+matrix, and against dgemm."""
+
 from __future__ import annotations
 
 import time
@@ -18,11 +20,12 @@ M = 1_000_000
 def gemm_rate() -> float:
     """Flops a second of a product of two 1500 x 1500 matrices."""
     A = np.random.default_rng(0).normal(size=(1500, 1500))
-    return 2 * 1500 ** 3 / interleaved({"dgemm": lambda: A @ A}, 5)["dgemm"]
+    return 2 * 1500**3 / interleaved({"dgemm": lambda: A @ A}, 5)["dgemm"]
 
 
 def run(m: int = M) -> dict[str, float]:
     from sklearn.linear_model import LinearRegression
+
     scene, model = arm_scene(m)
     p = len(model.terms)
 
@@ -41,9 +44,13 @@ def run(m: int = M) -> dict[str, float]:
     beyond = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     flops = 2 * 3 * m * (p + 1) ** 2
-    return {"stream_vs_sklearn": seconds["sklearn"] / seconds["ours"], "stream_of_gemm": flops / gemm_rate() / seconds["ours"],
-            "stream_us_per_configuration": seconds["ours"] / m * 1e6, "stream_mb_beyond_inputs": beyond / 1e6,
-            "stream_configurations": float(m)}
+    return {
+        "stream_vs_sklearn": seconds["sklearn"] / seconds["ours"],
+        "stream_of_gemm": flops / gemm_rate() / seconds["ours"],
+        "stream_us_per_configuration": seconds["ours"] / m * 1e6,
+        "stream_mb_beyond_inputs": beyond / 1e6,
+        "stream_configurations": float(m),
+    }
 
 
 def growth() -> list[tuple[int, float]]:

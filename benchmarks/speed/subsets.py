@@ -1,4 +1,6 @@
-"""4,096 sub-models with exact grouped ten-fold cross-validation, against scikit-learn and a loop of numpy's lstsq."""
+"""4,096 sub-models with exact grouped ten-fold cross-validation, against scikit-learn and a loop of
+numpy's lstsq."""
+
 from __future__ import annotations
 
 import time
@@ -10,13 +12,13 @@ from modelsel.selection.subsets import Subsets, all_subsets
 
 from .timing import interleaved
 
-SIZES = (4, 4, 4, 4, 3, 3, 3, 3, 3, 2, 2, 2)     # 37 columns of 12 groups, and 13 of the base
+SIZES = (4, 4, 4, 4, 3, 3, 3, 3, 3, 2, 2, 2)  # 37 columns of 12 groups, and 13 of the base
 M, BASE, FOLDS, SAMPLE = 200, 13, 10, 24
 
 
 def problem(condition: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(X (600, 50), y, fold of every row): independent columns, of which two copy two others but for 1/condition of them; folds
-    keep a configuration whole."""
+    """(X (600, 50), y, fold of every row): independent columns, of which two copy two others but
+    for 1/condition of them; folds keep a configuration whole."""
     rng = np.random.default_rng(5)
     X = rng.normal(size=(3 * M, BASE + sum(SIZES)))
     for copy, of in ((20, 2), (40, 30)):
@@ -31,7 +33,10 @@ def groups() -> list[list[int]]:
 
 
 def ours(X: np.ndarray, y: np.ndarray, fold: np.ndarray) -> Subsets:
-    folded = pad([np.column_stack([X, y])[fold == k] for k in range(FOLDS)], [int((fold == k).sum()) for k in range(FOLDS)])
+    folded = pad(
+        [np.column_stack([X, y])[fold == k] for k in range(FOLDS)],
+        [int((fold == k).sum()) for k in range(FOLDS)],
+    )
     return all_subsets(folded, range(BASE), groups())
 
 
@@ -52,7 +57,7 @@ def householder(X: np.ndarray, y: np.ndarray, fold: np.ndarray, members: np.ndar
             train[j:, j:] -= np.outer(v, 2 / (v * v).sum() * (v @ train[j:, j:]))
         beta = np.zeros(p, np.longdouble)
         for j in range(p - 1, -1, -1):
-            beta[j] = (train[j, p] - train[j, j + 1:p] @ beta[j + 1:]) / train[j, j]
+            beta[j] = (train[j, p] - train[j, j + 1 : p] @ beta[j + 1 :]) / train[j, j]
         left = test[:, p] - test[:, :p] @ beta
         out.append(float((left * left).sum()))
     return np.array(out)
@@ -63,20 +68,30 @@ def worst_error(condition: float) -> float:
     X, y, fold = problem(condition)
     found = ours(X, y, fold)
     some = np.linspace(0, len(found.members) - 1, SAMPLE).astype(int)
-    return max(float(np.abs(found.held_out[s] / householder(X, y, fold, found.members[s]) - 1).max()) for s in some)
+    return max(
+        float(np.abs(found.held_out[s] / householder(X, y, fold, found.members[s]) - 1).max())
+        for s in some
+    )
 
 
 def run() -> dict[str, float]:
     from sklearn.linear_model import LinearRegression
     from sklearn.model_selection import GroupKFold, cross_val_score
+
     X, y, fold = problem(30.0)
     members = ours(X, y, fold).members
     some = members[np.linspace(0, len(members) - 1, SAMPLE).astype(int)]
 
     def sklearn() -> None:
         for row in some:
-            cross_val_score(LinearRegression(fit_intercept=False), X[:, columns(row)], y, groups=fold, cv=GroupKFold(FOLDS),
-                            scoring="neg_mean_squared_error")
+            cross_val_score(
+                LinearRegression(fit_intercept=False),
+                X[:, columns(row)],
+                y,
+                groups=fold,
+                cv=GroupKFold(FOLDS),
+                scoring="neg_mean_squared_error",
+            )
 
     def lstsq() -> None:
         for row in some:
@@ -87,9 +102,13 @@ def run() -> dict[str, float]:
 
     seconds = interleaved({"ours": lambda: ours(X, y, fold), "sklearn": sklearn, "lstsq": lstsq}, 3)
     rate = len(members) / seconds["ours"]
-    return {"subsets_vs_sklearn": rate * seconds["sklearn"] / len(some), "subsets_vs_lstsq": rate * seconds["lstsq"] / len(some),
-            "subsets_models_per_second": rate, "subsets_error_condition_30": worst_error(30.0),
-            "subsets_error_condition_1e8": worst_error(1e8)}
+    return {
+        "subsets_vs_sklearn": rate * seconds["sklearn"] / len(some),
+        "subsets_vs_lstsq": rate * seconds["lstsq"] / len(some),
+        "subsets_models_per_second": rate,
+        "subsets_error_condition_30": worst_error(30.0),
+        "subsets_error_condition_1e8": worst_error(1e8),
+    }
 
 
 def growth() -> list[tuple[int, float]]:
@@ -98,7 +117,9 @@ def growth() -> list[tuple[int, float]]:
     out = []
     for count in (4, 6, 8, 10, 12):
         keep = [*range(BASE), *(c for g in groups()[:count] for c in g)]
-        folded = pad([np.column_stack([X[:, keep], y])[fold == k] for k in range(FOLDS)], [60] * FOLDS)
+        folded = pad(
+            [np.column_stack([X[:, keep], y])[fold == k] for k in range(FOLDS)], [60] * FOLDS
+        )
         start = time.process_time()
         all_subsets(folded, range(BASE), groups()[:count])
         out.append((count, time.process_time() - start))

@@ -1,4 +1,5 @@
 """Interleaved rounds of CPU time: only ratios inside one run count."""
+
 from __future__ import annotations
 
 import os
@@ -35,8 +36,8 @@ def interleaved(work: Mapping[str, Callable[[], object]], rounds: int = 5) -> di
 
 
 def arm_scene(m: int, noise: float = 0.1, seed: int = 1) -> tuple[Scene, Model]:
-    """The PUMA 760 at m random configurations with noise [mm], and its 39 geometric and 4 flexure terms (the test problem of
-    every figure; 29 of the 43 are independent)."""
+    """The PUMA 760 at m random configurations with noise [mm], and its 39 geometric and 4 flexure
+    terms (the test problem of every figure; 29 of the 43 are independent)."""
     arm, rng = load("puma760"), np.random.default_rng(seed)
     q = arm.draw(rng, m)
     data = measurements(q, forward(arm, q, TOOL) + rng.normal(0, noise, (m, 3)))

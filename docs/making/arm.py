@@ -1,4 +1,6 @@
-"""Pictures of what a mechanism does to an arm: one function for all, from the mechanism's own screws and the arm's own chain."""
+"""Pictures of what a mechanism does to an arm: one function for all, from the mechanism's own
+screws and the arm's own chain."""
+
 from __future__ import annotations
 
 import re
@@ -14,15 +16,24 @@ from modelsel.mechanisms.terms import Mechanism, Term
 from modelsel.report.style import BLUE, ORANGE, QUIET, scaled, styled, svg
 from modelsel.robot.kinematics import Robot, forward, pose
 
-TOOL = (40.0, -25.0, 100.0)         # off the last axis, so that every joint moves the target
+TOOL = (40.0, -25.0, 100.0)  # off the last axis, so that every joint moves the target
 REST = np.radians([-45.0, -35.0, 40.0, 35.0, 50.0, 20.0])
-FAN = np.radians([[-45, -70, 60, 0, 40, 0], [-30, 10, -10, 60, -50, 40], [135, -120, 30, -40, 60, -60]])
-DRAWN = (-115.0, -50.0, 15.0)      # degrees of the driving joint at which the arm is drawn
+FAN = np.radians(
+    [[-45, -70, 60, 0, 40, 0], [-30, 10, -10, 60, -50, 40], [135, -120, 30, -40, 60, -60]]
+)
+DRAWN = (-115.0, -50.0, 15.0)  # degrees of the driving joint at which the arm is drawn
 POINTS = 241
-TRACKER = (-2500.0, -1500.0, 0.0)     # mm, frame 0: where the instrument stands
-SHOWN = 0.22        # of the reach: how far the most displaced target is drawn away
-TURN = 0.4          # rad: no joint is drawn turned by more
-WEIGHTS = (1.0, -0.7, 0.5, 0.8, -0.6, 0.9)      # of terms side by side, where physics does not give their sign
+TRACKER = (-2500.0, -1500.0, 0.0)  # mm, frame 0: where the instrument stands
+SHOWN = 0.22  # of the reach: how far the most displaced target is drawn away
+TURN = 0.4  # rad: no joint is drawn turned by more
+WEIGHTS = (
+    1.0,
+    -0.7,
+    0.5,
+    0.8,
+    -0.6,
+    0.9,
+)  # of terms side by side, where physics does not give their sign
 ARROW = {"arrowstyle": "-|>", "color": ORANGE, "lw": 1.2, "shrinkA": 0, "shrinkB": 0}
 AT = {"temperature_C": (15.0, 35.0), "payload_kg": (0.0, 5.0)}
 
@@ -31,9 +42,9 @@ AT = {"temperature_C": (15.0, 35.0), "payload_kg": (0.0, 5.0)}
 class Driver:
     """What is varied to show an effect: a joint, a covariate, or the order of motion."""
 
-    name: str                   # q3, move3, temperature_C, payload_kg, progress
+    name: str  # q3, move3, temperature_C, payload_kg, progress
     joint: int = 0
-    both: bool = False          # the way back differs from the way there
+    both: bool = False  # the way back differs from the way there
 
     @property
     def words(self) -> str:
@@ -42,25 +53,33 @@ class Driver:
             return f"last move of joint {self.joint} [deg]"
         if self.joint:
             return f"joint {self.joint} [deg]{', there and back' if self.both else ''}"
-        return {"temperature_C": "temperature [°C]", "payload_kg": "payload [kg]"}.get(self.name, "share of the campaign")
+        return {"temperature_C": "temperature [°C]", "payload_kg": "payload [kg]"}.get(
+            self.name, "share of the campaign"
+        )
 
 
 def driver(mechanism: Mechanism) -> Driver:
-    """What shows a mechanism best: the covariate it follows, else a joint its causes look at, else joint 2."""
+    """What shows a mechanism best: the covariate it follows, else a joint its causes look at, else
+    joint 2."""
     names = sorted(mechanism.names())
     for name in names:
         if name in (*AT, "progress"):
             return Driver(name)
     for stem in ("move", "approach", "q", "torque", "moment"):
-        joints = [int(found[1]) for name in names if (found := re.fullmatch(rf"{stem}(\d+)(_.*)?", name))]
+        joints = [
+            int(found[1]) for name in names if (found := re.fullmatch(rf"{stem}(\d+)(_.*)?", name))
+        ]
         if joints:
-            return Driver(f"{'move' if stem == 'move' else 'q'}{joints[0]}", joints[0], stem == "approach")
+            return Driver(
+                f"{'move' if stem == 'move' else 'q'}{joints[0]}", joints[0], stem == "approach"
+            )
     joint = 5 if "down_x" in names else 3 if "range_mm" in names else 2
     return Driver(f"q{joint}", joint)
 
 
 def values(terms: tuple[Term, ...]) -> Array:
-    """A usual size for every term: the geometric mean of its range, its sign where physics gives one."""
+    """A usual size for every term: the geometric mean of its range, its sign where physics gives
+    one."""
     out = []
     for k, term in enumerate(terms):
         low, high = term.size or (1e-4, 1e-4)
@@ -70,16 +89,28 @@ def values(terms: tuple[Term, ...]) -> Array:
 
 
 def _scene(robot: Robot, q: Array, **covariates: Array) -> Scene:
-    everything = {"payload_kg": np.full(len(q), 5.0), "temperature_C": np.full(len(q), 30.0), **covariates}
-    data = measurements(q, forward(robot, q, np.array(TOOL)), configuration=list(range(len(q))), covariates=everything)
+    everything = {
+        "payload_kg": np.full(len(q), 5.0),
+        "temperature_C": np.full(len(q), 30.0),
+        **covariates,
+    }
+    data = measurements(
+        q,
+        forward(robot, q, np.array(TOOL)),
+        configuration=list(range(len(q))),
+        covariates=everything,
+    )
     return replace(scene(robot, data, np.array([TOOL])), tracker=TRACKER)
 
 
 def sweep(robot: Robot, by: Driver) -> tuple[Scene, Array]:
-    """(configurations along the driver, its values): a joint goes there and back; all else rests."""
+    """(configurations along the driver, its values): a joint goes there and back; all else
+    rests."""
     q, along = np.tile(REST, (POINTS, 1)), np.linspace(0, 1, POINTS)
     if by.name.startswith("move"):
-        q[:, by.joint - 1] += np.radians(np.linspace(0.5, 60, POINTS)) * np.where(np.arange(POINTS) % 2, 1, -1)
+        q[:, by.joint - 1] += np.radians(np.linspace(0.5, 60, POINTS)) * np.where(
+            np.arange(POINTS) % 2, 1, -1
+        )
         at = _scene(robot, q)
         return at, np.degrees(at.value(f"move{by.joint}") * at.value(f"approach{by.joint}"))
     if by.joint:
@@ -92,9 +123,10 @@ def sweep(robot: Robot, by: Driver) -> tuple[Scene, Array]:
 
 
 def _postures(robot: Robot, by: Driver, along: Scene) -> Scene:
-    """Three configurations to draw the arm in: on the way of a joint, or a fan where no joint is the driver."""
+    """Three configurations to draw the arm in: on the way of a joint, or a fan where no joint is
+    the driver."""
     if by.joint and not by.name.startswith("move"):
-        there = np.degrees(along.data.q[:POINTS // 2, by.joint - 1])
+        there = np.degrees(along.data.q[: POINTS // 2, by.joint - 1])
         return along.take(np.array([np.abs(there - angle).argmin() for angle in DRAWN]))
     return _scene(robot, FAN)
 
@@ -102,7 +134,7 @@ def _postures(robot: Robot, by: Driver, along: Scene) -> Scene:
 def _joints(robot: Robot, q: Array, twist: Array | None = None) -> Array:
     """(m, points, 3) mm: the foot, every frame's origin, the target."""
     at = pose(robot, q, np.array(TOOL), twist)
-    points = np.concatenate([np.zeros((1, 3, len(q))), at.origins[:robot.n], at.target[None]])
+    points = np.concatenate([np.zeros((1, 3, len(q))), at.origins[: robot.n], at.target[None]])
     return points.transpose(2, 0, 1)
 
 
@@ -117,41 +149,58 @@ def _seen(points: Array) -> Array:
 def displacement(at: Scene, terms: tuple[Term, ...], theta: Array) -> Array:
     """(m, 3) mm: how far the exact chain moves the target."""
     tool, twist = np.array(TOOL), twist_of(at, terms, theta, slice(0, len(at)))
-    return np.asarray(pose(at.robot, at.data.q, tool, twist).target.T - forward(at.robot, at.data.q, tool))
+    return np.asarray(
+        pose(at.robot, at.data.q, tool, twist).target.T - forward(at.robot, at.data.q, tool)
+    )
 
 
 def picture(mechanism: Mechanism, robot: Robot) -> tuple[bytes, str]:
-    """(SVG, its text): the arm nominal and with the effect exaggerated; the target's true displacement along the driver."""
+    """(SVG, its text): the arm nominal and with the effect exaggerated; the target's true
+    displacement along the driver."""
     by, theta = driver(mechanism), values(mechanism.terms)
     along, x = sweep(robot, by)
     few = _postures(robot, by, along)
     twist = twist_of(few, mechanism.terms, theta, slice(0, len(few)))
     true = np.linalg.norm(displacement(few, mechanism.terms, theta), axis=1).max()
-    factor = min(SHOWN * robot.reach / max(true, 1e-9), TURN / max(np.abs(twist[:, 3:]).max(), 1e-12))
+    factor = min(
+        SHOWN * robot.reach / max(true, 1e-9), TURN / max(np.abs(twist[:, 3:]).max(), 1e-12)
+    )
     factor = float(f"{factor:.1g}")
     nominal, moved = _joints(robot, few.data.q), _joints(robot, few.data.q, factor * twist)
     shift = displacement(along, mechanism.terms, theta)
     scale, unit = scaled("mm", float(np.abs(shift).max()))
     with styled() as plt:
-        fig, (left, right) = plt.subplots(1, 2, figsize=(6.5, 2.5), layout="none", width_ratios=(1, 1.15))
-        fig.subplots_adjust(0.01, 0.17, 0.99, 0.9, wspace=0.24)     # constrained layout takes twice the time, 27 times over
+        fig, (left, right) = plt.subplots(
+            1, 2, figsize=(6.5, 2.5), layout="none", width_ratios=(1, 1.15)
+        )
+        fig.subplots_adjust(
+            0.01, 0.17, 0.99, 0.9, wspace=0.24
+        )  # constrained layout takes twice the time, 27 times over
         for a, b in zip(_seen(nominal), _seen(moved), strict=True):
             left.plot(*a.T, "-", color="#9A9A9A", lw=2.2, solid_joinstyle="round")
             left.plot(*b.T, "-", color=BLUE, lw=1.3, solid_joinstyle="round")
             left.annotate("", b[-1], a[-1], arrowprops=ARROW)
         left.set_aspect("equal")
         left.axis("off")
-        left.set_title(f"drawn {factor:,.0f} times too large", fontsize=7, color=QUIET, fontweight="normal")
+        left.set_title(
+            f"drawn {factor:,.0f} times too large", fontsize=7, color=QUIET, fontweight="normal"
+        )
         order = np.argsort(x) if by.name.startswith("move") else np.arange(len(x))
         for axis, (style, colour) in enumerate((("-", BLUE), ("--", ORANGE), (":", QUIET))):
-            right.plot(x[order], scale * shift[order, axis], style, color=colour, lw=1.3, label="xyz"[axis])
+            right.plot(
+                x[order], scale * shift[order, axis], style, color=colour, lw=1.3, label="xyz"[axis]
+            )
         right.axhline(0, color="#BBBBBB", lw=0.6, zorder=0)
         right.set_xlabel(by.words)
         right.set_ylabel(f"target displaced by [{unit}]")
-        right.legend(ncols=3, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0, handlelength=1.6)
+        right.legend(
+            ncols=3, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0, handlelength=1.6
+        )
         drawn = svg(fig, f"What {mechanism.name} does to the arm")
-    said = (f"The arm in three postures, grey as drawn and blue with {mechanism.name}, {factor:,.0f} times too large; and the "
-            f"target's displacement against {by.words}, up to {scale * np.abs(shift).max():.3g} {unit}.")
+    said = (
+        f"The arm in three postures, grey as drawn and blue with {mechanism.name}, {factor:,.0f} times too large; and the "
+        f"target's displacement against {by.words}, up to {scale * np.abs(shift).max():.3g} {unit}."
+    )
     return short(drawn), said
 
 

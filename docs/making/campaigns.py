@@ -1,4 +1,6 @@
-"""Simulated campaigns for the figures: a PUMA 760 with geometric errors, planted effects and noise, fitted and scanned."""
+"""Simulated campaigns for the figures: a PUMA 760 with geometric errors, planted effects and noise,
+fitted and scanned."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -20,7 +22,7 @@ from modelsel.robot.kinematics import forward
 
 ROBOT, TOOL = load("puma760"), (40.0, -25.0, 100.0)
 BASE = Model((mechanism("geometric", ROBOT),))
-NOISE = 0.05        # mm per coordinate
+NOISE = 0.05  # mm per coordinate
 
 
 def effect(name: str, *sizes: float) -> list[tuple[Term, float]]:
@@ -28,13 +30,18 @@ def effect(name: str, *sizes: float) -> list[tuple[Term, float]]:
     return list(zip(mechanism(name, ROBOT).terms, sizes, strict=True))
 
 
-def measured(m: int, effects: Sequence[tuple[Term, float]], seed: int, noise: float = NOISE) -> Scene:
-    """m configurations drawn within the limits, measured on the exact chain with geometric errors, the effects and noise."""
+def measured(
+    m: int, effects: Sequence[tuple[Term, float]], seed: int, noise: float = NOISE
+) -> Scene:
+    """m configurations drawn within the limits, measured on the exact chain with geometric errors,
+    the effects and noise."""
     rng = np.random.default_rng(seed)
     q = ROBOT.draw(rng, m)
     at = scene(ROBOT, measurements(q, forward(ROBOT, q, np.array(TOOL))), np.array([TOOL]))
     size = [0.3 if t.screws[0].axis[0] == "t" else 5e-4 for t in BASE.terms]
-    built = np.random.default_rng([seed, 1]).normal(0, size)       # of its own stream: the same arm however much is measured
+    built = np.random.default_rng([seed, 1]).normal(
+        0, size
+    )  # of its own stream: the same arm however much is measured
     theta = np.concatenate([built, [v for _, v in effects]])
     terms = (*BASE.terms, *(t for t, _ in effects))
     position = at.data.position - residuals(at, terms, theta)[:, :3] + rng.normal(0, noise, (m, 3))
@@ -43,7 +50,8 @@ def measured(m: int, effects: Sequence[tuple[Term, float]], seed: int, noise: fl
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A campaign with a fitted model: every candidate, its columns, the scan beyond the model, what the model leaves."""
+    """A campaign with a fitted model: every candidate, its columns, the scan beyond the model, what
+    the model leaves."""
 
     at: Scene
     fitted: Fit

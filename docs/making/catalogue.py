@@ -1,4 +1,6 @@
-"""The catalogue of mechanisms: every entry of the registry, its equation, parameters, picture, what moves the arm like it."""
+"""The catalogue of mechanisms: every entry of the registry, its equation, parameters, picture, what
+moves the arm like it."""
+
 from __future__ import annotations
 
 import tomllib
@@ -23,31 +25,42 @@ from modelsel.robot.kinematics import Robot, forward
 
 ROBOT = "puma760"
 TEXTS = Path(__file__).with_name("mechanisms.toml")
-COUNT, SEED = 200, 760      # configurations drawn to see what moves the arm alike
-ALIKE = 0.3                 # share of the displacement that another must explain to be named
+COUNT, SEED = 200, 760  # configurations drawn to see what moves the arm alike
+ALIKE = 0.3  # share of the displacement that another must explain to be named
 MOST, ROWS = 4, 6
 COVARIATES = ("payload_kg", "temperature_C")
 
 
 def texts(registry: Registry = BUILTIN) -> dict[str, dict[str, str]]:
-    """The physics and the telling apart of every registered mechanism. Raises KeyError with what is missing or too much."""
+    """The physics and the telling apart of every registered mechanism. Raises KeyError with what is
+    missing or too much."""
     written = tomllib.loads(TEXTS.read_text(encoding="utf-8"))
-    missing = [name for name in registry if not all(written.get(name, {}).get(key, "").strip() for key in ("physics", "apart"))]
+    missing = [
+        name
+        for name in registry
+        if not all(written.get(name, {}).get(key, "").strip() for key in ("physics", "apart"))
+    ]
     strange = [name for name in written if name not in registry]
     if missing or strange:
-        raise KeyError(f"{TEXTS.name}: no physics or no apart for {', '.join(missing) or 'none'}; not registered: "
-                       f"{', '.join(strange) or 'none'}")
+        raise KeyError(
+            f"{TEXTS.name}: no physics or no apart for {', '.join(missing) or 'none'}; not registered: "
+            f"{', '.join(strange) or 'none'}"
+        )
     return written
 
 
 def shown(stem: str, robot: Robot, registry: Registry = BUILTIN) -> Mechanism:
-    """The one that stands for a name: the first joint it applies to, the first constant (the middle of a continuous range)."""
+    """The one that stands for a name: the first joint it applies to, the first constant (the middle
+    of a continuous range)."""
     entry, each = registry[stem], parts(stem, robot, registry)
-    return each[len(each) // 2] if isinstance(entry, Scanned) and entry.range is not None else each[0]
+    return (
+        each[len(each) // 2] if isinstance(entry, Scanned) and entry.range is not None else each[0]
+    )
 
 
 def drawn(robot: Robot) -> Scene:
-    """Configurations drawn within the limits, every covariate varied, measured where the nominal model has them."""
+    """Configurations drawn within the limits, every covariate varied, measured where the nominal
+    model has them."""
     rng = np.random.default_rng(SEED)
     q = robot.draw(rng, COUNT)
     more = {"payload_kg": rng.uniform(0, 5, COUNT), "temperature_C": rng.uniform(15, 35, COUNT)}
@@ -55,8 +68,11 @@ def drawn(robot: Robot) -> Scene:
     return replace(scene(robot, data, np.array([arm.TOOL])), tracker=arm.TRACKER)
 
 
-def beyond(at: Scene, robot: Robot, registry: Registry = BUILTIN) -> tuple[dict[str, float], dict[str, Array]]:
-    """({name: share of its displacement that geometry absorbs}, {name: basis (3m, k) of what is left}) of every name a joint."""
+def beyond(
+    at: Scene, robot: Robot, registry: Registry = BUILTIN
+) -> tuple[dict[str, float], dict[str, Array]]:
+    """({name: share of its displacement that geometry absorbs}, {name: basis (3m, k) of what is
+    left}) of every name a joint."""
     Q = basis(design(at, parts("geometric", robot)[0].terms)[0].reshape(3 * len(at), -1))
     absorbed, left = {}, {}
     for stem in registry:
@@ -64,8 +80,12 @@ def beyond(at: Scene, robot: Robot, registry: Registry = BUILTIN) -> tuple[dict[
             X = design(at, m.terms)[0].reshape(3 * len(at), -1)
             rest = X - Q @ (Q.T @ X)
             size = float(np.square(X).sum())
-            absorbed[m.name] = float(np.sqrt(max(1 - np.square(rest).sum() / size, 0.0))) if size > 0 else 1.0
-            left[m.name] = basis(rest[:, np.linalg.norm(rest, axis=0) > 1e-6 * np.linalg.norm(X, axis=0)])
+            absorbed[m.name] = (
+                float(np.sqrt(max(1 - np.square(rest).sum() / size, 0.0))) if size > 0 else 1.0
+            )
+            left[m.name] = basis(
+                rest[:, np.linalg.norm(rest, axis=0) > 1e-6 * np.linalg.norm(X, axis=0)]
+            )
     return absorbed, left
 
 
@@ -77,10 +97,14 @@ def common() -> tuple[dict[str, float], dict[str, Array]]:
 
 
 def alike(name: str, left: dict[str, Array]) -> list[tuple[str, float]]:
-    """(other name, share of this one's displacement beyond geometry that the other can explain), the most first."""
+    """(other name, share of this one's displacement beyond geometry that the other can explain),
+    the most first."""
     own = left[name]
-    found = [(other, float(np.sqrt(np.square(Z.T @ own).sum() / own.shape[1]))) for other, Z in left.items()
-             if other != name and Z.shape[1] and own.shape[1]]
+    found = [
+        (other, float(np.sqrt(np.square(Z.T @ own).sum() / own.shape[1])))
+        for other, Z in left.items()
+        if other != name and Z.shape[1] and own.shape[1]
+    ]
     return sorted([f for f in found if f[1] >= ALIKE], key=lambda f: -f[1])[:MOST]
 
 
@@ -109,7 +133,9 @@ def _parameters(card: dict[str, Any]) -> list[str]:
         low, high = term["size"] or (None, None)
         usual = "" if low is None else (f"up to {high:g}" if low == 0 else f"{low:g} … {high:g}")
         sign = {1: ", positive", -1: ", negative", 0: ""}[term["sign"]]
-        screws = "<br>".join(f"`{s}`" for s in term["screws"][:ROWS]) + ("<br>…" if len(term["screws"]) > ROWS else "")
+        screws = "<br>".join(f"`{s}`" for s in term["screws"][:ROWS]) + (
+            "<br>…" if len(term["screws"]) > ROWS else ""
+        )
         rows.append(f"| {term['symbol']} | {term['unit']} | {screws} | {usual}{sign} |")
     more = len(card["terms"]) - ROWS
     return rows + ([f"| … and {more} more | | | |"] if more > 0 else [])
@@ -119,29 +145,55 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
-def entry(stem: str, text: dict[str, str], picture: str, alt: str, seen: tuple[dict[str, float], dict[str, Array]],
-          registry: Registry = BUILTIN) -> str:
+def entry(
+    stem: str,
+    text: dict[str, str],
+    picture: str,
+    alt: str,
+    seen: tuple[dict[str, float], dict[str, Array]],
+    registry: Registry = BUILTIN,
+) -> str:
     """One mechanism in Markdown."""
     m = shown(stem, load(ROBOT), registry)
     card, (absorbed, left) = mechanism_card(m), seen
     needs = [name for name in COVARIATES if name in m.names()]
     likest = ", ".join(f"`{other}` ({_percent(share)})" for other, share in alike(m.name, left))
-    of_it = ("it is the geometry itself" if stem == "geometric" else
-             f"geometry absorbs {_percent(absorbed[m.name])} of `{m.name}`"
-             + (f"; of what is left, these explain most: {likest}" if likest else
-                f"; nothing else explains {_percent(ALIKE)} of what is left"))
-    lines = [f"## `{stem}` {{ #{stem} }}", "", f"**{m.sentence}**", "", text["physics"].replace("\n", " "), "",
-             f"`{m.equation}`", "", f"![{alt}]({picture}){{ .figure }}", "", *_parameters(card), "",
-             f"- **Told apart.** {text['apart'].replace(chr(10), ' ')}",
-             f"- **Alike**, on {COUNT} configurations drawn for {ROBOT}: {of_it}.",
-             f"- **Applies to** {_applies(stem, registry)}.",
-             *([f"- **Needs** the column {', '.join(f'`{n}`' for n in needs)}."] if needs else []),
-             f"- **Source.** {m.source}.", ""]
+    of_it = (
+        "it is the geometry itself"
+        if stem == "geometric"
+        else f"geometry absorbs {_percent(absorbed[m.name])} of `{m.name}`"
+        + (
+            f"; of what is left, these explain most: {likest}"
+            if likest
+            else f"; nothing else explains {_percent(ALIKE)} of what is left"
+        )
+    )
+    lines = [
+        f"## `{stem}` {{ #{stem} }}",
+        "",
+        f"**{m.sentence}**",
+        "",
+        text["physics"].replace("\n", " "),
+        "",
+        f"`{m.equation}`",
+        "",
+        f"![{alt}]({picture}){{ .figure }}",
+        "",
+        *_parameters(card),
+        "",
+        f"- **Told apart.** {text['apart'].replace(chr(10), ' ')}",
+        f"- **Alike**, on {COUNT} configurations drawn for {ROBOT}: {of_it}.",
+        f"- **Applies to** {_applies(stem, registry)}.",
+        *([f"- **Needs** the column {', '.join(f'`{n}`' for n in needs)}."] if needs else []),
+        f"- **Source.** {m.source}.",
+        "",
+    ]
     return "\n".join(lines)
 
 
 def page(registry: Registry = BUILTIN, folder: str = "mechanisms") -> tuple[str, dict[str, bytes]]:
-    """(the whole catalogue in Markdown, its pictures by file name). Raises KeyError where a mechanism lacks its text."""
+    """(the whole catalogue in Markdown, its pictures by file name). Raises KeyError where a
+    mechanism lacks its text."""
     written, robot = texts(registry), load(ROBOT)
     seen = common() if registry is BUILTIN else beyond(drawn(robot), robot, registry)
     pictures, out = {}, []

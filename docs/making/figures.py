@@ -1,4 +1,5 @@
-"""The figures of the statistics page, computed by modelsel on simulated campaigns: each is (SVG, what to see in it)."""
+"""The figures of the statistics page, computed by modelsel on simulated campaigns: each is (SVG,
+what to see in it)."""
 
 from __future__ import annotations
 
@@ -50,8 +51,21 @@ def projection() -> tuple[bytes, str]:
     with styled() as plt:
         fig, ax = plt.subplots(figsize=(6.5, 2.7), layout="constrained")
         rows = np.arange(len(SHARES))
-        ax.barh(rows, 1 - share[order], color=BLUE, height=0.7, label="left beyond geometry: what can be found")
-        ax.barh(rows, share[order], left=1 - share[order], color=GREY, height=0.7, label="taken by geometry")
+        ax.barh(
+            rows,
+            1 - share[order],
+            color=BLUE,
+            height=0.7,
+            label="left beyond geometry: what can be found",
+        )
+        ax.barh(
+            rows,
+            share[order],
+            left=1 - share[order],
+            color=GREY,
+            height=0.7,
+            label="taken by geometry",
+        )
         ax.set_yticks(rows, [SHARES[k] for k in order], color=INK)
         ax.set_ylim(len(SHARES) - 0.5, -0.5)
         ax.set_xlim(0, 1)
@@ -67,7 +81,8 @@ def projection() -> tuple[bytes, str]:
 
 @cache
 def _pair() -> tuple[View, View, Array, Array]:
-    """A campaign with one effect: seen beyond geometry, and beyond geometry and the effect; the null's evidences, log priors."""
+    """A campaign with one effect: seen beyond geometry, and beyond geometry and the effect; the
+    null's evidences, log priors."""
     at = measured(80, effect(PLANTED, SIZE), 11)
     before = look(at)
     prior = np.log([c.prior for c in before.found])
@@ -86,20 +101,37 @@ def scan() -> tuple[bytes, str]:
     order = np.argsort(frame, kind="stable")
     with styled() as plt:
         fig, axes = plt.subplots(1, 2, figsize=(6.5, 2.7), layout="constrained", sharey=True)
-        for ax, view, title in zip(axes, (before, after), ("beyond geometry", f"beyond geometry and {PLANTED}"), strict=True):
+        for ax, view, title in zip(
+            axes,
+            (before, after),
+            ("beyond geometry", f"beyond geometry and {PLANTED}"),
+            strict=True,
+        ):
             y = np.maximum(factors(view.seen, view.rest).max(0) + prior, -19.5)[order]
             x = np.arange(len(y))
             few = (y > -5) | (x % THIN == 0)
-            for mine, colour, size in ((~registered[order], "#A8A8A8", 3), (registered[order], BLUE, 7)):
+            for mine, colour, size in (
+                (~registered[order], "#A8A8A8", 3),
+                (registered[order], BLUE, 7),
+            ):
                 ax.scatter(x[mine & few], y[mine & few], s=size, color=colour, lw=0)
             ax.axhline(bound, color=ORANGE, lw=1)
             ax.set_title(title)
             edges = np.searchsorted(frame[order], np.arange(1, ROBOT.n + 3))
-            ax.set_xticks((edges[1:] + edges[:-1]) / 2, [*map(str, range(1, ROBOT.n + 1)), "target"])
+            ax.set_xticks(
+                (edges[1:] + edges[:-1]) / 2, [*map(str, range(1, ROBOT.n + 1)), "target"]
+            )
             ax.tick_params(axis="x", length=0)
             ax.set_xlabel("frame")
         axes[0].set_ylabel("log (prior × Bayes factor)")
-        axes[0].annotate("bound: chance, 5 %", (0, bound), (2, 3), textcoords="offset points", color=ORANGE, fontsize=7)
+        axes[0].annotate(
+            "bound: chance, 5 %",
+            (0, bound),
+            (2, 3),
+            textcoords="offset points",
+            color=ORANGE,
+            fontsize=7,
+        )
         best = int(np.argmax((factors(before.seen, before.rest).max(0) + prior)[order]))
         axes[0].annotate(
             PLANTED,
@@ -128,10 +160,18 @@ def max_test() -> tuple[bytes, str]:
     seen = [evidence(factors(v.seen, v.rest), prior)[0] for v in (before, after)]
     with styled() as plt:
         fig, ax = plt.subplots(figsize=(6.5, 2.1), layout="constrained")
-        ax.hist(least, bins=np.arange(least.min(), least.max() + 0.2, 0.2), color=GREY, label=f"pure noise, {DRAWS} draws")
+        ax.hist(
+            least,
+            bins=np.arange(least.min(), least.max() + 0.2, 0.2),
+            color=GREY,
+            label=f"pure noise, {DRAWS} draws",
+        )
         ax.set_xlim(least.min() - 0.6, seen[0] + 0.8)
         ax.axvline(bound, color=ORANGE, lw=1.2, label="bound: 5 % of the draws lie beyond")
-        where = ((seen[0], BLUE, "seen beyond geometry"), (seen[1], "white", f"seen with {PLANTED} in the model"))
+        where = (
+            (seen[0], BLUE, "seen beyond geometry"),
+            (seen[1], "white", f"seen with {PLANTED} in the model"),
+        )
         for value, fill, words in where:
             ax.plot(value, 12, "v", ms=7, mfc=fill, mec=BLUE, ls="", label=f"{words}: {value:.1f}")
         ax.legend(loc="upper right")
@@ -159,8 +199,20 @@ def credible() -> tuple[bytes, str]:
             start = 0.0
             for k, e in enumerate(named.entries[:9]):
                 label = e.candidate.registered_name or "a cell"
-                colour = BLUE if label == truth else ("#56B4E9" if e.alike else ("#C9C9C9" if k % 2 else "#B3B3B3"))
-                ax.barh(y, e.probability, left=start, color=colour, height=0.66, edgecolor="white", lw=0.7)
+                colour = (
+                    BLUE
+                    if label == truth
+                    else ("#56B4E9" if e.alike else ("#C9C9C9" if k % 2 else "#B3B3B3"))
+                )
+                ax.barh(
+                    y,
+                    e.probability,
+                    left=start,
+                    color=colour,
+                    height=0.66,
+                    edgecolor="white",
+                    lw=0.7,
+                )
                 if e.probability > 0.16:
                     ax.text(
                         start + e.probability / 2,
@@ -175,7 +227,12 @@ def credible() -> tuple[bytes, str]:
             if named.more:
                 ax.barh(y, 0.95 - start, left=start, color="#EDEDED", height=0.66)
             ax.text(
-                1.01, y, f"{named.verdict}, {len(named.entries) + named.more} in the set", va="center", fontsize=7, color=QUIET
+                1.01,
+                y,
+                f"{named.verdict}, {len(named.entries) + named.more} in the set",
+                va="center",
+                fontsize=7,
+                color=QUIET,
             )
         ax.set_yticks(range(len(counts)), [f"{m} configurations" for m in counts], color=INK)
         ax.set_ylim(len(counts) - 0.5, -0.5)
@@ -231,13 +288,28 @@ def detection() -> tuple[bytes, str]:
     with styled() as plt:
         fig, ax = plt.subplots(figsize=(6.5, 2.3), layout="constrained")
         ax.plot(
-            1e3 * fine, 1 - chndtr(critical, 1, 80 * np.square(fine / NOISE)), color=BLUE, lw=1.4, label="formula: noncentral χ²"
+            1e3 * fine,
+            1 - chndtr(critical, 1, 80 * np.square(fine / NOISE)),
+            color=BLUE,
+            lw=1.4,
+            label="formula: noncentral χ²",
         )
         error = np.sqrt(np.array(hits) * (1 - np.array(hits)) / tries)
-        ax.errorbar(1e3 * sizes, hits, error, fmt="o", ms=4, color=ORANGE, lw=1, label=f"tried, {tries} campaigns each")
+        ax.errorbar(
+            1e3 * sizes,
+            hits,
+            error,
+            fmt="o",
+            ms=4,
+            color=ORANGE,
+            lw=1,
+            label=f"tried, {tries} campaigns each",
+        )
         ax.axhline(POWER, color=QUIET, lw=0.6, ls=":")
         ax.axvline(1e3 * limit, color=QUIET, lw=0.8)
-        ax.text(1e3 * limit, 0.04, f" stated limit: {1e3 * limit:.1f} µm rms", fontsize=7.5, color=QUIET)
+        ax.text(
+            1e3 * limit, 0.04, f" stated limit: {1e3 * limit:.1f} µm rms", fontsize=7.5, color=QUIET
+        )
         ax.yaxis.set_major_formatter(lambda v, _: f"{v:.0%}")
         ax.set_xlabel("size of the effect beyond geometry [µm rms at the target]")
         ax.set_ylabel("found")

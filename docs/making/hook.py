@@ -1,8 +1,10 @@
-"""What mkdocs does not do by itself: generated parts of pages, computed figures, formulas as MathML.
+"""What mkdocs does not do by itself: generated parts of pages, computed figures, formulas as
+MathML.
 
 A page says `<!-- made: NAME -->` where a generated part stands (`figure NAME`, `report NAME`: one
 picture). Nothing that is made here is stored: it says what the program does now. No network.
 """
+
 from __future__ import annotations
 
 import html
@@ -13,7 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_threads, "1")  # before numpy loads, as the command line does: the same figures on any machine
+    os.environ.setdefault(
+        _threads, "1"
+    )  # before numpy loads, as the command line does: the same figures on any machine
 
 import catalogue
 import figures
@@ -33,19 +37,31 @@ ROOT = Path(__file__).parents[2]
 REPORT = ROOT / "reports" / "puma760"
 NOTEBOOKS = ROOT / "docs" / "notebooks"
 MADE = re.compile(r"^<!-- made: ([\w-]+)(?: ([\w-]+))? -->$", re.MULTILINE)
-CANVAS = re.compile(rb'(<g id="patch_\d+">\s*<path d="[^"]+"\s+style="fill: )#ffffff')   # white paper, in the dark a box
+CANVAS = re.compile(
+    rb'(<g id="patch_\d+">\s*<path d="[^"]+"\s+style="fill: )#ffffff'
+)  # white paper, in the dark a box
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 
 
 @cache
 def report() -> dict[str, tuple[bytes, str, str]]:
-    """(SVG, caption, text) of the figures of the PUMA study's report, by name; of its findings the first alone."""
+    """(SVG, caption, text) of the figures of the PUMA study's report, by name; of its findings the
+    first alone."""
     whole = read(REPORT)
-    source = Source(*({**table, "findings": table["findings"][:1]} for table in (whole.result, whole.details)))
-    blocks = [b for b in book(source, PAGES, ("data", "findings", "residuals", "held-out")) if b["kind"] == "figure"]
+    source = Source(
+        *({**table, "findings": table["findings"][:1]} for table in (whole.result, whole.details))
+    )
+    blocks = [
+        b
+        for b in book(source, PAGES, ("data", "findings", "residuals", "held-out"))
+        if b["kind"] == "figure"
+    ]
     blocks += [b for b in book(whole, PAGES, ("first", "map")) if b["kind"] == "figure"]
     pictures = source.pictures | whole.pictures
-    return {b["file"].removesuffix(".svg"): (pictures[b["file"]], b["caption"], b["alt"]) for b in blocks}
+    return {
+        b["file"].removesuffix(".svg"): (pictures[b["file"]], b["caption"], b["alt"])
+        for b in blocks
+    }
 
 
 @cache
@@ -66,7 +82,12 @@ def _figure(name: str) -> str:
 
 def _naming() -> str:
     """The README's table of rates, which its test holds against the benchmark."""
-    return (ROOT / "README.md").read_text(encoding="utf-8").partition("<!-- naming -->\n")[2].partition("\n\n")[0]
+    return (
+        (ROOT / "README.md")
+        .read_text(encoding="utf-8")
+        .partition("<!-- naming -->\n")[2]
+        .partition("\n\n")[0]
+    )
 
 
 def _notebooks() -> str:
@@ -76,37 +97,55 @@ def _notebooks() -> str:
     return "\n".join([said, "", *found]) if found else "None is here yet."
 
 
-PARTS: dict[str, Any] = {"catalogue": lambda: mechanisms()[0], "commands": reference.commands, "names": reference.names,
-                         "broken": rates.broken, "measured": rates.measured, "naming": _naming, "notebooks": _notebooks}
+PARTS: dict[str, Any] = {
+    "catalogue": lambda: mechanisms()[0],
+    "commands": reference.commands,
+    "names": reference.names,
+    "broken": rates.broken,
+    "measured": rates.measured,
+    "naming": _naming,
+    "notebooks": _notebooks,
+}
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Generated parts in their places."""
+
     def part(found: re.Match[str]) -> str:
         kind, name = found.groups()
         if kind == "report":
             return _report(name)
         return _figure(name) if kind == "figure" else str(PARTS[kind]())
+
     return MADE.sub(part, markdown)
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Computed pictures as files of the site, and those that the README shows."""
     from mkdocs.structure.files import File
+
     made = {f"mechanisms/{name}": drawn for name, drawn in mechanisms()[1].items()}
     made |= {f"made/report-{name}.svg": drawn for name, (drawn, _, _) in report().items()}
     made |= {f"made/{name}.svg": draw()[0] for name, draw in figures.ALL.items()}
-    made |= {f"made/{name}": (ROOT / "reports" / name).read_bytes() for name in ("puma760-pdf.png", "puma760-html.png")}
+    made |= {
+        f"made/{name}": (ROOT / "reports" / name).read_bytes()
+        for name in ("puma760-pdf.png", "puma760-html.png")
+    }
     made |= {f"made/{name}": (REPORT / name).read_bytes() for name in ("report.html", "report.pdf")}
     made |= {f"notebooks/{name}.md": text for name, (_, text) in notebooks.pages(NOTEBOOKS).items()}
     for name, content in made.items():
-        shown = CANVAS.sub(rb"\1none", content) if isinstance(content, bytes) and name.endswith(".svg") else content
+        shown = (
+            CANVAS.sub(rb"\1none", content)
+            if isinstance(content, bytes) and name.endswith(".svg")
+            else content
+        )
         files.append(File.generated(config, name, content=shown))
     return files
 
 
 def on_page_context(context: Any, page: Any, **_: Any) -> Any:
-    """A page that stands alone in its tab needs no list of pages beside it: the text gets the room."""
+    """A page that stands alone in its tab needs no list of pages beside it: the text gets the
+    room."""
     if page.parent is None:
         page.meta.setdefault("hide", ["navigation"])
     return context
@@ -119,4 +158,5 @@ def on_page_content(content: str, **_: Any) -> str:
     def drawn(found: re.Match[str]) -> str:
         kind, formula = found.groups()
         return str(convert(html.unescape(formula), display="block" if kind == "div" else "inline"))
+
     return FORMULA.sub(drawn, content)

@@ -1,4 +1,5 @@
-"""The figures of the statistics page on how sure a result is: folds, standard errors; each is (SVG, what to see in it)."""
+"""The figures of the statistics page on how sure a result is: folds, standard errors; each is (SVG,
+what to see in it)."""
 
 from __future__ import annotations
 
@@ -25,28 +26,42 @@ def grouped() -> tuple[bytes, str]:
     """Cross-validation by row and by configuration, on rows that belong together."""
     from scipy.linalg import lstsq
 
-    times, arm_error = 4, 0.06  # each configuration is seen four times; the arm's own error at it stays the same
+    times, arm_error = (
+        4,
+        0.06,
+    )  # each configuration is seen four times; the arm's own error at it stays the same
     once, rng = measured(60, [], 5, noise=0.0), np.random.default_rng(5)
     theta = fit(once, BASE)
     new = measured(240, [], 5, noise=0.0)
-    pool = [t for j in range(1, 7) for w in (3, 5, 7, 9, 11, 13) for t in mechanism(f"gear-ripple:{j}:{w}", ROBOT).terms]
+    pool = [
+        t
+        for j in range(1, 7)
+        for w in (3, 5, 7, 9, 11, 13)
+        for t in mechanism(f"gear-ripple:{j}:{w}", ROBOT).terms
+    ]
     pool = [pool[k] for k in rng.permutation(len(pool))]
     index = np.repeat(np.arange(60), times)
     noise = rng.normal(0, arm_error, (60, 3))[index] + rng.normal(0, 0.02, (60 * times, 3))
     rows = once.take(index)
     rows = replace(rows, data=replace(rows.data, position=rows.data.position + noise))
     sizes, curves = range(0, 61, 10), {"fit": [], "row": [], "configuration": [], "new": []}
-    by = {"configuration": assign(rows.data, 10, np.random.default_rng(1)), "row": rng.permutation(60 * times) % 10}
+    by = {
+        "configuration": assign(rows.data, 10, np.random.default_rng(1)),
+        "row": rng.permutation(60 * times) % 10,
+    }
     base = len(BASE.terms)
     whole = (*BASE.terms, *pool)
     (A, r), (B, s) = (
-        tuple(x.reshape(x.shape[0] * 3, *x.shape[2:]) for x in design(part, whole, theta.at())) for part in (rows, new)
+        tuple(x.reshape(x.shape[0] * 3, *x.shape[2:]) for x in design(part, whole, theta.at()))
+        for part in (rows, new)
     )
     folded = {kind: fold(rows, whole, of, theta.at()) for kind, of in by.items()}
     for count in sizes:
         delta = lstsq(A[:, : base + count], r, cond=1e-9, lapack_driver="gelsy")[0]
         curves["fit"].append(_rms(r - A[:, : base + count] @ delta))
-        curves["new"].append(float(np.hypot(_rms(s - B[:, : base + count] @ delta), np.hypot(arm_error, 0.02))))
+        curves["new"].append(
+            float(np.hypot(_rms(s - B[:, : base + count] @ delta), np.hypot(arm_error, 0.02)))
+        )
         for kind, parts in folded.items():
             curves[kind].append(cross_validate(parts.select(range(base + count))).rms)
     with styled() as plt:
@@ -78,7 +93,11 @@ def _rms(values: Array) -> float:
 @cache
 def posterior() -> tuple[bytes, str]:
     """Three standard errors of every named coefficient, and the chain's interval."""
-    result = json.loads((Path(__file__).parents[2] / "reports" / "puma760" / "result.json").read_text(encoding="utf-8"))
+    result = json.loads(
+        (Path(__file__).parents[2] / "reports" / "puma760" / "result.json").read_text(
+            encoding="utf-8"
+        )
+    )
     named = [p for p in result["parameters"] if p["mechanism"] != "geometric"]
     chain = {q["name"]: q for q in result["sampling"]["quantiles"]}
     with styled() as plt:
@@ -90,10 +109,21 @@ def posterior() -> tuple[bytes, str]:
                 (-0.08, p["bootstrap_error"], ORANGE),
                 (0.08, p["posterior_error"], BLUE),
             ):
-                ax.plot([x + dx] * 2, [-1.96 * error / unit, 1.96 * error / unit], color=colour, lw=3, solid_capstyle="butt")
+                ax.plot(
+                    [x + dx] * 2,
+                    [-1.96 * error / unit, 1.96 * error / unit],
+                    color=colour,
+                    lw=3,
+                    solid_capstyle="butt",
+                )
             if (q := chain.get(p["symbol"])) is not None:
                 ax.plot(
-                    [x + 0.24] * 2, [(q["low"] - centre) / unit, (q["high"] - centre) / unit], color=INK, lw=1.2, marker="_", ms=5
+                    [x + 0.24] * 2,
+                    [(q["low"] - centre) / unit, (q["high"] - centre) / unit],
+                    color=INK,
+                    lw=1.2,
+                    marker="_",
+                    ms=5,
                 )
         for colour, words in (
             (QUIET, "least squares"),
@@ -103,11 +133,19 @@ def posterior() -> tuple[bytes, str]:
         ):
             ax.plot([], [], color=colour, lw=3 if colour != INK else 1.2, label=words)
         ax.axhline(0, color="#BBBBBB", lw=0.6, zorder=0)
-        ax.set_xticks(range(len(named)), [p["symbol"].partition(" of ")[0] for p in named], color=INK)
+        ax.set_xticks(
+            range(len(named)), [p["symbol"].partition(" of ")[0] for p in named], color=INK
+        )
         ax.set_ylabel("95 % interval\n[standard errors]")
         ax.set_ylim(-3.2, 3.2)
         ax.legend(
-            ncols=4, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0, columnspacing=1.2, handlelength=1.4, fontsize=7
+            ncols=4,
+            loc="lower left",
+            bbox_to_anchor=(0, 1.0),
+            borderaxespad=0,
+            columnspacing=1.2,
+            handlelength=1.4,
+            fontsize=7,
         )
         drawn = svg(fig, "Intervals of the named coefficients")
     return short(drawn), (

@@ -1,4 +1,5 @@
 """Notebooks as pages: their words, code and kept outputs; nothing is run."""
+
 from __future__ import annotations
 
 import json
@@ -16,7 +17,9 @@ def _output(output: dict[str, Any]) -> list[str]:
     data = output.get("data", {})
     if "image/png" in data:
         picture = _joined(data["image/png"]).replace("\n", "")
-        return [f'<img class="figure" alt="Output of the cell above" src="data:image/png;base64,{picture}">']
+        return [
+            f'<img class="figure" alt="Output of the cell above" src="data:image/png;base64,{picture}">'
+        ]
     if "image/svg+xml" in data or "text/html" in data:
         shown = _joined(data.get("image/svg+xml") or data["text/html"])
         return ["<div>" + " ".join(line for line in shown.splitlines() if line.strip()) + "</div>"]
@@ -33,7 +36,10 @@ def page(path: Path) -> tuple[str, str]:
         elif cell["cell_type"] == "code" and source:
             out += ["```python", source, "```", ""]
             out += [line for output in cell.get("outputs", []) for line in (*_output(output), "")]
-    title = next((line.removeprefix("# ") for line in "\n".join(out).splitlines() if line.startswith("# ")), path.stem)
+    title = next(
+        (line.removeprefix("# ") for line in "\n".join(out).splitlines() if line.startswith("# ")),
+        path.stem,
+    )
     return title, "\n".join([*out, f"[The notebook itself]({path.name})", ""])
 
 

@@ -1,4 +1,6 @@
-"""What the long runs measured, as rows of the reliability page: read from benchmarks/results, never typed."""
+"""What the long runs measured, as rows of the reliability page: read from benchmarks/results, never
+typed."""
+
 from __future__ import annotations
 
 import json
@@ -8,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
-NULL = re.compile(r"^([A-Za-z0-9 ]+?) {2,}(\d+) {2,}([\d.]+ \[[\d., ]+\])", re.MULTILINE)     # noise, studies, something found
+NULL = re.compile(
+    r"^([A-Za-z0-9 ]+?) {2,}(\d+) {2,}([\d.]+ \[[\d., ]+\])", re.MULTILINE
+)  # noise, studies, something found
 
 
 def _rate(figure: dict[str, Any]) -> str:
@@ -20,12 +24,29 @@ def measured() -> str:
     found = NULL.findall((RESULTS / "nulls.txt").read_text(encoding="utf-8"))
     tried = f"nothing planted, {found[0][1]} studies under each of {len(found)} kinds of noise, level 5 %"
     said = "; ".join(f"{noise} {rate}" for noise, _, rate in found)
-    figures = json.loads((RESULTS / "naming.json").read_text(encoding="utf-8"))["summary"]["figures"]
-    rows = (("**False alarms**", tried, said,
-             "`benchmarks.nulls`; short: `tests/test_false_alarms.py`"),
-            ("", "nothing planted, three arms, equal noise", _rate(figures["false alarm, no effect"]), "`benchmarks.naming`"),
-            ("**Credible sets**", "planted effects, by formulas other than the search's",
-             f"hold the cause: {_rate(figures['coverage, all found'])}", "`benchmarks.naming`; short: `tests/test_hidden.py`"))
+    figures = json.loads((RESULTS / "naming.json").read_text(encoding="utf-8"))["summary"][
+        "figures"
+    ]
+    rows = (
+        (
+            "**False alarms**",
+            tried,
+            said,
+            "`benchmarks.nulls`; short: `tests/test_false_alarms.py`",
+        ),
+        (
+            "",
+            "nothing planted, three arms, equal noise",
+            _rate(figures["false alarm, no effect"]),
+            "`benchmarks.naming`",
+        ),
+        (
+            "**Credible sets**",
+            "planted effects, by formulas other than the search's",
+            f"hold the cause: {_rate(figures['coverage, all found'])}",
+            "`benchmarks.naming`; short: `tests/test_hidden.py`",
+        ),
+    )
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
@@ -38,8 +59,19 @@ def broken() -> str:
             total.setdefault(kind, Counter()).update(counted)
     total["**all**"] = sum(total.values(), Counter())
     ends = sorted(total["**all**"])
-    rows = [f"| {kind} | " + " | ".join(f"{counted[end]:,}" for end in ends) + f" | {counted.total():,} |"
-            for kind, counted in total.items()]
+    rows = [
+        f"| {kind} | "
+        + " | ".join(f"{counted[end]:,}" for end in ends)
+        + f" | {counted.total():,} |"
+        for kind, counted in total.items()
+    ]
     notes = [run["note"] for run in runs if "note" in run]
-    return "\n".join([f"| file | {' | '.join(ends)} | all |", "|---" + "|--:" * (len(ends) + 1) + "|", *rows, "",
-                      *(f"{note[0].upper()}{note[1:]}." for note in notes)])
+    return "\n".join(
+        [
+            f"| file | {' | '.join(ends)} | all |",
+            "|---" + "|--:" * (len(ends) + 1) + "|",
+            *rows,
+            "",
+            *(f"{note[0].upper()}{note[1:]}." for note in notes),
+        ]
+    )

@@ -1,9 +1,10 @@
-"""A stored calibration: the nominal robot, the set-up and every fitted screw, so that the exact chain comes back from a file.
+"""A stored calibration: the nominal robot, the set-up and every fitted screw, so that the exact
+chain comes back from a file.
 
     x = P · (N_1 H_1 T_1) … (N_n H_n T_n) · Last · Trans(tool) · H_{n+1}          (robot.py)
 
-with H_k the sum of the stored terms at their estimates. Numbers are written in full: what is read back predicts as the study did.
-"""
+with H_k the sum of the stored terms at their estimates. Numbers are written in full: what is read
+back predicts as the study did."""
 
 from __future__ import annotations
 
@@ -28,23 +29,24 @@ from .refitting import Refits, part_of
 
 if TYPE_CHECKING:
     import pandas as pd
-DIGITS = 10      # of the covariance factor; everything else is written in full
-MIDDLE = 0.5     # of the campaign: where a drift is taken on data of another day
+DIGITS = 10  # of the covariance factor; everything else is written in full
+MIDDLE = 0.5  # of the campaign: where a drift is taken on data of another day
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
-    """A calibrated robot. theta (p,) in the terms' units; covariance = factor factorᵀ, factor (p, r); `kept` the fitted
-    terms; `ranges` of every joint reading, covariate and value that the model's causes looked at in estimation; `refits` for the
-    forms that carry less than all (None where there are none, as in files of earlier versions)."""
+    """A calibrated robot. theta (p,) in the terms' units; covariance = factor factorᵀ, factor (p,
+    r); `kept` the fitted terms; `ranges` of every joint reading, covariate and value that the
+    model's causes looked at in estimation; `refits` for the forms that carry less than all (None
+    where there are none, as in files of earlier versions)."""
 
     study: str
     robot: Robot
     targets: tuple[str, ...]
     groups: tuple[str, ...]
-    tools: Array                               # (T, 3) mm
-    tool_rotations: Array | None               # (T, 3, 3)
-    placement: tuple[Array, Array]             # R (G, 3, 3), t (G, 3) mm: frame 0 in the tracker's frame
+    tools: Array  # (T, 3) mm
+    tool_rotations: Array | None  # (T, 3, 3)
+    placement: tuple[Array, Array]  # R (G, 3, 3), t (G, 3) mm: frame 0 in the tracker's frame
     registered: bool
     tracker: tuple[float, float, float]
     model: Model
@@ -72,83 +74,168 @@ class Calibration:
         return frozenset[str]().union(*(m.names() for m in self.model.mechanisms))
 
     def scene(self, data: Measurements, *, another_day: bool = True) -> Scene:
-        """These data bound to the calibrated set-up. On `another_day` drift stands at the middle of the campaign that was
-        fitted. Raises DataError where a target, a group or a covariate is not known."""
+        """These data bound to the calibrated set-up. On `another_day` drift stands at the middle of
+        the campaign that was fitted. Raises DataError where a target, a group or a covariate is not
+        known."""
         if data.gauges is not None:
-            raise DataError("the file has rows that are no points, and a calibration is held against points alone.",
-                            remedy="Leave out the rows of other kinds, or make a study of the file.")
+            raise DataError(
+                "the file has rows that are no points, and a calibration is held against points alone.",
+                remedy="Leave out the rows of other kinds, or make a study of the file.",
+            )
         target = _matched(data.target, data.targets, self.targets, "target", len(self.targets) > 1)
-        many = any(isinstance(s.cause, Member) and s.cause.kind == "group" for t in self.terms for s in t.screws)
-        group = _matched(data.group, data.groups, self.groups, "group",
-                         many or float(np.ptp(self.placement[1], axis=0).max(initial=0.0)) > 0)
+        many = any(
+            isinstance(s.cause, Member) and s.cause.kind == "group"
+            for t in self.terms
+            for s in t.screws
+        )
+        group = _matched(
+            data.group,
+            data.groups,
+            self.groups,
+            "group",
+            many or float(np.ptp(self.placement[1], axis=0).max(initial=0.0)) > 0,
+        )
         progress = np.full(len(data), MIDDLE) if another_day else data.progress
-        here = replace(data, target=target, targets=self.targets, group=group, groups=self.groups, progress=progress)
-        bound = Scene(self.robot, here, self.tools, self.placement,
-                      None if data.rotation is None else self._rotations(), tracker=self.tracker)
+        here = replace(
+            data,
+            target=target,
+            targets=self.targets,
+            group=group,
+            groups=self.groups,
+            progress=progress,
+        )
+        bound = Scene(
+            self.robot,
+            here,
+            self.tools,
+            self.placement,
+            None if data.rotation is None else self._rotations(),
+            tracker=self.tracker,
+        )
         missing = sorted(self.needs() - bound.names().keys())
         if missing:
-            raise DataError(f"the calibrated model needs {', '.join(missing)}, which the file does not have.",
-                            remedy="Add a column for each.")
+            raise DataError(
+                f"the calibrated model needs {', '.join(missing)}, which the file does not have.",
+                remedy="Add a column for each.",
+            )
         return bound
 
     def _rotations(self) -> Array:
-        return np.tile(np.eye(3), (len(self.tools), 1, 1)) if self.tool_rotations is None else self.tool_rotations
+        return (
+            np.tile(np.eye(3), (len(self.tools), 1, 1))
+            if self.tool_rotations is None
+            else self.tool_rotations
+        )
 
     def to_frame(self) -> pd.DataFrame:
-        """A row a term: mechanism, symbol, where and why, estimate, standard error, unit, whether the data determine it."""
+        """A row a term: mechanism, symbol, where and why, estimate, standard error, unit, whether
+        the data determine it."""
         import pandas as pd
+
         owner = {t.screws: m.name for m in reversed(self.model.mechanisms) for t in m.terms}
-        return pd.DataFrame({
-            "mechanism": [owner[t.screws] for t in self.terms], "symbol": [t.symbol for t in self.terms],
-            "screws": ["; ".join(map(str, t.screws)) for t in self.terms], "estimate": self.theta,
-            "standard_error": self.standard_errors, "unit": [t.unit for t in self.terms],
-            "estimable": [k in self.kept for k in range(len(self.terms))]})
+        return pd.DataFrame(
+            {
+                "mechanism": [owner[t.screws] for t in self.terms],
+                "symbol": [t.symbol for t in self.terms],
+                "screws": ["; ".join(map(str, t.screws)) for t in self.terms],
+                "estimate": self.theta,
+                "standard_error": self.standard_errors,
+                "unit": [t.unit for t in self.terms],
+                "estimable": [k in self.kept for k in range(len(self.terms))],
+            }
+        )
 
     def __repr__(self) -> str:
-        return (f"Calibration of {self.study!r}: {self.robot.name}, {len(self.kept)} fitted terms, noise floor "
-                f"{self.floor.coordinate_mm:.3g} mm")
+        return (
+            f"Calibration of {self.study!r}: {self.robot.name}, {len(self.kept)} fitted terms, noise floor "
+            f"{self.floor.coordinate_mm:.3g} mm"
+        )
 
     def _repr_html_(self) -> str:
         """A heading and the table of terms, for a notebook."""
         from html import escape
+
         return f"<p>{escape(repr(self))}</p>{self.to_frame().to_html(index=False, max_rows=60)}"
 
 
-def _matched(index: Index, names: tuple[str, ...], known: tuple[str, ...], what: str, told: bool) -> Index:
-    """Rows' indices among the `known` names; where all of these are alike (not `told` apart), unknown names are the first."""
+def _matched(
+    index: Index, names: tuple[str, ...], known: tuple[str, ...], what: str, told: bool
+) -> Index:
+    """Rows' indices among the `known` names; where all of these are alike (not `told` apart),
+    unknown names are the first."""
     place = {name: k for k, name in enumerate(known)}
     for name in names:
         if name not in place and told:
-            raise DataError(f'{what} "{name}" was not calibrated. {suggest(name, known)}',
-                            remedy="Use a calibrated one, or validate with --register where the set-up is new.")
+            raise DataError(
+                f'{what} "{name}" was not calibrated. {suggest(name, known)}',
+                remedy="Use a calibrated one, or validate with --register where the set-up is new.",
+            )
     return np.array([place.get(name, 0) for name in names], dtype=np.intp)[index]
 
 
-def calibrate(study: str, data: Data, fitted: Fit, floor: Floor, held_out_rms_mm: float | None, registered: bool,
-              provenance: Mapping[str, str]) -> Calibration:
-    """The calibration of a model fitted to the rows of a study that fit; its refits are another's to add."""
+def calibrate(
+    study: str,
+    data: Data,
+    fitted: Fit,
+    floor: Floor,
+    held_out_rms_mm: float | None,
+    registered: bool,
+    provenance: Mapping[str, str],
+) -> Calibration:
+    """The calibration of a model fitted to the rows of a study that fit; its refits are another's
+    to add."""
     scene, some = data.scene, data.training()
     names = {f"q{j}" for j in range(1, scene.robot.n + 1)} | set(scene.data.covariates)
-    names |= {n for m in fitted.model.mechanisms for n in m.names()} - {"target", "group", "feature"}
-    ranges = {name: (float(some.value(name).min()), float(some.value(name).max())) for name in sorted(names)}
+    names |= {n for m in fitted.model.mechanisms for n in m.names()} - {
+        "target",
+        "group",
+        "feature",
+    }
+    ranges = {
+        name: (float(some.value(name).min()), float(some.value(name).max()))
+        for name in sorted(names)
+    }
     whole = fitted.factor * (fitted.sigma if np.isfinite(fitted.sigma) else 1.0)
     factor = np.array([float(f"{v:.{DIGITS}g}") for v in whole.ravel()]).reshape(whole.shape)
-    of_arm = [k for k, t in enumerate(fitted.terms) if not t.fixture]          # anchors and planes are no part of it
+    of_arm = [
+        k for k, t in enumerate(fitted.terms) if not t.fixture
+    ]  # anchors and planes are no part of it
     kept = tuple(i for i, k in enumerate(of_arm) if k in fitted.found.kept)
     if len(of_arm) < len(fitted.terms):
         factor = _triangle(factor[of_arm], kept)
-    return Calibration(study, scene.robot, scene.data.targets, scene.data.groups, scene.tools, scene.tool_rotations,
-                       scene.placement, registered, scene.tracker, _arm(fitted.model), fitted.theta[of_arm], factor,
-                       kept, floor, held_out_rms_mm, ranges, dict(provenance))
+    return Calibration(
+        study,
+        scene.robot,
+        scene.data.targets,
+        scene.data.groups,
+        scene.tools,
+        scene.tool_rotations,
+        scene.placement,
+        registered,
+        scene.tracker,
+        _arm(fitted.model),
+        fitted.theta[of_arm],
+        factor,
+        kept,
+        floor,
+        held_out_rms_mm,
+        ranges,
+        dict(provenance),
+    )
 
 
 def _arm(model: Model) -> Model:
     """Without the terms that move features of the set-up."""
-    return model if not any(t.fixture for t in model.terms) else part_of(model, lambda t: not t.fixture)
+    return (
+        model
+        if not any(t.fixture for t in model.terms)
+        else part_of(model, lambda t: not t.fixture)
+    )
 
 
 def _triangle(factor: Array, kept: tuple[int, ...]) -> Array:
-    """(p, len(kept)) factor of the same covariance, a row of the kept ones nought before its own column, as the file has it."""
+    """(p, len(kept)) factor of the same covariance, a row of the kept ones nought before its own
+    column, as the file has it."""
     out = np.zeros((len(factor), len(kept)))
     some = factor[list(kept)]
     out[list(kept)] = np.linalg.qr(some[::-1].T)[1].T[::-1, ::-1]
@@ -173,7 +260,8 @@ def predict(calibration: Calibration, scene: Scene) -> Array:
 
 
 def uncertainty(calibration: Calibration, scene: Scene) -> Array:
-    """(m, 3, r) mm: columns whose products summed are the covariance of the predicted positions, noise left out."""
+    """(m, 3, r) mm: columns whose products summed are the covariance of the predicted positions,
+    noise left out."""
     out = np.empty((len(scene), 3, calibration.factor.shape[1]))
     for rows in scene.blocks(512):
         at = scene.pose(rows, twist_of(scene, calibration.terms, calibration.theta, rows))

@@ -1,4 +1,5 @@
-"""A calibration taken apart: the constant geometry, which any robot description can carry, and the rest, which none can."""
+"""A calibration taken apart: the constant geometry, which any robot description can carry, and the
+rest, which none can."""
 
 from __future__ import annotations
 
@@ -19,12 +20,13 @@ from ..robot.rigid import transform, turn
 from .calibration import Calibration, pose_of
 from .refitting import carries, part_of
 
-TRIED = 400     # configurations that a round trip is measured at
+TRIED = 400  # configurations that a round trip is measured at
 
 
 @dataclass(frozen=True)
 class Part:
-    """Some screws of a term: `value` is its estimate, `error` its standard error, `mechanism` whose it is."""
+    """Some screws of a term: `value` is its estimate, `error` its standard error, `mechanism` whose
+    it is."""
 
     mechanism: str
     term: Term
@@ -34,20 +36,21 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """The constant part: every joint's transform with its errors in it, and where each target sits on the flange (4, 4)."""
+    """The constant part: every joint's transform with its errors in it, and where each target sits
+    on the flange (4, 4)."""
 
     robot: Robot
     targets: Mapping[str, Array]
 
 
 def enough(c: Calibration, form: str) -> str:
-    """"whole" where a form ("geometry", "table", "whole") carries all terms, else the form."""
+    """ "whole" where a form ("geometry", "table", "whole") carries all terms, else the form."""
     return "whole" if all(map(carries(c.model, form), c.terms)) else form
 
 
 def alone(c: Calibration, form: str) -> Calibration:
-    """The calibration of what a form ("geometry", "table", "whole") carries: as refitted without the rest, or, where there is no
-    refit, as estimated with it."""
+    """The calibration of what a form ("geometry", "table", "whole") carries: as refitted without
+    the rest, or, where there is no refit, as estimated with it."""
     if enough(c, form) == "whole":
         return c
     found, keep = None if c.refits is None else c.refits.alone.get(form), carries(c.model, form)
@@ -66,8 +69,13 @@ def missing(c: Calibration, form: str) -> list[Part]:
 def _some(c: Calibration, some: Sequence[int], theta: Array) -> Calibration:
     """The calibration of some of its terms, at other estimates."""
     screws = {c.terms[k].screws for k in some}
-    return replace(c, model=part_of(c.model, lambda t: t.screws in screws), theta=theta, factor=c.factor[list(some)],
-                   kept=tuple(i for i, k in enumerate(some) if k in c.kept))
+    return replace(
+        c,
+        model=part_of(c.model, lambda t: t.screws in screws),
+        theta=theta,
+        factor=c.factor[list(some)],
+        kept=tuple(i for i, k in enumerate(some) if k in c.kept),
+    )
 
 
 def fixed(cause: Cause, target: int, group: int) -> Cause:
@@ -84,17 +92,24 @@ def fixed(cause: Cause, target: int, group: int) -> Cause:
 
 
 def parts(c: Calibration, target: int = 0, group: int = 0) -> tuple[list[Part], list[Part]]:
-    """(the constant screws, those that vary with the state) of every term that is not nought, for one target and group."""
+    """(the constant screws, those that vary with the state) of every term that is not nought, for
+    one target and group."""
     owner = {t.screws: m.name for m in reversed(c.model.mechanisms) for t in m.terms}
     constant, varying = list[Part](), list[Part]()
-    for term, value, error in zip(c.terms, c.theta.tolist(), c.standard_errors.tolist(), strict=True):
+    for term, value, error in zip(
+        c.terms, c.theta.tolist(), c.standard_errors.tolist(), strict=True
+    ):
         if not value:
             continue
         screws = [Screw(s.frame, s.axis, fixed(s.cause, target, group)) for s in term.screws]
-        for out, some in ((constant, [s for s in screws if isinstance(s.cause, Number)]),
-                          (varying, [s for s in screws if not isinstance(s.cause, Number)])):
+        for out, some in (
+            (constant, [s for s in screws if isinstance(s.cause, Number)]),
+            (varying, [s for s in screws if not isinstance(s.cause, Number)]),
+        ):
             if some:
-                out.append(Part(owner[term.screws], replace(term, screws=tuple(some)), value, error))
+                out.append(
+                    Part(owner[term.screws], replace(term, screws=tuple(some)), value, error)
+                )
     return constant, varying
 
 
@@ -117,19 +132,34 @@ def carried(c: Calibration, group: int = 0) -> Carried:
     """The chain with its constant errors in it."""
     H = constants(c, 0, group)
     joints = tuple(replace(j, before=j.before @ screw(H[k])) for k, j in enumerate(c.robot.joints))
-    targets = {name: transform(None, c.tools[t]) @ screw(constants(c, t, group)[-1]) for t, name in enumerate(c.targets)}
-    robot = Robot(c.robot.name, f"calibrated by modelsel, study {c.study}", joints, c.robot.last, c.robot.gravity)
+    targets = {
+        name: transform(None, c.tools[t]) @ screw(constants(c, t, group)[-1])
+        for t, name in enumerate(c.targets)
+    }
+    robot = Robot(
+        c.robot.name,
+        f"calibrated by modelsel, study {c.study}",
+        joints,
+        c.robot.last,
+        c.robot.gravity,
+    )
     return Carried(robot, targets)
 
 
 def workspace(c: Calibration, target: int = 0, group: int = 0, m: int = TRIED) -> Scene:
-    """Configurations all over what the calibration has seen, evenly drawn, with every covariate and direction of approach."""
+    """Configurations all over what the calibration has seen, evenly drawn, with every covariate and
+    direction of approach."""
     rng = np.random.default_rng(0)
     values = {name: rng.uniform(low, high, m) for name, (low, high) in c.ranges.items()}
     q = np.stack([values[f"q{j}"] for j in range(1, c.robot.n + 1)], 1)
     data: Measurements = measurements(
-        q, np.zeros((m, 3)), target=[c.targets[target]] * m, group=[c.groups[group]] * m,
-        approach=rng.choice([-1.0, 1.0], q.shape), covariates={n: v for n, v in values.items() if not RESERVED.fullmatch(n)})
+        q,
+        np.zeros((m, 3)),
+        target=[c.targets[target]] * m,
+        group=[c.groups[group]] * m,
+        approach=rng.choice([-1.0, 1.0], q.shape),
+        covariates={n: v for n, v in values.items() if not RESERVED.fullmatch(n)},
+    )
     move = np.stack([values.get(f"move{j}", np.ones(m)) for j in range(1, c.robot.n + 1)], 1)
     return c.scene(replace(data, move=move))
 

@@ -1,9 +1,10 @@
-"""What to measure next: configurations that tell rival explanations apart, or that determine the parameters best.
+"""What to measure next: configurations that tell rival explanations apart, or that determine the
+parameters best.
 
-Rivals: if i is true, rival j beside all other terms still explains all but Δ_ij = min |X_i θ_i − B β − X_j θ_j|² / σ² of it. That
-is to be large (T-optimality: Atkinson & Fedorov 1975), and says how surely the right one is named.
-Parameters: D, A and the observability indices O1 to O5 of the singular values (Sun & Hollerbach 2008).
-"""
+Rivals: if i is true, rival j beside all other terms still explains all but Δ_ij = min |X_i θ_i − B
+β − X_j θ_j|² / σ² of it. That is to be large (T-optimality: Atkinson & Fedorov 1975), and says how
+surely the right one is named. Parameters: D, A and the observability indices O1 to O5 of the
+singular values (Sun & Hollerbach 2008)."""
 
 from __future__ import annotations
 
@@ -18,17 +19,17 @@ from ..fitting.design import design
 from ..fitting.problem import Scene
 from ..mechanisms.terms import Term
 
-FREE_MM = 10.0        # what a term that nothing is known of may move the target, rms: its prior
-HOPELESS = 1.0        # χ² over a whole pool below which no choice from it tells two apart
-RIVALS = 6            # of one effect, the most probable
+FREE_MM = 10.0  # what a term that nothing is known of may move the target, rms: its prior
+HOPELESS = 1.0  # χ² over a whole pool below which no choice from it tells two apart
+RIVALS = 6  # of one effect, the most probable
 CRITERIA = ("d", "a", "o1", "o2", "o3", "o4", "o5")
 At = tuple[Sequence[Term], Array]
 
 
 @dataclass(frozen=True)
 class Rivals:
-    """Explanations of one effect: their terms with their estimates, their probabilities (summing to 1), and the other terms of
-    the model, which stay free whichever is true."""
+    """Explanations of one effect: their terms with their estimates, their probabilities (summing to
+    1), and the other terms of the model, which stay free whichever is true."""
 
     names: tuple[str, ...]
     terms: tuple[tuple[Term, ...], ...]
@@ -39,14 +40,14 @@ class Rivals:
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """What is measured already and what could be, as columns in mm: `known` (K, 3, p), `possible` (P, r, p) with r coordinates a
-    configuration; `terms` are the columns'; sigma [mm]."""
+    """What is measured already and what could be, as columns in mm: `known` (K, 3, p), `possible`
+    (P, r, p) with r coordinates a configuration; `terms` are the columns'; sigma [mm]."""
 
     terms: tuple[Term, ...]
     known: Array
     possible: Array
     sigma: float
-    configurations: int      # known ones
+    configurations: int  # known ones
 
     def of(self, some: Sequence[Term]) -> list[int]:
         """Columns of some terms; features of the set-up have none."""
@@ -55,31 +56,45 @@ class Pool:
 
 
 def pool(known: Scene, possible: Scene, terms: Sequence[Term], at: At, sigma: float) -> Pool:
-    """Columns of the known rows and of every configuration of the possible ones, linearised at the fitted model; what the known
-    rows say of features they share is projected out. Raises DataError where configurations have different numbers of rows."""
+    """Columns of the known rows and of every configuration of the possible ones, linearised at the
+    fitted model; what the known rows say of features they share is projected out. Raises DataError
+    where configurations have different numbers of rows."""
     distinct = tuple({t.screws: t for t in terms if not t.fixture}.values())
     features = tuple({t.screws: t for t in terms if t.fixture}.values())
+
     def columns(some: Scene, of: Sequence[Term] = distinct) -> Array:
         plain = some.anew(whiten=1.0, data=replace(some.data, rotation=None), tool_rotations=None)
         return design(plain, of, at)[0]
+
     each = np.unique(possible.data.configuration, return_counts=True)[1]
     if np.ptp(each):
-        raise DataError("the pool's configurations have different numbers of rows.", remedy="List every target in each, or none.")
+        raise DataError(
+            "the pool's configurations have different numbers of rows.",
+            remedy="List every target in each, or none.",
+        )
     order = np.argsort(possible.data.configuration, kind="stable")
     measured = _beyond(columns(known), columns(known, features)) if features else columns(known)
-    return Pool(distinct, measured, columns(possible)[order].reshape(len(each), -1, len(distinct)), sigma,
-                known.data.configurations)
+    return Pool(
+        distinct,
+        measured,
+        columns(possible)[order].reshape(len(each), -1, len(distinct)),
+        sigma,
+        known.data.configurations,
+    )
 
 
 def _beyond(columns: Array, features: Array) -> Array:
     """Columns (K, 3, p) with the span of other columns (K, 3, f) taken out."""
     flat, other = columns.reshape(-1, columns.shape[2]), features.reshape(-1, features.shape[2])
-    U, singular, _ = np.linalg.svd(other / np.maximum(np.linalg.norm(other, axis=0), 1e-300), full_matrices=False)
+    U, singular, _ = np.linalg.svd(
+        other / np.maximum(np.linalg.norm(other, axis=0), 1e-300), full_matrices=False
+    )
     Q = U[:, singular > 1e-9]
     return np.asarray((flat - Q @ (Q.T @ flat)).reshape(columns.shape))
 
 
-# -- rivals --------------------------------------------------------------------------------------------------------------------
+# -- rivals
+# --------------------------------------------------------------------------------------------------------------------
 
 
 class _Pair:
@@ -89,10 +104,18 @@ class _Pair:
         columns = list(dict.fromkeys([*p.of(rivals.others), *p.of(rivals.terms[j])]))
         truth = p.of(rivals.terms[i])
         base = p.of(rivals.others)
-        self.A, self.y = p.possible[:, :, columns] / p.sigma, p.possible[:, :, truth] @ rivals.estimates[i] / p.sigma
-        known, seen = p.known[:, :, columns].reshape(-1, len(columns)) / p.sigma, (
-            p.known[:, :, truth] @ rivals.estimates[i] / p.sigma).ravel()
-        scale = np.sqrt(np.square(p.possible[:, :, columns]).sum(1).mean(0) + np.square(p.known[:, :, columns]).sum(1).mean(0))
+        self.A, self.y = (
+            p.possible[:, :, columns] / p.sigma,
+            p.possible[:, :, truth] @ rivals.estimates[i] / p.sigma,
+        )
+        known, seen = (
+            p.known[:, :, columns].reshape(-1, len(columns)) / p.sigma,
+            (p.known[:, :, truth] @ rivals.estimates[i] / p.sigma).ravel(),
+        )
+        scale = np.sqrt(
+            np.square(p.possible[:, :, columns]).sum(1).mean(0)
+            + np.square(p.known[:, :, columns]).sum(1).mean(0)
+        )
         self.G = known.T @ known + np.diag((scale / FREE_MM) ** 2 + 1e-12)
         self.b, self.total = known.T @ seen, float(seen @ seen)
         self.base = [columns.index(k) for k in base]
@@ -112,7 +135,9 @@ class _Pair:
     def left(self, columns: Sequence[int] | slice) -> float:
         """χ² of the true displacement that some columns cannot follow."""
         inner = self.G[columns][:, columns]
-        return max(self.total - float(self.b[columns] @ np.linalg.solve(inner, self.b[columns])), 0.0)
+        return max(
+            self.total - float(self.b[columns] @ np.linalg.solve(inner, self.b[columns])), 0.0
+        )
 
     def told(self) -> float:
         """Probability that the true one is named, now."""
@@ -126,13 +151,18 @@ class _Pair:
             A = self.A[:, :, columns]
             e = self.y - A @ (inner @ self.b[columns])
             H = np.eye(A.shape[1]) + A @ inner @ A.transpose(0, 2, 1)
-            out.append(self.left(columns) + np.einsum("pr,pr->p", e, np.linalg.solve(H, e[:, :, None])[:, :, 0]))
+            out.append(
+                self.left(columns)
+                + np.einsum("pr,pr->p", e, np.linalg.solve(H, e[:, :, None])[:, :, 0])
+            )
         return _right(out[0], out[1]), out[1]
 
 
 def _right(size: Array, left: Array) -> Array:
-    """P(the true one fits better) = Φ(a)Φ(b) + Φ(−a)Φ(−b), a, b = δ √((1 ∓ ρ)/2), δ² = size, 1 − ρ² = left/size."""
+    """P(the true one fits better) = Φ(a)Φ(b) + Φ(−a)Φ(−b), a, b = δ √((1 ∓ ρ)/2), δ² = size, 1 − ρ²
+    = left/size."""
     from scipy.special import ndtr
+
     rho = np.sqrt(np.clip(1 - left / np.maximum(size, 1e-300), 0, 1))
     # a from `left` itself: 1 − ρ of two that are nearly alike would cancel
     a, b = np.sqrt(left / (2 * (1 + rho))), np.sqrt(size * (1 + rho) / 2)
@@ -140,8 +170,8 @@ def _right(size: Array, left: Array) -> Array:
 
 
 def distinct(p: Pool, rivals: Rivals) -> tuple[Rivals | None, tuple[str, ...]]:
-    """(the rivals without those that the whole pool would not tell from a more probable one, whose probability goes to that one;
-    None where one is left; their names)."""
+    """(the rivals without those that the whole pool would not tell from a more probable one, whose
+    probability goes to that one; None where one is left; their names)."""
     kept, twins, weight = list[int](), list[str](), rivals.probability.copy()
     for j in range(len(rivals.names)):
         for i in kept:
@@ -155,14 +185,22 @@ def distinct(p: Pool, rivals: Rivals) -> tuple[Rivals | None, tuple[str, ...]]:
             kept.append(j)
     if len(kept) < 2:
         return None, tuple(twins)
-    return Rivals(tuple(rivals.names[k] for k in kept), tuple(rivals.terms[k] for k in kept),
-                  tuple(rivals.estimates[k] for k in kept), weight[kept], rivals.others), tuple(twins)
+    return Rivals(
+        tuple(rivals.names[k] for k in kept),
+        tuple(rivals.terms[k] for k in kept),
+        tuple(rivals.estimates[k] for k in kept),
+        weight[kept],
+        rivals.others,
+    ), tuple(twins)
 
 
 def _pairs(p: Pool, sets: Sequence[Rivals]) -> list[tuple[float, list[_Pair]]]:
     """(weight, pairs against every other) of every rival as the true one."""
-    return [(float(r.probability[i]), [_Pair(p, r, i, j) for j in range(len(r.names)) if j != i])
-            for r in sets for i in range(len(r.names))]
+    return [
+        (float(r.probability[i]), [_Pair(p, r, i, j) for j in range(len(r.names)) if j != i])
+        for r in sets
+        for i in range(len(r.names))
+    ]
 
 
 def _named(pairs: list[tuple[float, list[_Pair]]], sets: int) -> float:
@@ -170,8 +208,9 @@ def _named(pairs: list[tuple[float, list[_Pair]]], sets: int) -> float:
 
 
 def tell_apart(p: Pool, sets: Sequence[Rivals], count: int) -> tuple[list[int], list[float]]:
-    """(configurations of the pool in the order to measure them, probability that the true rival is told from its nearest before
-    the first and after each). Greedy: each raises that probability most; exchanging them afterwards gained nothing."""
+    """(configurations of the pool in the order to measure them, probability that the true rival is
+    told from its nearest before the first and after each). Greedy: each raises that probability
+    most; exchanging them afterwards gained nothing."""
     pairs = _pairs(p, sets)
     every = [pair for _, against in pairs for pair in against]
     chosen: list[int] = []
@@ -188,13 +227,16 @@ def _next(pairs: list[tuple[float, list[_Pair]]], blocked: Sequence[int]) -> int
     for weight, against in pairs:
         each = [pair.with_each() for pair in against]
         right, apart = np.min([r for r, _ in each], axis=0), np.min([d for _, d in each], axis=0)
-        value = value + weight * (right + 1e-3 * np.tanh(apart / 1e3))         # the farther apart, where all are sure
+        value = value + weight * (
+            right + 1e-3 * np.tanh(apart / 1e3)
+        )  # the farther apart, where all are sure
     value[list(blocked)] = -np.inf
     return int(np.argmax(value))
 
 
 def told_with(p: Pool, sets: Sequence[Rivals], some: Sequence[int]) -> float:
-    """Probability that the true rival is told from its nearest with these configurations measured."""
+    """Probability that the true rival is told from its nearest with these configurations
+    measured."""
     pairs = _pairs(p, sets)
     for _, against in pairs:
         for pair in against:
@@ -203,23 +245,31 @@ def told_with(p: Pool, sets: Sequence[Rivals], some: Sequence[int]) -> float:
     return _named(pairs, len(sets))
 
 
-# -- parameters ----------------------------------------------------------------------------------------------------------------
+# -- parameters
+# ----------------------------------------------------------------------------------------------------------------
 
 
 def _indices(information: Array, configurations: int) -> dict[str, Array]:
-    """Criteria, larger is better, of informations (…, p, p) of unit-scaled columns: D and A as -log det and -log trace of the
-    covariance; O1 … O5 from the singular values (Sun & Hollerbach 2008, table I)."""
+    """Criteria, larger is better, of informations (…, p, p) of unit-scaled columns: D and A as -log
+    det and -log trace of the covariance; O1 … O5 from the singular values (Sun & Hollerbach 2008,
+    table I)."""
     squares = np.maximum(np.linalg.eigvalsh(information), 1e-300)
     s = np.sqrt(squares)
     low, high = s[..., 0], s[..., -1]
-    return {"d": np.log(squares).sum(-1), "a": -np.log((1 / squares).sum(-1)),
-            "o1": np.exp(np.log(s).mean(-1)) / np.sqrt(configurations), "o2": low / high, "o3": low, "o4": low ** 2 / high,
-            "o5": 1 / (1 / s).sum(-1)}
+    return {
+        "d": np.log(squares).sum(-1),
+        "a": -np.log((1 / squares).sum(-1)),
+        "o1": np.exp(np.log(s).mean(-1)) / np.sqrt(configurations),
+        "o2": low / high,
+        "o3": low,
+        "o4": low**2 / high,
+        "o5": 1 / (1 / s).sum(-1),
+    }
 
 
 def scaled(p: Pool, some: Sequence[Term]) -> tuple[Array, Array]:
-    """(known information (k, k), columns of the pool (P, r, k)): every term in units of what moves the target by 1 mm rms over
-    the pool, so that mm and rad compare; in units of the noise."""
+    """(known information (k, k), columns of the pool (P, r, k)): every term in units of what moves
+    the target by 1 mm rms over the pool, so that mm and rad compare; in units of the noise."""
     columns = p.of(some)
     size = np.sqrt(np.square(p.possible[:, :, columns]).sum(1).mean(0))
     X = p.possible[:, :, columns] / np.maximum(size, 1e-12) / p.sigma
@@ -231,12 +281,15 @@ def indices(p: Pool, some: Sequence[Term], rows: Sequence[int]) -> dict[str, flo
     """Every criterion with some configurations of the pool measured beside the known ones."""
     information, X = scaled(p, some)
     added = X[list(rows)].reshape(-1, len(information))
-    return {k: float(v) for k, v in _indices(information + added.T @ added, p.configurations + len(rows)).items()}
+    return {
+        k: float(v)
+        for k, v in _indices(information + added.T @ added, p.configurations + len(rows)).items()
+    }
 
 
 def determine(p: Pool, some: Sequence[Term], count: int, criterion: str) -> list[int]:
-    """Configurations of the pool in the order to measure them: greedy, then each exchanged once for a better one, where there
-    is one (Fedorov 1972)."""
+    """Configurations of the pool in the order to measure them: greedy, then each exchanged once for
+    a better one, where there is one (Fedorov 1972)."""
     information, X = scaled(p, some)
     gains = X.transpose(0, 2, 1) @ X
     first = p.configurations
@@ -265,13 +318,19 @@ def _fast(inner: Array, X: Array, gains: Array, criterion: str, configurations: 
         XC = X @ C
         H = np.eye(X.shape[1]) + XC @ X.transpose(0, 2, 1)
         if criterion == "a":
-            return np.asarray(np.trace(np.linalg.solve(H, XC @ XC.transpose(0, 2, 1)), axis1=1, axis2=2))
+            return np.asarray(
+                np.trace(np.linalg.solve(H, XC @ XC.transpose(0, 2, 1)), axis1=1, axis2=2)
+            )
         return np.asarray(np.linalg.slogdet(H)[1])
-    return np.concatenate([_indices(inner + part, configurations)[criterion] for part in
-                           np.array_split(gains, max(1, len(gains) // 256))])
+    return np.concatenate(
+        [
+            _indices(inner + part, configurations)[criterion]
+            for part in np.array_split(gains, max(1, len(gains) // 256))
+        ]
+    )
 
 
 def more_needed(limit_mm: float, configurations: int, size_mm: float) -> int:
-    """Further configurations until an effect of a size (rms mm at the target, beyond the model) is found with 90 %: the limit
-    falls with the square root of the number of configurations."""
+    """Further configurations until an effect of a size (rms mm at the target, beyond the model) is
+    found with 90 %: the limit falls with the square root of the number of configurations."""
     return max(0, int(np.ceil(configurations * (limit_mm / size_mm) ** 2)) - configurations)

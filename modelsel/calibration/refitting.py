@@ -1,8 +1,9 @@
-"""The best robot that a form can carry: what it has no place for is left out, and the rest fitted to the same rows without it.
+"""The best robot that a form can carry: what it has no place for is left out, and the rest fitted
+to the same rows without it.
 
-A geometry fitted beside other effects is the geometry of an arm without them, which nobody has: alone it may be worse than the
-drawing. A refit that does not predict better than something simpler, by cross-validation, gives way to it.
-"""
+A geometry fitted beside other effects is the geometry of an arm without them, which nobody has:
+alone it may be worse than the drawing. A refit that does not predict better than something simpler,
+by cross-validation, gives way to it."""
 
 from __future__ import annotations
 
@@ -22,18 +23,24 @@ from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term
 from ..selection.evaluation import Data, Rung, errors, rung
 
-PLACED = frozenset(("target", "group", "feature"))      # names that are fixed where a robot description is written
-TABLED = 2                                              # values of the state that a table may hang on
-WIDER = ("nominal", "geometry", "table")                # each carries what the one before it does, and more
+PLACED = frozenset(
+    ("target", "group", "feature")
+)  # names that are fixed where a robot description is written
+TABLED = 2  # values of the state that a table may hang on
+WIDER = ("nominal", "geometry", "table")  # each carries what the one before it does, and more
 ERRORS = {"estimation_rms_mm": Maybe(float), "held_out_rms_mm": Maybe(float)}
-REFITS = {"whole": ERRORS, "temperature_C": Maybe(float), "alone": {str: {
-    "estimates": Each({"term": int, "symbol": str, "value": float}), **ERRORS}}}
+REFITS = {
+    "whole": ERRORS,
+    "temperature_C": Maybe(float),
+    "alone": {str: {"estimates": Each({"term": int, "symbol": str, "value": float}), **ERRORS}},
+}
 
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """Some of a calibration's terms fitted alone: `terms` (k,) their places among the calibration's, theta (k,) in their units;
-    rms lengths of what is left [mm] on the rows that fit, and held out (None where nothing is)."""
+    """Some of a calibration's terms fitted alone: `terms` (k,) their places among the
+    calibration's, theta (k,) in their units; rms lengths of what is left [mm] on the rows that fit,
+    and held out (None where nothing is)."""
 
     terms: tuple[int, ...]
     theta: Array
@@ -43,9 +50,10 @@ class Refit:
 
 @dataclass(frozen=True, eq=False)
 class Refits:
-    """`alone`: the refit of "nominal" (the set-up alone), of "geometry" (what is constant) and of "table" (what hangs on two
-    values at most as well); one is missing where it is the whole model, or the data do not determine it. `whole`: rms lengths
-    left by the whole model, as in Refit. `mean_celsius` of the rows that fit, where the model looks at it."""
+    """`alone`: the refit of "nominal" (the set-up alone), of "geometry" (what is constant) and of
+    "table" (what hangs on two values at most as well); one is missing where it is the whole model,
+    or the data do not determine it. `whole`: rms lengths left by the whole model, as in Refit.
+    `mean_celsius` of the rows that fit, where the model looks at it."""
 
     alone: Mapping[str, Refit]
     whole: tuple[float | None, float | None]
@@ -57,9 +65,11 @@ class Refits:
         return len(some) == 2 and some[0] == some[1]
 
     def errors(self, form: str) -> tuple[str, float, float, float] | None:
-        """(which rows, rms [mm] of the nominal arm, of what is carried ("whole": everything), of the whole model); None where one
-        of them is not known."""
-        some = {name: (r.estimation_rms_mm, r.held_out_rms_mm) for name, r in self.alone.items()} | {"whole": self.whole}
+        """(which rows, rms [mm] of the nominal arm, of what is carried ("whole": everything), of
+        the whole model); None where one of them is not known."""
+        some = {
+            name: (r.estimation_rms_mm, r.held_out_rms_mm) for name, r in self.alone.items()
+        } | {"whole": self.whole}
         if "nominal" not in some or form not in some:
             return None
         for side, rows in ((1, "held out"), (0, "on the rows that were fitted")):
@@ -83,7 +93,11 @@ def carries(model: Model, form: str) -> Callable[[Term], bool]:
     """Whether "nominal", "geometry", "table" or "whole" carries a term of a model."""
     setting = {t.screws for m in model.mechanisms if m.name == SETUP for t in m.terms}
     rules: dict[str, Callable[[Term], bool]] = {
-        "nominal": lambda t: t.screws in setting, "geometry": constant, "table": tabled, "whole": lambda t: True}
+        "nominal": lambda t: t.screws in setting,
+        "geometry": constant,
+        "table": tabled,
+        "whole": lambda t: True,
+    }
     return rules[form]
 
 
@@ -94,7 +108,8 @@ def part_of(model: Model, keep: Callable[[Term], bool]) -> Model:
 
 
 def refitted(data: Data, fitted: Fit, known: Sequence[Rung] = ()) -> Refits:
-    """The refits of a model that was fitted to a study's rows; models that stand among the `known` are not fitted again."""
+    """The refits of a model that was fitted to a study's rows; models that stand among the `known`
+    are not fitted again."""
     place = {t.screws: k for k, t in enumerate(t for t in fitted.terms if not t.fixture)}
     own = {frozenset(t.screws for t in r.fit.terms): r for r in known}
     best: Rung | None = None
@@ -104,18 +119,31 @@ def refitted(data: Data, fitted: Fit, known: Sequence[Rung] = ()) -> Refits:
         if len(model.terms) == len(fitted.terms) and form != "nominal":
             break
         try:
-            made = own.get(frozenset(t.screws for t in model.terms)) or rung(data, model, model.names, start=fitted)
+            made = own.get(frozenset(t.screws for t in model.terms)) or rung(
+                data, model, model.names, start=fitted
+            )
         except NotEstimable:
             continue
         best = made if best is None or _crossed(made) <= _crossed(best) else best
         some = [k for k, t in enumerate(best.fit.terms) if not t.fixture]
         places = np.array([place[best.fit.terms[k].screws] for k in some], dtype=np.intp)
         order = np.argsort(places)
-        alone[form] = Refit(tuple(places[order].tolist()), best.fit.theta[some][order], best.estimation.rms_mm,
-                            best.held_out.rms_mm)
+        alone[form] = Refit(
+            tuple(places[order].tolist()),
+            best.fit.theta[some][order],
+            best.estimation.rms_mm,
+            best.held_out.rms_mm,
+        )
     left, side = fitted.residuals(data.scene), data.estimation
-    whole = (errors(left[side], data.outlying[side]).rms_mm, errors(left[~side], data.outlying[~side]).rms_mm)
-    warm = data.scene.data.covariates.get(TEMPERATURE) if any(TEMPERATURE in m.names() for m in fitted.model.mechanisms) else None
+    whole = (
+        errors(left[side], data.outlying[side]).rms_mm,
+        errors(left[~side], data.outlying[~side]).rms_mm,
+    )
+    warm = (
+        data.scene.data.covariates.get(TEMPERATURE)
+        if any(TEMPERATURE in m.names() for m in fitted.model.mechanisms)
+        else None
+    )
     return Refits(alone, whole, None if warm is None else float(warm[data.used].mean()))
 
 
@@ -123,36 +151,69 @@ def _crossed(made: Rung) -> float:
     return np.inf if made.cv_rms_mm is None or not np.isfinite(made.cv_rms_mm) else made.cv_rms_mm
 
 
-# -- in the file ---------------------------------------------------------------------------------------------------------------
+# -- in the file
+# ---------------------------------------------------------------------------------------------------------------
 
 
 def refits_record(refits: Refits, symbols: Sequence[str]) -> dict[str, Any]:
     """As JSON values; `symbols` of the calibration's terms."""
-    return {"says": "terms that a form can carry, fitted without the others; rms lengths of what is left",
-            "whole": dict(zip(ERRORS, refits.whole, strict=True)), "temperature_C": refits.mean_celsius,
-            "alone": {form: {"estimates": [{"term": k, "symbol": symbols[k], "value": float(v)}
-                                           for k, v in zip(r.terms, r.theta, strict=True)],
-                             "estimation_rms_mm": r.estimation_rms_mm, "held_out_rms_mm": r.held_out_rms_mm}
-                      for form, r in refits.alone.items()}}
+    return {
+        "says": "terms that a form can carry, fitted without the others; rms lengths of what is left",
+        "whole": dict(zip(ERRORS, refits.whole, strict=True)),
+        "temperature_C": refits.mean_celsius,
+        "alone": {
+            form: {
+                "estimates": [
+                    {"term": k, "symbol": symbols[k], "value": float(v)}
+                    for k, v in zip(r.terms, r.theta, strict=True)
+                ],
+                "estimation_rms_mm": r.estimation_rms_mm,
+                "held_out_rms_mm": r.held_out_rms_mm,
+            }
+            for form, r in refits.alone.items()
+        },
+    }
 
 
 def refits_of(record: Mapping[str, Any], model: Model) -> Refits:
-    """The refits of a record of its shape. Raises ValueError where they are not of the model's terms."""
+    """The refits of a record of its shape. Raises ValueError where they are not of the model's
+    terms."""
     terms = model.terms
     for form, r in record["alone"].items():
         places = [e["term"] for e in r["estimates"]]
-        if form not in WIDER or places != sorted(set(places)) or not set(places) <= set(range(len(terms))):
+        if (
+            form not in WIDER
+            or places != sorted(set(places))
+            or not set(places) <= set(range(len(terms)))
+        ):
             raise ValueError(f"what its refits carry alone ({form}) is not of its terms")
         keep = carries(model, form)
-        if any(terms[e["term"]].symbol != e["symbol"] or not keep(terms[e["term"]]) for e in r["estimates"]):
+        if any(
+            terms[e["term"]].symbol != e["symbol"] or not keep(terms[e["term"]])
+            for e in r["estimates"]
+        ):
             raise ValueError(f"what its refits carry alone ({form}) are other terms")
-    if any((v or 0) < 0 for r in (record["whole"], *record["alone"].values()) for v in (r[key] for key in ERRORS)):
+    if any(
+        (v or 0) < 0
+        for r in (record["whole"], *record["alone"].values())
+        for v in (r[key] for key in ERRORS)
+    ):
         raise ValueError("an error of its refits is below zero")
 
     def number(value: float | None) -> float | None:
         return None if value is None else float(value)
 
-    alone = {form: Refit(tuple(e["term"] for e in r["estimates"]), np.array([float(e["value"]) for e in r["estimates"]]),
-                         number(r["estimation_rms_mm"]), number(r["held_out_rms_mm"])) for form, r in record["alone"].items()}
-    return Refits(alone, (number(record["whole"]["estimation_rms_mm"]), number(record["whole"]["held_out_rms_mm"])),
-                  number(record["temperature_C"]))
+    alone = {
+        form: Refit(
+            tuple(e["term"] for e in r["estimates"]),
+            np.array([float(e["value"]) for e in r["estimates"]]),
+            number(r["estimation_rms_mm"]),
+            number(r["held_out_rms_mm"]),
+        )
+        for form, r in record["alone"].items()
+    }
+    return Refits(
+        alone,
+        (number(record["whole"]["estimation_rms_mm"]), number(record["whole"]["held_out_rms_mm"])),
+        number(record["temperature_C"]),
+    )

@@ -9,33 +9,48 @@ from typing import Any
 import click
 
 
-def _pairs(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> dict[str, str]:
+def _pairs(
+    context: click.Context, option: click.Parameter, given: tuple[str, ...]
+) -> dict[str, str]:
     """NAME=COLUMN pairs as contract name -> name in the file."""
     if bad := [pair for pair in given if not all(pair.partition("="))]:
-        raise click.BadParameter(f'"{bad[0]}" is no NAME=COLUMN: q1_rad=J1 says that the file calls q1_rad J1.')
+        raise click.BadParameter(
+            f'"{bad[0]}" is no NAME=COLUMN: q1_rad=J1 says that the file calls q1_rad J1.'
+        )
     return dict(pair.split("=", 1) for pair in given)
 
 
 def mapped(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The option --column, of commands that read a data file without a study: `columns`, as [measurements] columns has them."""
-    return click.option("--column", "columns", multiple=True, metavar="NAME=COLUMN", callback=_pairs,
-                        help="A column that the file calls otherwise: q1_rad=J1. May be repeated.")(command)
+    """The option --column, of commands that read a data file without a study: `columns`, as
+    [measurements] columns has them."""
+    return click.option(
+        "--column",
+        "columns",
+        multiple=True,
+        metavar="NAME=COLUMN",
+        callback=_pairs,
+        help="A column that the file calls otherwise: q1_rad=J1. May be repeated.",
+    )(command)
 
 
 def print_json(value: Any) -> None:
     """A value as JSON on the output, numbers to ten digits."""
     from .._json import dumps
-    click.echo(dumps(value).encode(), nl=False)     # JSON is UTF-8, whatever the terminal's encoding
+
+    click.echo(dumps(value).encode(), nl=False)  # JSON is UTF-8, whatever the terminal's encoding
 
 
 def console() -> Any:
     """Where tables are printed: as wide as the terminal, 160 in a log."""
     from rich.console import Console
+
     return Console(width=None if sys.stdout.isatty() else 160, markup=False, emoji=False)
 
 
 def progress() -> Callable[[str], None]:
-    """Progress as plain lines on the error stream: each says what starts, with the seconds so far."""
+    """Progress as plain lines on the error stream: each says what starts, with the seconds so
+    far."""
     import time
+
     start = time.perf_counter()
     return lambda what: click.echo(f"{time.perf_counter() - start:6.1f} s  {what}", err=True)

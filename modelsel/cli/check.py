@@ -16,12 +16,24 @@ from ._options import mapped, print_json
 @click.option("--tip", help="Of a URDF: the link the chain ends at; default the longest chain's.")
 @mapped
 @click.option("--json", "as_json", is_flag=True)
-def check(data: Path, robot: str, base: str | None, tip: str | None, columns: dict[str, str], as_json: bool) -> None:
+def check(
+    data: Path,
+    robot: str,
+    base: str | None,
+    tip: str | None,
+    columns: dict[str, str],
+    as_json: bool,
+) -> None:
     """What is in a measurements file, what it can tell and what it cannot."""
     from ..measurements.reader import read_measurements
     from ..robot.files import load, read_robot
     from ..study.inspection import describe, sentences
-    arm = read_robot(Path(robot), base, tip) if robot.endswith((".toml", ".urdf", ".xml")) else load(robot)
+
+    arm = (
+        read_robot(Path(robot), base, tip)
+        if robot.endswith((".toml", ".urdf", ".xml"))
+        else load(robot)
+    )
     found = describe(arm, read_measurements(data, arm.prismatic, columns))
     if as_json:
         print_json(found)

@@ -14,12 +14,14 @@ from ._options import print_json
 @click.argument("after", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True)
 def compare(before: Path, after: Path, as_json: bool) -> None:
-    """What changed between two campaigns, each a study's folder, result.json or calibration.json."""
+    """What changed between two campaigns, each a study's folder, result.json or
+    calibration.json."""
     from dataclasses import asdict
 
     from ..calibration.campaigns import compare as compared
     from ..calibration.campaigns import sentences
     from ..calibration.storage import load_calibration
+
     found = compared(load_calibration(before), load_calibration(after))
     if as_json:
         print_json({"sentences": sentences(found), **asdict(found)})

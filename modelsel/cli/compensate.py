@@ -19,26 +19,47 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("result", type=click.Path(path_type=Path))
 @click.argument("targets", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="CSV (or Parquet) file to write.")
-@click.option("--bound", nargs=2, type=float, default=(10.0, 20.0), show_default=True, metavar="MRAD MM",
-              help="Most that a joint, and the target, may be changed by.")
-@click.option("--forward", is_flag=True, help="Change no command: say where the real target is at each.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    required=True,
+    help="CSV (or Parquet) file to write.",
+)
+@click.option(
+    "--bound",
+    nargs=2,
+    type=float,
+    default=(10.0, 20.0),
+    show_default=True,
+    metavar="MRAD MM",
+    help="Most that a joint, and the target, may be changed by.",
+)
+@click.option(
+    "--forward", is_flag=True, help="Change no command: say where the real target is at each."
+)
 @mapped
 @click.option("--json", "as_json", is_flag=True)
-def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float], forward: bool, columns: dict[str, str],
-               as_json: bool) -> None:
+def compensate(
+    result: Path,
+    targets: Path,
+    out: Path,
+    bound: tuple[float, float],
+    forward: bool,
+    columns: dict[str, str],
+    as_json: bool,
+) -> None:
     """Joint commands whose real position is the wanted one.
 
-    TARGETS has a row a target: nominal commands q1_rad … (or _deg), wanted positions x_mm y_mm z_mm (left out: where the nominal
-    robot has the target) in the tracker's frame, wanted orientations, and what the model needs as well. Commands are written in
-    the units that they were given in.
-    """
+    TARGETS has a row a target: nominal commands q1_rad … (or _deg), wanted positions x_mm y_mm z_mm
+    (left out: where the nominal robot has the target) in the tracker's frame, wanted orientations,
+    and what the model needs as well. Commands are written in the units that they were given in."""
     from .._files import write_frame
     from ..calibration.calibration import predict
     from ..calibration.compensation import at_limits, commands_frame, from_order, outside, refuse
     from ..calibration.compensation import compensate as corrected
     from ..calibration.storage import load_calibration
     from ..measurements.reader import read_measurements
+
     c = load_calibration(result)
     data = read_measurements(targets, c.robot.prismatic, columns, positions=False, once=False)
     made, said = corrected(c, data), [*outside(c, data), *from_order(c, data)]
@@ -50,9 +71,19 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
         frame = commands_frame(c, data, made.q, made.wanted, made.figures())
     write_frame(frame, out, "%.10g")
     if as_json:
-        print_json({"written": out.name, "rows": len(data), "warnings": said, **({} if forward else _figures(made))})
+        print_json(
+            {
+                "written": out.name,
+                "rows": len(data),
+                "warnings": said,
+                **({} if forward else _figures(made)),
+            }
+        )
     else:
-        click.echo(f"Written: {out}, {len(data)} rows." + ("" if forward else _sentence(made, np.array(c.robot.prismatic))))
+        click.echo(
+            f"Written: {out}, {len(data)} rows."
+            + ("" if forward else _sentence(made, np.array(c.robot.prismatic)))
+        )
         for line in said:
             click.echo(f"Note: {line}")
     if forward:
@@ -60,35 +91,72 @@ def compensate(result: Path, targets: Path, out: Path, bound: tuple[float, float
     stuck = made.beyond.any(1)
     if not made.reached.all():
         missed = data.where.listed(data.row[~made.reached])
-        click.echo(f"modelsel: {int((~made.reached).sum())} rows are not reached, next to a jump of the model or at the edge of "
-                   f"the workspace ({missed}); {made.where_left} says what is left.", err=True)
+        click.echo(
+            f"modelsel: {int((~made.reached).sum())} rows are not reached, next to a jump of the model or at the edge of "
+            f"the workspace ({missed}); {made.where_left} says what is left.",
+            err=True,
+        )
     if stuck.any():
-        click.echo(f"modelsel: {int(stuck.sum())} corrected commands lie beyond a joint's limits "
-                   f"({data.where.listed(data.row[stuck])}): the arm cannot take them. Choose other postures.", err=True)
+        click.echo(
+            f"modelsel: {int(stuck.sum())} corrected commands lie beyond a joint's limits "
+            f"({data.where.listed(data.row[stuck])}): the arm cannot take them. Choose other postures.",
+            err=True,
+        )
     if stuck.any() or not made.reached.all():
         raise SystemExit(CHECK_FAILED)
 
 
 def _figures(made: Commands) -> dict[str, Any]:
-    turned = {} if made.before_rad is None or made.left_rad is None else {
-        "orientation_before_mrad": {"mean": 1e3 * made.before_rad.mean(), "max": 1e3 * made.before_rad.max()},
-        "orientation_left_mrad": {"mean": 1e3 * made.left_rad.mean(), "max": 1e3 * made.left_rad.max()}}
-    return {"error_before_mm": {"mean": made.before_mm.mean(), "max": made.before_mm.max()},
-            "expected_error_mm": {"mean": made.expected_mm.mean(), "max": made.expected_mm.max()},
-            "model_uncertainty_mm": {"mean": made.model_mm.mean(), "max": made.model_mm.max()},
-            **turned, "largest_change": np.abs(made.change).max(0), "reached": int(made.reached.sum()),
-            "beyond_limits": int(made.beyond.any(1).sum())}
+    turned = (
+        {}
+        if made.before_rad is None or made.left_rad is None
+        else {
+            "orientation_before_mrad": {
+                "mean": 1e3 * made.before_rad.mean(),
+                "max": 1e3 * made.before_rad.max(),
+            },
+            "orientation_left_mrad": {
+                "mean": 1e3 * made.left_rad.mean(),
+                "max": 1e3 * made.left_rad.max(),
+            },
+        }
+    )
+    return {
+        "error_before_mm": {"mean": made.before_mm.mean(), "max": made.before_mm.max()},
+        "expected_error_mm": {"mean": made.expected_mm.mean(), "max": made.expected_mm.max()},
+        "model_uncertainty_mm": {"mean": made.model_mm.mean(), "max": made.model_mm.max()},
+        **turned,
+        "largest_change": np.abs(made.change).max(0),
+        "reached": int(made.reached.sum()),
+        "beyond_limits": int(made.beyond.any(1).sum()),
+    }
 
 
 def _sentence(made: Commands, slides: NDArray[np.bool_]) -> str:
     from ..calibration.compensation import REACHED_MM
+
     before = f"{made.before_mm.mean():.3f} mm on average and {made.before_mm.max():.3f} mm at most"
-    left = "" if made.left_mm.max() <= REACHED_MM else f" and {made.left_mm.mean():.3f} mm from what the commands leave"
+    left = (
+        ""
+        if made.left_mm.max() <= REACHED_MM
+        else f" and {made.left_mm.mean():.3f} mm from what the commands leave"
+    )
     after = f"{made.expected_mm.mean():.3f} mm as measured is expected, {made.model_mm.mean():.3f} mm of it from the model{left}"
-    turned = "" if made.before_rad is None or made.left_rad is None else (
-        f" Orientations are off by {1e3 * made.before_rad.mean():.3g} mrad on average without it; with it, "
-        f"{1e3 * made.left_rad.mean():.3g} mrad on average and {1e3 * made.left_rad.max():.3g} mrad at most are left.")
+    turned = (
+        ""
+        if made.before_rad is None or made.left_rad is None
+        else (
+            f" Orientations are off by {1e3 * made.before_rad.mean():.3g} mrad on average without it; with it, "
+            f"{1e3 * made.left_rad.mean():.3g} mrad on average and {1e3 * made.left_rad.max():.3g} mrad at most are left."
+        )
+    )
     most = np.abs(made.change).max(0)
-    bounds = [f"{most[some].max() * 1e3:.3g} {unit}" for some, unit in ((~slides, "mrad"), (slides, "µm")) if some.any()]
-    return (f" Without correction the target is off by {before}; with it, {after}. No joint changes by more than "
-            f"{' or '.join(bounds)}.{turned}")
+    bounds = [
+        f"{most[some].max() * 1e3:.3g} {unit}"
+        for some, unit in ((~slides, "mrad"), (slides, "µm"))
+        if some.any()
+    ]
+    return (
+        f" Without correction the target is off by {before}; with it, {after}. No joint changes by more than "
+        f"{' or '.join(bounds)}.{turned}"
+    )

@@ -17,7 +17,8 @@ from ._options import print_json
 @click.command()
 @click.option("--json", "as_json", is_flag=True)
 def doctor(as_json: bool) -> None:
-    """Whether this installation works, and with what: libraries, plug-ins, data, and a small calibration from scratch."""
+    """Whether this installation works, and with what: libraries, plug-ins, data, and a small
+    calibration from scratch."""
     checks = [*_libraries(), *_plugins(), _data(), _calibration()]
     if as_json:
         print_json({"checks": checks})
@@ -46,7 +47,13 @@ def _libraries() -> list[dict[str, Any]]:
             out.append(_check(name, False, f"is not installed; pip install '{name}>={least}'"))
             continue
         ok = least is None or _numbers(found) >= _numbers(least)
-        out.append(_check(name, ok, found if ok else f"{found} is older than {least}; pip install --upgrade {name}"))
+        out.append(
+            _check(
+                name,
+                ok,
+                found if ok else f"{found} is older than {least}; pip install --upgrade {name}",
+            )
+        )
     return out
 
 
@@ -57,15 +64,24 @@ def _numbers(text: str) -> tuple[int, ...]:
 def _plugins() -> list[dict[str, Any]]:
     from ..mechanisms.registry import BUILTIN, with_plugins
     from ..robot.files import load
+
     table, broken = with_plugins(robot=load("puma760"))
-    return [*(_check(f"plug-in {name}", False, why) for name, why in broken.items()),
-            _check("mechanisms", True, f"{len(BUILTIN)} built in, {len(table) - len(BUILTIN)} from plug-ins")]
+    return [
+        *(_check(f"plug-in {name}", False, why) for name, why in broken.items()),
+        _check(
+            "mechanisms",
+            True,
+            f"{len(BUILTIN)} built in, {len(table) - len(BUILTIN)} from plug-ins",
+        ),
+    ]
 
 
 def _data() -> dict[str, Any]:
     root = os.environ.get("MODELSEL_DATA")
     if root is None:
-        return _check("MODELSEL_DATA", True, "not set; measurements are looked for beside the study file")
+        return _check(
+            "MODELSEL_DATA", True, "not set; measurements are looked for beside the study file"
+        )
     there = os.path.isdir(root)  # noqa: PTH112  a plain string from the environment
     return _check("MODELSEL_DATA", there, "is a folder" if there else f"{root} is no folder")
 
@@ -77,6 +93,7 @@ def _calibration() -> dict[str, Any]:
     from ..mechanisms.registry import mechanism
     from ..robot.files import load
     from ..testing import LawBroken, check_mechanism
+
     robot = load("puma760")
     try:
         for name in ("geometric", "backlash:3"):

@@ -11,26 +11,59 @@ from ._options import console, print_json, progress
 
 @click.command()
 @click.argument("fleet", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Output folder; default reports/<fleet folder>.")
-@click.option("--workers", type=click.IntRange(1), help="Workers on this machine; default one a core.")
-@click.option("--scheduler", help="Address of a running dask scheduler, tcp://HOST:PORT, instead of workers here.")
-@click.option("--no-report", is_flag=True, help="Leave out report.pdf and report.html of every study.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Output folder; default reports/<fleet folder>.",
+)
+@click.option(
+    "--workers", type=click.IntRange(1), help="Workers on this machine; default one a core."
+)
+@click.option(
+    "--scheduler",
+    help="Address of a running dask scheduler, tcp://HOST:PORT, instead of workers here.",
+)
+@click.option(
+    "--no-report", is_flag=True, help="Leave out report.pdf and report.html of every study."
+)
 @click.option("--no-sampling", is_flag=True, help="Leave out the sampling of the posteriors.")
-@click.option("--resume", is_flag=True, help="Keep the studies that are finished, of the same data, study and version.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON instead of a table.")
-def fleet(fleet: Path, out: Path | None, workers: int | None, scheduler: str | None, no_report: bool, no_sampling: bool,
-          resume: bool, as_json: bool) -> None:
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Keep the studies that are finished, of the same data, study and version.",
+)
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print the summary as JSON instead of a table."
+)
+def fleet(
+    fleet: Path,
+    out: Path | None,
+    workers: int | None,
+    scheduler: str | None,
+    no_report: bool,
+    no_sampling: bool,
+    resume: bool,
+    as_json: bool,
+) -> None:
     """Run many studies as one job, and fit measurement sets that come in many files."""
     from .._files import check_writable, claimed
     from ..config.fleet_file import read_fleet
     from ..study.fleet_runner import cluster, run_fleet, save_summary, show_fleet
+
     read = read_fleet(fleet)
     folder = out if out is not None else Path("reports") / fleet.resolve().parent.name
     check_writable(folder)
     with claimed(folder):
         with cluster(workers, scheduler) as client:
-            rows = run_fleet(read, folder, client, sampling=not no_sampling, resume=resume, reports=not no_report,
-                             say=progress())
+            rows = run_fleet(
+                read,
+                folder,
+                client,
+                sampling=not no_sampling,
+                resume=resume,
+                reports=not no_report,
+                say=progress(),
+            )
         written = save_summary(rows, folder, read.name)
     if as_json:
         print_json({"fleet": read.name, "studies": rows})

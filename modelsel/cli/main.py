@@ -20,10 +20,10 @@ for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # before numpy loads: the same bytes on any machine
 
 INTERRUPTED = 130
-RESUMES = ("study", "fleet")        # commands that take up what was interrupted
+RESUMES = ("study", "fleet")  # commands that take up what was interrupted
 
 
-COMMANDS = {    # name: what `modelsel --help` says of it; modelsel/cli/<name>.py has it
+COMMANDS = {  # name: what `modelsel --help` says of it; modelsel/cli/<name>.py has it
     "study": "Run a study: what is wrong, the ladder of models, the gain.",
     "report": "Draw the report of a finished study again.",
     "fleet": "Run many studies as one job.",
@@ -63,8 +63,8 @@ def _readable() -> None:
 
 
 class _Lazy(click.Group):
-    """Finds a command by its name and imports it only then; says errors in one place: one clear message, the right exit
-    status, no traceback without --debug."""
+    """Finds a command by its name and imports it only then; says errors in one place: one clear
+    message, the right exit status, no traceback without --debug."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -72,6 +72,7 @@ class _Lazy(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in COMMANDS:
             from ..exceptions import suggest
+
             ctx.fail(f'No such command "{cmd_name}". {suggest(cmd_name, COMMANDS)}')
         found: click.Command = getattr(import_module(f".{cmd_name}", __package__), cmd_name)
         return found
@@ -82,6 +83,7 @@ class _Lazy(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         from ..exceptions import ModelselError
+
         _readable()
         try:
             with _terminable():
@@ -102,15 +104,23 @@ class _Lazy(click.Group):
         except OSError as error:
             if ctx.params.get("debug"):
                 raise
-            click.echo(f"modelsel: {error.filename or 'the file system'}: {error.strerror or error}.", err=True)
+            click.echo(
+                f"modelsel: {error.filename or 'the file system'}: {error.strerror or error}.",
+                err=True,
+            )
             sys.exit(2)
         except (click.exceptions.Exit, click.ClickException, click.Abort):
             raise
-        except Exception as error:  # the last resort: an internal error is said, not thrown at the user
+        except (
+            Exception
+        ) as error:  # the last resort: an internal error is said, not thrown at the user
             if ctx.params.get("debug"):
                 raise
-            click.echo(f"modelsel: internal error: {type(error).__name__}: {error}. Run again with --debug before the command "
-                       "and report what it prints.", err=True)
+            click.echo(
+                f"modelsel: internal error: {type(error).__name__}: {error}. Run again with --debug before the command "
+                "and report what it prints.",
+                err=True,
+            )
             sys.exit(1)
 
 

@@ -1,4 +1,5 @@
-"""A package of one's own with a mechanism in it: the files of `modelsel mechanisms --new`, and what `--test` tries."""
+"""A package of one's own with a mechanism in it: the files of `modelsel mechanisms --new`, and what
+`--test` tries."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ from ..mechanisms.registry import Registry, parts, unsound
 from ..robot.kinematics import Robot
 from ..testing import broken
 
-PYPROJECT = '''[build-system]
+PYPROJECT = """[build-system]
 requires = ["hatchling"]
 build-backend = "hatchling.build"
 
@@ -34,7 +35,7 @@ dependencies = ["modelsel"]
 
 [tool.hatch.build.targets.wheel]
 include = ["{module}.py"]
-'''
+"""
 
 MODULE = '''"""A mechanism of my own for modelsel: one joint is turned by another."""
 from modelsel.wrong.causes import q, sin
@@ -55,36 +56,48 @@ def mechanisms():
     return {{"{name}": build}}
 '''
 
-README = '''# {name}
+README = """# {name}
 
 A mechanism for modelsel. Edit `{module}.py`, then:
 
     modelsel mechanisms --test {module}.py      # the laws that every mechanism obeys
     pip install .                               # from then on every study may find it
     modelsel mechanisms {name}
-'''
+"""
 
 
 def skeleton(name: str) -> dict[str, str]:
     """File name -> text of a new package. Raises StudyError for a name that cannot be one."""
     if not re.fullmatch("[a-z][a-z0-9_-]{0,99}", name) or iskeyword(name):
-        raise StudyError(f'"{name}" cannot name a mechanism: lower-case letters, digits and -, a letter first: "hose-twist".')
+        raise StudyError(
+            f'"{name}" cannot name a mechanism: lower-case letters, digits and -, a letter first: "hose-twist".'
+        )
     words = {"name": name, "module": name.replace("-", "_")}
-    return {"pyproject.toml": PYPROJECT.format(**words), f"{words['module']}.py": MODULE.format(**words),
-            "README.md": README.format(**words)}
+    return {
+        "pyproject.toml": PYPROJECT.format(**words),
+        f"{words['module']}.py": MODULE.format(**words),
+        "README.md": README.format(**words),
+    }
 
 
 def table(where: str) -> Registry:
-    """The mechanisms of a module, by its name ("hosepack", "hosepack:mechanisms") or file. Raises StudyError."""
-    name, _, function = where.removesuffix(".py").partition(":") if not where.endswith(".py") else (where, "", "")
+    """The mechanisms of a module, by its name ("hosepack", "hosepack:mechanisms") or file. Raises
+    StudyError."""
+    name, _, function = (
+        where.removesuffix(".py").partition(":") if not where.endswith(".py") else (where, "", "")
+    )
     try:
         module = _of_file(Path(where)) if where.endswith(".py") else import_module(name)
         made = getattr(module, function or "mechanisms")()
     except Exception as error:  # noqa: BLE001  a stranger's code may fail in any way
-        raise StudyError(f"{where}: cannot be loaded: {type(error).__name__}: {error}. A module with a function mechanisms() "
-                         "that returns {name: entry} is expected.") from None
+        raise StudyError(
+            f"{where}: cannot be loaded: {type(error).__name__}: {error}. A module with a function mechanisms() "
+            "that returns {name: entry} is expected."
+        ) from None
     if not isinstance(made, Mapping) or not made:
-        raise StudyError(f"{where}: mechanisms() gives {type(made).__name__}; a table {{name: entry}} with an entry is expected.")
+        raise StudyError(
+            f"{where}: mechanisms() gives {type(made).__name__}; a table {{name: entry}} with an entry is expected."
+        )
     return dict(made)
 
 
@@ -98,9 +111,11 @@ def _of_file(path: Path) -> ModuleType:
     return module
 
 
-def tried(entries: Registry, robots: Sequence[Robot], seed: int = 0) -> list[tuple[str, str, list[str]]]:
-    """(mechanism, robot, what it breaks) of every part of every entry on every robot it applies to; ("name", "", []) where an
-    entry applies to none."""
+def tried(
+    entries: Registry, robots: Sequence[Robot], seed: int = 0
+) -> list[tuple[str, str, list[str]]]:
+    """(mechanism, robot, what it breaks) of every part of every entry on every robot it applies to;
+    ("name", "", []) where an entry applies to none."""
     out = []
     for name, entry in entries.items():
         found = []
@@ -109,7 +124,9 @@ def tried(entries: Registry, robots: Sequence[Robot], seed: int = 0) -> list[tup
             if wrong is not None:
                 found.append((name, robot.name, [wrong]))
                 continue
-            found += [(m.name, robot.name, broken(m, robot, np.random.default_rng([seed, k])))
-                      for k, m in enumerate(parts(name, robot, {name: entry}))]
+            found += [
+                (m.name, robot.name, broken(m, robot, np.random.default_rng([seed, k])))
+                for k, m in enumerate(parts(name, robot, {name: entry}))
+            ]
         out += found or [(name, "", [])]
     return out

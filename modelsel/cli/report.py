@@ -14,10 +14,14 @@ from ._options import print_json, progress
 @click.option("--pages", help="Pages of report.pdf, by name, with commas; all without.")
 @click.option("--json", "as_json", is_flag=True)
 def report(folder: Path, pages: str | None, as_json: bool) -> None:
-    """Draw report.pdf and report.html of a finished study again, from its folder; nothing is computed anew."""
+    """Draw report.pdf and report.html of a finished study again, from its folder; nothing is
+    computed anew."""
     from .._files import check_writable, claimed
     from ..report.drawing import draw
-    chosen = None if pages is None else tuple(name.strip() for name in pages.split(",") if name.strip())
+
+    chosen = (
+        None if pages is None else tuple(name.strip() for name in pages.split(",") if name.strip())
+    )
     check_writable(folder)
     with claimed(folder):
         written = draw(folder, chosen, progress())

@@ -14,15 +14,20 @@ def robots(name: str | None, as_json: bool) -> None:
     """The built-in nominal robots, each with its source."""
     from ..robot.files import builtin_names, load
     from ..study.inspection import robot_card
+
     cards = [robot_card(load(n)) for n in ([name] if name else builtin_names())]
     if as_json:
         print_json({"robots": cards})
         return
     for card in cards:
-        click.echo(f"{card['name']}: {card['joints']} joints, reach {card['reach_mm']:.0f} mm. {card['source']}")
+        click.echo(
+            f"{card['name']}: {card['joints']} joints, reach {card['reach_mm']:.0f} mm. {card['source']}"
+        )
         if name:
             for k, joint in enumerate(card["chain"], 1):
                 mass = "not known" if joint["mass_kg"] is None else f"{joint['mass_kg']:g} kg"
-                click.echo(f"  joint {k} ({joint['kind']}), limits {joint['limits']}, mass {mass}; transform before it [mm]:")
+                click.echo(
+                    f"  joint {k} ({joint['kind']}), limits {joint['limits']}, mass {mass}; transform before it [mm]:"
+                )
                 for row in joint["transform_mm"]:
                     click.echo("    " + " ".join(f"{v:10.4f}" for v in row))

@@ -11,13 +11,19 @@ from ._options import print_json
 
 @click.command()
 @click.argument("study", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="CSV (or Parquet) file to write.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    required=True,
+    help="CSV (or Parquet) file to write.",
+)
 @click.option("--json", "as_json", is_flag=True)
 def simulate(study: Path, out: Path, as_json: bool) -> None:
     """Make data with planted effects: [simulate] and [[simulate.effect]] of a study file."""
     from .._files import write_frame
     from ..config.study_file import read_study
     from ..study.runner import simulate_study
+
     path = study / "study.toml" if study.is_dir() else study
     frame = simulate_study(read_study(path), path.parent)
     write_frame(frame, out, "%.9f")

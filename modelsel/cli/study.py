@@ -14,21 +14,41 @@ from ._options import console, print_json, progress
 if TYPE_CHECKING:
     from ..results.result import Result
 
-COLLECT = 50_000   # new values between two looks of Python's garbage collector
+COLLECT = 50_000  # new values between two looks of Python's garbage collector
 
 
 @click.command()
 @click.argument("study", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Output folder; default reports/<study folder>.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Output folder; default reports/<study folder>.",
+)
 @click.option("--no-report", is_flag=True, help="Leave out report.pdf and report.html.")
 @click.option("--no-sampling", is_flag=True, help="Leave out the sampling of the posterior.")
 @click.option("--json", "as_json", is_flag=True, help="Print result.json instead of tables.")
-@click.option("--dry-run", is_flag=True, help="Read and check everything, say what would be done, compute and write nothing.")
-@click.option("--resume", is_flag=True, help="Go on where an interrupted run of the same study stopped.")
-def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_json: bool, dry_run: bool,
-          resume: bool) -> None:
+@click.option(
+    "--dry-run",
+    is_flag=True,
+    help="Read and check everything, say what would be done, compute and write nothing.",
+)
+@click.option(
+    "--resume", is_flag=True, help="Go on where an interrupted run of the same study stopped."
+)
+def study(
+    study: Path,
+    out: Path | None,
+    no_report: bool,
+    no_sampling: bool,
+    as_json: bool,
+    dry_run: bool,
+    resume: bool,
+) -> None:
     """Run a study: what is wrong, the ladder of models, the gain on held-out configurations."""
-    gc.set_threshold(COLLECT)     # a study makes many small values and drops few: looking for lost ones costs a twentieth of it
+    gc.set_threshold(
+        COLLECT
+        # a study makes many small values and drops few: looking for lost ones costs a twentieth of it
+    )
     from .._files import check_writable, claimed
     from ..config.study_file import read_study
     from ..exceptions import StudyError
@@ -37,6 +57,7 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     from ..results.storage import WRITES, save
     from ..study.checkpoint import Checkpoint
     from ..study.runner import rehearse, robot_of, run
+
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
     registry, broken = with_plugins(robot=robot_of(read, path.parent))
@@ -54,10 +75,17 @@ def study(study: Path, out: Path | None, no_report: bool, no_sampling: bool, as_
     say = progress()
     with claimed(folder):
         keeper = Checkpoint(folder, resume)
-        result = run(read, path.parent, registry=registry, say=say, sampling=not no_sampling, checkpoint=keeper)
+        result = run(
+            read,
+            path.parent,
+            registry=registry,
+            say=say,
+            sampling=not no_sampling,
+            checkpoint=keeper,
+        )
         try:
             written = save(result, folder)
-        except StudyError:                  # what was computed is at least told
+        except StudyError:  # what was computed is at least told
             _tell(result, as_json)
             raise
         keeper.clear()
@@ -74,14 +102,17 @@ def _tell(result: Result, as_json: bool) -> None:
         click.echo(result.to_json(), nl=False)
     else:
         from ..report.terminal import show
+
         show(result, console())
 
 
 def _would(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:
     counts = found["configurations"]
-    said = (f"{found['study']}: {found['robot']}, {found['rows']} rows; {counts['estimation']} configurations would estimate, "
-            f"{counts['held_out']} would be held out{', tracker and target found first' if found['registered'] else ''}. Base: "
-            f"{', '.join(found['base'])}, {found['base_parameters']} parameters; {found['mechanisms']} mechanisms may extend it"
-            f"{', and any cell of the error map' if found['cells'] else ''}. Would write {', '.join(writes)} "
-            f"into {folder}.")
+    said = (
+        f"{found['study']}: {found['robot']}, {found['rows']} rows; {counts['estimation']} configurations would estimate, "
+        f"{counts['held_out']} would be held out{', tracker and target found first' if found['registered'] else ''}. Base: "
+        f"{', '.join(found['base'])}, {found['base_parameters']} parameters; {found['mechanisms']} mechanisms may extend it"
+        f"{', and any cell of the error map' if found['cells'] else ''}. Would write {', '.join(writes)} "
+        f"into {folder}."
+    )
     return "\n".join([said, *(f"Note: {w['sentence']}" for w in found["warnings"])])

@@ -13,26 +13,49 @@ from ._options import mapped, print_json
 @click.command()
 @click.argument("result", type=click.Path(path_type=Path))
 @click.argument("data", type=click.Path(path_type=Path))
-@click.option("--register", is_flag=True, help="The tracker or the target may have moved: find them anew, keep the arm.")
+@click.option(
+    "--register",
+    is_flag=True,
+    help="The tracker or the target may have moved: find them anew, keep the arm.",
+)
 @mapped
 @click.option("--json", "as_json", is_flag=True)
-def validate(result: Path, data: Path, register: bool, columns: dict[str, str], as_json: bool) -> None:
+def validate(
+    result: Path, data: Path, register: bool, columns: dict[str, str], as_json: bool
+) -> None:
     """Whether a stored calibration still holds on new measurements; nothing of it is refitted."""
     from ..calibration.compensation import outside
     from ..calibration.storage import load_calibration
     from ..calibration.validation import judge, sentences
     from ..measurements.reader import read_measurements
+
     c = load_calibration(result)
     measured = read_measurements(data, c.robot.prismatic, columns)
     found = judge(c, measured, register)
     said, beyond = sentences(measured, found), outside(c, measured)
     warnings = [*found.doubts, *beyond]
     if as_json:
-        print_json({"sentence": said[0], "drifted": found.drifted, "factor": found.factor, "p_value": found.p,
-                    "rms_mm": found.rms_mm, "expected_rms_mm": found.expected_rms_mm, "rows": len(measured),
-                    "beyond_noise": [{"row": int(measured.row[k]), "standardised": found.size[k]} for k in found.worst],
-                    "registered": None if found.moved is None else dict(zip(("tracker_mm", "tracker_rad", "target_mm"),
-                                                                            found.moved, strict=True)), "warnings": warnings})
+        print_json(
+            {
+                "sentence": said[0],
+                "drifted": found.drifted,
+                "factor": found.factor,
+                "p_value": found.p,
+                "rms_mm": found.rms_mm,
+                "expected_rms_mm": found.expected_rms_mm,
+                "rows": len(measured),
+                "beyond_noise": [
+                    {"row": int(measured.row[k]), "standardised": found.size[k]}
+                    for k in found.worst
+                ],
+                "registered": None
+                if found.moved is None
+                else dict(
+                    zip(("tracker_mm", "tracker_rad", "target_mm"), found.moved, strict=True)
+                ),
+                "warnings": warnings,
+            }
+        )
     else:
         for line in found.doubts:
             click.echo(f"Check the data: {line}")

@@ -1,4 +1,5 @@
-"""The fleet file: TOML -> the studies of one job, and measurements in pieces; every problem of a file is said at once."""
+"""The fleet file: TOML -> the studies of one job, and measurements in pieces; every problem of a
+file is said at once."""
 
 from __future__ import annotations
 
@@ -17,9 +18,13 @@ from ..exceptions import StudyError, suggest
 from .messages import plain_values, wording
 from .study_file import FileName, Name, Study, Vector, find_data, read_study
 
-# One part of a path on any system, not hidden, and not a name that Windows keeps for a device or the summary has.
-FOLDER = re.compile(r"(?!(?:con|prn|aux|nul|(?:com|lpt)[0-9\xb9\xb2\xb3]|summary)(?:\.|$))"
-                    r"(?![. ])[^\x00-\x1f/\\:*?\"<>|]{1,200}(?<![. ])", re.IGNORECASE)
+# One part of a path on any system, not hidden, and not a name that Windows keeps for a device or
+# the summary has.
+FOLDER = re.compile(
+    r"(?!(?:con|prn|aux|nul|(?:com|lpt)[0-9\xb9\xb2\xb3]|summary)(?:\.|$))"
+    r"(?![. ])[^\x00-\x1f/\\:*?\"<>|]{1,200}(?<![. ])",
+    re.IGNORECASE,
+)
 
 
 class _Table(BaseModel):
@@ -38,7 +43,8 @@ class StudyTable(_Table):
 
 
 class PartsTable(_Table):
-    """[[parts]]: one measurement set in many Parquet files, fitted without ever being held whole."""
+    """[[parts]]: one measurement set in many Parquet files, fitted without ever being held
+    whole."""
 
     name: Name
     files: Annotated[list[FileName], Field(min_length=1)]
@@ -77,22 +83,38 @@ class Fleet:
 
 
 def read_fleet(path: Path) -> Fleet:
-    """A fleet file and the study files it names. Raises StudyError with every problem and its place."""
+    """A fleet file and the study files it names. Raises StudyError with every problem and its
+    place."""
     table = toml(read_text(path, "the fleet file"), path.name)
     try:
         found = FleetFile.model_validate(plain_values(table))
     except ValidationError as error:
         raise StudyError(*(f"{path.name}: {_sentence(e)}" for e in error.errors())) from None
     problems: list[str] = []
-    entries = [StudyTable(file=str(file.relative_to(path.parent))) for pattern in found.studies
-               for file in matching(path.parent, pattern, problems)]
-    tasks = [task for entry in (*entries, *found.study) if (task := _task(entry, path.parent, problems)) is not None]
+    entries = [
+        StudyTable(file=str(file.relative_to(path.parent)))
+        for pattern in found.studies
+        for file in matching(path.parent, pattern, problems)
+    ]
+    tasks = [
+        task
+        for entry in (*entries, *found.study)
+        if (task := _task(entry, path.parent, problems)) is not None
+    ]
     names = [task.name for task in tasks] + [part.name for part in found.parts]
-    folders = [normalize("NFC", name).casefold() for name in names]          # as file systems may take them for one
-    problems += [f'"{name}" stands twice: give [[study]] name = "…".'
-                 for name, folder in dict(zip(names, folders, strict=True)).items() if folders.count(folder) > 1]
-    problems += [f'"{name}" is no name for a folder: give another name, of letters and digits.' for name in names
-                 if not FOLDER.fullmatch(name) or unfit(name) is not None]
+    folders = [
+        normalize("NFC", name).casefold() for name in names
+    ]  # as file systems may take them for one
+    problems += [
+        f'"{name}" stands twice: give [[study]] name = "…".'
+        for name, folder in dict(zip(names, folders, strict=True)).items()
+        if folders.count(folder) > 1
+    ]
+    problems += [
+        f'"{name}" is no name for a folder: give another name, of letters and digits.'
+        for name in names
+        if not FOLDER.fullmatch(name) or unfit(name) is not None
+    ]
     if not names and not problems:
         problems.append('no studies: give studies = ["*/study.toml"], [[study]] or [[parts]].')
     if problems:
@@ -104,10 +126,17 @@ def matching(folder: Path, pattern: str, problems: list[str]) -> list[Path]:
     """The files of a pattern; where there is none, a problem more."""
     try:
         files = sorted(folder.glob(pattern))
-    except (IndexError, ValueError, NotImplementedError, OSError):      # what pathlib says of a pattern that is none, or absolute
+    except (
+        IndexError,
+        ValueError,
+        NotImplementedError,
+        OSError,
+    ):  # what pathlib says of a pattern that is none, or absolute
         files = []
     if not files:
-        problems.append(f'studies: no file matches "{pattern}". Patterns are relative to the fleet file.')
+        problems.append(
+            f'studies: no file matches "{pattern}". Patterns are relative to the fleet file.'
+        )
     return files
 
 
@@ -122,20 +151,28 @@ def _task(entry: StudyTable, folder: Path, problems: list[str]) -> Task | None:
     changes: dict[str, Any] = {}
     if entry.measurements is not None:
         file = find_data(entry.measurements, folder)
-        changes["measurements"] = study.measurements.model_copy(update={"file": os.path.relpath(file, path.parent)})
+        changes["measurements"] = study.measurements.model_copy(
+            update={"file": os.path.relpath(file, path.parent)}
+        )
     if entry.estimation is not None:
-        changes["split"] = study.split.model_copy(update={"estimation": entry.estimation, "column": None})
+        changes["split"] = study.split.model_copy(
+            update={"estimation": entry.estimation, "column": None}
+        )
     if entry.candidates is not None:
         changes["model"] = study.model.model_copy(update={"candidates": entry.candidates})
     if entry.seed is not None:
         changes["seed"] = entry.seed
-    return Task(entry.name or path.resolve().parent.name, study.model_copy(update=changes), path.parent)
+    return Task(
+        entry.name or path.resolve().parent.name, study.model_copy(update=changes), path.parent
+    )
 
 
 def _sentence(error: Any) -> str:
     place = ".".join(str(part + 1) if isinstance(part, int) else str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":
-        inner: dict[str, type[_Table]] = {"study": StudyTable, "parts": PartsTable} if len(error["loc"]) > 1 else {}
+        inner: dict[str, type[_Table]] = (
+            {"study": StudyTable, "parts": PartsTable} if len(error["loc"]) > 1 else {}
+        )
         table = inner.get(str(error["loc"][0]), FleetFile)
         return f'unknown key "{place}". {suggest(str(error["loc"][-1]), table.model_fields)}'
     if error["type"] == "missing":

@@ -1,4 +1,5 @@
-"""Values of study and fleet files as their schemas want them, and what is wrong with one, in words of the file."""
+"""Values of study and fleet files as their schemas want them, and what is wrong with one, in words
+of the file."""
 
 from __future__ import annotations
 
@@ -11,7 +12,11 @@ import numpy as np
 
 
 def _shown(value: Any) -> str:
-    return f"{value.bit_length() // 3.32:.0f} digits" if type(value) is int and abs(value) > 1e300 else str(value)[:60]
+    return (
+        f"{value.bit_length() // 3.32:.0f} digits"
+        if type(value) is int and abs(value) > 1e300
+        else str(value)[:60]
+    )
 
 
 def wording(error: Any) -> str:
@@ -21,8 +26,14 @@ def wording(error: Any) -> str:
         return str(what)
     what = "expected a table" if kind in ("model_type", "dict_type") else what
     what = re.sub(r"^Input should be (a valid |)", "expected ", what)
-    for pydantic, ours in (("string", "text"), ("list", "a list"), ("boolean", "true or false"), ("integer", "a whole number"),
-                           ("number", "a number"), ("finite number", "a finite number")):
+    for pydantic, ours in (
+        ("string", "text"),
+        ("list", "a list"),
+        ("boolean", "true or false"),
+        ("integer", "a whole number"),
+        ("number", "a number"),
+        ("finite number", "a finite number"),
+    ):
         what = what.replace(f"expected {pydantic}", f"expected {ours}")
     return f"{what.replace(' after validation', '')}, found {_shown(error['input'])!r}"
 
@@ -32,12 +43,15 @@ def _float(value: float) -> float:
 
 
 def plain_values(value: Any) -> Any:
-    """Values as TOML would have them. Whole numbers inside arrays count as numbers (TOML tells 100 from 100.0; a tool's offset
-    need not); from Python tuples and arrays are arrays, a path is its text."""
+    """Values as TOML would have them. Whole numbers inside arrays count as numbers (TOML tells 100
+    from 100.0; a tool's offset need not); from Python tuples and arrays are arrays, a path is its
+    text."""
     if isinstance(value, Mapping):
         lengths = ("_mm", "_ppm", "_urad", "size")
-        return {k: _float(v) if type(v) is int and str(k).endswith(lengths) else plain_values(v)
-                for k, v in value.items()}
+        return {
+            k: _float(v) if type(v) is int and str(k).endswith(lengths) else plain_values(v)
+            for k, v in value.items()
+        }
     if isinstance(value, (np.ndarray, np.generic)):
         return plain_values(value.tolist())
     if isinstance(value, os.PathLike):
@@ -47,5 +61,3 @@ def plain_values(value: Any) -> Any:
             return [_float(v) for v in value]
         return [plain_values(v) for v in value]
     return value
-
-

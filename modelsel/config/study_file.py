@@ -1,4 +1,5 @@
-"""A study: frozen values, from TOML or from Python; every problem is said at once, each with its place."""
+"""A study: frozen values, from TOML or from Python; every problem is said at once, each with its
+place."""
 
 from __future__ import annotations
 
@@ -32,18 +33,20 @@ Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 Positive = Annotated[float, Field(ge=1e-9, le=LARGEST, allow_inf_nan=False)]
 Nought = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
-Count = Annotated[int, Field(ge=1, le=10_000_000)]       # of configurations: what a computer holds
+Count = Annotated[int, Field(ge=1, le=10_000_000)]  # of configurations: what a computer holds
 Name = Annotated[str, AfterValidator(as_name)]
 FileName = Annotated[str, Field(min_length=1, max_length=4000, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True
+    )
 
 
 class RobotTable(_Table):
-    """[robot]: which nominal robot, where its target is, whether the tracker's frame is to be found. From Python `nominal` may
-    be the Robot itself."""
+    """[robot]: which nominal robot, where its target is, whether the tracker's frame is to be
+    found. From Python `nominal` may be the Robot itself."""
 
     nominal: Robot | None = None
     name: str | None = None
@@ -69,18 +72,26 @@ class RobotTable(_Table):
         if [self.nominal, self.name, self.file].count(None) != 2:
             raise ValueError('give either name = "…" (built in) or file = "robot.toml"')
         if self.file is None and (self.base or self.tip):
-            raise ValueError('base and tip name links of a URDF: file = "robot.urdf" goes with them')
+            raise ValueError(
+                'base and tip name links of a URDF: file = "robot.urdf" goes with them'
+            )
         if self.tool_mm is not None and self.tools_mm is not None:
             raise ValueError("give tool_mm, or [robot.tools_mm] with a line per target, not both")
         if not self.register_ and self.tool_mm is None and self.tools_mm is None:
-            raise ValueError("tool_mm is missing: the nominal target in the flange frame (or register = true to find it)")
+            raise ValueError(
+                "tool_mm is missing: the nominal target in the flange frame (or register = true to find it)"
+            )
         return self
 
     @model_serializer(mode="wrap")
     def _without_none(self, plain: Plain) -> dict[str, Any]:
         """A study's hash takes in a robot given as an object by its numbers."""
         robot = self.nominal
-        rest = {key: value for key, value in plain(self.model_copy(update={"nominal": None})).items() if key != "nominal"}
+        rest = {
+            key: value
+            for key, value in plain(self.model_copy(update={"nominal": None})).items()
+            if key != "nominal"
+        }
         return rest if robot is None else rest | {"nominal": robot_record(robot)}
 
 
@@ -93,7 +104,8 @@ class Held:
 
 
 class FeatureTable(_Table):
-    """[measurements.features.NAME]: what is known of an anchor, a sphere, a point or a plane; `estimate`: a first guess only."""
+    """[measurements.features.NAME]: what is known of an anchor, a sphere, a point or a plane;
+    `estimate`: a first guess only."""
 
     position_mm: Vector | None = None
     normal: Vector | None = None
@@ -103,11 +115,12 @@ class FeatureTable(_Table):
 
 
 class MeasurementsTable(_Table):
-    """[measurements]: the file, names that differ from the contract's, what is known of features that rows share. From Python
-    `frame` may be a DataFrame in the file's place; a path or a DataFrame alone stands for the table."""
+    """[measurements]: the file, names that differ from the contract's, what is known of features
+    that rows share. From Python `frame` may be a DataFrame in the file's place; a path or a
+    DataFrame alone stands for the table."""
 
     file: FileName
-    frame: Held | None = Field(None, exclude=True)     # its hash is that of the data
+    frame: Held | None = Field(None, exclude=True)  # its hash is that of the data
     columns: dict[str, str] = {}
     features: dict[Name, FeatureTable] = {}
 
@@ -125,10 +138,13 @@ class MeasurementsTable(_Table):
         if "frame" not in table:
             return table
         import pandas as pd
+
         if "file" in table:
             raise ValueError("give file or frame, not both")
         if not isinstance(table["frame"], pd.DataFrame):
-            raise ValueError(f"expected a file or a pandas DataFrame, found {type(table['frame']).__name__}")
+            raise ValueError(
+                f"expected a file or a pandas DataFrame, found {type(table['frame']).__name__}"
+            )
         frame = table["frame"].copy()
         return {**table, "file": "DataFrame", "frame": Held(digest(frame), frame)}
 
@@ -144,7 +160,7 @@ class SplitTable(_Table):
     @model_validator(mode="after")
     def _one_way(self) -> SplitTable:
         if self.estimation is not None and self.column is not None:
-            raise ValueError("give estimation = N or column = \"…\", not both")
+            raise ValueError('give estimation = N or column = "…", not both')
         if self.nested_folds == 1:
             raise ValueError("nested_folds = 1 is no fold; 0 (none) or 2 and more")
         return self
@@ -159,7 +175,8 @@ class ModelTable(_Table):
 
 
 class ComparisonTable(_Table):
-    """[comparison]: folds of the cross-validation, what they keep whole, how many mechanisms the table of subsets is made of."""
+    """[comparison]: folds of the cross-validation, what they keep whole, how many mechanisms the
+    table of subsets is made of."""
 
     folds: Annotated[int, Field(ge=2)] = 10
     by: Literal["configuration", "group"] = "configuration"
@@ -202,7 +219,8 @@ class EffectTable(_Table):
 
 
 class SimulateTable(_Table):
-    """[simulate]: what `modelsel simulate` makes; without a measurements file the configurations are drawn."""
+    """[simulate]: what `modelsel simulate` makes; without a measurements file the configurations
+    are drawn."""
 
     configurations: Count = 200
     noise_mm: Nought = 0.06
@@ -210,8 +228,8 @@ class SimulateTable(_Table):
 
 
 class Study(_Table):
-    """A study, checked. From Python its tables are those of the file, as keyword arguments: `Study(name="…", robot={…}, …)`.
-    Raises StudyError with every problem."""
+    """A study, checked. From Python its tables are those of the file, as keyword arguments:
+    `Study(name="…", robot={…}, …)`. Raises StudyError with every problem."""
 
     name: Name
     seed: Annotated[int, Field(ge=0)] = 0
@@ -230,15 +248,27 @@ class Study(_Table):
         except ValidationError as error:
             sentences: dict[str, None] = {}
             for problem in error.errors():
-                loc = tuple(p for p in problem["loc"] if not (isinstance(p, str) and (p.startswith(("literal", "list[")) or p in (
-                    "bool", "str", "float", "int"))))
+                loc = tuple(
+                    p
+                    for p in problem["loc"]
+                    if not (
+                        isinstance(p, str)
+                        and (
+                            p.startswith(("literal", "list["))
+                            or p in ("bool", "str", "float", "int")
+                        )
+                    )
+                )
                 sentences[_sentence({**problem, "loc": loc})] = None
             raise StudyError(*sentences) from None
 
-
     def with_measurements(self, measurements: Any) -> Study:
-        """The same study of other measurements: a path, a DataFrame or a table. Raises StudyError."""
-        return Study(**{name: getattr(self, name) for name in Study.model_fields} | {"measurements": measurements})
+        """The same study of other measurements: a path, a DataFrame or a table. Raises
+        StudyError."""
+        return Study(
+            **{name: getattr(self, name) for name in Study.model_fields}
+            | {"measurements": measurements}
+        )
 
 
 def _known(location: tuple[Any, ...]) -> list[str]:
@@ -260,7 +290,10 @@ def _known(location: tuple[Any, ...]) -> list[str]:
 
 
 def _sentence(error: Any) -> str:
-    place = ".".join(str(part + 1) if isinstance(part, int) else str(part).removesuffix("_") for part in error["loc"])
+    place = ".".join(
+        str(part + 1) if isinstance(part, int) else str(part).removesuffix("_")
+        for part in error["loc"]
+    )
     if error["type"] == "extra_forbidden":
         where = f"[{place.rpartition('.')[0]}]" if "." in place else "the study file"
         return f'{where}: unknown key "{error["loc"][-1]}". {suggest(str(error["loc"][-1]), _known(error["loc"][:-1]))}'
@@ -277,7 +310,9 @@ def parse_study(text: str, where: str) -> Study:
     except StudyError as error:
         raise StudyError(*(f"{where}: {problem}" for problem in error.problems)) from None
     except RecursionError:
-        raise StudyError(f"{where}: nested too deeply. Tables of a few levels are expected.") from None
+        raise StudyError(
+            f"{where}: nested too deeply. Tables of a few levels are expected."
+        ) from None
 
 
 def read_study(path: Path | str) -> Study:
@@ -288,8 +323,13 @@ def read_study(path: Path | str) -> Study:
 
 
 def find_data(name: str, beside: Path) -> Path:
-    """The measurements file: beside the study, else under MODELSEL_DATA; the path beside the study where neither has it."""
-    for folder in (beside, *([Path(root)] if (root := os.environ.get("MODELSEL_DATA")) else []), *_shared(beside)):
+    """The measurements file: beside the study, else under MODELSEL_DATA; the path beside the study
+    where neither has it."""
+    for folder in (
+        beside,
+        *([Path(root)] if (root := os.environ.get("MODELSEL_DATA")) else []),
+        *_shared(beside),
+    ):
         if (folder / name).is_file():
             return folder / name
     return beside / name

@@ -1,4 +1,5 @@
-"""The error map as values: places x causes, what each cell alone would explain beyond the base, and by what chance."""
+"""The error map as values: places x causes, what each cell alone would explain beyond the base, and
+by what chance."""
 
 from __future__ import annotations
 
@@ -17,8 +18,9 @@ from .stepwise import Extension
 
 @dataclass(frozen=True, eq=False)
 class ErrorMap:
-    """`f` and `p` (P, C): the F statistic of each cell alone, nan where no cell is, and its family-wise p; `where` and `why`
-    are places and causes as values, `named` the registered mechanism of a cell (row, column)."""
+    """`f` and `p` (P, C): the F statistic of each cell alone, nan where no cell is, and its
+    family-wise p; `where` and `why` are places and causes as values, `named` the registered
+    mechanism of a cell (row, column)."""
 
     places: tuple[str, ...]
     causes: tuple[str, ...]
@@ -30,20 +32,27 @@ class ErrorMap:
 
 
 def error_map(extension: Extension, found: Sequence[Candidate]) -> ErrorMap:
-    """Every candidate that acts at one place with one cause (or one wave of unknown phase), seen from the base."""
+    """Every candidate that acts at one place with one cause (or one wave of unknown phase), seen
+    from the base."""
     cells: dict[tuple[tuple[int, str], str], int] = {}
     why: dict[str, tuple[Cause, ...]] = {}
     for k, candidate in enumerate(found):
         if not candidate.registered and candidate.mechanism.sentence:
-            continue                                    # no cell of the map, but something strange of one joint
+            continue  # no cell of the map, but something strange of one joint
         screws = [s for t in candidate.mechanism.terms for s in t.screws]
-        places, causes = {(s.frame, s.axis) for s in screws}, tuple(dict.fromkeys(s.cause for s in screws))
+        places, causes = (
+            {(s.frame, s.axis) for s in screws},
+            tuple(dict.fromkeys(s.cause for s in screws)),
+        )
         if len(places) != 1 or len(causes) > 2 or isinstance(screws[0].cause, Bump):
             continue
         name = " & ".join(map(str, causes))
         cells.setdefault((places.pop(), name), k)
         why.setdefault(name, causes)
-    rows, columns = sorted({place for place, _ in cells}, key=lambda place: (place[0], AXES.index(place[1]))), list(why)
+    rows, columns = (
+        sorted({place for place, _ in cells}, key=lambda place: (place[0], AXES.index(place[1]))),
+        list(why),
+    )
     f, p, named = np.full((len(rows), len(columns)), np.nan), np.ones((len(rows), len(columns))), {}
     at = {key: k for keys in (rows, columns) for k, key in enumerate(keys)}
     for (place, name), k in cells.items():

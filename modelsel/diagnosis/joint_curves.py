@@ -1,9 +1,10 @@
-"""One curve, several waves? What a joint's own angle does is told by the evidence of the whole, not wave by wave.
+"""One curve, several waves? What a joint's own angle does is told by the evidence of the whole, not
+wave by wave.
 
-A kink or a soft step of one joint looks like a gear's eccentricity at first, then like an encoder's, then like a scale: each
-passes, and none is the cause. So the findings that act through one joint's own angle are held, together, against a free
-function of that angle, and a free function against a few waves: whichever the data make more probable stands.
-"""
+A kink or a soft step of one joint looks like a gear's eccentricity at first, then like an
+encoder's, then like a scale: each passes, and none is the cause. So the findings that act through
+one joint's own angle are held, together, against a free function of that angle, and a free function
+against a few waves: whichever the data make more probable stands."""
 
 from __future__ import annotations
 
@@ -18,20 +19,24 @@ from .candidates import Candidate
 from .evidence import factors
 from .scan import Columns, basis, scan, subset
 
-LONGEST = 4     # waves and the like that one curve may be made of
+LONGEST = 4  # waves and the like that one curve may be made of
 
 
 def own_angle(candidate: Candidate) -> int | None:
-    """The joint through whose own angle alone a candidate acts, at that joint's own rotation; None for any other."""
+    """The joint through whose own angle alone a candidate acts, at that joint's own rotation; None
+    for any other."""
     screws = [s for t in candidate.mechanism.terms for s in t.screws]
     frame = screws[0].frame
-    same = all(s.frame == frame and s.axis == "rz" and s.cause.names() == {f"q{frame}"} for s in screws)
+    same = all(
+        s.frame == frame and s.axis == "rz" and s.cause.names() == {f"q{frame}"} for s in screws
+    )
     return frame if same else None
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """The candidates (global indices `which`) of one joint's own angle; `free` marks the free functions among them."""
+    """The candidates (global indices `which`) of one joint's own angle; `free` marks the free
+    functions among them."""
 
     which: Index
     columns: Columns
@@ -59,11 +64,18 @@ def alone(curve: Curve, Q: Array, response: Array) -> Array:
     return np.asarray(curve.log_prior + factors(scan(curve.columns, Q), response).max(0))
 
 
-def chain(curve: Curve, Q: Array, response: Array, given: Sequence[int] | None, allowed: Array, first: Array | None = None
-          ) -> tuple[float, list[int]]:
-    """(log evidence, candidates) of a sum of effects, one after the other, each beyond those before: the `given` ones, or the
-    most probable among the `allowed`, as long as one adds evidence. Q (N, ·) projects the rest of the model off; `first`: what
-    each is worth `alone`, where that is known."""
+def chain(
+    curve: Curve,
+    Q: Array,
+    response: Array,
+    given: Sequence[int] | None,
+    allowed: Array,
+    first: Array | None = None,
+) -> tuple[float, list[int]]:
+    """(log evidence, candidates) of a sum of effects, one after the other, each beyond those
+    before: the `given` ones, or the most probable among the `allowed`, as long as one adds
+    evidence. Q (N, ·) projects the rest of the model off; `first`: what each is worth `alone`,
+    where that is known."""
     members = curve.which.tolist()
     total, out = 0.0, list[int]()
     wanted = None if given is None else [members.index(g) for g in given]
@@ -82,12 +94,20 @@ def chain(curve: Curve, Q: Array, response: Array, given: Sequence[int] | None, 
     return total, out
 
 
-def better(curve: Curve, Q: Array, response: Array, now: Sequence[int], odds: float) -> list[int] | None:
-    """What explains a joint's curve better than `now` does, by `odds` in log evidence: a free function (and what it leaves), or
-    a few waves; None where nothing does. `response` (N,) has all of `now` put back, Q does not hold it."""
+def better(
+    curve: Curve, Q: Array, response: Array, now: Sequence[int], odds: float
+) -> list[int] | None:
+    """What explains a joint's curve better than `now` does, by `odds` in log evidence: a free
+    function (and what it leaves), or a few waves; None where nothing does. `response` (N,) has all
+    of `now` put back, Q does not hold it."""
     first = alone(curve, Q, response)
     held = chain(curve, Q, response, now, curve.free, first)[0]
-    trials = [chain(curve, Q, response, None, np.logical_not(curve.free), first),
-              *(chain(curve, Q, response, [g], curve.free, first) for g in curve.which[curve.free].tolist())]
+    trials = [
+        chain(curve, Q, response, None, np.logical_not(curve.free), first),
+        *(
+            chain(curve, Q, response, [g], curve.free, first)
+            for g in curve.which[curve.free].tolist()
+        ),
+    ]
     value, best = max(trials, key=lambda t: t[0])
     return best if best and value > held + odds and set(best) != set(now) else None

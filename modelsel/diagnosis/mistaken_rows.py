@@ -1,4 +1,5 @@
-"""Rows far off that a simple slip explains: other units, a sign, two axes that changed places, a position of the row before."""
+"""Rows far off that a simple slip explains: other units, a sign, two axes that changed places, a
+position of the row before."""
 
 from __future__ import annotations
 
@@ -18,17 +19,18 @@ from ..setup.registration import register
 from ..setup.simple_mistakes import RAD, SCALES, axis_changes
 from .outliers import MATCH, scale_of
 
-FAR = 20.0         # times as near as a row comes by a slip, a row has to be off: chance does not come so near
+# times as near as a row comes by a slip, a row has to be off: chance does not come so near
+FAR = 20.0
 Residuals = Callable[[Scene], Array]
-BAD = 3e-3         # of the reach: a mean residual from which slips are looked for before any fit,
-FACTOR = 4.0       # and are said where without them the positions fit so much better
+BAD = 3e-3  # of the reach: a mean residual from which slips are looked for before any fit,
+FACTOR = 4.0  # and are said where without them the positions fit so much better
 ROUNDS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Slip:
-    """What is wrong in words, what to do about it, the readings (m, n) and positions (m, 3) as they would be without; `scale` of
-    the positions where it is a unit's."""
+    """What is wrong in words, what to do about it, the readings (m, n) and positions (m, 3) as they
+    would be without; `scale` of the positions where it is a unit's."""
 
     words: str
     remedy: str
@@ -39,27 +41,40 @@ class Slip:
 
 def _slips(scene: Scene) -> Iterator[Slip]:
     q, x, turns = scene.data.q, scene.data.position, ~np.array(scene.robot.prismatic)
-    yield from (Slip(f"in {u.unit}, not millimetres", u.remedy, q, x * u.scale, u.scale) for u in SCALES)
+    yield from (
+        Slip(f"in {u.unit}, not millimetres", u.remedy, q, x * u.scale, u.scale) for u in SCALES
+    )
     for axis, other, B in axis_changes():
-        words, remedy = ((f"{axis} and {other} in each other's place", f"let {axis} and {other} change places") if other else
-                         (f"the wrong sign of {axis}", f"change the sign of {axis}"))
+        words, remedy = (
+            (f"{axis} and {other} in each other's place", f"let {axis} and {other} change places")
+            if other
+            else (f"the wrong sign of {axis}", f"change the sign of {axis}")
+        )
         yield Slip(f"given with {words}", remedy, q, x @ B.T)
     for factor, unit, others in ((1 / RAD, "radians", "degrees"), (RAD, "degrees", "radians")):
         words = f"given with readings in {unit}, not {others}"
         yield Slip(words, "convert the readings", np.where(turns, q * factor, q), x)
 
 
-def slipped(scene: Scene, left: Residuals, rows: NDArray[np.bool_], usual: float | None = None,
-            named: NDArray[np.bool_] | None = None) -> tuple[str, ...]:
-    """A sentence for every slip that explains some of the `rows` (mask): how many, where, and how well they fit without. `left`:
-    residuals (m, c) of a scene under the model; near is what the other rows leave, or some times the `usual` length [mm].
-    Rows that are `named` (mask) are said already."""
+def slipped(
+    scene: Scene,
+    left: Residuals,
+    rows: NDArray[np.bool_],
+    usual: float | None = None,
+    named: NDArray[np.bool_] | None = None,
+) -> tuple[str, ...]:
+    """A sentence for every slip that explains some of the `rows` (mask): how many, where, and how
+    well they fit without. `left`: residuals (m, c) of a scene under the model; near is what the
+    other rows leave, or some times the `usual` length [mm]. Rows that are `named` (mask) are said
+    already."""
     data = scene.data
     points = np.ones(len(data), bool) if data.gauges is None else data.gauges.of("point")
     calm, rows = points & ~rows, points & rows & (True if named is None else ~named)
     if not rows.any() or not (calm.any() or usual):
         return ()
-    near = MATCH * max(scale_of(_length(left(scene.take(calm)))) if usual is None else usual / np.sqrt(3), 1e-6)
+    near = MATCH * max(
+        scale_of(_length(left(scene.take(calm)))) if usual is None else usual / np.sqrt(3), 1e-6
+    )
     some = scene.take(rows)
     before = _length(left(some))
     still, out = before > FAR * near, list[str]()
@@ -76,16 +91,21 @@ def slipped(scene: Scene, left: Residuals, rows: NDArray[np.bool_], usual: float
 
 def _said(slip: Slip, where: Where, rows: Index, before: float, after: float) -> str:
     is_, fit, them = ("is", "it fits", "it") if len(rows) == 1 else ("are", "they fit", "them")
-    return (f"{len(rows)} row{'s' * (len(rows) > 1)} {is_} {slip.words} ({where.spans(rows)}): corrected, {fit} "
-            f"{better(before, after)} ({after:.2g} mm in place of {before:.3g} mm, median); "
-            f"{slip.remedy} there, or leave {them} out.")
+    return (
+        f"{len(rows)} row{'s' * (len(rows) > 1)} {is_} {slip.words} ({where.spans(rows)}): corrected, {fit} "
+        f"{better(before, after)} ({after:.2g} mm in place of {before:.3g} mm, median); "
+        f"{slip.remedy} there, or leave {them} out."
+    )
 
 
 def slipped_before(scene: Scene, registered: bool, per_group: bool = False) -> str | None:
-    """A sentence on the slip of some rows that explains what a scene's points leave at its placement and tools; None where they
-    leave little, or no slip of less than half of the rows explains it. Where placement and tools were found from the rows
-    (`registered`), they are found again with every guess."""
-    points = np.ones(len(scene), bool) if scene.data.gauges is None else scene.data.gauges.of("point")
+    """A sentence on the slip of some rows that explains what a scene's points leave at its
+    placement and tools; None where they leave little, or no slip of less than half of the rows
+    explains it. Where placement and tools were found from the rows (`registered`), they are found
+    again with every guess."""
+    points = (
+        np.ones(len(scene), bool) if scene.data.gauges is None else scene.data.gauges.of("point")
+    )
     if not points.any():
         return None
     some = scene.take(points).plain_points()
@@ -96,19 +116,31 @@ def slipped_before(scene: Scene, registered: bool, per_group: bool = False) -> s
     after, marked, slip = min(tried, key=lambda each: float(each[0].mean()))
     if not marked.any() or marked.mean() >= 0.5 or after.mean() > given.mean() / FACTOR:
         return None
-    return _said(slip, some.data.where, some.data.row[marked], float(np.median(given[marked])), float(np.median(after[marked])))
+    return _said(
+        slip,
+        some.data.where,
+        some.data.row[marked],
+        float(np.median(given[marked])),
+        float(np.median(after[marked])),
+    )
 
 
-def _settled(some: Scene, slip: Slip, registered: bool, per_group: bool) -> tuple[Array, NDArray[np.bool_]]:
+def _settled(
+    some: Scene, slip: Slip, registered: bool, per_group: bool
+) -> tuple[Array, NDArray[np.bool_]]:
     """(what every row leaves, which rows have the slip) once no row changes sides any more."""
     length = np.linalg.norm(some.data.position, axis=1)
     usual = float(np.median(length))
-    marked = (np.abs(np.log(np.maximum(length * slip.scale, 1e-9) / max(usual, 1e-9))) < 1) & (slip.scale != 1.0)
+    marked = (np.abs(np.log(np.maximum(length * slip.scale, 1e-9) / max(usual, 1e-9))) < 1) & (
+        slip.scale != 1.0
+    )
     marked &= np.abs(np.log(np.maximum(length, 1e-9) / max(usual, 1e-9))) > 1
     at = _with(some, slip, marked, registered, per_group)
     for _ in range(ROUNDS):
-        plain, other = (_length(residuals(at.anew(data=replace(at.data, q=q, position=x))))
-                        for q, x in ((some.data.q, some.data.position), (slip.q, slip.position)))
+        plain, other = (
+            _length(residuals(at.anew(data=replace(at.data, q=q, position=x))))
+            for q, x in ((some.data.q, some.data.position), (slip.q, slip.position))
+        )
         again = other < plain / 2
         if (again == marked).all():
             break
@@ -117,13 +149,23 @@ def _settled(some: Scene, slip: Slip, registered: bool, per_group: bool) -> tupl
     return _length(residuals(at)), marked
 
 
-def _with(some: Scene, slip: Slip, marked: NDArray[np.bool_], registered: bool, per_group: bool) -> Scene:
-    """The scene without the slip in the marked rows, tracker and targets found again where they were found before."""
+def _with(
+    some: Scene, slip: Slip, marked: NDArray[np.bool_], registered: bool, per_group: bool
+) -> Scene:
+    """The scene without the slip in the marked rows, tracker and targets found again where they
+    were found before."""
     rows = marked[:, None]
-    at = some.anew(data=replace(some.data, q=np.where(rows, slip.q, some.data.q),
-                                position=np.where(rows, slip.position, some.data.position)))
+    at = some.anew(
+        data=replace(
+            some.data,
+            q=np.where(rows, slip.q, some.data.q),
+            position=np.where(rows, slip.position, some.data.position),
+        )
+    )
     try:
-        return register(at, np.ones(len(at), bool), per_group) if registered and marked.any() else at
+        return (
+            register(at, np.ones(len(at), bool), per_group) if registered and marked.any() else at
+        )
     except (DataError, NotEstimable):
         return at
 
@@ -131,7 +173,12 @@ def _with(some: Scene, slip: Slip, marked: NDArray[np.bool_], registered: bool, 
 def _stale(scene: Scene, rows: NDArray[np.bool_]) -> Slip:
     """Of every row the readings of the one before: its position was not taken anew."""
     q = np.roll(scene.data.q, 1, axis=0)
-    return Slip("given with the position of the row before", "measure them again", q[rows], scene.data.position[rows])
+    return Slip(
+        "given with the position of the row before",
+        "measure them again",
+        q[rows],
+        scene.data.position[rows],
+    )
 
 
 def _length(residual: Array) -> Array:

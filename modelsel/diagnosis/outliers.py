@@ -14,12 +14,14 @@ from ..fitting.least_squares import Fit, fit
 from ..fitting.problem import Scene
 from ..fitting.reduction import reduce
 
-TRIM = 0.75          # share of the rows that the concentration steps fit
-MEDIAN_3 = 1.5382    # median length of three standard normals
-MEDIAN_1 = 0.6745    # and of one
-GROSS = 8.0          # robust standard deviations of one coordinate, before naming: systematic error is still in
-LEFT = 6.0           # the same, once the named effects are taken out
-MOST = 0.15          # of the rows: more are not outliers but an effect
+TRIM = 0.75  # share of the rows that the concentration steps fit
+MEDIAN_3 = 1.5382  # median length of three standard normals
+MEDIAN_1 = 0.6745  # and of one
+GROSS = (
+    8.0  # robust standard deviations of one coordinate, before naming: systematic error is still in
+)
+LEFT = 6.0  # the same, once the named effects are taken out
+MOST = 0.15  # of the rows: more are not outliers but an effect
 STEPS = 12
 
 Mask = NDArray[np.bool_]
@@ -31,19 +33,24 @@ def lengths(residual: Array) -> Array:
 
 
 def scale_of(size: Array, measured: Mask | None = None) -> float:
-    """Robust standard deviation of one coordinate from lengths of residual vectors; `measured` (m, c): which coordinates each
-    has (None: three)."""
+    """Robust standard deviation of one coordinate from lengths of residual vectors; `measured` (m,
+    c): which coordinates each has (None: three)."""
     return float(np.median(_alike(size, measured))) / MEDIAN_3
 
 
 def _alike(size: Array, measured: Mask | None) -> Array:
     """Lengths (m,) as they would be of three coordinates, by their medians."""
-    return size if measured is None else size * np.where(measured[:, :3].sum(1) == 1, MEDIAN_3 / MEDIAN_1, 1.0)
+    return (
+        size
+        if measured is None
+        else size * np.where(measured[:, :3].sum(1) == 1, MEDIAN_3 / MEDIAN_1, 1.0)
+    )
 
 
 def gross(scene: Scene, base: Model) -> Mask:
-    """(m,) rows far off, whatever the base does not explain: concentration steps from the plain fit (Rousseeuw & Van
-    Driessen 1999), then residuals in robust standard deviations, each divided by what its leverage makes of it."""
+    """(m,) rows far off, whatever the base does not explain: concentration steps from the plain fit
+    (Rousseeuw & Van Driessen 1999), then residuals in robust standard deviations, each divided by
+    what its leverage makes of it."""
     fitted = fit(scene, base)
     X, r = design(scene, base.terms, fitted.at())
     X = X[:, :, list(fitted.representatives)]
@@ -62,7 +69,9 @@ def gross(scene: Scene, base: Model) -> Mask:
         inside = chosen
         left, spread = _refit(X, r, inside, seen)
         size = lengths(left / spread[:, None])
-    flagged = size > GROSS * scale_of(size[inside], None if seen is None else seen[inside]) / _shrinkage(TRIM, round(min(c, 3)))
+    flagged = size > GROSS * scale_of(
+        size[inside], None if seen is None else seen[inside]
+    ) / _shrinkage(TRIM, round(min(c, 3)))
     for _ in range(3):
         left, spread = _refit(X, r, ~flagged, seen)
         size = lengths(left / spread[:, None])
@@ -74,43 +83,54 @@ def gross(scene: Scene, base: Model) -> Mask:
 
 
 def _shrinkage(share: float, c: int) -> float:
-    """Median length among the smallest `share` of normals of c coordinates, over the median of all."""
+    """Median length among the smallest `share` of normals of c coordinates, over the median of
+    all."""
     from scipy.special import gammaincinv
-    return float(np.sqrt(2 * gammaincinv(c / 2, share / 2)) / (MEDIAN_3 if c == 3 else np.sqrt(2 * gammaincinv(c / 2, 0.5))))
+
+    return float(
+        np.sqrt(2 * gammaincinv(c / 2, share / 2))
+        / (MEDIAN_3 if c == 3 else np.sqrt(2 * gammaincinv(c / 2, 0.5)))
+    )
 
 
 def _refit(X: Array, r: Array, inside: Mask, measured: Mask | None) -> tuple[Array, Array]:
-    """Residuals (m, c) of the fit to the rows `inside`, and the factor (m,) their leverage puts on them; `measured` (m, c)."""
+    """Residuals (m, c) of the fit to the rows `inside`, and the factor (m,) their leverage puts on
+    them; `measured` (m, c)."""
     _, c, p = X.shape
     reduction = reduce(X[inside].reshape(int(inside.sum()) * c, p), r[inside].ravel())
     kept = list(identify(reduction).kept)
     R = reduction.select(kept).R
     T = np.linalg.inv(R[:-1, :-1])
     left = r - X[:, :, kept] @ (T @ R[:-1, -1])
-    leverage = np.square(X[:, :, kept] @ T).sum((1, 2)) / (c if measured is None else measured.sum(1))
+    leverage = np.square(X[:, :, kept] @ T).sum((1, 2)) / (
+        c if measured is None else measured.sum(1)
+    )
     return left, np.sqrt(np.where(inside, np.maximum(1 - leverage, 0.05), 1 + leverage))
 
 
-def far_off(residual: Array, reference: Array, threshold: float, measured: Mask | None = None) -> Mask:
-    """Rows of `residual` longer than `threshold` robust standard deviations of the `reference` rows, whose coordinates are
-    `measured` (None: all)."""
+def far_off(
+    residual: Array, reference: Array, threshold: float, measured: Mask | None = None
+) -> Mask:
+    """Rows of `residual` longer than `threshold` robust standard deviations of the `reference`
+    rows, whose coordinates are `measured` (None: all)."""
     return np.asarray(lengths(residual) > threshold * scale_of(lengths(reference), measured))
 
 
 # Faults of the data, found among the gross outliers: rows whose position belongs to another row.
 
-MATCH = 8.0        # robust standard deviations within which a position fits another row
+MATCH = 8.0  # robust standard deviations within which a position fits another row
 DRAWS = 1999
 CERTAIN = 0.05
-CREDIBLE = 0.95    # posterior probability from which a fault is told
-TAIL = 4           # degrees of freedom of a good position about its prediction
-MOST_ROWS = 1000   # outlying rows: among more, every position finds a reading that it fits
+CREDIBLE = 0.95  # posterior probability from which a fault is told
+TAIL = 4  # degrees of freedom of a good position about its prediction
+MOST_ROWS = 1000  # outlying rows: among more, every position finds a reading that it fits
 
 
 @dataclass(frozen=True, eq=False)
 class Fault:
-    """A data fault: its name, the rows of the file it concerns (0-based), a sentence, how often chance does as well, and its
-    posterior `probability` against gross errors that have nothing to do with each other."""
+    """A data fault: its name, the rows of the file it concerns (0-based), a sentence, how often
+    chance does as well, and its posterior `probability` against gross errors that have nothing to
+    do with each other."""
 
     name: str
     rows: Index
@@ -119,10 +139,13 @@ class Fault:
     probability: float
 
 
-def misplaced(scene: Scene, outlying: Mask, fitted: Fit, rng: np.random.Generator) -> tuple[Fault, ...]:
-    """Outlying rows whose positions fit each other's joint readings or targets: swapped reflectors where they share a
-    configuration, a wrong order of rows elsewhere. Chance: the same distances in random directions. Told where both that p and
-    the posterior probability (`_probability`) are clear."""
+def misplaced(
+    scene: Scene, outlying: Mask, fitted: Fit, rng: np.random.Generator
+) -> tuple[Fault, ...]:
+    """Outlying rows whose positions fit each other's joint readings or targets: swapped reflectors
+    where they share a configuration, a wrong order of rows elsewhere. Chance: the same distances in
+    random directions. Told where both that p and the posterior probability (`_probability`) are
+    clear."""
     gauges = scene.data.gauges
     points = np.ones(len(outlying), bool) if gauges is None else gauges.of("point")
     at = np.flatnonzero(outlying & points)
@@ -146,44 +169,78 @@ def misplaced(scene: Scene, outlying: Mask, fitted: Fit, rng: np.random.Generato
     rows, data = at[fits], scene.data
     every = _partner(measured, predicted)
     partner = every[fits]
-    ratio = _log_ratio(np.linalg.norm(measured - predicted[every], axis=1), np.linalg.norm(residual[at], axis=1), scale,
-                       scene.reach_mm)
+    ratio = _log_ratio(
+        np.linalg.norm(measured - predicted[every], axis=1),
+        np.linalg.norm(residual[at], axis=1),
+        scale,
+        scene.reach_mm,
+    )
     together = data.configuration[rows] == data.configuration[at[partner]]
     out = []
     for name, mask, words in (
-            ("swapped-reflectors", together, "the reflectors of these rows are swapped: each position fits the other target"),
-            ("row-order", ~together, "these rows stand in the wrong order: each position fits another row's joint readings")):
+        (
+            "swapped-reflectors",
+            together,
+            "the reflectors of these rows are swapped: each position fits the other target",
+        ),
+        (
+            "row-order",
+            ~together,
+            "these rows stand in the wrong order: each position fits another row's joint readings",
+        ),
+    ):
         concerned = np.zeros(len(at), bool)
         concerned[np.flatnonzero(fits)[mask]] = True
         probability = _probability(ratio, concerned)
         if mask.sum() >= 2 and probability >= CREDIBLE:
             index = data.row[rows[mask]]
-            out.append(Fault(name, index, f"A fault of the data: {words} ({data.where.listed(index)}).", p, probability))
+            out.append(
+                Fault(
+                    name,
+                    index,
+                    f"A fault of the data: {words} ({data.where.listed(index)}).",
+                    p,
+                    probability,
+                )
+            )
     return tuple(out)
 
 
 def _log_ratio(distance: Array, length: Array, scale: float, reach: float) -> Array:
-    """(k,) log ratio of a measured position's density if it belongs to another outlying row to that if it is any gross error.
-    There: a t of TAIL degrees of freedom and the good rows' `scale` [mm] about the prediction of that row, one of k - 1 equally
-    likely; `distance` (k,) to it. Any gross error: every direction alike, the logarithm of its `length` (k,) spread evenly from
-    where rows count as outlying to the arm's `reach`."""
+    """(k,) log ratio of a measured position's density if it belongs to another outlying row to that
+    if it is any gross error. There: a t of TAIL degrees of freedom and the good rows' `scale` [mm]
+    about the prediction of that row, one of k - 1 equally likely; `distance` (k,) to it. Any gross
+    error: every direction alike, the logarithm of its `length` (k,) spread evenly from where rows
+    count as outlying to the arm's `reach`."""
     from scipy.special import gammaln
+
     k, length = len(distance), np.maximum(length, MATCH * scale)
-    there = (gammaln((TAIL + 3) / 2) - gammaln(TAIL / 2) - 1.5 * np.log(TAIL * np.pi) - 3 * np.log(scale)
-             - (TAIL + 3) / 2 * np.log1p(np.square(distance / scale) / TAIL) - np.log(k - 1))
+    there = (
+        gammaln((TAIL + 3) / 2)
+        - gammaln(TAIL / 2)
+        - 1.5 * np.log(TAIL * np.pi)
+        - 3 * np.log(scale)
+        - (TAIL + 3) / 2 * np.log1p(np.square(distance / scale) / TAIL)
+        - np.log(k - 1)
+    )
     spread = np.log(max(reach / (MATCH * scale), np.e))
     return np.asarray(there + np.log(4 * np.pi * spread) + 3 * np.log(length))
 
 
 def _probability(log_ratio: Array, concerned: Mask) -> float:
-    """Posterior probability that rows were exchanged, as likely before as not, and then every outlying row as likely as not among
-    them: Bayes factor = product over the rows of (1 + ratio) / 2, ratio nought for a row that is not `concerned`."""
+    """Posterior probability that rows were exchanged, as likely before as not, and then every
+    outlying row as likely as not among them: Bayes factor = product over the rows of (1 + ratio) /
+    2, ratio nought for a row that is not `concerned`."""
     from scipy.special import expit
-    return float(expit((np.logaddexp(0.0, np.where(concerned, log_ratio, -np.inf)) - np.log(2)).sum()))
+
+    return float(
+        expit((np.logaddexp(0.0, np.where(concerned, log_ratio, -np.inf)) - np.log(2)).sum())
+    )
 
 
 def _partner(measured: Array, predicted: Array) -> Index:
-    """(k,) for every outlying row, the other outlying row whose prediction is nearest to its measured position."""
+    """(k,) for every outlying row, the other outlying row whose prediction is nearest to its
+    measured position."""
     distance = np.linalg.norm(measured[:, None] - predicted[None], axis=2)
     np.fill_diagonal(distance, np.inf)
     return np.asarray(distance.argmin(1), dtype=np.intp)

@@ -1,4 +1,5 @@
-"""What the loop that extends a model shares and asks: fits, names, the null, the signs of the residual's own rows."""
+"""What the loop that extends a model shares and asks: fits, names, the null, the signs of the
+residual's own rows."""
 
 from __future__ import annotations
 
@@ -21,23 +22,33 @@ from .residual_tests import DRAWS as FLIPS
 from .residual_tests import adjusted, flipped, flipped_p, units
 from .scan import Columns, Scan, basis, columns, flat, scan, scan_without, stacked
 
-LEVEL = 0.05            # family-wise
-BETTER = np.log(3)      # log odds at which a re-named effect changes its name
-DRAWS = (999, 499)      # null draws for small and large studies
-COARSE_MM = 1e-2        # step at which the fits on the way are good enough
-LARGE = 3e6             # candidates' numbers beyond which a study is large
+LEVEL = 0.05  # family-wise
+BETTER = np.log(3)  # log odds at which a re-named effect changes its name
+DRAWS = (999, 499)  # null draws for small and large studies
+COARSE_MM = 1e-2  # step at which the fits on the way are good enough
+LARGE = 3e6  # candidates' numbers beyond which a study is large
 
 
 class Search:
-    """What the loop shares: the training scene, all candidates with their columns, the null of the first scan."""
+    """What the loop shares: the training scene, all candidates with their columns, the null of the
+    first scan."""
 
-    def __init__(self, scene: Scene, base: Model, found: tuple[Candidate, ...], rng: np.random.Generator, base_fit: Fit):
+    def __init__(
+        self,
+        scene: Scene,
+        base: Model,
+        found: tuple[Candidate, ...],
+        rng: np.random.Generator,
+        base_fit: Fit,
+    ):
         self.scene, self.base, self.found, self.rng = scene, base, found, rng
         self.columns: Columns = columns(scene, found, base_fit.at())
         self.log_prior = np.log([c.prior for c in found])
         self.curves = curves(found, self.columns, self.log_prior)
         self.first = view(scene, self.columns, base, base_fit)
-        self.dead = np.flatnonzero(self.first.seen.sizes == 0)      # the base has them: what a refit leaks of them is no cause
+        self.dead = np.flatnonzero(
+            self.first.seen.sizes == 0
+        )  # the base has them: what a refit leaks of them is no cause
         large = self.columns.XT.size >= LARGE
         self.flips = FLIPS[large]
         self.null, self.least_p = null(self.first.seen, self.log_prior, DRAWS[large], rng)
@@ -47,7 +58,9 @@ class Search:
         model = models(self.base, [self.found[g] for g in chosen])
         return view(self.scene, self.columns, model, fit_shrunk(self.scene, model, start, step_mm))
 
-    def attempt(self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM) -> View | None:
+    def attempt(
+        self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM
+    ) -> View | None:
         """`fit`, or None where the data do not determine such a model."""
         try:
             return self.fit(chosen, start, step_mm)
@@ -55,12 +68,16 @@ class Search:
             return None
 
     def unbounded(self, g: int, view: View) -> bool:
-        """Whether the fit leaves an effect's size open: a term, or its standard error, is beyond what a small screw can be."""
+        """Whether the fit leaves an effect's size open: a term, or its standard error, is beyond
+        what a small screw can be."""
         place = {t.screws: k for k, t in enumerate(view.model.terms)}
         at = [place[t.screws] for t in self.found[g].mechanism.terms]
         block = next(b for b in self.columns.grams if g in b.which)
         most = block.most[int(np.flatnonzero(block.which == g)[0])]
-        return bool((np.abs(view.fitted.theta[at]) > most).any() or (view.fitted.standard_errors[at] > most).any())
+        return bool(
+            (np.abs(view.fitted.theta[at]) > most).any()
+            or (view.fitted.standard_errors[at] > most).any()
+        )
 
     def displacement(self, g: int, view: View) -> Array:
         """(N,) what an effect, as fitted, does to the target beyond the base; whitened."""
@@ -69,40 +86,66 @@ class Search:
         return np.asarray(moved - self.first.Q @ (self.first.Q.T @ moved))
 
     def next(self, view: View, known: Sequence[int]) -> Named:
-        """What explains most of the rest; `known` candidates have had their turn (what the fit drops of theirs is no cause)."""
-        return name(view.seen, self.found, view.r, np.union1d(self.dead, np.array(known, dtype=np.intp)))
+        """What explains most of the rest; `known` candidates have had their turn (what the fit
+        drops of theirs is no cause)."""
+        return name(
+            view.seen, self.found, view.r, np.union1d(self.dead, np.array(known, dtype=np.intp))
+        )
 
     def by_signs(self, view: View, known: Sequence[int], observed: float) -> float:
-        """How often the residual's own rows, signs of whole postures (and of whole groups, where their rows go together) changed,
-        have as much evidence beyond the model; the largest of these p."""
+        """How often the residual's own rows, signs of whole postures (and of whole groups, where
+        their rows go together) changed, have as much evidence beyond the model; the largest of
+        these p."""
         log_prior = self.log_prior.copy()
         log_prior[np.union1d(self.dead, np.array(known, dtype=np.intp))] = -np.inf
-        return max(flipped_p(flipped(view.seen, log_prior, adjusted(view.seen.Q, view.r, unit), unit, self.flips, self.rng),
-                             observed, self.flips, LEVEL) for unit in self.in_units(view))
+        return max(
+            flipped_p(
+                flipped(
+                    view.seen,
+                    log_prior,
+                    adjusted(view.seen.Q, view.r, unit),
+                    unit,
+                    self.flips,
+                    self.rng,
+                ),
+                observed,
+                self.flips,
+                LEVEL,
+            )
+            for unit in self.in_units(view)
+        )
 
     def in_units(self, view: View) -> list[Index]:
-        """Which coordinates (N,) change sign together, -1 where a row is the prior's: a partition of every kind that `units`
-        asks for."""
+        """Which coordinates (N,) change sign together, -1 where a row is the prior's: a partition
+        of every kind that `units` asks for."""
         scene, out = self.scene, []
         for own in units(scene.data, view.fitted.residuals(scene)[:, :3], self.rng):
             every = np.tile(own, (1, scene.components, 1))
-            measured = np.concatenate([flat(scene, rows, every[:, :, rows])[0] for rows in scene.blocks()])
+            measured = np.concatenate(
+                [flat(scene, rows, every[:, :, rows])[0] for rows in scene.blocks()]
+            )
             out.append(np.append(measured, np.full(len(view.r) - len(measured), -1)))
         return out
 
     def by_chance(self, view: View) -> tuple[list[Array], Array]:
-        """(sorted evidences where nothing is: by equal normal noise, and by the signs of what `view` leaves; (G,) family-wise p
-        of every candidate alone on the base, the largest by any of these). Where the model of `view` has every candidate already,
-        evidences beyond the base are taken."""
+        """(sorted evidences where nothing is: by equal normal noise, and by the signs of what
+        `view` leaves; (G,) family-wise p of every candidate alone on the base, the largest by any
+        of these). Where the model of `view` has every candidate already, evidences beyond the base
+        are taken."""
         first, rows = self.first, len(self.first.r)
         nothing, p = [self.null], familywise(first.seen, first.r, self.least_p)
         for unit in self.in_units(view):
             e = adjusted(view.seen.Q, view.r, unit)
-            base = list(flipped(first.seen, self.log_prior, e[:rows], unit[:rows], self.flips, self.rng))
+            base = list(
+                flipped(first.seen, self.log_prior, e[:rows], unit[:rows], self.flips, self.rng)
+            )
             own = flipped(view.seen, self.log_prior, e, unit, self.flips, self.rng)
             after = base if view is first or not view.seen.sizes.any() else own
             nothing.append(np.sort(np.concatenate([some for some, _ in after])))
-            p = np.maximum(p, familywise(first.seen, first.r, np.sort(np.concatenate([few for _, few in base]))))
+            p = np.maximum(
+                p,
+                familywise(first.seen, first.r, np.sort(np.concatenate([few for _, few in base]))),
+            )
         return nothing, p
 
     def again(self, g: int, view: View) -> tuple[Named, float]:
@@ -110,11 +153,15 @@ class Search:
         if g not in view.asked:
             seen, y = view.without(self.found[g])
             named = name_again(seen, self.found, g, y, self.dead)
-            view.asked[g] = with_candidate(named, seen, self.found, g, y), own_evidence(seen, named, g, y)
+            view.asked[g] = (
+                with_candidate(named, seen, self.found, g, y),
+                own_evidence(seen, named, g, y),
+            )
         return view.asked[g]
 
     def redrawn(self, chosen: Sequence[int], view: View) -> Iterator[tuple[list[int], str]]:
-        """(models in which a joint's own-angle effects are explained better together, what changed)."""
+        """(models in which a joint's own-angle effects are explained better together, what
+        changed)."""
         for curve in self.curves.values():
             now = [g for g in chosen if g in curve.which]
             if not now:
@@ -122,18 +169,25 @@ class Search:
             D, response = view.freed(*(self.found[g] for g in now))
             best = better(curve, view.Q - D @ (D.T @ view.Q), response, now, BETTER)
             if best is not None:
-                names = (" & ".join(self.found[g].mechanism.name for g in some) for some in (now, best))
+                names = (
+                    " & ".join(self.found[g].mechanism.name for g in some) for some in (now, best)
+                )
                 yield [*(g for g in chosen if g not in now), *best], " -> ".join(names)
 
     def joined(self, chosen: Sequence[int], g: int) -> list[int]:
         """With candidate g; a finer free function of a joint takes the place of a coarser one."""
+
         def subject(k: int) -> object:
             mechanism = self.found[k].mechanism
-            return mechanism.terms[0].screws[0].frame if mechanism.name.startswith("free(") else (k,)
+            return (
+                mechanism.terms[0].screws[0].frame if mechanism.name.startswith("free(") else (k,)
+            )
+
         return [*(k for k in chosen if subject(k) != subject(g)), g]
 
 
-# A fitted model seen as projections: what lies beyond it, and beyond it without one of its effects, with no refit.
+# A fitted model seen as projections: what lies beyond it, and beyond it without one of its effects,
+# with no refit.
 
 
 def models(base: Model, chosen: Sequence[Candidate]) -> Model:
@@ -143,9 +197,10 @@ def models(base: Model, chosen: Sequence[Candidate]) -> Model:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A fitted model seen as projections: orthonormal Q, its R (A_kept = Q R), columns A (N, p), the fit's residual `raw` and r,
-    its part off the model; the prior's rows of shrunk terms stand below the data's. What geometry can do at any size is taken by
-    geometry: the columns `kept` are those that do not depend on others, and the prior of usual sizes has no say."""
+    """A fitted model seen as projections: orthonormal Q, its R (A_kept = Q R), columns A (N, p),
+    the fit's residual `raw` and r, its part off the model; the prior's rows of shrunk terms stand
+    below the data's. What geometry can do at any size is taken by geometry: the columns `kept` are
+    those that do not depend on others, and the prior of usual sizes has no say."""
 
     model: Model
     fitted: Fit
@@ -156,7 +211,9 @@ class View:
     raw: Array
     r: Array
     seen: Scan
-    asked: dict[int, tuple[Named, float]] = field(default_factory=dict, repr=False)      # what `_Search.again` has answered
+    asked: dict[int, tuple[Named, float]] = field(
+        default_factory=dict, repr=False
+    )  # what `_Search.again` has answered
 
     def own(self, *effects: Candidate) -> Array:
         """(p,) mask of the terms that these effects alone bring."""
@@ -166,7 +223,8 @@ class View:
         return np.array([t.screws in mine and t.screws not in shared for t in self.model.terms])
 
     def freed(self, *effects: Candidate) -> tuple[Array, Array]:
-        """(D (N, d), the residual with the effects put back): no refit, the directions that only they bring are Q R⁻ᵀ E."""
+        """(D (N, d), the residual with the effects put back): no refit, the directions that only
+        they bring are Q R⁻ᵀ E."""
         own = self.own(*effects)
         E = np.eye(len(self.kept))[:, [i for i, k in enumerate(self.kept) if own[k]]]
         D: Array = self.Q @ basis(np.asarray(np.linalg.solve(self.R.T, E)))

@@ -1,9 +1,10 @@
-"""The loop that extends a model: name, add the whole top mechanism, refit everything, name each effect again given the
-others, drop what the full model no longer needs; until chance alone would explain what is left.
+"""The loop that extends a model: name, add the whole top mechanism, refit everything, name each
+effect again given the others, drop what the full model no longer needs; until chance alone would
+explain what is left.
 
-A sum of single effects, each a whole candidate (grouped after Wang, Sarkar, Carbonetto & Stephens 2020, "SuSiE"); here an
-effect is re-named with the others fitted exactly, so that an early proxy is found out.
-"""
+A sum of single effects, each a whole candidate (grouped after Wang, Sarkar, Carbonetto & Stephens
+2020, "SuSiE"); here an effect is re-named with the others fitted exactly, so that an early proxy is
+found out."""
 
 from __future__ import annotations
 
@@ -22,14 +23,14 @@ from .credible_sets import Named
 from .evidence import p_value, single_f
 from .state import BETTER, LEVEL, Search, View
 
-MOST = 24           # effects
-UNDONE = 0.5        # share of either of two effects below which what is left of both is said
+MOST = 24  # effects
+UNDONE = 0.5  # share of either of two effects below which what is left of both is said
 
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """One named effect of the extended model, given all the others; `p` family-wise; `cancels`: another one that undoes most of
-    it, and the share of it that is left of both."""
+    """One named effect of the extended model, given all the others; `p` family-wise; `cancels`:
+    another one that undoes most of it, and the share of it that is left of both."""
 
     candidate: Candidate
     named: Named
@@ -41,11 +42,11 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class Extension:
-    """The extended model: effects in the order they were found, its fit, the null evidences, what was tried on the way;
-    `left` names the strongest of what remains, with its p-value, whatever it is (None without candidates); `held_back`: its p
-    under equal normal noise, where that would have named it and the residual's own signs do not; `single_f` (G,) every candidate
-    alone on the base, `map_p` (G,) family-wise p of that.
-    """
+    """The extended model: effects in the order they were found, its fit, the null evidences, what
+    was tried on the way; `left` names the strongest of what remains, with its p-value, whatever it
+    is (None without candidates); `held_back`: its p under equal normal noise, where that would have
+    named it and the residual's own signs do not; `single_f` (G,) every candidate alone on the base,
+    `map_p` (G,) family-wise p of that."""
 
     base: Model
     effects: tuple[Effect, ...]
@@ -61,11 +62,31 @@ class Extension:
     map_p: Array = field(repr=False)
 
 
-def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...], rng: np.random.Generator,
-           say: Callable[[str], None] = lambda _: None) -> Extension:
-    """Extend the base on a training scene by what the candidates explain beyond chance, one named effect at a time."""
+def extend(
+    scene: Scene,
+    base: Model,
+    base_fit: Fit,
+    found: tuple[Candidate, ...],
+    rng: np.random.Generator,
+    say: Callable[[str], None] = lambda _: None,
+) -> Extension:
+    """Extend the base on a training scene by what the candidates explain beyond chance, one named
+    effect at a time."""
     if not found:
-        return Extension(base, (), base, base_fit, np.zeros(0), (), None, 1.0, None, np.inf, np.zeros(0), np.zeros(0))
+        return Extension(
+            base,
+            (),
+            base,
+            base_fit,
+            np.zeros(0),
+            (),
+            None,
+            1.0,
+            None,
+            np.inf,
+            np.zeros(0),
+            np.zeros(0),
+        )
     search = Search(scene, base, found, rng, base_fit)
     chosen: list[int] = []
     path: list[str] = []
@@ -80,7 +101,9 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
         if new is None or len(chosen) >= MOST:
             if settled_all:
                 break
-            before = list(chosen)           # nothing more to add: every effect is named once more, and what that frees, too
+            before = list(
+                chosen
+            )  # nothing more to add: every effect is named once more, and what that frees, too
             chosen, view = settle(search, chosen, view, None, path)
             tried.add(frozenset(chosen))
             settled_all = True
@@ -91,14 +114,19 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
         path.append(f"+ {found[new].label}")
         say(f"found {found[new].label}")
         first = search.attempt(trial, view.fitted)
-        if first is None or search.unbounded(new, first) or not (
-                set(np.flatnonzero(first.own(found[new]))) & set(first.fitted.found.kept)):
-            tried.add(frozenset(trial))      # it adds nothing that the fit could determine
+        if (
+            first is None
+            or search.unbounded(new, first)
+            or not (set(np.flatnonzero(first.own(found[new]))) & set(first.fitted.found.kept))
+        ):
+            tried.add(frozenset(trial))  # it adds nothing that the fit could determine
             path.pop()
             continue
         steps: list[str] = []
         settled, after = settle(search, trial, first, view, steps)
-        if frozenset(settled) in tried:      # re-naming would go in a circle: the addition stays as it is
+        if (
+            frozenset(settled) in tried
+        ):  # re-naming would go in a circle: the addition stays as it is
             settled, after, steps = trial, first, []
         chosen, view, path = settled, after, path + steps
         tried |= {frozenset(trial), frozenset(settled)}
@@ -106,16 +134,30 @@ def extend(scene: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...
     chosen, view = pruned(search, chosen, view, path)
     known, map_p, view = _proven(search, chosen, view, path)
     chosen = list(known)
-    if chosen != before:                     # what the dropped ones explained is left
+    if chosen != before:  # what the dropped ones explained is left
         left, left_p, held_back = *_left(search, view, chosen), None
     fitted = fit_shrunk(scene, view.model, view.fitted, held="all") if chosen else view.fitted
     place = {t.screws: k for k, t in enumerate(view.model.terms)}
     effects, undone = [], _undone(search, chosen, view)
     for g, p in known.items():
         (one, _), at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
-        effects.append(Effect(found[g], one, p, fitted.theta[at], fitted.standard_errors[at], undone.get(g)))
-    return Extension(base, tuple(effects), view.model, fitted, search.null, tuple(path), left, left_p, held_back,
-                     search.bound, single_f(search.first.seen, search.first.r), map_p)
+        effects.append(
+            Effect(found[g], one, p, fitted.theta[at], fitted.standard_errors[at], undone.get(g))
+        )
+    return Extension(
+        base,
+        tuple(effects),
+        view.model,
+        fitted,
+        search.null,
+        tuple(path),
+        left,
+        left_p,
+        held_back,
+        search.bound,
+        single_f(search.first.seen, search.first.r),
+        map_p,
+    )
 
 
 def _left(search: Search, view: View, chosen: Sequence[int]) -> tuple[Named, float]:
@@ -126,37 +168,52 @@ def _left(search: Search, view: View, chosen: Sequence[int]) -> tuple[Named, flo
 
 
 def _undone(search: Search, chosen: Sequence[int], view: View) -> dict[int, tuple[str, float]]:
-    """Effects of which another one takes back more than half at the target: (its label, the share that is left of both)."""
+    """Effects of which another one takes back more than half at the target: (its label, the share
+    that is left of both)."""
     moved = {g: search.displacement(g, view) for g in chosen}
     size = {g: float(np.linalg.norm(d)) for g, d in moved.items()}
     out: dict[int, tuple[str, float]] = {}
     for g in chosen:
-        rest = [(float(np.linalg.norm(moved[g] + moved[h])) / min(size[g], size[h]), h) for h in chosen
-                if h != g and min(size[g], size[h]) > 0]
+        rest = [
+            (float(np.linalg.norm(moved[g] + moved[h])) / min(size[g], size[h]), h)
+            for h in chosen
+            if h != g and min(size[g], size[h]) > 0
+        ]
         if rest and min(rest)[0] < UNDONE:
             share, other = min(rest)
             out[g] = (search.found[other].label, share)
     return out
 
 
-def _proven(search: Search, chosen: list[int], view: View, path: list[str]) -> tuple[dict[int, float], Array, View]:
-    """(p of every effect that chance does not explain, given the others, by any null; the map's p; the model's view): an effect
-    that passed when it came may fail once the others stand, and goes, the weakest first; one that
-    stands alone was asked when it came."""
+def _proven(
+    search: Search, chosen: list[int], view: View, path: list[str]
+) -> tuple[dict[int, float], Array, View]:
+    """(p of every effect that chance does not explain, given the others, by any null; the map's p;
+    the model's view): an effect that passed when it came may fail once the others stand, and goes,
+    the weakest first; one that stands alone was asked when it came."""
     while True:
         if chosen:
-            view = search.attempt(chosen, view.fitted, STEP_MM) or view   # to the last tenth of a micrometre, where it settles
+            view = (
+                search.attempt(chosen, view.fitted, STEP_MM) or view
+            )  # to the last tenth of a micrometre, where it settles
         nothing, map_p = search.by_chance(view)
-        known = {g: max(p_value(search.again(g, view)[1], some) for some in nothing) for g in chosen}
+        known = {
+            g: max(p_value(search.again(g, view)[1], some) for some in nothing) for g in chosen
+        }
         weakest = max(chosen, key=lambda g: known[g], default=-1)
-        if len(chosen) < 2 or known[weakest] <= LEVEL or (
-                after := search.attempt([g for g in chosen if g != weakest], view.fitted)) is None:
+        if (
+            len(chosen) < 2
+            or known[weakest] <= LEVEL
+            or (after := search.attempt([g for g in chosen if g != weakest], view.fitted)) is None
+        ):
             return known, map_p, view
         path.append(f"- {search.found[weakest].label}")
         chosen, view = [g for g in chosen if g != weakest], after
 
 
-def _untried(search: Search, left: Named, view: View, chosen: Sequence[int], tried: set[frozenset[int]]) -> int | None:
+def _untried(
+    search: Search, left: Named, view: View, chosen: Sequence[int], tried: set[frozenset[int]]
+) -> int | None:
     """The most probable explanation beyond chance whose addition gives a model not seen before."""
     blocked = list(chosen)
     for _ in range(ROUNDS):
@@ -169,14 +226,20 @@ def _untried(search: Search, left: Named, view: View, chosen: Sequence[int], tri
     return None
 
 
-# Effects named again: where a newcomer moved them, what it frees, and which of them chance alone would explain.
+# Effects named again: where a newcomer moved them, what it frees, and which of them chance alone
+# would explain.
 
 ROUNDS = 16
-SHIFT = 0.1         # share of an effect's displacement that a newcomer must change for it to be named again
+SHIFT = (
+    0.1  # share of an effect's displacement that a newcomer must change for it to be named again
+)
 
 
-def pruned(search: Search, chosen: list[int], view: View, path: list[str]) -> tuple[list[int], View]:
-    """Without the effects whose size the others leave open, and those that chance alone would explain; the weakest first."""
+def pruned(
+    search: Search, chosen: list[int], view: View, path: list[str]
+) -> tuple[list[int], View]:
+    """Without the effects whose size the others leave open, and those that chance alone would
+    explain; the weakest first."""
     while chosen:
         wild = next((g for g in reversed(chosen) if search.unbounded(g, view)), None)
         if wild is not None:
@@ -190,7 +253,10 @@ def pruned(search: Search, chosen: list[int], view: View, path: list[str]) -> tu
         own = {g: search.again(g, view)[1] for g in chosen}
         weakest = min(chosen, key=lambda g: own[g])
         rest = [g for g in chosen if g != weakest]
-        if p_value(own[weakest], search.null) <= LEVEL or (after := search.attempt(rest, view.fitted)) is None:
+        if (
+            p_value(own[weakest], search.null) <= LEVEL
+            or (after := search.attempt(rest, view.fitted)) is None
+        ):
             break
         path.append(f"- {search.found[weakest].label}")
         chosen, view = rest, after
@@ -201,17 +267,24 @@ def _moved(before: View, after: View, candidate: Candidate) -> bool:
     """Whether a newcomer changed what an effect does to the target by more than a tenth."""
     old = dict(zip((t.screws for t in before.model.terms), before.fitted.theta, strict=True))
     own = np.flatnonzero(after.own(candidate))
-    moves = after.A[:after.seen.columns.XT.shape[1], own]
+    moves = after.A[: after.seen.columns.XT.shape[1], own]
     now = moves @ after.fitted.theta[own]
-    change = moves @ (after.fitted.theta[own] - [old.get(after.model.terms[k].screws, 0.0) for k in own])
+    change = moves @ (
+        after.fitted.theta[own] - [old.get(after.model.terms[k].screws, 0.0) for k in own]
+    )
     return float(np.linalg.norm(change)) > SHIFT * float(np.linalg.norm(now))
 
 
-def settle(search: Search, chosen: list[int], view: View, before: View | None, path: list[str]) -> tuple[list[int], View]:
-    """Name again, given the others, every effect that the newcomer moved (all, where nothing stood before), until the names
-    stay; drop what is no longer needed. One change at a time, the weakest first; what a change did not move keeps its name."""
+def settle(
+    search: Search, chosen: list[int], view: View, before: View | None, path: list[str]
+) -> tuple[list[int], View]:
+    """Name again, given the others, every effect that the newcomer moved (all, where nothing stood
+    before), until the names stay; drop what is no longer needed. One change at a time, the weakest
+    first; what a change did not move keeps its name."""
     visited = {frozenset(chosen)}
-    known: dict[int, tuple[float, int]] = {}                # effect -> (evidence for itself, its better name or -1 or itself)
+    known: dict[
+        int, tuple[float, int]
+    ] = {}  # effect -> (evidence for itself, its better name or -1 or itself)
     if before is not None:
         known = {g: (np.inf, g) for g in chosen if not _moved(before, view, search.found[g])}
     for _ in range(ROUNDS):
@@ -219,16 +292,27 @@ def settle(search: Search, chosen: list[int], view: View, before: View | None, p
             if g not in known:
                 named, own = search.again(g, view)
                 odds = named.log_probability[named.top] - named.log_probability[g]
-                better = -1 if p_value(own, search.null) > LEVEL else named.top if odds > BETTER else g
+                better = (
+                    -1 if p_value(own, search.null) > LEVEL else named.top if odds > BETTER else g
+                )
                 known[g] = (own, better)
-        change = next(((g, trial) for _, g in sorted((known[g][0], g) for g in chosen if known[g][1] != g)
-                       if frozenset(trial := _replaced(search, chosen, g, known[g][1])) not in visited), None)
+        change = next(
+            (
+                (g, trial)
+                for _, g in sorted((known[g][0], g) for g in chosen if known[g][1] != g)
+                if frozenset(trial := _replaced(search, chosen, g, known[g][1])) not in visited
+            ),
+            None,
+        )
         if change is not None:
             g, trial = change
             old, new = search.found[g].label, known[g][1]
             said = f"- {old}" if len(trial) < len(chosen) else f"{old} -> {search.found[new].label}"
         else:
-            redrawn = next((one for one in search.redrawn(chosen, view) if frozenset(one[0]) not in visited), None)
+            redrawn = next(
+                (one for one in search.redrawn(chosen, view) if frozenset(one[0]) not in visited),
+                None,
+            )
             if redrawn is None:
                 break
             g, (trial, said) = -1, redrawn
@@ -239,7 +323,9 @@ def settle(search: Search, chosen: list[int], view: View, before: View | None, p
                 known[g] = (known[g][0], g)
             continue
         path.append(said)
-        known = {k: known[k] for k in trial if k in known and not _moved(view, after, search.found[k])}
+        known = {
+            k: known[k] for k in trial if k in known and not _moved(view, after, search.found[k])
+        }
         chosen, view = trial, after
     return chosen, view
 

@@ -1,8 +1,9 @@
-"""The exact chain at many parameter values at once: a row is one draw at one configuration, and no loop runs over draws.
+"""The exact chain at many parameter values at once: a row is one draw at one configuration, and no
+loop runs over draws.
 
-Where only positions are measured, the target's position alone is carried from the flange back to the base,
-x = N_1 H_1 T_1 (… (Last (tool + t_{n+1}))): a third of the work of the whole pose (`robot.pose`, its referee in the tests).
-"""
+Where only positions are measured, the target's position alone is carried from the flange back to
+the base, x = N_1 H_1 T_1 (… (Last (tool + t_{n+1}))): a third of the work of the whole pose
+(`robot.pose`, its referee in the tests)."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from .design import PLACE, fixture_values
 from .observation import predicted
 from .problem import Scene
 
-ROWS = 8192        # draws x configurations in one block: its arrays stay in cache
+ROWS = 8192  # draws x configurations in one block: its arrays stay in cache
 Place = tuple[int, int]
 Twist = Mapping[Place, Array]
 
@@ -41,11 +42,19 @@ class Ensemble:
                 index.append(k)
                 causes.append(np.asarray(self.scene.cause(s.cause), float))
         m = len(self.scene)
-        object.__setattr__(self, "_places", {
-            place: (np.array(index, dtype=np.intp),
-                    np.stack([c.reshape(1) for c in causes]) if all(c.ndim == 0 for c in causes)
-                    else np.stack([np.broadcast_to(c, (m,)) for c in causes]))
-            for place, (index, causes) in sorted(found.items())})
+        object.__setattr__(
+            self,
+            "_places",
+            {
+                place: (
+                    np.array(index, dtype=np.intp),
+                    np.stack([c.reshape(1) for c in causes])
+                    if all(c.ndim == 0 for c in causes)
+                    else np.stack([np.broadcast_to(c, (m,)) for c in causes]),
+                )
+                for place, (index, causes) in sorted(found.items())
+            },
+        )
 
     @cached_property
     def _turns(self) -> tuple[tuple[Array, Array], ...]:
@@ -53,11 +62,16 @@ class Ensemble:
         return tuple((np.cos(q), np.sin(q)) for q in self.scene.data.q.T)
 
     def twist(self, theta: Array) -> dict[Place, Array]:
-        """(frame, axis) -> entries (D, m), or (D, 1) where they are alike at every configuration, at theta (D, p)."""
-        return {place: np.asarray(theta[:, index] @ causes) for place, (index, causes) in self._places.items()}
+        """(frame, axis) -> entries (D, m), or (D, 1) where they are alike at every configuration,
+        at theta (D, p)."""
+        return {
+            place: np.asarray(theta[:, index] @ causes)
+            for place, (index, causes) in self._places.items()
+        }
 
     def residuals(self, theta: Array, more: Twist | None = None) -> Array:
-        """Whitened exact residuals (D, c, m) at parameters theta (D, p); `more`: further entries (D, m) of some places."""
+        """Whitened exact residuals (D, c, m) at parameters theta (D, p); `more`: further entries
+        (D, m) of some places."""
         scene, D, m = self.scene, len(theta), len(self.scene)
         out = np.empty((D, scene.components, m))
         step = max(1, ROWS // m)
@@ -69,8 +83,11 @@ class Ensemble:
             left = self._left(twist, draws.stop - start)
             if self._bare is not None:
                 left = self._read(left, theta[draws])
-            out[draws] = (left * scene.whiten if isinstance(scene.whiten, float)
-                          else np.einsum("mij,djm->dim", scene.whiten, left))
+            out[draws] = (
+                left * scene.whiten
+                if isinstance(scene.whiten, float)
+                else np.einsum("mij,djm->dim", scene.whiten, left)
+            )
         return out
 
     def _left(self, twist: Twist, D: int) -> Array:
@@ -89,13 +106,16 @@ class Ensemble:
         return None if self.scene.origin is None else Ensemble(self.scene.origin, self.terms)
 
     def _read(self, left: Array, theta: Array) -> Array:
-        """Measured minus predicted (D, c, m) of what the rows read, from the target's position with its sign turned."""
+        """Measured minus predicted (D, c, m) of what the rows read, from the target's position with
+        its sign turned."""
         scene, gauges, start = self.scene, self.scene.data.gauges, None
         assert gauges is not None
         if self._origin is not None:
             start = -self._origin._left(self._origin.twist(theta), len(theta))[:, :3]
         values = fixture_values(len(gauges.features), self.terms, theta)
-        left[:, :3] = scene.readings - predicted(gauges, scene.fixtures, values, -left[:, :3], start)
+        left[:, :3] = scene.readings - predicted(
+            gauges, scene.fixtures, values, -left[:, :3], start
+        )
         return left if scene.measured is None else left * scene.measured.T
 
     def _positions(self, twist: Twist, D: int) -> Array:
@@ -109,7 +129,11 @@ class Ensemble:
                 p[2] = p[2] + scene.data.q[:, k]
             else:
                 p[0], p[1] = _turn(*self._turns[k], p[0], p[1])
-            for a, (i, j) in ((2, (0, 1)), (1, (2, 0)), (0, (1, 2))):            # H = Trans Rx Ry Rz, from the right
+            for a, (i, j) in (
+                (2, (0, 1)),
+                (1, (2, 0)),
+                (0, (1, 2)),
+            ):  # H = Trans Rx Ry Rz, from the right
                 angle = twist.get((k, 3 + a))
                 if angle is not None:
                     p[i], p[j] = _turn(np.cos(angle), np.sin(angle), p[i], p[j])
@@ -131,21 +155,34 @@ class Ensemble:
         for (f, a), values in twist.items():
             whole[f, a] = values
         data, rows = scene.data, np.tile(np.arange(m), D)
-        tool_rotation = None if scene.tool_rotations is None else scene.tool_rotations[data.target[rows]]
-        at = pose(scene.robot, data.q[rows], scene.tool[rows], whole.reshape(scene.robot.n + 1, 6, D * m), tool_rotation)
+        tool_rotation = (
+            None if scene.tool_rotations is None else scene.tool_rotations[data.target[rows]]
+        )
+        at = pose(
+            scene.robot,
+            data.q[rows],
+            scene.tool[rows],
+            whole.reshape(scene.robot.n + 1, 6, D * m),
+            tool_rotation,
+        )
         R, t = scene.placement[0][data.group], scene.placement[1][data.group]
         out = np.empty((D, 6, m))
-        out[:, :3] = (data.position - t).T - np.einsum("mij,jdm->dim", R, at.target.reshape(3, D, m))
+        out[:, :3] = (data.position - t).T - np.einsum(
+            "mij,jdm->dim", R, at.target.reshape(3, D, m)
+        )
         assert data.rotation is not None
-        seen = np.einsum("mji,mjk->mik", R, data.rotation)                    # measured, in frame 0's axes
+        seen = np.einsum("mji,mjk->mik", R, data.rotation)  # measured, in frame 0's axes
         turned = np.einsum("mij,kjdm->dmik", seen, at.rotation.reshape(3, 3, D, m))
         out[:, 3:] = np.einsum("mij,djm->dim", R, _vector(turned).transpose(0, 2, 1))
         return out
 
 
 def _vector(R: Array) -> Array:
-    """(..., 3) rotation vectors; scipy's only where a rotation is so large that its skew part does not tell the angle."""
-    skew = 0.5 * np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1)
+    """(..., 3) rotation vectors; scipy's only where a rotation is so large that its skew part does
+    not tell the angle."""
+    skew = 0.5 * np.stack(
+        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], -1
+    )
     trace = np.einsum("...ii->...", R)
     if trace.min() < 0.5:
         return rotation_vector(R.reshape(-1, 3, 3)).reshape(skew.shape)

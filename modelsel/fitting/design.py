@@ -1,8 +1,8 @@
-"""Design matrix of any model: screw field x causes, in whitened blocks, at the nominal or at a fitted point.
+"""Design matrix of any model: screw field x causes, in whitened blocks, at the nominal or at a
+fitted point.
 
-Arrays keep configurations last: columns (p, c, m), residuals (c, m); reshaped to (p, c·m) a block is a Fortran-ordered
-matrix without a copy.
-"""
+Arrays keep configurations last: columns (p, c, m), residuals (c, m); reshaped to (p, c·m) a block
+is a Fortran-ordered matrix without a copy."""
 
 from __future__ import annotations
 
@@ -81,8 +81,8 @@ def _tool(scene: Scene, rows: slice) -> Array:
 
 
 def _residual(scene: Scene, at: Frame, rows: slice, out: Array) -> None:
-    """Measured minus predicted into out (c, rows): mm, and with orientations the rotation vector [rad], in the tracker's
-    frame; `at` is the target's frame."""
+    """Measured minus predicted into out (c, rows): mm, and with orientations the rotation vector
+    [rad], in the tracker's frame; `at` is the target's frame."""
     data = scene.data
     np.subtract(data.position[rows].T, at[1], out=out[:3])
     if data.rotation is not None and scene.tool_rotations is not None:
@@ -90,30 +90,43 @@ def _residual(scene: Scene, at: Frame, rows: slice, out: Array) -> None:
         out[3:] = rotation_vector(np.einsum("mij,mkj->mik", data.rotation[rows], predicted)).T
 
 
-def assemble(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None,
-             rows: slice | None = None, space: Space | None = None) -> Array:
-    """[columns | residual] (p+1, c, rows) of some rows, not whitened, linearised at the fitted point `at` (terms, theta) or at
-    the nominal model. With `space` the array is overwritten by the next call."""
+def assemble(
+    scene: Scene,
+    terms: Sequence[Term],
+    at: tuple[Sequence[Term], Array] | None = None,
+    rows: slice | None = None,
+    space: Space | None = None,
+) -> Array:
+    """[columns | residual] (p+1, c, rows) of some rows, not whitened, linearised at the fitted
+    point `at` (terms, theta) or at the nominal model. With `space` the array is overwritten by the
+    next call."""
     rows, space = rows or slice(0, len(scene)), space or Space()
     if scene.data.gauges is not None:
         return _gauged(scene, terms, at, rows, space)
     m, n, c, p = rows.stop - rows.start, scene.robot.n, scene.components, len(terms)
     twist = None if at is None else twist_of(scene, *at, rows)
-    first, stop = space.once("run", terms, _run)           # the screw field stands where these columns do: nothing is copied
+    first, stop = space.once(
+        "run", terms, _run
+    )  # the screw field stands where these columns do: nothing is copied
     out = space.array("design", max(p, first + 6 * n + 6) + 1, c, m)
-    field, origins = out[first:first + 6 * n + 6].reshape(n + 1, 6, c, m), space.array("origins", n + 1, 3, m)
+    field, origins = (
+        out[first : first + 6 * n + 6].reshape(n + 1, 6, c, m),
+        space.array("origins", n + 1, 3, m),
+    )
     into = field[:, :, :3], origins
-    seen = walk(scene.robot, scene.data.q[rows], _tool(scene, rows), into, twist, _start(scene, rows), space)
+    seen = walk(
+        scene.robot, scene.data.q[rows], _tool(scene, rows), into, twist, _start(scene, rows), space
+    )
     _residual(scene, seen, rows, out[-1])
     screws_into(field, origins, origins[-1], twist is not None, space)
     _products(scene, field, terms[:first], rows, out[:first], space)
-    covered = min(p, first + 6 * n + 6)                                 # the field is read before it is overwritten
+    covered = min(p, first + 6 * n + 6)  # the field is read before it is overwritten
     others = space.array("others", max(covered - stop, 0), c, m)
     _products(scene, field, terms[stop:covered], rows, others, space)
     _products(scene, field, terms[covered:], rows, out[covered:p], space)
     out[stop:covered] = others
     out[p] = out[-1]
-    return out[:p + 1]
+    return out[: p + 1]
 
 
 def _arm(terms: Sequence[Term], theta: Array) -> tuple[tuple[Term, ...], Array]:
@@ -137,9 +150,16 @@ def _feature(screw: Screw) -> int:
     return screw.cause.index
 
 
-def _gauged(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None, rows: slice, space: Space) -> Array:
-    """`assemble` where not every row is a point: the target's own three rows of the design, turned into the row's by its
-    gradient, less those of the configuration where a distance begins; the features' numbers beside them."""
+def _gauged(
+    scene: Scene,
+    terms: Sequence[Term],
+    at: tuple[Sequence[Term], Array] | None,
+    rows: slice,
+    space: Space,
+) -> Array:
+    """`assemble` where not every row is a point: the target's own three rows of the design, turned
+    into the row's by its gradient, less those of the configuration where a distance begins; the
+    features' numbers beside them."""
     gauges, own = scene.data.gauges, [k for k, t in enumerate(terms) if not t.fixture]
     measured = scene.measured
     assert gauges is not None
@@ -169,11 +189,14 @@ def _gauged(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array
 
 
 def field_of(scene: Scene, at: Pose, rows: slice) -> Array:
-    """Screw field (n+1, 6, c, rows) of a pose in the tracker's frame: mm (and rad of the target frame) per unit screw."""
+    """Screw field (n+1, 6, c, rows) of a pose in the tracker's frame: mm (and rad of the target
+    frame) per unit screw."""
     R = scene.placement[0][scene.data.group[rows]]
     moved: Array = np.einsum("mij,fajm->faim", R, at.displacement())
     if scene.data.gauges is not None:
-        G = directions(scene, at, rows) * ~scene.data.gauges.of("distance")[rows]       # which has no place of its own
+        G = (
+            directions(scene, at, rows) * ~scene.data.gauges.of("distance")[rows]
+        )  # which has no place of its own
         moved = np.einsum("ijm,fajm->faim", G, moved)
     if scene.components == 3:
         return moved
@@ -183,14 +206,17 @@ def field_of(scene: Scene, at: Pose, rows: slice) -> Array:
 
 
 def directions(scene: Scene, at: Pose, rows: slice) -> Array:
-    """(3, 3, rows) what the rows see of the target's displacement at a pose, in the tracker's frame."""
+    """(3, 3, rows) what the rows see of the target's displacement at a pose, in the tracker's
+    frame."""
     R, t = scene.placement[0][scene.data.group[rows]], scene.placement[1][scene.data.group[rows]]
     gauges = scene.data.gauges
     if gauges is None:
         return np.tile(np.eye(3)[:, :, None], (1, 1, len(R)))
     gauges = gauges.take(rows)
     x = np.einsum("mij,jm->im", R, at.target) + t.T
-    G, _ = gradients(gauges, scene.fixtures, np.zeros((len(gauges.features), len(FIXTURE_AXES))), x, None)
+    G, _ = gradients(
+        gauges, scene.fixtures, np.zeros((len(gauges.features), len(FIXTURE_AXES))), x, None
+    )
     return G
 
 
@@ -202,10 +228,17 @@ def columns_of(scene: Scene, field: Array, terms: Sequence[Term], rows: slice) -
 
 
 def _run(terms: Sequence[Term]) -> tuple[int, int]:
-    """(start, stop) of the first run of terms that are the screw field's own entries, in its order from frame 1."""
+    """(start, stop) of the first run of terms that are the screw field's own entries, in its order
+    from frame 1."""
+
     def is_entry(term: Term, k: int) -> bool:
         screw = term.screws[0]
-        return (len(term.screws), screw.frame, screw.axis) == (1, k // 6 + 1, AXES[k % 6]) and screw.cause == ONE
+        return (len(term.screws), screw.frame, screw.axis) == (
+            1,
+            k // 6 + 1,
+            AXES[k % 6],
+        ) and screw.cause == ONE
+
     start = next((k for k, term in enumerate(terms) if is_entry(term, 0)), 0)
     stop = start
     while stop < len(terms) and is_entry(terms[stop], stop - start):
@@ -213,22 +246,31 @@ def _run(terms: Sequence[Term]) -> tuple[int, int]:
     return start, stop
 
 
-def _products(scene: Scene, field: Array, terms: Sequence[Term], rows: slice, out: Array, space: Space) -> None:
+def _products(
+    scene: Scene, field: Array, terms: Sequence[Term], rows: slice, out: Array, space: Space
+) -> None:
     """Columns of terms, screw field times cause, into out (len(terms), c, rows)."""
     scaled = space.array("scaled", *out.shape[1:])
     for column, term in zip(out, terms, strict=True):
-        if term.fixture:                        # rows that are points see no feature
+        if term.fixture:  # rows that are points see no feature
             column[:] = 0.0
             continue
         first, *others = term.screws
-        np.multiply(field[first.frame - 1, PLACE[first.axis]], _rows(scene.cause(first.cause), rows), out=column)
+        np.multiply(
+            field[first.frame - 1, PLACE[first.axis]],
+            _rows(scene.cause(first.cause), rows),
+            out=column,
+        )
         for s in others:
-            np.multiply(field[s.frame - 1, PLACE[s.axis]], _rows(scene.cause(s.cause), rows), out=scaled)
+            np.multiply(
+                field[s.frame - 1, PLACE[s.axis]], _rows(scene.cause(s.cause), rows), out=scaled
+            )
             np.add(column, scaled, out=column)
 
 
 def residuals(scene: Scene, terms: Sequence[Term] = (), theta: Array | None = None) -> Array:
-    """Exact residuals (m, c) [mm, rad], not whitened, at parameters theta; the nominal model without."""
+    """Exact residuals (m, c) [mm, rad], not whitened, at parameters theta; the nominal model
+    without."""
     out, space = np.empty((len(scene), scene.components)), Space()
     if scene.data.gauges is not None:
         return _gauged_residuals(scene, terms, np.zeros(len(terms)) if theta is None else theta)
@@ -236,7 +278,15 @@ def residuals(scene: Scene, terms: Sequence[Term] = (), theta: Array | None = No
         every, frames, m = slice(0, len(part)), scene.robot.n + 1, len(part)
         twist = None if theta is None else twist_of(part, terms, theta, every)
         axes, origins = space.array("axes", frames, 6, 3, m), space.array("origins", frames, 3, m)
-        seen = walk(scene.robot, part.data.q, _tool(part, every), (axes, origins), twist, _start(part, every), space)
+        seen = walk(
+            scene.robot,
+            part.data.q,
+            _tool(part, every),
+            (axes, origins),
+            twist,
+            _start(part, every),
+            space,
+        )
         _residual(part, seen, every, out[rows].T)
     return out
 
@@ -250,7 +300,9 @@ def _gauged_residuals(scene: Scene, terms: Sequence[Term], theta: Array) -> Arra
     out = residuals(scene.bare, arm, own)
     start = None if scene.origin is None else -residuals(scene.origin, arm, own)[:, :3].T
     values = fixture_values(len(gauges.features), terms, theta)
-    out[:, :3] = (scene.readings - predicted(gauges, scene.fixtures, values, -out[:, :3].T, start)).T
+    out[:, :3] = (
+        scene.readings - predicted(gauges, scene.fixtures, values, -out[:, :3].T, start)
+    ).T
     return np.asarray(np.where(measured, out, 0.0))
 
 
@@ -259,17 +311,22 @@ def whitened(scene: Scene, residual: Array) -> Array:
     return np.asarray(whiten(scene, residual.T.copy()).T)
 
 
-def blocks(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None
-           ) -> Iterator[tuple[slice, Array, Array]]:
-    """(rows, whitened columns (p, c, rows), whitened residual (c, rows)), linearised at the fitted point `at`
-    (terms, theta), or at the nominal model."""
+def blocks(
+    scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None
+) -> Iterator[tuple[slice, Array, Array]]:
+    """(rows, whitened columns (p, c, rows), whitened residual (c, rows)), linearised at the fitted
+    point `at` (terms, theta), or at the nominal model."""
     for rows, part in scene.parts():
         block = whiten(part, assemble(part, terms, at))
         yield rows, block[:-1], block[-1]
 
 
-def design(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None) -> tuple[Array, Array]:
+def design(
+    scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None
+) -> tuple[Array, Array]:
     """Whole design (m, c, p) and residual (m, c), whitened; for data that fit in memory."""
     parts = [(columns, residual) for _, columns, residual in blocks(scene, terms, at)]
-    return (np.concatenate([c for c, _ in parts], axis=2).transpose(2, 1, 0),
-            np.concatenate([r for _, r in parts], axis=1).T)
+    return (
+        np.concatenate([c for c, _ in parts], axis=2).transpose(2, 1, 0),
+        np.concatenate([r for _, r in parts], axis=1).T,
+    )

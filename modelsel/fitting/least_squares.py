@@ -1,4 +1,5 @@
-"""Weighted, rank-revealing least squares, re-linearised on the exact chain until the step is below 0.1 µm."""
+"""Weighted, rank-revealing least squares, re-linearised on the exact chain until the step is below
+0.1 µm."""
 
 from __future__ import annotations
 
@@ -20,24 +21,26 @@ from .reduction import PROBE, Reduction, Source, reduce_scene
 from .splines import penalty
 
 Held = Literal["nothing", "geometry", "all"]
-STEP_MM = 1e-4     # 0.1 µm
+STEP_MM = 1e-4  # 0.1 µm
 ITERATIONS = 60
-STUCK = 1e8        # damping at which no step lowers the cost: the minimum, to rounding
-ROUNDS = 30        # of judging again what is fitted, where the fit has gone
-FAR = 10.0         # usual sizes from the nominal arm, within which the nominal chain's dependences hold
-QUIET_MM = 1e-6    # no measurement is better
-UNSEEN_MM = 0.01   # rms: combinations that move the target less at their usual sizes wait until the others have converged
+STUCK = 1e8  # damping at which no step lowers the cost: the minimum, to rounding
+ROUNDS = 30  # of judging again what is fitted, where the fit has gone
+FAR = 10.0  # usual sizes from the nominal arm, within which the nominal chain's dependences hold
+QUIET_MM = 1e-6  # no measurement is better
+# rms: combinations that move the target less at their usual sizes wait until the others have
+# converged
+UNSEEN_MM = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fitted model: theta (p,) in the terms' units, zero where a term is fixed; `factor` (p, fitted terms) with covariance =
-    sigma² factor factorᵀ; rss and rows in whitened coordinates; `reduction` linearised at theta; `precision` (p,) of shrunk
-    terms; `weak`: the prior on what the data hardly determine.
+    """A fitted model: theta (p,) in the terms' units, zero where a term is fixed; `factor` (p,
+    fitted terms) with covariance = sigma² factor factorᵀ; rss and rows in whitened coordinates;
+    `reduction` linearised at theta; `precision` (p,) of shrunk terms; `weak`: the prior on what the
+    data hardly determine.
 
-    What is fitted and what is fixed, `found`, is judged at the solution; sentences, tables, exports and the posterior take it
-    from here.
-    """
+    What is fitted and what is fixed, `found`, is judged at the solution; sentences, tables, exports
+    and the posterior take it from here."""
 
     model: Model
     theta: Array
@@ -58,12 +61,14 @@ class Fit:
 
     @property
     def rank(self) -> int:
-        """Parameters that the data determine: those fitted, less the combinations of which the prior says more."""
+        """Parameters that the data determine: those fitted, less the combinations of which the
+        prior says more."""
         return self.found.rank - self.weak.held
 
     @property
     def freedom(self) -> float:
-        """Rows minus what the fit has used: the fitted terms, or the trace of the hat matrix where a prior holds some."""
+        """Rows minus what the fit has used: the fitted terms, or the trace of the hat matrix where
+        a prior holds some."""
         kept = list(self.found.kept)
         if self.prior is None:
             return float(self.rows - len(kept))
@@ -71,8 +76,11 @@ class Fit:
 
     @property
     def by_prior(self) -> int:
-        """Fitted terms that a prior has a say in, whose rows stand with the data's: they cost the noise no degree of freedom."""
-        shrunk = 0 if self.precision is None else int((self.precision[list(self.found.kept)] > 0).sum())
+        """Fitted terms that a prior has a say in, whose rows stand with the data's: they cost the
+        noise no degree of freedom."""
+        shrunk = (
+            0 if self.precision is None else int((self.precision[list(self.found.kept)] > 0).sum())
+        )
         return shrunk + self.weak.count
 
     @property
@@ -83,22 +91,23 @@ class Fit:
     @property
     def standard_errors(self) -> Array:
         """(p,) from the residual variance; nought where a term is not estimable."""
-        return np.asarray(np.sqrt((self.factor ** 2).sum(1)) * self.sigma)
+        return np.asarray(np.sqrt((self.factor**2).sum(1)) * self.sigma)
 
     @property
     def covariance(self) -> Array:
         """(p, p) from the residual variance."""
-        return np.asarray(self.factor @ self.factor.T * self.sigma ** 2)
+        return np.asarray(self.factor @ self.factor.T * self.sigma**2)
 
     @cached_property
     def root(self) -> Array:
-        """(k, p) root of the prior's precision matrix: root · theta ~ N(0, 1) times the noise, of shrunk terms and of what the
-        data hardly determine; no rows for plain least squares."""
+        """(k, p) root of the prior's precision matrix: root · theta ~ N(0, 1) times the noise, of
+        shrunk terms and of what the data hardly determine; no rows for plain least squares."""
         return prior_root(self.terms, self.precision, self.weak)
 
     @cached_property
     def prior(self) -> Array | None:
-        """(k, p+1) rows [columns | response] of the prior at theta; None for plain least squares."""
+        """(k, p+1) rows [columns | response] of the prior at theta; None for plain least
+        squares."""
         return _rows(self.root, self.theta) if len(self.root) else None
 
     @property
@@ -108,15 +117,18 @@ class Fit:
 
     @cached_property
     def beyond(self) -> float:
-        """Degrees of freedom beyond all that the model can do at any size: rows minus the trace of the hat matrix of its
-        representatives, shrunk terms with their variance."""
+        """Degrees of freedom beyond all that the model can do at any size: rows minus the trace of
+        the hat matrix of its representatives, shrunk terms with their variance."""
         some = list(self.representatives)
         full = with_prior(self.reduction, prior_root(self.terms, self.precision), self.theta)
-        return float(self.rows - np.square(self.reduction.R[:-1, some] @ solve(full, some)[1]).sum())
+        return float(
+            self.rows - np.square(self.reduction.R[:-1, some] @ solve(full, some)[1]).sum()
+        )
 
     @cached_property
     def leaning(self) -> tuple[int, ...]:
-        """Fitted terms whose standard error is above half of their usual size: the prior holds them as much as the data."""
+        """Fitted terms whose standard error is above half of their usual size: the prior holds them
+        as much as the data."""
         sizes = self.weak.sizes if self.weak.sizes is not None else np.full(len(self.theta), np.inf)
         return tuple(k for k in self.found.kept if self.standard_errors[k] > 0.5 * sizes[k])
 
@@ -133,19 +145,26 @@ def _rows(root: Array, theta: Array) -> Array:
     return np.column_stack([root, -root @ theta])
 
 
-def prior_root(terms: Sequence[Term], precision: Array | None, weak: WeakPrior | None = None) -> Array:
-    """(k, p) root of the prior's precision, of shrunk terms and of what the data hardly determine."""
+def prior_root(
+    terms: Sequence[Term], precision: Array | None, weak: WeakPrior | None = None
+) -> Array:
+    """(k, p) root of the prior's precision, of shrunk terms and of what the data hardly
+    determine."""
     shrunk = np.zeros((0, len(terms))) if precision is None else penalty(terms, precision)
     return shrunk if weak is None or weak.rows is None else np.vstack([shrunk, weak.rows])
 
 
 def with_prior(reduction: Reduction, root: Array, theta: Array) -> Reduction:
-    """The reduction with the prior's rows, root · (theta + delta) = 0, stacked on; its count stays that of the data."""
-    return Reduction(reduction.add(_rows(root, theta)).R, reduction.rows) if len(root) else reduction
+    """The reduction with the prior's rows, root · (theta + delta) = 0, stacked on; its count stays
+    that of the data."""
+    return (
+        Reduction(reduction.add(_rows(root, theta)).R, reduction.rows) if len(root) else reduction
+    )
 
 
 def _damped(reduction: Reduction, damping: float) -> Reduction:
-    """With Marquardt's damping: a row per column, in proportion to its norm, that holds the step back."""
+    """With Marquardt's damping: a row per column, in proportion to its norm, that holds the step
+    back."""
     if not damping:
         return reduction
     rows = np.diag(np.sqrt(damping) * np.linalg.norm(reduction.R, axis=0))
@@ -160,25 +179,40 @@ def cost(reduction: Reduction) -> float:
 
 def typical_weight(scene: Scene | Source) -> float:
     """1/mm: of one coordinate of a typical row."""
-    return scene.whiten if isinstance(scene.whiten, float) else float(np.median(np.diagonal(scene.whiten, 0, 1, 2)[:, :3]))
+    return (
+        scene.whiten
+        if isinstance(scene.whiten, float)
+        else float(np.median(np.diagonal(scene.whiten, 0, 1, 2)[:, :3]))
+    )
 
 
-def fit(scene: Scene | Source, model: Model, *, precision: Array | None = None, iterations: int = ITERATIONS,
-        start: Array | None = None, step_mm: float = STEP_MM, held: Held = "geometry") -> Fit:
-    """Least squares of a model on a scene. precision (p,): prior 1/variance of each term in whitened units, about zero, the
-    terms of a free function correlated (`smooth`). `held`: what the prior of usual sizes holds where the data hardly determine
-    it: the "geometry", "all" (mechanisms' terms, too, which must have no say in what they are named), or "nothing", where terms
-    that depend on earlier ones are fixed at zero.
+def fit(
+    scene: Scene | Source,
+    model: Model,
+    *,
+    precision: Array | None = None,
+    iterations: int = ITERATIONS,
+    start: Array | None = None,
+    step_mm: float = STEP_MM,
+    held: Held = "geometry",
+) -> Fit:
+    """Least squares of a model on a scene. precision (p,): prior 1/variance of each term in
+    whitened units, about zero, the terms of a free function correlated (`smooth`). `held`: what the
+    prior of usual sizes holds where the data hardly determine it: the "geometry", "all"
+    (mechanisms' terms, too, which must have no say in what they are named), or "nothing", where
+    terms that depend on earlier ones are fixed at zero.
 
-    Gauss-Newton on the exact chain, until all rows together move less than `step_mm`; then what is fitted, what is fixed and
-    what the prior of usual sizes holds is judged at the solution, and the fit goes on until that stays. `iterations=1` is
-    one linear step. Raises NotEstimable where the data have no more coordinates than the model has estimable
-    parameters, or the iteration does not settle.
-    """
+    Gauss-Newton on the exact chain, until all rows together move less than `step_mm`; then what is
+    fitted, what is fixed and what the prior of usual sizes holds is judged at the solution, and the
+    fit goes on until that stays. `iterations=1` is one linear step. Raises NotEstimable where the
+    data have no more coordinates than the model has estimable parameters, or the iteration does not
+    settle."""
     problem = _Problem(scene, model, precision, typical_weight(scene), held)
     if held == "nothing" or start is None or not start.any():
         theta = np.zeros(len(model.terms)) if start is None else start
-        state = problem.solve(problem.state(theta, problem.at_nominal(), WeakPrior()), iterations, step_mm)
+        state = problem.solve(
+            problem.state(theta, problem.at_nominal(), WeakPrior()), iterations, step_mm
+        )
     else:
         state = problem.state(start, problem.exact, WeakPrior())
     for _ in range(ROUNDS if held != "nothing" else 0):
@@ -187,13 +221,25 @@ def fit(scene: Scene | Source, model: Model, *, precision: Array | None = None, 
             break
         state = problem.solve(problem.state(state.theta, found, weak), iterations, step_mm)
     problem.refuse(state, iterations == ITERATIONS, step_mm)
-    return Fit(model, state.theta, state.found, factor_of(state.full, state.found.kept), cost(state.reduction),
-               state.reduction.rows, state.iterations, state.step_mm, state.reduction, precision, state.weak)
+    return Fit(
+        model,
+        state.theta,
+        state.found,
+        factor_of(state.full, state.found.kept),
+        cost(state.reduction),
+        state.reduction.rows,
+        state.iterations,
+        state.step_mm,
+        state.reduction,
+        precision,
+        state.weak,
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Where the iteration stands: reductions at theta, without and with the prior's rows; the last step, and its damping."""
+    """Where the iteration stands: reductions at theta, without and with the prior's rows; the last
+    step, and its damping."""
 
     theta: Array
     found: Identified
@@ -228,12 +274,16 @@ class _Problem:
         return as_drawn(found, self.scene, self.model.terms)
 
     def at_nominal(self) -> Identified:
-        """`exact`, less what hardly moves the target at its usual size: it waits until the rest has converged."""
+        """`exact`, less what hardly moves the target at its usual size: it waits until the rest has
+        converged."""
         least = UNSEEN_MM * self.weight * np.sqrt(len(self.scene))
-        return without(self.exact, faint(self.exact.triangle, self.exact.kept, usual_sizes(self.model), least))
+        return without(
+            self.exact, faint(self.exact.triangle, self.exact.kept, usual_sizes(self.model), least)
+        )
 
     def sigma(self, rss: float, fitted: Sequence[int], by_prior: float = 0.0) -> float:
-        """Residual standard deviation of one whitened coordinate; terms that a prior holds cost no degree of freedom."""
+        """Residual standard deviation of one whitened coordinate; terms that a prior holds cost no
+        degree of freedom."""
         free = sum(self.precision is None or self.precision[k] == 0 for k in fitted) - by_prior
         return float(np.sqrt(rss / max(self.nominal.rows - free, 1.0)))
 
@@ -242,10 +292,16 @@ class _Problem:
         theta = np.where(np.isin(np.arange(len(theta)), found.kept), theta, 0.0)
         return _State(theta, found, weak, *self.reduced(theta, found, weak))
 
-    def reduced(self, theta: Array, found: Identified, weak: WeakPrior) -> tuple[Reduction, Reduction]:
+    def reduced(
+        self, theta: Array, found: Identified, weak: WeakPrior
+    ) -> tuple[Reduction, Reduction]:
         """(the reduction at theta, the same with the prior's rows)."""
         only = list(found.kept) if len(self.scene) > PROBE[1] else None
-        here = self.nominal if not theta.any() else reduce_scene(self.scene, self.model.terms, (self.model.terms, theta), only)
+        here = (
+            self.nominal
+            if not theta.any()
+            else reduce_scene(self.scene, self.model.terms, (self.model.terms, theta), only)
+        )
         return here, with_prior(here, prior_root(self.model.terms, self.precision, weak), theta)
 
     def solve(self, state: _State, iterations: int, step_mm: float) -> _State:
@@ -260,35 +316,50 @@ class _Problem:
             ahead, full = self.reduced(trial, state.found, state.weak)
             if cost(full) <= cost(state.full) * (1 + 1e-9) or step < step_mm or iterations == 1:
                 damping = state.damping / 10 if state.damping > 1e-8 else 0.0
-                state = replace(state, theta=trial, reduction=ahead, full=full, step_mm=step, damping=damping)
-            else:                                   # overshot: Levenberg-Marquardt from the same point
-                state = replace(state, damping=max(8 * state.damping, 1e-6), step_mm=max(step, step_mm))
+                state = replace(
+                    state, theta=trial, reduction=ahead, full=full, step_mm=step, damping=damping
+                )
+            else:  # overshot: Levenberg-Marquardt from the same point
+                state = replace(
+                    state, damping=max(8 * state.damping, 1e-6), step_mm=max(step, step_mm)
+                )
         return replace(state, iterations=state.iterations + done)
 
     def judge(self, state: _State) -> tuple[Identified, WeakPrior]:
-        """What is fitted and what the prior holds, at the solution and by the noise that it leaves. Every constant
-        parameter that moves a measured coordinate is fitted; of the other terms, those that no earlier one represents."""
+        """What is fitted and what the prior holds, at the solution and by the noise that it leaves.
+        Every constant parameter that moves a measured coordinate is fitted; of the other terms,
+        those that no earlier one represents."""
         theta, terms, here = state.theta, self.model.terms, state.reduction
-        if len(self.scene) > PROBE[1]:              # it holds the kept terms alone
+        if len(self.scene) > PROBE[1]:  # it holds the kept terms alone
             here = reduce_scene(self.scene, terms, (terms, theta))
         full, found = with_prior(here, prior_root(terms, self.precision), theta), self.exact
-        if (np.abs(theta) > FAR * usual_sizes(self.model)).any():     # there other terms depend on one another
+        if (
+            np.abs(theta) > FAR * usual_sizes(self.model)
+        ).any():  # there other terms depend on one another
             found = as_drawn(identify(full), self.scene, terms)
         found = fitted_terms(found, self.model)
-        sigma = max(self.sigma(cost(state.reduction), state.found.kept, state.weak.count), QUIET_MM * self.weight)
+        sigma = max(
+            self.sigma(cost(state.reduction), state.found.kept, state.weak.count),
+            QUIET_MM * self.weight,
+        )
         return found, weak_prior(full, found.kept, self.model, theta, sigma, self.held == "all")
 
     def refuse(self, state: _State, settled: bool, step_mm: float) -> None:
-        """Raise NotEstimable where the data have no more coordinates than the model has parameters, or where the iteration should
-        have `settled` and has not."""
+        """Raise NotEstimable where the data have no more coordinates than the model has parameters,
+        or where the iteration should have `settled` and has not."""
         names = " + ".join(self.model.names) or "the model"
         rank = state.found.rank - state.weak.held
         if self.nominal.rows <= rank and self.precision is None:
-            raise NotEstimable(f"{self.nominal.rows} measured coordinates cannot determine the {rank} estimable parameters of "
-                               f"{names}: measure more configurations.", parameters=[t.symbol for t in self.model.terms])
+            raise NotEstimable(
+                f"{self.nominal.rows} measured coordinates cannot determine the {rank} estimable parameters of "
+                f"{names}: measure more configurations.",
+                parameters=[t.symbol for t in self.model.terms],
+            )
         if settled and state.step_mm > 1e3 * step_mm and state.damping < STUCK:
-            raise NotEstimable(f"the fit of {names} does not settle (last step {state.step_mm:.3g} mm): the data hardly "
-                               "determine some parameters; measure more widely spread configurations.")
+            raise NotEstimable(
+                f"the fit of {names} does not settle (last step {state.step_mm:.3g} mm): the data hardly "
+                "determine some parameters; measure more widely spread configurations."
+            )
 
 
 def factor_of(full: Reduction, kept: Sequence[int]) -> Array:

@@ -1,4 +1,5 @@
-"""One linear step from a fit, worked out on triangles: what the table of subsets makes of many models without their rows."""
+"""One linear step from a fit, worked out on triangles: what the table of subsets makes of many
+models without their rows."""
 
 from __future__ import annotations
 
@@ -18,8 +19,9 @@ from .reduction import Reduction
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One linear step from a known point, from reductions alone: where it goes, and what it can tell. `fit` is the model there,
-    once its reduction at theta is known; `prior` (k, p+1): the prior's rows [columns | response] where the step starts."""
+    """One linear step from a known point, from reductions alone: where it goes, and what it can
+    tell. `fit` is the model there, once its reduction at theta is known; `prior` (k, p+1): the
+    prior's rows [columns | response] where the step starts."""
 
     model: Model
     theta: Array
@@ -31,21 +33,35 @@ class Step:
     def fit(self, reduction: Reduction) -> Fit:
         """The fit, from the reduction at theta."""
         full = with_prior(reduction, prior_root(self.model.terms, None, self.weak), self.theta)
-        return Fit(self.model, self.theta, self.found, factor_of(full, self.found.kept), cost(reduction), reduction.rows, 1,
-                   self.size_mm, reduction, None, self.weak)
+        return Fit(
+            self.model,
+            self.theta,
+            self.found,
+            factor_of(full, self.found.kept),
+            cost(reduction),
+            reduction.rows,
+            1,
+            self.size_mm,
+            reduction,
+            None,
+            self.weak,
+        )
 
 
 def one_step(model: Model, base: Fit, here: Reduction, weight: float) -> Step:
-    """The linear step of a model that extends a `base` from the base's fit; what is fitted of the base stays, and the prior of
-    usual sizes goes by the noise that the model itself leaves. `here`: the model's reduction at the base's fit; `weight`
-    [1/mm] of one coordinate. Raises NotEstimable."""
+    """The linear step of a model that extends a `base` from the base's fit; what is fitted of the
+    base stays, and the prior of usual sizes goes by the noise that the model itself leaves. `here`:
+    the model's reduction at the base's fit; `weight` [1/mm] of one coordinate. Raises
+    NotEstimable."""
     known = {t.screws: k for k, t in enumerate(base.terms)}
     place = [known.get(t.screws, -1) for t in model.terms]
     theta = np.array([0.0 if k < 0 else base.theta[k] for k in place])
     kept = _kept(place, base, here)
     if here.rows <= len(kept) - base.weak.held:
-        raise NotEstimable(f"{here.rows} measured coordinates cannot determine the {len(kept) - base.weak.held} parameters of "
-                           f"{' + '.join(model.names)}: measure more configurations.")
+        raise NotEstimable(
+            f"{here.rows} measured coordinates cannot determine the {len(kept) - base.weak.held} parameters of "
+            f"{' + '.join(model.names)}: measure more configurations."
+        )
     weak = base.weak.placed(place)
     if weak.rows is not None:
         left = solve(_with_rows(here, _prior(weak, theta)), kept)[2]
@@ -55,7 +71,14 @@ def one_step(model: Model, base: Fit, here: Reduction, weight: float) -> Step:
     delta = np.zeros(len(theta))
     delta[list(kept)] = solve(_with_rows(here, rows), kept)[0]
     found = Identified(kept, np.linalg.norm(here.R[:-1, :-1], axis=0), here.R[:-1, :-1], kept)
-    return Step(model, theta + delta, found, float(np.linalg.norm(here.R[:-1, :-1] @ delta)) / weight, weak, rows)
+    return Step(
+        model,
+        theta + delta,
+        found,
+        float(np.linalg.norm(here.R[:-1, :-1] @ delta)) / weight,
+        weak,
+        rows,
+    )
 
 
 def _kept(place: Sequence[int], base: Fit, here: Reduction) -> tuple[int, ...]:

@@ -1,4 +1,6 @@
-"""The noise floor: what one coordinate's standard uncertainty is, where that comes from, and the weights that follow."""
+"""The noise floor: what one coordinate's standard uncertainty is, where that comes from, and the
+weights that follow."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -10,16 +12,22 @@ from ..exceptions import StudyError
 from ..measurements.measurements import SAME_READING, Measurements
 from .problem import Scene
 
-NORMAL = 1.4826   # standard deviation over median absolute deviation: a swapped reflector must not set the floor
-LACKING = "lack-of-fit"     # code of the warning that a model leaves another noise than is known
-MEDIAN = 0.37               # degrees of freedom of a standard deviation by the median, against one by the mean square
+# standard deviation over median absolute deviation: a swapped reflector must not set the floor
+NORMAL = 1.4826
+LACKING = "lack-of-fit"  # code of the warning that a model leaves another noise than is known
+MEDIAN = (
+    0.37  # degrees of freedom of a standard deviation by the median, against one by the mean square
+)
 ENOUGH = 10  # degrees of freedom before repeats or target pairs are believed
-FINEST = 1e-7  # of its size: no instrument tells a distance better; where pairs agree so well, one was computed from the other
+# of its size: no instrument tells a distance better; where pairs agree so well, one was computed
+# from the other
+FINEST = 1e-7
 
 
 @dataclass(frozen=True)
 class Instrument:
-    """A tracker: radial range_mm + range_ppm of the distance, angle_urad across; `at` its position in the data's frame."""
+    """A tracker: radial range_mm + range_ppm of the distance, angle_urad across; `at` its position
+    in the data's frame."""
 
     range_mm: float = 0.0
     range_ppm: float = 0.0
@@ -29,8 +37,8 @@ class Instrument:
 
 @dataclass(frozen=True)
 class Floor:
-    """Standard uncertainty of one coordinate [mm] and its source; `freedom` its degrees of freedom (inf where stated); how many
-    `coordinates` a row has, on average."""
+    """Standard uncertainty of one coordinate [mm] and its source; `freedom` its degrees of freedom
+    (inf where stated); how many `coordinates` a row has, on average."""
 
     coordinate_mm: float
     source: str
@@ -39,11 +47,14 @@ class Floor:
 
 
 def covariance(data: Measurements, instrument: Instrument) -> Array:
-    """(m, 3, 3) mm²: σ_r² uuᵀ + σ_a² d² (I − uuᵀ), u from the tracker to the point, d its distance."""
+    """(m, 3, 3) mm²: σ_r² uuᵀ + σ_a² d² (I − uuᵀ), u from the tracker to the point, d its
+    distance."""
     line = data.position - np.array(instrument.at)
     d = np.linalg.norm(line, axis=1)
     if not d.all():
-        raise StudyError("noise: the tracker stands on a measured point; give [noise] tracker_mm in the data's frame")
+        raise StudyError(
+            "noise: the tracker stands on a measured point; give [noise] tracker_mm in the data's frame"
+        )
     u = line / d[:, None]
     along = np.einsum("mi,mj->mij", u, u)
     radial = (instrument.range_mm + instrument.range_ppm * 1e-6 * d) ** 2
@@ -55,30 +66,38 @@ def covariance(data: Measurements, instrument: Instrument) -> Array:
 
 
 def from_repeats(data: Measurements) -> Floor | None:
-    """Pooled standard deviation of positions at equal joint readings, per target; None with too few."""
+    """Pooled standard deviation of positions at equal joint readings, per target; None with too
+    few."""
     key = data.block * len(data.targets) + data.target
     _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
     low, high = (np.full((len(count), data.q.shape[1]), sign * np.inf) for sign in (1, -1))
     np.minimum.at(low, inverse, data.q)
     np.maximum.at(high, inverse, data.q)
-    count[(high - low).max(1) > SAME_READING] = 1       # an arm read anew has moved its target, too: no repeat
+    count[(high - low).max(1) > SAME_READING] = (
+        1  # an arm read anew has moved its target, too: no repeat
+    )
     freedom = 3 * int((count - 1).sum())
     if freedom < ENOUGH:
         return None
     mean = np.stack([np.bincount(inverse, data.position[:, a]) / count for a in range(3)], 1)
     repeated = count[inverse] > 1
-    scaled = (data.position - mean[inverse])[repeated] * np.sqrt(count / np.maximum(count - 1, 1))[inverse[repeated]][:, None]
+    scaled = (data.position - mean[inverse])[repeated] * np.sqrt(count / np.maximum(count - 1, 1))[
+        inverse[repeated]
+    ][:, None]
     return Floor(NORMAL * float(np.median(np.abs(scaled))), "repeats", freedom)
 
 
 def from_target_pairs(data: Measurements) -> Floor | None:
-    """From the scatter of the distance between two reflectors on one flange: its variance is 2 σ²; None with too few, or where
-    the distance is always the same to FINEST: a rigid body fitted to the markers keeps it, and shows no noise."""
+    """From the scatter of the distance between two reflectors on one flange: its variance is 2 σ²;
+    None with too few, or where the distance is always the same to FINEST: a rigid body fitted to
+    the markers keeps it, and shows no noise."""
     deviations, freedom, size = [], 0, [0.0]
     for a in range(len(data.targets)):
         for b in range(a + 1, len(data.targets)):
             first, second = (np.flatnonzero(data.target == t) for t in (a, b))
-            _, i, j = np.intersect1d(data.configuration[first], data.configuration[second], return_indices=True)
+            _, i, j = np.intersect1d(
+                data.configuration[first], data.configuration[second], return_indices=True
+            )
             if len(i) > 2:
                 d = np.linalg.norm(data.position[first[i]] - data.position[second[j]], axis=1)
                 deviations.append(np.abs(d - np.median(d)) / np.sqrt(2))
@@ -90,17 +109,29 @@ def from_target_pairs(data: Measurements) -> Floor | None:
     return Floor(scatter, "target pairs", freedom) if scatter > FINEST * max(size) else None
 
 
-def weigh(scene: Scene, instrument: Instrument | None, stated_mm: float | None, rotation_rad: float | None = None
-          ) -> tuple[Scene, Floor | None]:
-    """The scene with its weights, and the floor where it is known before any fit (None: estimate it from the residuals).
+def weigh(
+    scene: Scene,
+    instrument: Instrument | None,
+    stated_mm: float | None,
+    rotation_rad: float | None = None,
+) -> tuple[Scene, Floor | None]:
+    """The scene with its weights, and the floor where it is known before any fit (None: estimate it
+    from the residuals).
 
-    Uncertainties in the data go first, then the stated floor, the instrument, repeats, target pairs.
-    """
+    Uncertainties in the data go first, then the stated floor, the instrument, repeats, target
+    pairs."""
     data = scene.data
     blocks: Array | None = None
-    if instrument is not None and data.gauges is not None and data.sigma is None and stated_mm is None:
-        raise StudyError("noise: range_mm, range_ppm and angle_urad say how a tracker measures points, but the file has rows of "
-                         "other kinds; give s_mm in the file, or floor_mm")
+    if (
+        instrument is not None
+        and data.gauges is not None
+        and data.sigma is None
+        and stated_mm is None
+    ):
+        raise StudyError(
+            "noise: range_mm, range_ppm and angle_urad say how a tracker measures points, but the file has rows of "
+            "other kinds; give s_mm in the file, or floor_mm"
+        )
     if data.sigma is not None:
         blocks = np.einsum("mi,ij->mij", 1 / data.sigma, np.eye(3))
         floor: Floor | None = Floor(float(np.sqrt(np.square(data.sigma).mean())), "stated")
@@ -111,7 +142,9 @@ def weigh(scene: Scene, instrument: Instrument | None, stated_mm: float | None, 
         blocks = np.linalg.inv(np.linalg.cholesky(spread))
         floor = Floor(float(np.sqrt(np.trace(spread, axis1=1, axis2=2).mean() / 3)), "instrument")
     elif data.gauges is not None:
-        floor = None                        # rows of several kinds: what repeats of one would say is not true of the others
+        floor = (
+            None  # rows of several kinds: what repeats of one would say is not true of the others
+        )
     else:
         floor = from_repeats(data) or from_target_pairs(data)
     at = instrument.at if instrument is not None else scene.tracker

@@ -1,4 +1,5 @@
-"""Uncertainties that are stated or measured, held against what a model leaves: how far apart, and the likeliest mistake."""
+"""Uncertainties that are stated or measured, held against what a model leaves: how far apart, and
+the likeliest mistake."""
 
 from __future__ import annotations
 
@@ -8,16 +9,20 @@ import numpy as np
 
 from .noise import MEDIAN, Floor
 
-LEVEL = 1e-3            # share of studies whose chi-square lies outside its range by chance
-SMALLER, LARGER = 1.5, 5.0      # stated so many times too large, or too small: said before everything else
-TOO_SMALL = 100.0       # times too small, from which no lack of the model explains it, and the figure is not used
-NEAR_UNIT = 4.0         # a factor this near to a unit's is that unit
+LEVEL = 1e-3  # share of studies whose chi-square lies outside its range by chance
+SMALLER, LARGER = (
+    1.5,
+    5.0,
+)  # stated so many times too large, or too small: said before everything else
+# times too small, from which no lack of the model explains it, and the figure is not used
+TOO_SMALL = 100.0
+NEAR_UNIT = 4.0  # a factor this near to a unit's is that unit
 
 
 @dataclass(frozen=True)
 class Lack:
-    """`factor` of what is left to what the floor would leave, per coordinate; `low` and `high`: the range that holds 99.9 % by
-    chance, of the same factor."""
+    """`factor` of what is left to what the floor would leave, per coordinate; `low` and `high`: the
+    range that holds 99.9 % by chance, of the same factor."""
 
     factor: float
     low: float
@@ -40,9 +45,10 @@ class Lack:
 
 
 def lack(floor: Floor, factor: float, freedom: float) -> Lack:
-    """`factor`: root mean square residual over the floor, `freedom` its degrees of freedom; where the floor is itself measured
-    an F test, else a chi-square test (methods.md A.8)."""
+    """`factor`: root mean square residual over the floor, `freedom` its degrees of freedom; where
+    the floor is itself measured an F test, else a chi-square test (methods.md A.8)."""
     from scipy.special import chdtri, fdtri
+
     if np.isfinite(floor.freedom):
         own = max(MEDIAN * floor.freedom, 1.0)
         low, high = fdtri(freedom, own, [LEVEL / 2, 1 - LEVEL / 2])
@@ -52,27 +58,51 @@ def lack(floor: Floor, factor: float, freedom: float) -> Lack:
 
 
 def likeliest(ratio: float, where: str, scale: str = "mm") -> str:
-    """What mistake makes a stated uncertainty `ratio` times as large as what is left; `where` it is stated; `scale`: "mm" or
-    "rad"."""
-    units = {"mm": ((1e3, "micrometres stand where millimetres are expected: divide {} by 1000"),
-                    (1e-3, "metres stand where millimetres are expected: multiply {} by 1000")),
-             "rad": ((180 / np.pi, "degrees stand where radians are expected: multiply {} by 0.0174533"),
-                     (1e3, "milliradians stand where radians are expected: divide {} by 1000"))}[scale]
-    near = [(abs(np.log(ratio / unit)), words) for unit, words in units if abs(np.log(ratio / unit)) < np.log(NEAR_UNIT)]
+    """What mistake makes a stated uncertainty `ratio` times as large as what is left; `where` it is
+    stated; `scale`: "mm" or "rad"."""
+    units = {
+        "mm": (
+            (1e3, "micrometres stand where millimetres are expected: divide {} by 1000"),
+            (1e-3, "metres stand where millimetres are expected: multiply {} by 1000"),
+        ),
+        "rad": (
+            (180 / np.pi, "degrees stand where radians are expected: multiply {} by 0.0174533"),
+            (1e3, "milliradians stand where radians are expected: divide {} by 1000"),
+        ),
+    }[scale]
+    near = [
+        (abs(np.log(ratio / unit)), words)
+        for unit, words in units
+        if abs(np.log(ratio / unit)) < np.log(NEAR_UNIT)
+    ]
     if near:
         return f"Most likely {min(near)[1].format(where)}."
     if ratio > NEAR_UNIT:
         return f"Most likely this is a tolerance, or in another unit: give one standard deviation in {scale}."
     if ratio > 1:
-        return ("Most likely this is an expanded uncertainty (k = 2 or 3), or that of a whole length: give one standard "
-                "deviation of one coordinate.")
-    return ("Most likely it leaves out how well the arm itself repeats, or an error remains that no candidate explains: give the "
-            "uncertainty of one coordinate as repeats show it.")
+        return (
+            "Most likely this is an expanded uncertainty (k = 2 or 3), or that of a whole length: give one standard "
+            "deviation of one coordinate."
+        )
+    return (
+        "Most likely it leaves out how well the arm itself repeats, or an error remains that no candidate explains: give the "
+        "uncertainty of one coordinate as repeats show it."
+    )
 
 
-def against(what: str, floor: float, left: float, found: Lack, scale: str = "mm", model: str = "the model leaves") -> str:
-    """The comparison in words: `what` is stated to be `floor`, and `left` is left [`scale`, of one coordinate]."""
+def against(
+    what: str,
+    floor: float,
+    left: float,
+    found: Lack,
+    scale: str = "mm",
+    model: str = "the model leaves",
+) -> str:
+    """The comparison in words: `what` is stated to be `floor`, and `left` is left [`scale`, of one
+    coordinate]."""
     times = f"{1 / found.factor:.3g} times" if found.factor < 1 else f"1/{found.factor:.3g} of"
-    return (f"{what}: the standard uncertainty of one coordinate is stated as {floor:.3g} {scale}, {times} what {model} "
-            f"({left:.3g} {scale}; chi-square over its degrees of freedom {found.factor ** 2:.3g}, where {found.low ** 2:.3g} to "
-            f"{found.high ** 2:.3g} holds 99.9 % of chance).")
+    return (
+        f"{what}: the standard uncertainty of one coordinate is stated as {floor:.3g} {scale}, {times} what {model} "
+        f"({left:.3g} {scale}; chi-square over its degrees of freedom {found.factor**2:.3g}, where {found.low**2:.3g} to "
+        f"{found.high**2:.3g} holds 99.9 % of chance)."
+    )

@@ -3,10 +3,10 @@
     point, x, y, z   x, or one of its coordinates          wire, ball-bar   |x − c| − ℓ     (ℓ: what the reading leaves out)
     distance         |x − x₀|, x₀ at another configuration  same-point       x − c           plane   n · (x − c) − t
 
-A row's gradient G (3, 3) turns the target's displacement, three rows of the design, into the row's own; a feature's own numbers,
-place tx ty tz, tilt rx ry and length ℓ, are columns beside them (small changes of c, n and ℓ; t shifts the plane along n).
-Everything is in the tracker's frame, components first and rows last; before them there may be further axes, of draws.
-"""
+A row's gradient G (3, 3) turns the target's displacement, three rows of the design, into the row's
+own; a feature's own numbers, place tx ty tz, tilt rx ry and length ℓ, are columns beside them
+(small changes of c, n and ℓ; t shifts the plane along n). Everything is in the tracker's frame,
+components first and rows last; before them there may be further axes, of draws."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ LENGTH = FIXTURE_AXES.index("length")
 
 @dataclass(frozen=True, eq=False)
 class Fixtures:
-    """Where the F features stand before anything is fitted: `centre` (F, 3) mm, `axes` (F, 3, 3), of a plane its two directions
-    and its normal, a row each; `length` (F,) mm."""
+    """Where the F features stand before anything is fitted: `centre` (F, 3) mm, `axes` (F, 3, 3),
+    of a plane its two directions and its normal, a row each; `length` (F,) mm."""
 
     centre: Array
     axes: Array
@@ -37,10 +37,13 @@ class Fixtures:
 
 
 def readings(gauges: Gauges, position: Array) -> Array:
-    """(3, m) measured values, in the coordinates that `Gauges.coordinates` marks; nought elsewhere."""
+    """(3, m) measured values, in the coordinates that `Gauges.coordinates` marks; nought
+    elsewhere."""
     out = np.where(gauges.coordinates & gauges.of("point", "x", "y", "z")[:, None], position, 0.0).T
     lengths = gauges.of("wire", "ball-bar", "distance")
-    out[0, lengths] = np.nan_to_num(gauges.length[lengths])           # a ball-bar without a length reads nought beyond its own
+    out[0, lengths] = np.nan_to_num(
+        gauges.length[lengths]
+    )  # a ball-bar without a length reads nought beyond its own
     return np.asarray(out)
 
 
@@ -51,16 +54,22 @@ def _normal(axes: Array, tilt: Array) -> Array:
     return np.moveaxis(np.einsum("...mi,mij->...mj", local, axes), -1, -2)
 
 
-def predicted(gauges: Gauges, fixtures: Fixtures, values: Array, x: Array, origin: Array | None) -> Array:
-    """(..., 3, m) what the rows read with the target at x (..., 3, m), the features changed by `values` (..., F, 7); `origin`
-    (..., 3, m): where the distances begin."""
+def predicted(
+    gauges: Gauges, fixtures: Fixtures, values: Array, x: Array, origin: Array | None
+) -> Array:
+    """(..., 3, m) what the rows read with the target at x (..., 3, m), the features changed by
+    `values` (..., F, 7); `origin` (..., 3, m): where the distances begin."""
     out = np.where(gauges.coordinates.T, x, 0.0)
     if gauges.features:
-        own = values[..., np.maximum(gauges.feature, 0), :]                                       # (..., m, 7)
+        own = values[..., np.maximum(gauges.feature, 0), :]  # (..., m, 7)
         centre, axes = fixtures.centre[gauges.feature], fixtures.axes[gauges.feature]
         length = fixtures.length[gauges.feature] + own[..., LENGTH]
         d = x - np.moveaxis(centre + own[..., :3], -1, -2)
-        bar, point, plane = gauges.of("wire", "ball-bar"), gauges.of("same-point"), gauges.of("plane")
+        bar, point, plane = (
+            gauges.of("wire", "ball-bar"),
+            gauges.of("same-point"),
+            gauges.of("plane"),
+        )
         out[..., point] = d[..., point]
         out[..., 0, bar] = np.linalg.norm(d, axis=-2)[..., bar] - length[..., bar]
         height = (_normal(axes, own[..., 3:5]) * (x - centre.T)).sum(-2) - own[..., 2]
@@ -71,9 +80,11 @@ def predicted(gauges: Gauges, fixtures: Fixtures, values: Array, x: Array, origi
     return np.asarray(out)
 
 
-def gradients(gauges: Gauges, fixtures: Fixtures, values: Array, x: Array, origin: Array | None) -> tuple[Array, Array]:
-    """(G (3, 3, m) by the target's position, E (7, 3, m) by the numbers of the row's own feature) of `predicted`, at x (3, m)
-    and values (F, 7). By the origin of a distance it is −G."""
+def gradients(
+    gauges: Gauges, fixtures: Fixtures, values: Array, x: Array, origin: Array | None
+) -> tuple[Array, Array]:
+    """(G (3, 3, m) by the target's position, E (7, 3, m) by the numbers of the row's own feature)
+    of `predicted`, at x (3, m) and values (F, 7). By the origin of a distance it is −G."""
     m = x.shape[1]
     G, E = np.zeros((3, 3, m)), np.zeros((7, 3, m))
     for k in range(3):
@@ -86,7 +97,11 @@ def gradients(gauges: Gauges, fixtures: Fixtures, values: Array, x: Array, origi
 
     bar, point, plane = gauges.of("wire", "ball-bar"), gauges.of("same-point"), gauges.of("plane")
     apart = gauges.of("distance")
-    line = x - (centre + own[:, :3]).T if origin is None else np.where(apart, x - origin, x - (centre + own[:, :3]).T)
+    line = (
+        x - (centre + own[:, :3]).T
+        if origin is None
+        else np.where(apart, x - origin, x - (centre + own[:, :3]).T)
+    )
     along = line / np.maximum(np.linalg.norm(line, axis=0), 1e-9)
     G[0] = np.where(bar | apart, along, G[0])
     E[:3, 0] = np.where(bar, -along, 0.0)

@@ -1,7 +1,8 @@
-"""Reduction: any number of rows folded into one triangle, block by block; associative, constant memory.
+"""Reduction: any number of rows folded into one triangle, block by block; associative, constant
+memory.
 
-R holds the columns and, last, the response: X'X = R'R of the stacked rows. LAPACK's dtpqrt puts a block onto R.
-"""
+R holds the columns and, last, the response: X'X = R'R of the stacked rows. LAPACK's dtpqrt puts a
+block onto R."""
 
 from __future__ import annotations
 
@@ -18,17 +19,25 @@ from ..robot._kernels import Space
 from .design import assemble, whiten
 from .problem import Scene
 
-TOLERANCE = 1e-11   # of a unit column: structural dependence leaves 1e-14, NIST's Filip 1e-9 or more
-DEPENDENT = 1e-9    # of a column, in any row: what is left of a dependent one beyond its combination
+TOLERANCE = 1e-11  # of a unit column: structural dependence leaves 1e-14, NIST's Filip 1e-9 or more
+DEPENDENT = 1e-9  # of a column, in any row: what is left of a dependent one beyond its combination
 PROBE = (256, 8192)  # configurations that tell which terms depend, in data of more than so many
-STREAM = 2000  # configurations whose design a core's cache about holds; no power of two, whose strides collide in it
-PANEL = 8, 4  # dtpqrt's inner block up to and beyond LONG rows: there the narrower is a fifth faster, below it hardly differs
+# configurations whose design a core's cache about holds; no power of two, whose strides collide in
+# it
+STREAM = 2000
+PANEL = (
+    8,
+    4,
+    # dtpqrt's inner block up to and beyond LONG rows: there the narrower is a fifth faster, below it
+    # hardly differs
+)
 LONG = 4096
 
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """Upper triangle R (p+1, p+1) of [columns | response] and the number of rows that went into it."""
+    """Upper triangle R (p+1, p+1) of [columns | response] and the number of rows that went into
+    it."""
 
     R: Array
     rows: int
@@ -71,8 +80,9 @@ def merged(parts: Iterable[Reduction]) -> Reduction:
 
 
 def independent(R: Array) -> tuple[list[int], Array]:
-    """(columns of a triangle (p, p) that do not depend on earlier ones, norms (p,)): sequential orthogonalisation of the unit
-    columns, in their order. A column below 1e-13 of the largest is zero."""
+    """(columns of a triangle (p, p) that do not depend on earlier ones, norms (p,)): sequential
+    orthogonalisation of the unit columns, in their order. A column below 1e-13 of the largest is
+    zero."""
     p = R.shape[1]
     scale = np.linalg.norm(R, axis=0)
     moves = scale > 1e-13 * scale.max(initial=0)
@@ -82,8 +92,8 @@ def independent(R: Array) -> tuple[list[int], Array]:
         if not moves[j]:
             continue
         v = R[:, j] / scale[j]
-        for _ in range(2):                      # twice is enough (Kahan, Parlett)
-            v = v - basis[:, :len(kept)] @ (basis[:, :len(kept)].T @ v)
+        for _ in range(2):  # twice is enough (Kahan, Parlett)
+            v = v - basis[:, : len(kept)] @ (basis[:, : len(kept)].T @ v)
         size = np.linalg.norm(v)
         if size > TOLERANCE:
             basis[:, len(kept)] = v / size
@@ -97,7 +107,8 @@ def reduce(matrix: Array, response: Array) -> Reduction:
 
 
 def _stack(triangle: Array, matrix: Array) -> None:
-    """The rows of matrix (k, p+1) onto the triangle (p+1, p+1), both Fortran-ordered and overwritten."""
+    """The rows of matrix (k, p+1) onto the triangle (p+1, p+1), both Fortran-ordered and
+    overwritten."""
     panel = min(PANEL[len(matrix) > LONG], len(triangle))
     _, _, _, info = dtpqrt(0, panel, triangle, matrix, overwrite_a=True, overwrite_b=True)
     if info:
@@ -105,7 +116,8 @@ def _stack(triangle: Array, matrix: Array) -> None:
 
 
 class Source(ABC):
-    """Configurations that nobody holds whole: they are asked for their reduction. `whiten` as a scene's."""
+    """Configurations that nobody holds whole: they are asked for their reduction. `whiten` as a
+    scene's."""
 
     whiten: float
 
@@ -114,25 +126,42 @@ class Source(ABC):
         """Rows."""
 
     @abstractmethod
-    def reduced(self, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None, only: Sequence[int] | None = None
-                ) -> Reduction:
+    def reduced(
+        self,
+        terms: Sequence[Term],
+        at: tuple[Sequence[Term], Array] | None = None,
+        only: Sequence[int] | None = None,
+    ) -> Reduction:
         """As `reduce_scene`."""
 
 
-def reduce_scene(scene: Scene | Source, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None,
-                 only: Sequence[int] | None = None) -> Reduction:
-    """Of a scene's whitened design and residual, block by block; the whole matrix is never held, nothing allocated a block.
+def reduce_scene(
+    scene: Scene | Source,
+    terms: Sequence[Term],
+    at: tuple[Sequence[Term], Array] | None = None,
+    only: Sequence[int] | None = None,
+) -> Reduction:
+    """Of a scene's whitened design and residual, block by block; the whole matrix is never held,
+    nothing allocated a block.
 
-    Where there are many blocks, terms that depend exactly on earlier ones are left out of the factorisation and put back as
-    the combinations they are; every block checks that they are, else all terms are factorised. `only`: the terms that are
-    asked for; the other columns are nought.
+    Where there are many blocks, terms that depend exactly on earlier ones are left out of the
+    factorisation and put back as the combinations they are; every block checks that they are, else
+    all terms are factorised. `only`: the terms that are asked for; the other columns are nought.
     """
     if isinstance(scene, Source):
         return scene.reduced(terms, at, only)
-    weight, plain = (scene.whiten, replace(scene, whiten=1.0)) if isinstance(scene.whiten, float) else (1.0, scene)
+    weight, plain = (
+        (scene.whiten, replace(scene, whiten=1.0))
+        if isinstance(scene.whiten, float)
+        else (1.0, scene)
+    )
     p = len(terms)
     if only is not None:
-        triangle = Reduction.empty(p).add(spread(_stream(plain, terms, at, [*only, p]), [*only, p], p + 1)).R
+        triangle = (
+            Reduction.empty(p)
+            .add(spread(_stream(plain, terms, at, [*only, p]), [*only, p], p + 1))
+            .R
+        )
     elif len(scene) <= PROBE[1] or not p:
         triangle = _stream(plain, terms, at, range(p + 1))
     else:
@@ -154,10 +183,16 @@ def spread(rows: Array, columns: Sequence[int], width: int) -> Array:
     return out
 
 
-def _stream(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None, picked: Sequence[int],
-            check: Array | None = None, bound: float = 0.0) -> Array:
-    """The triangle of the picked columns, the response among them. Raises _Disagrees where a mixture `check` (p,) of the terms
-    exceeds `bound` in any row."""
+def _stream(
+    scene: Scene,
+    terms: Sequence[Term],
+    at: tuple[Sequence[Term], Array] | None,
+    picked: Sequence[int],
+    check: Array | None = None,
+    bound: float = 0.0,
+) -> Array:
+    """The triangle of the picked columns, the response among them. Raises _Disagrees where a
+    mixture `check` (p,) of the terms exceeds `bound` in any row."""
     triangle, space, p = np.zeros((len(picked), len(picked)), order="F"), Space(), len(terms)
     for _, part in scene.parts(STREAM):
         block = whiten(part, assemble(part, terms, at, space=space)).reshape(p + 1, -1)
@@ -165,30 +200,44 @@ def _stream(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array
             raise _Disagrees
         if len(picked) <= p:
             there = space.array("picked", len(picked), block.shape[1])
-            block = np.take(block, picked, axis=0, out=there, mode="clip")        # any other mode goes through a buffer
+            block = np.take(
+                block, picked, axis=0, out=there, mode="clip"
+            )  # any other mode goes through a buffer
         _stack(triangle, block.T)
     return triangle
 
 
-def _without_dependent(scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None) -> Array:
-    """The triangle of all terms from the independent ones' alone. Raises _Disagrees where a block does not agree.
+def _without_dependent(
+    scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None
+) -> Array:
+    """The triangle of all terms from the independent ones' alone. Raises _Disagrees where a block
+    does not agree.
 
-    Which terms depend is seen on configurations spread over all the data. A random mixture of what the dependent terms lack of
-    their combinations must stay at rounding in every row of every block.
-    """
+    Which terms depend is seen on configurations spread over all the data. A random mixture of what
+    the dependent terms lack of their combinations must stay at rounding in every row of every
+    block."""
     p = len(terms)
-    probe = reduce_scene(scene.take(np.linspace(0, len(scene) - 1, PROBE[0]).astype(np.intp)), terms, at).R[:p, :p]
+    probe = reduce_scene(
+        scene.take(np.linspace(0, len(scene) - 1, PROBE[0]).astype(np.intp)), terms, at
+    ).R[:p, :p]
     kept, scale = independent(probe)
     lost = [k for k in range(p) if k not in kept]
-    relation = np.linalg.lstsq(probe[:, kept] / scale[kept], probe[:, lost], rcond=None)[0] / scale[kept][:, None]
+    relation = (
+        np.linalg.lstsq(probe[:, kept] / scale[kept], probe[:, lost], rcond=None)[0]
+        / scale[kept][:, None]
+    )
     mixture = np.zeros(p)
     biggest = scale.max()
-    size = np.where(scale[lost] > 1e-13 * biggest, scale[lost], biggest)           # a term that moves nothing is no unit
+    size = np.where(
+        scale[lost] > 1e-13 * biggest, scale[lost], biggest
+    )  # a term that moves nothing is no unit
     mixture[lost] = np.random.default_rng(len(lost)).choice((-1.0, 1.0), len(lost)) / size
     mixture[kept] = -relation @ mixture[lost]
     reach = np.abs(relation) @ np.abs(mixture[lost]) * scale[kept]
     bound = DEPENDENT * max(float(reach.max(initial=0.0)), 1.0) / np.sqrt(PROBE[0])
     picked = [*kept, p]
     triangle = _stream(scene, terms, at, picked, mixture, bound)
-    back = np.concatenate([triangle, np.pad(triangle[:-1, :-1] @ relation, ((0, 1), (0, 0)))], axis=1)
+    back = np.concatenate(
+        [triangle, np.pad(triangle[:-1, :-1] @ relation, ((0, 1), (0, 0)))], axis=1
+    )
     return Reduction.empty(p).add(back[:, np.argsort([*picked, *lost])]).R

@@ -1,8 +1,8 @@
 """Free functions are smooth: neighbouring coefficients of a spline go together, far ones do not.
 
-Prior of a spline's coefficients: variance times the Matérn 3/2 correlation of their centres, at a length of LENGTH knots
-(Rasmussen & Williams 2006, eq. 4.17). A penalised spline by another name; its variance is found from the data.
-"""
+Prior of a spline's coefficients: variance times the Matérn 3/2 correlation of their centres, at a
+length of LENGTH knots (Rasmussen & Williams 2006, eq. 4.17). A penalised spline by another name;
+its variance is found from the data."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from .._typing import Array, Index
 from ..mechanisms.causes import Bump, Cause, factors
 from ..mechanisms.terms import Term
 
-LENGTH = 3.0        # knots over which a free function keeps its value, roughly
+LENGTH = 3.0  # knots over which a free function keeps its value, roughly
 JITTER = 1e-6
 
 
 def spline(term: Term) -> tuple[Bump, tuple[object, ...]] | None:
-    """(the spline that a term is a coefficient of, what else it is: place, variable, width, other factors), or None."""
+    """(the spline that a term is a coefficient of, what else it is: place, variable, width, other
+    factors), or None."""
     parts = factors(term.screws[0].cause)
     bump = next((p for p in parts if isinstance(p, Bump)), None)
     if bump is None or len(term.screws) > 1:
@@ -29,7 +30,8 @@ def spline(term: Term) -> tuple[Bump, tuple[object, ...]] | None:
 
 
 def splines(terms: Sequence[Term]) -> list[tuple[Index, Array]]:
-    """(indices of the terms of one free function at one place, lower root (k, k) of their prior correlation), each."""
+    """(indices of the terms of one free function at one place, lower root (k, k) of their prior
+    correlation), each."""
     own: dict[tuple[object, ...], list[int]] = {}
     centre = np.zeros(len(terms))
     for k, term in enumerate(terms):
@@ -40,13 +42,16 @@ def splines(terms: Sequence[Term]) -> list[tuple[Index, Array]]:
     for members in own.values():
         index = np.array(members, dtype=np.intp)
         apart = np.sqrt(3) / LENGTH * np.abs(centre[index, None] - centre[index])
-        out.append((index, np.linalg.cholesky((1 + apart) * np.exp(-apart) + JITTER * np.eye(len(index)))))
+        out.append(
+            (index, np.linalg.cholesky((1 + apart) * np.exp(-apart) + JITTER * np.eye(len(index))))
+        )
     return out
 
 
 def penalty(terms: Sequence[Term], precision: Array) -> Array:
-    """(k, p) rows whose product with theta is to be nought, in units of the noise: the prior of terms with a `precision`
-    (p,) [1/variance], correlated within a free function, alone otherwise."""
+    """(k, p) rows whose product with theta is to be nought, in units of the noise: the prior of
+    terms with a `precision` (p,) [1/variance], correlated within a free function, alone
+    otherwise."""
     out = np.diag(np.sqrt(precision))
     for index, root in splines(terms):
         if precision[index].any():

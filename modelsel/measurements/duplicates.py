@@ -1,4 +1,5 @@
-"""Rows that stand in a file twice: the same row again, cell for cell, or the same measurement under another number or name."""
+"""Rows that stand in a file twice: the same row again, cell for cell, or the same measurement under
+another number or name."""
 
 from __future__ import annotations
 
@@ -19,7 +20,9 @@ def _suspects(columns: Sequence[NDArray[Any]], m: int) -> Mask:
     if columns:
         code = np.zeros(m, np.uint64)
         for k, column in enumerate(columns):
-            bits = (np.asarray(column, float) + 0.0).view(np.uint64)       # + 0.0: minus nought is nought
+            bits = (np.asarray(column, float) + 0.0).view(
+                np.uint64
+            )  # + 0.0: minus nought is nought
             code = (code ^ (bits >> np.uint64(29 + k % 5))) * np.uint64(0x9E3779B97F4A7C15) + bits
         order = np.argsort(code, kind="stable")
         alike = code[order][1:] == code[order][:-1]
@@ -28,23 +31,28 @@ def _suspects(columns: Sequence[NDArray[Any]], m: int) -> Mask:
 
 
 def duplicates(table: Mapping[str, NDArray[Any]], m: int) -> Mask:
-    """(m,) rows that repeat an earlier one cell for cell; compared one by one only where a hash of the numbers agrees."""
+    """(m,) rows that repeat an earlier one cell for cell; compared one by one only where a hash of
+    the numbers agrees."""
     suspect = _suspects([column for column in table.values() if column.dtype != object], m)
     seen: set[tuple[Any, ...]] = set()
     out = np.zeros(m, bool)
     index = np.flatnonzero(suspect)
-    for k, row in zip(index.tolist(), zip(*(column[index] for column in table.values()), strict=True), strict=True):
+    for k, row in zip(
+        index.tolist(), zip(*(column[index] for column in table.values()), strict=True), strict=True
+    ):
         out[k] = row in seen
         seen.add(row)
     return out
 
 
-def copies(q: Array, position: Array, others: Sequence[NDArray[Any]], times: Array | None = None
-           ) -> tuple[Mask, tuple[int, int] | None]:
-    """((m,) rows that hold the readings q (m, n), the position (m, 3) and the `others` (m,) of an earlier row to the last digit,
-    (one of them, that earlier row)). No two measurements of a point agree so, unless positions are written so coarsely that
-    repeats agree in a coordinate here and there: those are repeats, and none is a copy. `times` (m,): how many times as many
-    pairs have to agree as agree only here and there (1 without it); rows with one value are judged together."""
+def copies(
+    q: Array, position: Array, others: Sequence[NDArray[Any]], times: Array | None = None
+) -> tuple[Mask, tuple[int, int] | None]:
+    """((m,) rows that hold the readings q (m, n), the position (m, 3) and the `others` (m,) of an
+    earlier row to the last digit, (one of them, that earlier row)). No two measurements of a point
+    agree so, unless positions are written so coarsely that repeats agree in a coordinate here and
+    there: those are repeats, and none is a copy. `times` (m,): how many times as many pairs have to
+    agree as agree only here and there (1 without it); rows with one value are judged together."""
     out, pair = np.zeros(len(q), bool), None
     known = [*q.T, *others]
     if not _suspects([*known, *position.T], len(q)).any():

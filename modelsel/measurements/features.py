@@ -1,4 +1,5 @@
-"""What rows measure that are no points, and the features they share: anchors, spheres, points, planes."""
+"""What rows measure that are no points, and the features they share: anchors, spheres, points,
+planes."""
 
 from __future__ import annotations
 
@@ -16,14 +17,34 @@ if TYPE_CHECKING:
 
 KINDS = ("point", "x", "y", "z", "wire", "ball-bar", "distance", "same-point", "plane")
 PLACE = ("tx", "ty", "tz")
-UNKNOWN = {"wire": PLACE, "ball-bar": PLACE, "same-point": PLACE, "plane": ("tz", "rx", "ry"), "distance": ()}
-COORDINATES = np.array([(1, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 0), (1, 0, 0), (1, 0, 0), (1, 1, 1), (1, 0, 0)], bool)
+UNKNOWN = {
+    "wire": PLACE,
+    "ball-bar": PLACE,
+    "same-point": PLACE,
+    "plane": ("tz", "rx", "ry"),
+    "distance": (),
+}
+COORDINATES = np.array(
+    [
+        (1, 1, 1),
+        (1, 0, 0),
+        (0, 1, 0),
+        (0, 0, 1),
+        (1, 0, 0),
+        (1, 0, 0),
+        (1, 0, 0),
+        (1, 1, 1),
+        (1, 0, 0),
+    ],
+    bool,
+)
 
 
 @dataclass(frozen=True)
 class Feature:
-    """What rows of one `kind` share: a wire's anchor, a ball-bar's sphere, a point, a plane. What is known of it, in the
-    tracker's frame [mm]; `free` are its numbers that are fitted, of tx ty tz (place), rx ry (tilt), length."""
+    """What rows of one `kind` share: a wire's anchor, a ball-bar's sphere, a point, a plane. What
+    is known of it, in the tracker's frame [mm]; `free` are its numbers that are fitted, of tx ty tz
+    (place), rx ry (tilt), length."""
 
     name: str
     kind: str
@@ -33,26 +54,39 @@ class Feature:
     free: tuple[str, ...] = ()
 
 
-def features_of(kind: Sequence[str], feature: Sequence[str], length: Array) -> tuple[NDArray[np.intp], tuple[Feature, ...]]:
-    """((m,) every row's feature, -1 for none, the features numbered by their first rows); a ball-bar without lengths has one that
-    is not known."""
+def features_of(
+    kind: Sequence[str], feature: Sequence[str], length: Array
+) -> tuple[NDArray[np.intp], tuple[Feature, ...]]:
+    """((m,) every row's feature, -1 for none, the features numbered by their first rows); a
+    ball-bar without lengths has one that is not known."""
     first: dict[str, int] = {}
     for k, name in enumerate(feature):
         if name:
             first.setdefault(name, k)
     number = {name: k for k, name in enumerate(first)}
-    unknown = {name: UNKNOWN[kind[k]] + (("length",) if kind[k] == "ball-bar" and np.isnan(length[k]) else ())
-               for name, k in first.items()}
-    return (np.array([number.get(name, -1) for name in feature], dtype=np.intp),
-            tuple(Feature(name, kind[k], free=unknown[name]) for name, k in first.items()))
+    unknown = {
+        name: UNKNOWN[kind[k]]
+        + (("length",) if kind[k] == "ball-bar" and np.isnan(length[k]) else ())
+        for name, k in first.items()
+    }
+    return (
+        np.array([number.get(name, -1) for name in feature], dtype=np.intp),
+        tuple(Feature(name, kind[k], free=unknown[name]) for name, k in first.items()),
+    )
 
 
-def framed(frame: pd.DataFrame, kind: Sequence[str], feature: Sequence[str], length: Array) -> pd.DataFrame:
-    """The contract's columns of rows that are no points, from those that points would have: cells that a kind does not use are
-    empty."""
-    out = frame.assign(kind=np.array(kind, dtype=object), feature=np.array(feature, dtype=object), length_mm=length)
+def framed(
+    frame: pd.DataFrame, kind: Sequence[str], feature: Sequence[str], length: Array
+) -> pd.DataFrame:
+    """The contract's columns of rows that are no points, from those that points would have: cells
+    that a kind does not use are empty."""
+    out = frame.assign(
+        kind=np.array(kind, dtype=object), feature=np.array(feature, dtype=object), length_mm=length
+    )
     what = out["kind"].to_numpy()
-    turned = [name for name in ("qw", "qx", "qy", "qz", "srx_rad", "sry_rad", "srz_rad") if name in out]
+    turned = [
+        name for name in ("qw", "qx", "qy", "qz", "srx_rad", "sry_rad", "srz_rad") if name in out
+    ]
     out.loc[what != "point", turned] = np.nan
     if "sx_mm" in out:
         own = out["sx_mm"].mask(what == "y", out["sy_mm"]).mask(what == "z", out["sz_mm"])

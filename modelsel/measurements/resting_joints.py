@@ -1,4 +1,5 @@
-"""Joints that rest while their encoders flicker: a difference of readings that is noise is no motion."""
+"""Joints that rest while their encoders flicker: a difference of readings that is noise is no
+motion."""
 
 from __future__ import annotations
 
@@ -9,21 +10,26 @@ from numpy.typing import NDArray
 
 from .._typing import Array
 
-FLICKER = (float(np.radians(0.1)), 0.1)     # rad, mm: a joint may rest whose readings stay within it
-APART = 10.0        # by this factor the smallest motion is larger than the largest flicker
-FEWEST = 5          # flickers: of evenly spread motions the five smallest lie so far apart from the next once in 100,000 joints
+FLICKER = (float(np.radians(0.1)), 0.1)  # rad, mm: a joint may rest whose readings stay within it
+APART = 10.0  # by this factor the smallest motion is larger than the largest flicker
+# flickers: of evenly spread motions the five smallest lie so far apart from the next once in
+# 100,000 joints
+FEWEST = 5
 
 
-def resting(step: Array, opening: NDArray[np.bool_], prismatic: Sequence[bool]) -> NDArray[np.bool_]:
-    """(v, n) whether a joint's reading changed by noise alone from the visit before: `step` (v, n) [rad or mm], `opening` (v,) a
-    group's first visit. A joint rests where its steps are of two kinds, a factor APART from each other, or all of the small
-    kind, and readings of the small kind stay within FLICKER together, however long they last: a slow sweep does not."""
+def resting(
+    step: Array, opening: NDArray[np.bool_], prismatic: Sequence[bool]
+) -> NDArray[np.bool_]:
+    """(v, n) whether a joint's reading changed by noise alone from the visit before: `step` (v, n)
+    [rad or mm], `opening` (v,) a group's first visit. A joint rests where its steps are of two
+    kinds, a factor APART from each other, or all of the small kind, and readings of the small kind
+    stay within FLICKER together, however long they last: a slow sweep does not."""
     out = np.zeros(step.shape, bool)
     for j in range(step.shape[1]):
         limit = FLICKER[bool(prismatic[j]) if j < len(prismatic) else 0]
         size = np.abs(step[:, j])
         moved = np.sort(size[size > 0])
-        gap = np.flatnonzero(np.append(moved[1:], np.inf) >= APART * moved) + 1         # so many flickers
+        gap = np.flatnonzero(np.append(moved[1:], np.inf) >= APART * moved) + 1  # so many flickers
         for count in gap[(gap >= FEWEST) & (moved[gap - 1] < limit)][::-1]:
             still = (size > 0) & (size <= moved[count - 1])
             if _span(step[:, j], (size > moved[count - 1]) | opening) < limit:
@@ -43,13 +49,20 @@ def _span(step: Array, begins: NDArray[np.bool_]) -> float:
 
 
 def said(rest: Array, prismatic: Sequence[bool]) -> str | None:
-    """What is told of the largest flicker (n,) of each joint, 0 where it has none; None where none rests."""
+    """What is told of the largest flicker (n,) of each joint, 0 where it has none; None where none
+    rests."""
     each = []
     for j, size in enumerate(rest.tolist(), 1):
         slides = bool(prismatic[j - 1]) if j <= len(prismatic) else False
         if size > 0:
-            each.append(f"joint {j} (at most {size:.2g} mm)" if slides else f"joint {j} (at most {np.degrees(size):.2g} deg)")
+            each.append(
+                f"joint {j} (at most {size:.2g} mm)"
+                if slides
+                else f"joint {j} (at most {np.degrees(size):.2g} deg)"
+            )
     if not each:
         return None
-    return (f"Between some configurations {', '.join(each)} did not move, only the reading flickered: no direction of approach "
-            "and no size of a move is taken from that.")
+    return (
+        f"Between some configurations {', '.join(each)} did not move, only the reading flickered: no direction of approach "
+        "and no size of a move is taken from that."
+    )

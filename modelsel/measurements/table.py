@@ -30,9 +30,10 @@ Source: TypeAlias = Union[str, "os.PathLike[str]", "pd.DataFrame"]
 
 @dataclass(frozen=True, eq=False)
 class Where:
-    """Where a table comes from and what its user calls its rows: a text file has `lines`, the header line 1; a DataFrame and a
-    Parquet file have rows, counted from 0. `first`: the number of the table's first row, where it is a piece of a file; `at`
-    (m,): the line of every row, where cells with line breaks in them put rows further down."""
+    """Where a table comes from and what its user calls its rows: a text file has `lines`, the
+    header line 1; a DataFrame and a Parquet file have rows, counted from 0. `first`: the number of
+    the table's first row, where it is a piece of a file; `at` (m,): the line of every row, where
+    cells with line breaks in them put rows further down."""
 
     file: str = ""
     lines: bool = True
@@ -51,22 +52,37 @@ class Where:
 
     def number(self, row: int) -> int:
         """What the 0-based `row` is counted as by the user."""
-        return int(self.at[row]) if self.at is not None else row + 2 if self.is_text else row + self.first
+        return (
+            int(self.at[row])
+            if self.at is not None
+            else row + 2
+            if self.is_text
+            else row + self.first
+        )
 
-    def refuse(self, what: str, *, row: int | None = None, column: str | None = None, remedy: str = "") -> DataError:
+    def refuse(
+        self, what: str, *, row: int | None = None, column: str | None = None, remedy: str = ""
+    ) -> DataError:
         """The error to raise, with its place: 0-based `row`, without it the header's."""
         count = None if row is None else self.number(row)
         if not self.is_text:
-            return DataError(what, file=self.file or "DataFrame", row=count, column=column, remedy=remedy)
-        return DataError(what, file=self.file, line=1 if count is None else count, column=column, remedy=remedy)
+            return DataError(
+                what, file=self.file or "DataFrame", row=count, column=column, remedy=remedy
+            )
+        return DataError(
+            what, file=self.file, line=1 if count is None else count, column=column, remedy=remedy
+        )
 
     def named(self, row: int) -> str:
         """A row in words."""
         return f"{'line' if self.is_text else 'row'} {self.number(row)}"
 
     def listed(self, rows: Sequence[int] | NDArray[np.intp], most: int = 10) -> str:
-        """Rows in words, the first so many of them: lines 3, 4, 9 … or rows 1, 2, 7 …, counted from 0."""
-        shown = ", ".join(str(self.number(int(row))) for row in rows[:most]) + (" …" if len(rows) > most else "")
+        """Rows in words, the first so many of them: lines 3, 4, 9 … or rows 1, 2, 7 …, counted from
+        0."""
+        shown = ", ".join(str(self.number(int(row))) for row in rows[:most]) + (
+            " …" if len(rows) > most else ""
+        )
         several = "s" * (len(rows) != 1)
         return f"line{several} {shown}" if self.is_text else f"row{several} {shown}, counted from 0"
 
@@ -82,13 +98,20 @@ class Where:
     def record(self, rows: NDArray[np.intp]) -> dict[str, Any]:
         """As plain values that say of the `rows` what they are called; `where_of` reads it."""
         at = None if self.at is None else {str(row): self.number(row) for row in rows.tolist()}
-        return {"word": "line" if self.is_text else "row", "first": 2 if self.is_text else self.first, "at": at}
+        return {
+            "word": "line" if self.is_text else "row",
+            "first": 2 if self.is_text else self.first,
+            "at": at,
+        }
 
     def mapping(self, wanted: str, given: str) -> str:
         """How to say that a column has another name."""
-        return (f'in the study file: [measurements] columns = {{ {wanted} = "{given}" }} (of a command without one: '
-                f'--column {wanted}={given})' if self.is_file else
-                f'by columns={{"{wanted}": "{given}"}} (of a Study: measurements={{"frame": …, "columns": …}})')
+        return (
+            f'in the study file: [measurements] columns = {{ {wanted} = "{given}" }} (of a command without one: '
+            f"--column {wanted}={given})"
+            if self.is_file
+            else f'by columns={{"{wanted}": "{given}"}} (of a Study: measurements={{"frame": …, "columns": …}})'
+        )
 
 
 @dataclass(frozen=True)
@@ -109,47 +132,69 @@ def where_of(record: Mapping[str, Any] | None) -> Where:
     """What rows are called, of a record of it; lines of a text file where there is none."""
     if record is None:
         return Where("the file")
-    at = None if record["at"] is None else {int(row): number for row, number in record["at"].items()}
-    return Where("the file", record["word"] == "line", 0 if record["word"] == "line" else record["first"], at)
+    at = (
+        None if record["at"] is None else {int(row): number for row, number in record["at"].items()}
+    )
+    return Where(
+        "the file", record["word"] == "line", 0 if record["word"] == "line" else record["first"], at
+    )
 
 
 def read_table(source: Source, group: int | None = None) -> Table:
-    """A CSV or Parquet file (`group`: one row group of it alone) or a DataFrame. Raises DataError."""
+    """A CSV or Parquet file (`group`: one row group of it alone) or a DataFrame. Raises
+    DataError."""
     if isinstance(source, (str, os.PathLike)):
         path = Path(source)
         if path.suffix.lower() in (".parquet", ".pq"):
             return _parquet(path, group)
         return _csv(path)
     import pandas as pd
+
     if not isinstance(source, pd.DataFrame):
-        raise DataError(f"measurements are a file's path or a pandas DataFrame, found {type(source).__name__}.")
+        raise DataError(
+            f"measurements are a file's path or a pandas DataFrame, found {type(source).__name__}."
+        )
     return _frame(source, Where(""))
 
 
 def digest(source: Source) -> str:
-    """SHA-256 of a file's bytes; of a DataFrame, of the CSV file that `to_csv(index=False)` would write. Raises DataError."""
+    """SHA-256 of a file's bytes; of a DataFrame, of the CSV file that `to_csv(index=False)` would
+    write. Raises DataError."""
     if isinstance(source, (str, os.PathLike)):
         try:
             with Path(source).open("rb") as file:
                 return hashlib.file_digest(file, "sha256").hexdigest()
         except OSError as error:
-            raise DataError(f"cannot be read any more: {error.strerror}.", file=Path(source).name,
-                            remedy="Run again when it is there.") from None
-    return hashlib.sha256(source.to_csv(index=False, lineterminator="\n").encode("utf-8", "surrogatepass")).hexdigest()
+            raise DataError(
+                f"cannot be read any more: {error.strerror}.",
+                file=Path(source).name,
+                remedy="Run again when it is there.",
+            ) from None
+    return hashlib.sha256(
+        source.to_csv(index=False, lineterminator="\n").encode("utf-8", "surrogatepass")
+    ).hexdigest()
 
 
 def _frame(frame: pd.DataFrame, where: Where) -> Table:
-    """Cells as a file would have them: numbers as numbers, what is missing as nan or None. The index is not looked at."""
+    """Cells as a file would have them: numbers as numbers, what is missing as nan or None. The
+    index is not looked at."""
     strange = [name for name in frame.columns if not isinstance(name, str)]
     if strange:
-        raise where.refuse(f"a column is called {strange[0]!r}, which is not text.", remedy="Column names are words: x_mm.")
+        raise where.refuse(
+            f"a column is called {strange[0]!r}, which is not text.",
+            remedy="Column names are words: x_mm.",
+        )
     names = [name.strip() for name in frame.columns]
     _distinct(names, where)
     out: dict[str, NDArray[Any]] = {}
     for k, name in enumerate(names):
         column = frame.iloc[:, k]
         if column.dtype.kind in "fiub":
-            out[name] = column.to_numpy(dtype=float, na_value=np.nan) if column.hasnans else column.to_numpy()
+            out[name] = (
+                column.to_numpy(dtype=float, na_value=np.nan)
+                if column.hasnans
+                else column.to_numpy()
+            )
         else:
             cells = column.to_numpy(dtype=object, copy=True)
             cells[column.isna().to_numpy()] = None
@@ -158,20 +203,23 @@ def _frame(frame: pd.DataFrame, where: Where) -> Table:
 
 
 def _rows(path: Path) -> Iterator[tuple[list[list[str]], NDArray[np.intp] | None]]:
-    """Chunks of CSV rows, the header first as a chunk of its own, and the lines they begin on where some have several; refuses
-    ragged rows with their line."""
+    """Chunks of CSV rows, the header first as a chunk of its own, and the lines they begin on where
+    some have several; refuses ragged rows with their line."""
     _there(path)
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file)
             header = next(reader, None)
             if not header or "\0" in "".join(header):
-                raise DataError("the file is empty or not text.", file=path.name,
-                                remedy="A CSV with a header line and a row per measured point is expected.")
+                raise DataError(
+                    "the file is empty or not text.",
+                    file=path.name,
+                    remedy="A CSV with a header line and a row per measured point is expected.",
+                )
             _separated(header, path)
             yield [[name.strip() for name in header]], None
             line = reader.line_num + 1
-            plain = line == 2                   # so far a row was a line
+            plain = line == 2  # so far a row was a line
             while chunk := list(islice(reader, CHUNK)):
                 plain = plain and reader.line_num == line + len(chunk) - 1
                 starts = np.arange(line, line + len(chunk)) if plain else _starts(chunk, line)
@@ -181,18 +229,31 @@ def _rows(path: Path) -> Iterator[tuple[list[list[str]], NDArray[np.intp] | None
                         if not row and all(not later for later in chunk[k:]):
                             chunk = chunk[:k]
                             break
-                        comma = " Numbers need a decimal point: a comma parts cells." if len(row) > len(header) else ""
-                        raise DataError(f"{len(row)} cells, but the header has {len(header)}.", file=path.name,
-                                        line=int(starts[k]), remedy=f"Every row needs as many cells as the header.{comma}")
+                        comma = (
+                            " Numbers need a decimal point: a comma parts cells."
+                            if len(row) > len(header)
+                            else ""
+                        )
+                        raise DataError(
+                            f"{len(row)} cells, but the header has {len(header)}.",
+                            file=path.name,
+                            line=int(starts[k]),
+                            remedy=f"Every row needs as many cells as the header.{comma}",
+                        )
                 if chunk:
-                    yield chunk, None if plain else starts[:len(chunk)]
+                    yield chunk, None if plain else starts[: len(chunk)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or ("it is not UTF-8 text" if isinstance(error, ValueError) else str(error))
-        raise DataError(f"the file cannot be read: {reason}.", file=path.name, remedy="Save it as CSV in UTF-8.") from None
+        reason = getattr(error, "strerror", None) or (
+            "it is not UTF-8 text" if isinstance(error, ValueError) else str(error)
+        )
+        raise DataError(
+            f"the file cannot be read: {reason}.", file=path.name, remedy="Save it as CSV in UTF-8."
+        ) from None
 
 
 def _starts(chunk: list[list[str]], line: int) -> NDArray[np.intp]:
-    """(m,) the lines on which rows begin, the first on `line`: a cell between quotes may have several."""
+    """(m,) the lines on which rows begin, the first on `line`: a cell between quotes may have
+    several."""
     spans = [1 + sum(len(BREAK.findall(cell)) for cell in row) for row in chunk]
     return np.asarray(line + np.cumsum([0, *spans[:-1]]), dtype=np.intp)
 
@@ -200,16 +261,24 @@ def _starts(chunk: list[list[str]], line: int) -> NDArray[np.intp]:
 def _there(path: Path) -> None:
     """Refuses what is not a file."""
     if (why := unreadable(path)) is not None:
-        raise DataError(f"{why}.", file=path.name, remedy="Put it beside the study file, or set MODELSEL_DATA to the folder that "
-                        "holds it.")
+        raise DataError(
+            f"{why}.",
+            file=path.name,
+            remedy="Put it beside the study file, or set MODELSEL_DATA to the folder that "
+            "holds it.",
+        )
 
 
 def _separated(header: Sequence[str], path: Path) -> None:
     """Refuses a header in one cell that other marks than commas part."""
     for mark, word in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars"), (" ", "blanks")):
         if len(header) == 1 and mark in header[0].strip():
-            raise DataError(f"{word} part its cells; a CSV with commas is expected.", file=path.name, line=1,
-                            remedy="Save it with commas between the cells and points in the numbers (1.5, not 1,5).")
+            raise DataError(
+                f"{word} part its cells; a CSV with commas is expected.",
+                file=path.name,
+                line=1,
+                remedy="Save it with commas between the cells and points in the numbers (1.5, not 1,5).",
+            )
 
 
 def _csv(path: Path) -> Table:
@@ -225,62 +294,108 @@ def _csv(path: Path) -> Table:
         plain = plain and at is None
         parts.append([np.array(column, dtype=object) for column in zip(*chunk, strict=True)])
     where = Where(path.name, at=None if plain else np.concatenate(starts))
-    return Table({name: np.concatenate([part[k] for part in parts]) if parts else np.zeros(0, object)
-                  for k, name in enumerate(header)}, where)
+    return Table(
+        {
+            name: np.concatenate([part[k] for part in parts]) if parts else np.zeros(0, object)
+            for k, name in enumerate(header)
+        },
+        where,
+    )
 
 
 def _parquet(path: Path, group: int | None) -> Table:
     """All of a file, or one of its row groups."""
     import pyarrow as pa
+
     with _opened(path) as file:
         names = file.schema_arrow.names
-        where = Where(path.name, lines=False, first=sum(file.metadata.row_group(k).num_rows for k in range(group or 0)))
+        where = Where(
+            path.name,
+            lines=False,
+            first=sum(file.metadata.row_group(k).num_rows for k in range(group or 0)),
+        )
         _distinct(names, where)
-        table = file.read(use_threads=False) if group is None else file.read_row_group(group, use_threads=False)
+        table = (
+            file.read(use_threads=False)
+            if group is None
+            else file.read_row_group(group, use_threads=False)
+        )
         if not names:
-            raise DataError("no columns.", file=path.name, remedy="A row per measured point, with named columns, is expected.")
-        nested = [name for name in names if pa.types.is_nested(table.schema.field(name).type)]     # no number, no text
-        return Table({name: np.full(len(table), "(nested)", object) if name in nested else table.column(name).to_numpy()
-                      for name in names}, where)
+            raise DataError(
+                "no columns.",
+                file=path.name,
+                remedy="A row per measured point, with named columns, is expected.",
+            )
+        nested = [
+            name for name in names if pa.types.is_nested(table.schema.field(name).type)
+        ]  # no number, no text
+        return Table(
+            {
+                name: np.full(len(table), "(nested)", object)
+                if name in nested
+                else table.column(name).to_numpy()
+                for name in names
+            },
+            where,
+        )
 
 
 def damaged() -> tuple[type[Exception], ...]:
     """What pyarrow raises of a file that is no Parquet file, or a damaged one."""
     import pyarrow.lib
-    return OSError, ValueError, TypeError, NotImplementedError, MemoryError, OverflowError, pyarrow.lib.ArrowException
+
+    return (
+        OSError,
+        ValueError,
+        TypeError,
+        NotImplementedError,
+        MemoryError,
+        OverflowError,
+        pyarrow.lib.ArrowException,
+    )
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """A Parquet file; raises DataError where it, or what is read of it, is none."""
     import pyarrow.parquet as pq
+
     _there(path)
     try:
         with pq.ParquetFile(path) as file:
             yield file
     except damaged():
-        raise DataError("not a readable Parquet file.", file=path.name, remedy="Write it anew, or give a CSV.") from None
+        raise DataError(
+            "not a readable Parquet file.", file=path.name, remedy="Write it anew, or give a CSV."
+        ) from None
 
 
 def row_groups(path: Path) -> tuple[int, ...]:
     """Rows of every row group of a Parquet file; each can be read alone. Raises DataError."""
     with _opened(path) as file:
-        return tuple(int(file.metadata.row_group(k).num_rows) for k in range(file.metadata.num_row_groups))
+        return tuple(
+            int(file.metadata.row_group(k).num_rows) for k in range(file.metadata.num_row_groups)
+        )
 
 
 def _distinct(header: Sequence[str], where: Where) -> None:
     for name in header:
         if list(header).count(name) > 1:
-            raise where.refuse("the name stands twice in the header.", column=name or "(no name)",
-                               remedy="Column names must differ.")
+            raise where.refuse(
+                "the name stands twice in the header.",
+                column=name or "(no name)",
+                remedy="Column names must differ.",
+            )
 
 
 def renamed(table: Table, columns: Mapping[str, str]) -> Table:
     """A table under the contract's names; `columns` maps these to its own. Raises DataError."""
     for wanted, given in columns.items():
         if given not in table:
-            raise table.where.refuse(f'the study maps {wanted} to "{given}", which is not in the '
-                                     f'{"file" if table.where.is_file else "DataFrame"}. {suggest(given, table.columns)}')
+            raise table.where.refuse(
+                f'the study maps {wanted} to "{given}", which is not in the '
+                f"{'file' if table.where.is_file else 'DataFrame'}. {suggest(given, table.columns)}"
+            )
     new = {given: wanted for wanted, given in columns.items()}
     kept = [name for name in table.columns if name in new or name not in columns]
     _distinct([new.get(name, name) for name in kept], table.where)

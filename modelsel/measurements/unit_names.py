@@ -1,4 +1,5 @@
-"""Columns of the contract in units that it does not read: refused with the right name, never taken for a covariate."""
+"""Columns of the contract in units that it does not read: refused with the right name, never taken
+for a covariate."""
 
 from __future__ import annotations
 
@@ -10,38 +11,85 @@ from .columns import READINGS
 from .table import Table, Where
 
 # one of a unit in those that the contract reads
-LENGTHS = {"nm": 1e-6, "um": 1e-3, "µm": 1e-3, "μm": 1e-3, "micron": 1e-3, "mil": 0.0254, "mm": 1.0, "cm": 10.0, "in": 25.4,
-           "inch": 25.4, "dm": 100.0, "ft": 304.8, "m": 1e3, "km": 1e6}                                             # mm
-ANGLES = {"urad": 1e-6, "µrad": 1e-6, "μrad": 1e-6, "mrad": 1e-3, "rad": 1.0}                                       # rad
-DEGREES = {"arcsec": 1 / 3600, "arcmin": 1 / 60, "grad": 0.9, "gon": 0.9, "deg": 1.0, "rev": 360.0, "turn": 360.0,
-           "turns": 360.0}                                                                                         # deg
-MASSES = {"mg": 1e-6, "g": 1e-3, "lb": 0.45359237, "lbs": 0.45359237, "kg": 1.0, "t": 1e3}                          # kg
-TIMES = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}            # s
+LENGTHS = {
+    "nm": 1e-6,
+    "um": 1e-3,
+    "µm": 1e-3,
+    "μm": 1e-3,
+    "micron": 1e-3,
+    "mil": 0.0254,
+    "mm": 1.0,
+    "cm": 10.0,
+    "in": 25.4,
+    "inch": 25.4,
+    "dm": 100.0,
+    "ft": 304.8,
+    "m": 1e3,
+    "km": 1e6,
+}  # mm
+ANGLES = {"urad": 1e-6, "µrad": 1e-6, "μrad": 1e-6, "mrad": 1e-3, "rad": 1.0}  # rad
+DEGREES = {
+    "arcsec": 1 / 3600,
+    "arcmin": 1 / 60,
+    "grad": 0.9,
+    "gon": 0.9,
+    "deg": 1.0,
+    "rev": 360.0,
+    "turn": 360.0,
+    "turns": 360.0,
+}  # deg
+MASSES = {"mg": 1e-6, "g": 1e-3, "lb": 0.45359237, "lbs": 0.45359237, "kg": 1.0, "t": 1e3}  # kg
+TIMES = {
+    "ns": 1e-9,
+    "us": 1e-6,
+    "µs": 1e-6,
+    "μs": 1e-6,
+    "ms": 1e-3,
+    "s": 1.0,
+    "min": 60.0,
+    "h": 3600.0,
+}  # s
 JOINT = re.compile(r"q[0-9]{1,9}")
-DEGREE = 0.017453292519943295                                                                                       # rad
-WORDS = ("in", "turn", "turns", "rev", "min", "h", "s", "t", "g", "m")       # that a name may end with for other reasons
+DEGREE = 0.017453292519943295  # rad
+WORDS = (
+    "in",
+    "turn",
+    "turns",
+    "rev",
+    "min",
+    "h",
+    "s",
+    "t",
+    "g",
+    "m",
+)  # that a name may end with for other reasons
 SPREADS, TURNS = ("sx", "sy", "sz"), ("srx", "sry", "srz")
 
 
 def other_units(table: Table, known: set[str], prismatic: Sequence[bool], gauged: bool) -> None:
-    """Refuses a column of the table that a name of the contract has in another unit (`sx_um`, `q1_grad`, `temperature_K`), or
-    in other letters (`SX_mm`) where the contract's own is not there. `known`: the contract's names; `gauged`: whether rows have
-    kinds, and `length_mm` and `s_mm` a meaning. Raises DataError."""
+    """Refuses a column of the table that a name of the contract has in another unit (`sx_um`,
+    `q1_grad`, `temperature_K`), or in other letters (`SX_mm`) where the contract's own is not
+    there. `known`: the contract's names; `gauged`: whether rows have kinds, and `length_mm` and
+    `s_mm` a meaning. Raises DataError."""
     small = {name.lower(): name for name in known}
     for name in table.columns:
         if name in known:
             continue
         stem, _, unit = name.lower().rpartition("_")
         right, factor = _read_as(stem, unit, prismatic, gauged)
-        if right is None and (wanted := small.get(name.lower())) is not None and wanted not in table:
+        if (
+            right is None
+            and (wanted := small.get(name.lower())) is not None
+            and wanted not in table
+        ):
             right, factor = wanted, "1"
         if right is not None and not (right in table and factor == "1"):
             raise _refused(table, name, right, factor)
 
 
 def mapped_units(columns: Mapping[str, str], prismatic: Sequence[bool], where: Where) -> None:
-    """Refuses a mapping of a contract's name to a column whose own name says another unit (`q1_rad = "J1_deg"`). Raises
-    DataError."""
+    """Refuses a mapping of a contract's name to a column whose own name says another unit (`q1_rad
+    = "J1_deg"`). Raises DataError."""
     for wanted, given in columns.items():
         stem, _, unit = wanted.rpartition("_")
         said = re.split(r"[^a-zµμ]+", given.strip("])} ").lower())[-1]
@@ -49,21 +97,33 @@ def mapped_units(columns: Mapping[str, str], prismatic: Sequence[bool], where: W
         if JOINT.fullmatch(stem):
             units = {**LENGTHS} if unit in ("mm", "m") else {**ANGLES, **DEGREES}
         if said in units and said not in (unit, *WORDS):
-            raise where.refuse(f'the study maps {wanted} to it, but its name says "{said}", not "{unit}".', column=given,
-                               remedy=f"Map the contract's name of that unit; where there is none, convert it to {unit}.")
+            raise where.refuse(
+                f'the study maps {wanted} to it, but its name says "{said}", not "{unit}".',
+                column=given,
+                remedy=f"Map the contract's name of that unit; where there is none, convert it to {unit}.",
+            )
 
 
 def _refused(table: Table, name: str, right: str, factor: str) -> DataError:
     if factor == "1":
-        return table.where.refuse(f'the column is called "{right}" in the contract: under this name it would be ignored.',
-                                  column=name, remedy=f"Rename it to {right}, or to something else if that is not what it holds.")
-    return table.where.refuse(f'this unit is not read; "{right}" is expected.', column=name,
-                              remedy=f"{factor} and name the column {right}, or remove it; if it holds something else, "
-                                     "give it another name.")
+        return table.where.refuse(
+            f'the column is called "{right}" in the contract: under this name it would be ignored.',
+            column=name,
+            remedy=f"Rename it to {right}, or to something else if that is not what it holds.",
+        )
+    return table.where.refuse(
+        f'this unit is not read; "{right}" is expected.',
+        column=name,
+        remedy=f"{factor} and name the column {right}, or remove it; if it holds something else, "
+        "give it another name.",
+    )
 
 
-def _read_as(stem: str, unit: str, prismatic: Sequence[bool], gauged: bool) -> tuple[str | None, str]:
-    """(the contract's name for a quantity `stem` in some `unit`, None for what is none, what to do with its numbers)."""
+def _read_as(
+    stem: str, unit: str, prismatic: Sequence[bool], gauged: bool
+) -> tuple[str | None, str]:
+    """(the contract's name for a quantity `stem` in some `unit`, None for what is none, what to do
+    with its numbers)."""
     if stem == "temperature" and unit in ("k", "f"):
         return "temperature_C", "Subtract 273.15" if unit == "k" else "Subtract 32, divide by 1.8"
     units, read = _units_of(stem, unit, prismatic, gauged)
@@ -72,13 +132,18 @@ def _read_as(stem: str, unit: str, prismatic: Sequence[bool], gauged: bool) -> t
     return f"{stem}_{read}", "1" if units[unit] == 1 else f"Multiply it by {units[unit]:.10g}"
 
 
-def _units_of(stem: str, unit: str, prismatic: Sequence[bool], gauged: bool) -> tuple[Mapping[str, float], str]:
-    """(units of a quantity, each in that which is read; the latter), nothing where it is none of the contract's."""
+def _units_of(
+    stem: str, unit: str, prismatic: Sequence[bool], gauged: bool
+) -> tuple[Mapping[str, float], str]:
+    """(units of a quantity, each in that which is read; the latter), nothing where it is none of
+    the contract's."""
     if JOINT.fullmatch(stem) and 1 <= int(stem[1:]) <= len(prismatic):
         slides = prismatic[int(stem[1:]) - 1]
         if unit in READINGS[slides]:
             return {}, ""
-        return (LENGTHS, "mm") if slides else (DEGREES, "deg") if unit in DEGREES else (ANGLES, "rad")
+        return (
+            (LENGTHS, "mm") if slides else (DEGREES, "deg") if unit in DEGREES else (ANGLES, "rad")
+        )
     if stem in ("x", "y", "z", *SPREADS) or gauged and stem in ("s", "length"):
         return LENGTHS, "mm"
     if stem in TURNS:

@@ -1,9 +1,10 @@
-"""Causes: scalar functions of the state, as small expression trees that print in contract.md's grammar.
+"""Causes: scalar functions of the state, as small expression trees that print in contract.md's
+grammar.
 
-A cause is a value: `sin(2 * q(4))` prints as "sin(2*q4)", equals any other cause built alike, and knows its unit. It is
-local in rows: evaluated on some rows of the state it gives those rows of the whole. Nothing is ever parsed back inside
-the program; `parse` serves study files alone and evaluates no code.
-"""
+A cause is a value: `sin(2 * q(4))` prints as "sin(2*q4)", equals any other cause built alike, and
+knows its unit. It is local in rows: evaluated on some rows of the state it gives those rows of the
+whole. Nothing is ever parsed back inside the program; `parse` serves study files alone and
+evaluates no code."""
 
 from __future__ import annotations
 
@@ -19,13 +20,21 @@ from .._hashing import hashed_once
 from .._typing import Array
 from ..exceptions import StudyError, suggest
 
-FUNCTIONS = {"sin": np.sin, "cos": np.cos, "sign": np.sign, "abs": np.abs, "exp": np.exp, "tanh": np.tanh}
+FUNCTIONS = {
+    "sin": np.sin,
+    "cos": np.cos,
+    "sign": np.sign,
+    "abs": np.abs,
+    "exp": np.exp,
+    "tanh": np.tanh,
+}
 DIMENSIONLESS = {"sin", "cos", "sign", "exp", "tanh"}
 RANK = {"+": 1, "-": 1, "*": 2, "/": 2}
 
 
 class State(Protocol):
-    """What a cause may look at: named values per row (joint readings, covariates, derived quantities)."""
+    """What a cause may look at: named values per row (joint readings, covariates, derived
+    quantities)."""
 
     def value(self, name: str) -> Array:
         """(m,) values of a name; raises KeyError for one the data do not have."""
@@ -162,19 +171,29 @@ class Combined(Cause):
     def __str__(self) -> str:
         rank = RANK[self.operator]
         left, right = str(self.left), str(self.right)
-        if isinstance(self.left, Combined) and RANK[self.left.operator] < rank or left.startswith("-") and rank > 1:
+        if (
+            isinstance(self.left, Combined)
+            and RANK[self.left.operator] < rank
+            or left.startswith("-")
+            and rank > 1
+        ):
             left = f"({left})"
         tight = rank + (self.operator in "-/")
-        if isinstance(self.right, Combined) and RANK[self.right.operator] < tight or right.startswith("-"):
+        if (
+            isinstance(self.right, Combined)
+            and RANK[self.right.operator] < tight
+            or right.startswith("-")
+        ):
             right = f"({right})"
         return f"{left}{self.operator}{right}"
 
 
 @dataclass(frozen=True)
 class Member(Cause):
-    """1 where a row belongs to one target, group or feature, 0 elsewhere: offsets of targets, placements of days, anchors."""
+    """1 where a row belongs to one target, group or feature, 0 elsewhere: offsets of targets,
+    placements of days, anchors."""
 
-    kind: str     # "target", "group" or "feature"
+    kind: str  # "target", "group" or "feature"
     index: int
 
     def of(self, state: State) -> Array:
@@ -232,13 +251,21 @@ def shifted(angle: Cause, phase: float) -> Cause:
 
 
 def parse(text: str, units: Mapping[str, str], where: str = "cause") -> Cause:
-    """A cause from a study file's string; `units` are the known names with their units. Raises StudyError."""
+    """A cause from a study file's string; `units` are the known names with their units. Raises
+    StudyError."""
+
     def build(node: ast.expr) -> Cause:
-        if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)) and not isinstance(node.value, bool):
+        if (
+            isinstance(node, ast.Constant)
+            and isinstance(node.value, (int, float))
+            and not isinstance(node.value, bool)
+        ):
             return Number(float(node.value))
         if isinstance(node, ast.Name):
             if node.id not in units:
-                raise StudyError(f'{where}: unknown name "{node.id}" in "{text}". {suggest(node.id, units)}')
+                raise StudyError(
+                    f'{where}: unknown name "{node.id}" in "{text}". {suggest(node.id, units)}'
+                )
             return Named(node.id, units[node.id])
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
             inner = build(node.operand)
@@ -247,15 +274,25 @@ def parse(text: str, units: Mapping[str, str], where: str = "cause") -> Cause:
             return Number(-inner.number) if isinstance(inner, Number) else -1.0 * inner
         if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
             return Combined(_OPERATORS[type(node.op)], build(node.left), build(node.right))
-        if (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FUNCTIONS
-                and len(node.args) == 1 and not node.keywords):
+        if (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Name)
+            and node.func.id in FUNCTIONS
+            and len(node.args) == 1
+            and not node.keywords
+        ):
             return Applied(node.func.id, build(node.args[0]))
-        raise StudyError(f'{where}: "{text}" is not a cause: names, numbers, + - * /, parentheses and '
-                         f"{' '.join(FUNCTIONS)} are known.")
+        raise StudyError(
+            f'{where}: "{text}" is not a cause: names, numbers, + - * /, parentheses and '
+            f"{' '.join(FUNCTIONS)} are known."
+        )
+
     try:
         tree = ast.parse(text.strip()[:500], mode="eval")
     except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise StudyError(f'{where}: "{text[:80]}" is not a cause: it cannot be read as a formula.') from None
+        raise StudyError(
+            f'{where}: "{text[:80]}" is not a cause: it cannot be read as a formula.'
+        ) from None
     return build(tree.body)
 
 
@@ -265,10 +302,11 @@ _OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
 @hashed_once
 @dataclass(frozen=True)
 class Bump(Cause):
-    """One cubic B-spline of one value of the state: a free function is many of them side by side, each with its coefficient.
+    """One cubic B-spline of one value of the state: a free function is many of them side by side,
+    each with its coefficient.
 
-    Centred at `centre`, knots `width` apart (in the value's unit), nought two knots away. de Boor 1978, cardinal B-splines.
-    """
+    Centred at `centre`, knots `width` apart (in the value's unit), nought two knots away. de Boor
+    1978, cardinal B-splines."""
 
     name: str
     centre: float
@@ -280,7 +318,7 @@ class Bump(Cause):
     def shape(self, values: Array) -> Array:
         """The spline at values of its variable."""
         u = np.abs(values - self.centre) / self.width
-        near, far = (4 - 6 * u ** 2 + 3 * u ** 3) / 6, np.maximum(2 - u, 0) ** 3 / 6
+        near, far = (4 - 6 * u**2 + 3 * u**3) / 6, np.maximum(2 - u, 0) ** 3 / 6
         return np.where(u < 1, near, far)
 
     @property

@@ -1,4 +1,5 @@
-"""What yields under weight: drives, bearings, links, tool; with the arm's own masses or with a payload."""
+"""What yields under weight: drives, bearings, links, tool; with the arm's own masses or with a
+payload."""
 
 from __future__ import annotations
 
@@ -7,8 +8,8 @@ from ..robot.kinematics import Robot
 from .causes import Named, q, shifted, sin, torque
 from .terms import Mechanism, Screw, Term
 
-COMPLIANCE = (1e-8, 1e-3)   # rad/(N m)
-HEAVY = (1e-8, 1e-3)        # rad/(N m) times some kg
+COMPLIANCE = (1e-8, 1e-3)  # rad/(N m)
+HEAVY = (1e-8, 1e-3)  # rad/(N m) times some kg
 SOURCE = "Klimchik, Furet, Caro & Pashkevich 2015, elastostatic calibration"
 
 
@@ -18,13 +19,14 @@ def gravity_joints(robot: Robot) -> tuple[int, ...]:
 
 
 def links(robot: Robot) -> tuple[int, ...]:
-    """Links (numbered by the joint that moves them) that carry a later joint, where gravity is known."""
+    """Links (numbered by the joint that moves them) that carry a later joint, where gravity is
+    known."""
     return tuple(range(1, robot.n)) if under_gravity(robot) else ()
 
 
 def moment_at(frame: int, axis: str, body: int | None = None) -> Named:
-    """Moment of the weight beyond joint `frame` about that frame's x, y or z axis [N m]; of 1 kg at the origin of a later
-    frame alone (n+1: at the target) where `body` names it [N m/kg]."""
+    """Moment of the weight beyond joint `frame` about that frame's x, y or z axis [N m]; of 1 kg at
+    the origin of a later frame alone (n+1: at the target) where `body` names it [N m/kg]."""
     name = f"torque{frame}" if axis == "z" else f"moment{frame}_{axis}"
     return Named(name, "N m") if body is None else Named(f"{name}_{body}", "N m/kg")
 
@@ -35,15 +37,22 @@ def bodies(robot: Robot, frame: int) -> range:
 
 
 def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
-    """The drive winds up in proportion to the gravity torque: of the declared (or unit) masses, or of unknown ones, a term
-    each (`masses`)."""
+    """The drive winds up in proportion to the gravity torque: of the declared (or unit) masses, or
+    of unknown ones, a term each (`masses`)."""
     if masses:
-        terms = tuple(Term(f"c{joint}m{k}", (Screw(joint, "rz", moment_at(joint, "z", k)),), HEAVY)
-                      for k in bodies(robot, joint))
+        terms = tuple(
+            Term(f"c{joint}m{k}", (Screw(joint, "rz", moment_at(joint, "z", k)),), HEAVY)
+            for k in bodies(robot, joint)
+        )
     else:
         terms = (Term(f"c{joint}", (Screw(joint, "rz", torque(joint)),), COMPLIANCE, 1),)
-    return Mechanism(f"joint-compliance:{joint}", terms, f"Joint {joint} winds up under gravity: its drive is compliant.",
-                     f"θ{joint} = q{joint} + c · gravity torque about joint {joint}", SOURCE)
+    return Mechanism(
+        f"joint-compliance:{joint}",
+        terms,
+        f"Joint {joint} winds up under gravity: its drive is compliant.",
+        f"θ{joint} = q{joint} + c · gravity torque about joint {joint}",
+        SOURCE,
+    )
 
 
 def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:
@@ -53,21 +62,40 @@ def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:
 
 def lateral_compliance(robot: Robot, joint: int) -> Mechanism:
     """The bearing yields across the axis."""
-    terms = tuple(Term(f"l{joint}{a}", (Screw(joint, f"r{a}", moment_at(joint, a)),), COMPLIANCE, 1) for a in "xy")
-    return Mechanism(f"lateral-compliance:{joint}", terms, f"The bearing of joint {joint} yields across its axis under gravity.",
-                     f"α{joint}, β{joint} = l · moment of the weight about x, y of frame {joint}", SOURCE)
+    terms = tuple(
+        Term(f"l{joint}{a}", (Screw(joint, f"r{a}", moment_at(joint, a)),), COMPLIANCE, 1)
+        for a in "xy"
+    )
+    return Mechanism(
+        f"lateral-compliance:{joint}",
+        terms,
+        f"The bearing of joint {joint} yields across its axis under gravity.",
+        f"α{joint}, β{joint} = l · moment of the weight about x, y of frame {joint}",
+        SOURCE,
+    )
 
 
 def link_bending(robot: Robot, link: int, masses: int) -> Mechanism:
-    """A link bends as a round tube does: its far end turns in proportion to the moment there, one stiffness; the moment of
-    the declared (or unit) masses, or of unknown ones, a term each (`masses`)."""
+    """A link bends as a round tube does: its far end turns in proportion to the moment there, one
+    stiffness; the moment of the declared (or unit) masses, or of unknown ones, a term each
+    (`masses`)."""
     f = link + 1
+
     def bent(body: int | None) -> tuple[Screw, ...]:
         return tuple(Screw(f, f"r{a}", moment_at(f, a, body)) for a in "xyz")
-    terms = (tuple(Term(f"b{link}m{k}", bent(k), HEAVY, 1) for k in bodies(robot, f)) if masses else
-             (Term(f"b{link}", bent(None), COMPLIANCE, 1),))
-    return Mechanism(f"link-bending:{link}", terms, f"Link {link} bends under the weight it carries.",
-                     f"rotation of frame {f} = b · moment of the weight beyond it", SOURCE)
+
+    terms = (
+        tuple(Term(f"b{link}m{k}", bent(k), HEAVY, 1) for k in bodies(robot, f))
+        if masses
+        else (Term(f"b{link}", bent(None), COMPLIANCE, 1),)
+    )
+    return Mechanism(
+        f"link-bending:{link}",
+        terms,
+        f"Link {link} bends under the weight it carries.",
+        f"rotation of frame {f} = b · moment of the weight beyond it",
+        SOURCE,
+    )
 
 
 def mass_choices_beyond(robot: Robot, link: int) -> tuple[int, ...]:
@@ -78,32 +106,44 @@ def mass_choices_beyond(robot: Robot, link: int) -> tuple[int, ...]:
 def payload_deflection(robot: Robot, joint: int) -> Mechanism:
     """The drive winds up under the payload at the target; its mass is the column payload_kg."""
     cause = Named("payload_kg", "kg") * moment_at(joint, "z", robot.n + 1)
-    return Mechanism(f"payload-deflection:{joint}", (Term(f"p{joint}", (Screw(joint, "rz", cause),), COMPLIANCE, 1),),
-                     f"Joint {joint} yields under the payload.",
-                     f"θ{joint} = q{joint} + p · payload_kg · torque of 1 kg at the target", SOURCE)
+    return Mechanism(
+        f"payload-deflection:{joint}",
+        (Term(f"p{joint}", (Screw(joint, "rz", cause),), COMPLIANCE, 1),),
+        f"Joint {joint} yields under the payload.",
+        f"θ{joint} = q{joint} + p · payload_kg · torque of 1 kg at the target",
+        SOURCE,
+    )
 
 
 def counterbalance(robot: Robot) -> Mechanism | None:
-    """A spring that balances the shoulder: torque ∝ sine of its angle, and of twice the angle where the spring is short."""
+    """A spring that balances the shoulder: torque ∝ sine of its angle, and of twice the angle where
+    the spring is short."""
     if (pair := arm_pair(robot)) is None:
         return None
     angle, j = shifted(q(pair.upper), pair.near_phase), pair.upper
-    return Mechanism("counterbalance", (Term("u1", (Screw(j, "rz", sin(angle)),), (1e-5, 1e-2)),
-                                        Term("u2", (Screw(j, "rz", sin(2.0 * angle)),), (1e-5, 1e-2))),
-                     f"The counterbalance of joint {j} is not the gravity it should cancel.",
-                     f"θ{j} = q{j} + u1 {sin(angle)} + u2 {sin(2.0 * angle)}",
-                     "Klimchik, Caro, Wu, Pashkevich & Furet 2013, gravity compensators")
+    return Mechanism(
+        "counterbalance",
+        (
+            Term("u1", (Screw(j, "rz", sin(angle)),), (1e-5, 1e-2)),
+            Term("u2", (Screw(j, "rz", sin(2.0 * angle)),), (1e-5, 1e-2)),
+        ),
+        f"The counterbalance of joint {j} is not the gravity it should cancel.",
+        f"θ{j} = q{j} + u1 {sin(angle)} + u2 {sin(2.0 * angle)}",
+        "Klimchik, Caro, Wu, Pashkevich & Furet 2013, gravity compensators",
+    )
 
 
 def tool_droop(robot: Robot) -> Mechanism | None:
-    """The tool bends sideways as gravity pulls across it: the target shifts with the gravity across the flange."""
+    """The tool bends sideways as gravity pulls across it: the target shifts with the gravity across
+    the flange."""
     if not under_gravity(robot):
         return None
     f = robot.n + 1
     screws = (Screw(f, "tx", Named("down_x")), Screw(f, "ty", Named("down_y")))
-    return Mechanism("tool-droop", (Term("g", screws, (1e-3, 2.0), 1),),
-                     "The tool droops: it bends where gravity pulls across it.",
-                     "target offset = g · gravity direction across the flange axis",
-                     "cantilever beam; ISO 230-1, stiffness of spindles")
-
-
+    return Mechanism(
+        "tool-droop",
+        (Term("g", screws, (1e-3, 2.0), 1),),
+        "The tool droops: it bends where gravity pulls across it.",
+        "target offset = g · gravity direction across the flange axis",
+        "cantilever beam; ISO 230-1, stiffness of spindles",
+    )

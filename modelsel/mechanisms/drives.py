@@ -6,8 +6,8 @@ from ..robot.kinematics import Robot
 from .causes import Named, cos, q, sin
 from .terms import Mechanism, Screw, Term
 
-RUNOUT = (5e-6, 3e-3)    # rad at the joint
-SCALE = (1e-6, 1e-2)     # rad/rad
+RUNOUT = (5e-6, 3e-3)  # rad at the joint
+SCALE = (1e-6, 1e-2)  # rad/rad
 WAVES = tuple(range(3, 61))
 
 
@@ -22,49 +22,72 @@ def all_joints(robot: Robot) -> tuple[int, ...]:
 
 
 def wave(joint: int, count: float, axis: str, symbol: str) -> tuple[Term, Term]:
-    """A wave of unknown phase: sine and cosine of `count` times the joint's angle at one place of its frame."""
+    """A wave of unknown phase: sine and cosine of `count` times the joint's angle at one place of
+    its frame."""
     angle = q(joint) if count == 1 else float(count) * q(joint)
-    return (Term(f"{symbol}s", (Screw(joint, axis, sin(angle)),), RUNOUT),
-            Term(f"{symbol}c", (Screw(joint, axis, cos(angle)),), RUNOUT))
+    return (
+        Term(f"{symbol}s", (Screw(joint, axis, sin(angle)),), RUNOUT),
+        Term(f"{symbol}c", (Screw(joint, axis, cos(angle)),), RUNOUT),
+    )
 
 
 def gear_eccentricity(robot: Robot, joint: int) -> Mechanism:
     """The output gear turns about a point beside its centre: once a turn."""
-    return Mechanism(f"gear-eccentricity:{joint}", wave(joint, 1, "rz", f"e{joint}"),
-                     f"Joint {joint} turns unevenly, once a turn: its gear runs out of centre.",
-                     f"θ{joint} = q{joint} + es sin(q{joint}) + ec cos(q{joint})", "Whitney, Lozinski & Rourke 1986")
+    return Mechanism(
+        f"gear-eccentricity:{joint}",
+        wave(joint, 1, "rz", f"e{joint}"),
+        f"Joint {joint} turns unevenly, once a turn: its gear runs out of centre.",
+        f"θ{joint} = q{joint} + es sin(q{joint}) + ec cos(q{joint})",
+        "Whitney, Lozinski & Rourke 1986",
+    )
 
 
 def encoder_eccentricity(robot: Robot, joint: int) -> Mechanism:
     """What two reading heads leave of a disk's eccentricity, and an oval ring: twice a turn."""
-    return Mechanism(f"encoder-eccentricity:{joint}", wave(joint, 2, "rz", f"d{joint}"),
-                     f"Joint {joint} turns unevenly, twice a turn: its encoder disk or ring is oval or read by two heads.",
-                     f"θ{joint} = q{joint} + ds sin(2 q{joint}) + dc cos(2 q{joint})", "Lopez-Rubio et al. 2010, encoder errors")
+    return Mechanism(
+        f"encoder-eccentricity:{joint}",
+        wave(joint, 2, "rz", f"d{joint}"),
+        f"Joint {joint} turns unevenly, twice a turn: its encoder disk or ring is oval or read by two heads.",
+        f"θ{joint} = q{joint} + ds sin(2 q{joint}) + dc cos(2 q{joint})",
+        "Lopez-Rubio et al. 2010, encoder errors",
+    )
 
 
 def gear_ripple(robot: Robot, joint: int, waves: int) -> Mechanism:
     """Tooth mesh and strain-wave gears: some tens of waves a turn; the number is scanned."""
-    return Mechanism(f"gear-ripple:{joint}", wave(joint, waves, "rz", f"r{joint}"),
-                     f"Joint {joint} turns unevenly: {waves} waves per turn, gear ripple.",
-                     f"θ{joint} = q{joint} + rs sin({waves} q{joint}) + rc cos({waves} q{joint})",
-                     "Tuttle & Seering 1996, harmonic-drive gear transmission")
+    return Mechanism(
+        f"gear-ripple:{joint}",
+        wave(joint, waves, "rz", f"r{joint}"),
+        f"Joint {joint} turns unevenly: {waves} waves per turn, gear ripple.",
+        f"θ{joint} = q{joint} + rs sin({waves} q{joint}) + rc cos({waves} q{joint})",
+        "Tuttle & Seering 1996, harmonic-drive gear transmission",
+    )
 
 
 def encoder_scale(robot: Robot, joint: int) -> Mechanism:
     """The joint moves a little more or less than its encoder counts."""
     slides = robot.joints[joint - 1].prismatic
     cause = q(joint, robot.unit(joint))
-    return Mechanism(f"encoder-scale:{joint}", (Term(f"s{joint}", (Screw(joint, "tz" if slides else "rz", cause),), SCALE),),
-                     f"Joint {joint} moves more (or less) than its encoder says, in proportion.",
-                     f"θ{joint} = (1 + s) q{joint}", "Whitney, Lozinski & Rourke 1986")
+    return Mechanism(
+        f"encoder-scale:{joint}",
+        (Term(f"s{joint}", (Screw(joint, "tz" if slides else "rz", cause),), SCALE),),
+        f"Joint {joint} moves more (or less) than its encoder says, in proportion.",
+        f"θ{joint} = (1 + s) q{joint}",
+        "Whitney, Lozinski & Rourke 1986",
+    )
 
 
 def axis_wobble(robot: Robot, joint: int, waves: int) -> Mechanism:
-    """The joint's axis tilts as its bearing turns: once a turn (an inclined race) or twice (an oval one)."""
+    """The joint's axis tilts as its bearing turns: once a turn (an inclined race) or twice (an oval
+    one)."""
     terms = wave(joint, waves, "rx", f"x{joint}") + wave(joint, waves, "ry", f"y{joint}")
-    return Mechanism(f"axis-wobble:{joint}", terms,
-                     f"The axis of joint {joint} wobbles, {'once' if waves == 1 else 'twice'} a turn.",
-                     f"α{joint}, β{joint} ∝ sin({waves} q{joint}), cos({waves} q{joint})", "ISO 230-7, axes of rotation: tilt")
+    return Mechanism(
+        f"axis-wobble:{joint}",
+        terms,
+        f"The axis of joint {joint} wobbles, {'once' if waves == 1 else 'twice'} a turn.",
+        f"α{joint}, β{joint} ∝ sin({waves} q{joint}), cos({waves} q{joint})",
+        "ISO 230-7, axes of rotation: tilt",
+    )
 
 
 # Couplings: a joint that turns because another one does.
@@ -80,12 +103,17 @@ def wrist_joints(robot: Robot) -> tuple[int, ...]:
 
 
 def wrist_coupling(robot: Robot, joint: int) -> Mechanism:
-    """The wrist's drives run through each other: the last joint but one turns with the one before, the last with both."""
+    """The wrist's drives run through each other: the last joint but one turns with the one before,
+    the last with both."""
     drivers = range(robot.n - 2, joint)
     terms = tuple(Term(f"w{joint}{d}", (Screw(joint, "rz", q(d)),), COUPLING) for d in drivers)
-    return Mechanism(f"wrist-coupling:{joint}", terms, f"Joint {joint} turns with {' and '.join(f'joint {d}' for d in drivers)}.",
-                     f"θ{joint} = q{joint} + " + " + ".join(f"w{joint}{d} q{d}" for d in drivers),
-                     "Whitney, Lozinski & Rourke 1986; the reference, non-geometric errors")
+    return Mechanism(
+        f"wrist-coupling:{joint}",
+        terms,
+        f"Joint {joint} turns with {' and '.join(f'joint {d}' for d in drivers)}.",
+        f"θ{joint} = q{joint} + " + " + ".join(f"w{joint}{d} q{d}" for d in drivers),
+        "Whitney, Lozinski & Rourke 1986; the reference, non-geometric errors",
+    )
 
 
 # What depends on how a configuration was reached: play in gears, readings taken too early.
@@ -93,18 +121,25 @@ def wrist_coupling(robot: Robot, joint: int) -> Mechanism:
 
 def approach_backlash(robot: Robot, joint: int) -> Mechanism:
     """Play or friction leaves the joint short of its reading, on the side it came from."""
-    return Mechanism(f"approach-backlash:{joint}", (_side(robot, joint, f"k{joint}", -1),),
-                     f"Joint {joint} stops short of its reading, on the side that it came from: backlash or friction.",
-                     f"θ{joint} = q{joint} + k · direction of joint {joint}'s last motion, k < 0",
-                     "Slamani, Nubiola & Bonev 2012, backlash of robots")
+    return Mechanism(
+        f"approach-backlash:{joint}",
+        (_side(robot, joint, f"k{joint}", -1),),
+        f"Joint {joint} stops short of its reading, on the side that it came from: backlash or friction.",
+        f"θ{joint} = q{joint} + k · direction of joint {joint}'s last motion, k < 0",
+        "Slamani, Nubiola & Bonev 2012, backlash of robots",
+    )
 
 
 def overshoot(robot: Robot, joint: int) -> Mechanism:
-    """The joint rests past its reading, in the direction in which it moved: no play leaves it there."""
-    return Mechanism(f"overshoot:{joint}", (_side(robot, joint, f"o{joint}", 1),),
-                     f"Joint {joint} rests past its reading, in the direction of its last motion: overshoot, not play.",
-                     f"θ{joint} = q{joint} + o · direction of joint {joint}'s last motion, o > 0",
-                     "Slamani, Nubiola & Bonev 2012, backlash of robots; the sign is that of an overshoot")
+    """The joint rests past its reading, in the direction in which it moved: no play leaves it
+    there."""
+    return Mechanism(
+        f"overshoot:{joint}",
+        (_side(robot, joint, f"o{joint}", 1),),
+        f"Joint {joint} rests past its reading, in the direction of its last motion: overshoot, not play.",
+        f"θ{joint} = q{joint} + o · direction of joint {joint}'s last motion, o > 0",
+        "Slamani, Nubiola & Bonev 2012, backlash of robots; the sign is that of an overshoot",
+    )
 
 
 def _side(robot: Robot, joint: int, symbol: str, sign: int) -> Term:
@@ -115,20 +150,36 @@ def _side(robot: Robot, joint: int, symbol: str, sign: int) -> Term:
 
 
 def read_too_early(robot: Robot) -> Mechanism:
-    """Every joint was read before the arm stood still: one lag, a share of each joint's last move."""
-    screws = tuple(Screw(j, "tz" if joint.prismatic else "rz", Named(f"approach{j}") * Named(f"move{j}", robot.unit(j)))
-                   for j, joint in enumerate(robot.joints, 1))
-    return Mechanism("fault:read-too-early", (Term("lag", screws, (1e-6, 5e-2), 1),),
-                     "A fault of the data: joints were read before the arm stood still; the error grows with the last move.",
-                     "θ = q + lag · last move, all joints alike", "ISO 9283, position stabilisation time",
-                     "A fault of the data: targets were measured before the arm stood still; the error grows with the last move.")
+    """Every joint was read before the arm stood still: one lag, a share of each joint's last
+    move."""
+    screws = tuple(
+        Screw(
+            j,
+            "tz" if joint.prismatic else "rz",
+            Named(f"approach{j}") * Named(f"move{j}", robot.unit(j)),
+        )
+        for j, joint in enumerate(robot.joints, 1)
+    )
+    return Mechanism(
+        "fault:read-too-early",
+        (Term("lag", screws, (1e-6, 5e-2), 1),),
+        "A fault of the data: joints were read before the arm stood still; the error grows with the last move.",
+        "θ = q + lag · last move, all joints alike",
+        "ISO 9283, position stabilisation time",
+        "A fault of the data: targets were measured before the arm stood still; the error grows with the last move.",
+    )
 
 
 def settle(robot: Robot, joint: int) -> Mechanism:
-    """Joints read (or the target measured) before the arm stood still: a share of the last move is still missing."""
+    """Joints read (or the target measured) before the arm stood still: a share of the last move is
+    still missing."""
     slides = robot.joints[joint - 1].prismatic
     cause = Named(f"approach{joint}") * Named(f"move{joint}", robot.unit(joint))
-    return Mechanism(f"settle:{joint}", (Term(f"m{joint}", (Screw(joint, "tz" if slides else "rz", cause),), (1e-6, 1e-2), -1),),
-                     f"Joint {joint} had not settled when it was measured: a share of its last move was still missing.",
-                     f"θ{joint} = q{joint} + m · last move of joint {joint}", "ISO 9283, position stabilisation time",
-                     f"Joint {joint} was past its reading by a share of its last move: it was read too early, or swung past.")
+    return Mechanism(
+        f"settle:{joint}",
+        (Term(f"m{joint}", (Screw(joint, "tz" if slides else "rz", cause),), (1e-6, 1e-2), -1),),
+        f"Joint {joint} had not settled when it was measured: a share of its last move was still missing.",
+        f"θ{joint} = q{joint} + m · last move of joint {joint}",
+        "ISO 9283, position stabilisation time",
+        f"Joint {joint} was past its reading by a share of its last move: it was read too early, or swung past.",
+    )

@@ -11,15 +11,23 @@ from ..robot.rigid import AXES
 from .causes import Applied, Bump, Cause, Combined, Named, Number, shifted, sign
 from .terms import Mechanism, Screw, Term
 
-PROGRESS: Cause = Named("progress")   # place in the order of motion, 0 to 1: every file has it, clock or not
-DRIFT = {"t": (1e-3, 2.0), "r": (1e-6, 2e-3)}     # mm, rad
+PROGRESS: Cause = Named(
+    "progress"
+)  # place in the order of motion, 0 to 1: every file has it, clock or not
+DRIFT = {"t": (1e-3, 2.0), "r": (1e-6, 2e-3)}  # mm, rad
 STEP = {"t": (1e-3, 20.0), "r": (1e-6, 2e-2)}
-STEPS = tuple(round(0.005 * k, 3) for k in range(1, 200))     # naming keeps those that differ on the data
+STEPS = tuple(
+    round(0.005 * k, 3) for k in range(1, 200)
+)  # naming keeps those that differ on the data
 
 
 def _along(robot: Robot, vector: Array, frame: int, cause: Cause) -> tuple[Screw, ...]:
     """Screws of a frame that shift it along a vector [mm] given in its axes, by the cause."""
-    return tuple(Screw(frame, AXES[a], Number(float(vector[a]), "mm") * cause) for a in range(3) if abs(vector[a]) > 1e-6)
+    return tuple(
+        Screw(frame, AXES[a], Number(float(vector[a]), "mm") * cause)
+        for a in range(3)
+        if abs(vector[a]) > 1e-6
+    )
 
 
 def warmth(reference: float = REFERENCE) -> Cause:
@@ -44,7 +52,8 @@ def counted(cause: Cause) -> frozenset[float]:
 
 
 def growth_screws(robot: Robot, link: int, reference: float = REFERENCE) -> tuple[Screw, ...]:
-    """Screws that lengthen link `link`: from joint `link` to the next frame (0: from frame 0 to joint 1)."""
+    """Screws that lengthen link `link`: from joint `link` to the next frame (0: from frame 0 to
+    joint 1)."""
     N = robot.joints[link].before if link < robot.n else robot.last
     return _along(robot, N[:3, :3].T @ N[:3, 3], link + 1, warmth(reference))
 
@@ -56,9 +65,13 @@ def growing_links(robot: Robot) -> tuple[int, ...]:
 
 def thermal_growth(robot: Robot, link: int, reference: float = REFERENCE) -> Mechanism:
     """One link lengthens with temperature."""
-    return Mechanism(f"thermal-growth:{link}", (Term(f"g{link}", growth_screws(robot, link, reference), (1e-6, 1e-4), 1),),
-                     f"Link {link} grows with temperature, counted from {reference:g} °C.",
-                     f"length of link {link} · (1 + g ({warmth(reference)}))", "ISO 230-3, thermal effects; ISO 1, 20 °C")
+    return Mechanism(
+        f"thermal-growth:{link}",
+        (Term(f"g{link}", growth_screws(robot, link, reference), (1e-6, 1e-4), 1),),
+        f"Link {link} grows with temperature, counted from {reference:g} °C.",
+        f"length of link {link} · (1 + g ({warmth(reference)}))",
+        "ISO 230-3, thermal effects; ISO 1, 20 °C",
+    )
 
 
 def thermal_expansion(robot: Robot, reference: float = REFERENCE) -> Mechanism | None:
@@ -66,31 +79,46 @@ def thermal_expansion(robot: Robot, reference: float = REFERENCE) -> Mechanism |
     screws = tuple(s for k in range(robot.n + 1) for s in growth_screws(robot, k, reference))
     if not screws:
         return None
-    return Mechanism("thermal-expansion", (Term("g", screws, (1e-6, 1e-4), 1),),
-                     f"The whole arm grows with temperature, counted from {reference:g} °C.",
-                     f"every length · (1 + g ({warmth(reference)}))", "ISO 230-3, thermal effects; ISO 1, 20 °C")
+    return Mechanism(
+        "thermal-expansion",
+        (Term("g", screws, (1e-6, 1e-4), 1),),
+        f"The whole arm grows with temperature, counted from {reference:g} °C.",
+        f"every length · (1 + g ({warmth(reference)}))",
+        "ISO 230-3, thermal effects; ISO 1, 20 °C",
+    )
 
 
 def thermal_zero(robot: Robot, joint: int, reference: float = REFERENCE) -> Mechanism:
     """A joint's zero wanders with temperature."""
     axis = "tz" if robot.joints[joint - 1].prismatic else "rz"
-    return Mechanism(f"thermal-zero:{joint}", (Term(f"z{joint}", (Screw(joint, axis, warmth(reference)),), (1e-7, 1e-3)),),
-                     f"The zero of joint {joint} wanders with temperature, counted from {reference:g} °C.",
-                     f"θ{joint} = q{joint} + z ({warmth(reference)})", "ISO 230-3, thermal effects; ISO 1, 20 °C")
+    return Mechanism(
+        f"thermal-zero:{joint}",
+        (Term(f"z{joint}", (Screw(joint, axis, warmth(reference)),), (1e-7, 1e-3)),),
+        f"The zero of joint {joint} wanders with temperature, counted from {reference:g} °C.",
+        f"θ{joint} = q{joint} + z ({warmth(reference)})",
+        "ISO 230-3, thermal effects; ISO 1, 20 °C",
+    )
 
 
 def tracker_drift(robot: Robot, knots: float) -> Mechanism:
-    """Tracker or foundation drifts while the campaign lasts, all six: in proportion to time (knots 1), or freely, by
-    splines of time whose knots are this share of the campaign apart."""
+    """Tracker or foundation drifts while the campaign lasts, all six: in proportion to time (knots
+    1), or freely, by splines of time whose knots are this share of the campaign apart."""
     if knots >= 1:
         causes: list[Cause] = [PROGRESS]
     else:
         causes = [Bump("progress", round(k * knots, 6), knots) for k in range(round(1 / knots) + 1)]
-    terms = tuple(Term(f"v{a}{k}" if len(causes) > 1 else f"v{a}", (Screw(1, a, cause),), DRIFT[a[0]])
-                  for a in AXES for k, cause in enumerate(causes, 1))
-    return Mechanism("tracker-drift", terms, "Tracker and base drift against each other while the campaign lasts.",
-                     "H_1 = v · progress" if knots >= 1 else "H_1 = free function of progress",
-                     "ISO 10360-10, laser trackers: drift")
+    terms = tuple(
+        Term(f"v{a}{k}" if len(causes) > 1 else f"v{a}", (Screw(1, a, cause),), DRIFT[a[0]])
+        for a in AXES
+        for k, cause in enumerate(causes, 1)
+    )
+    return Mechanism(
+        "tracker-drift",
+        terms,
+        "Tracker and base drift against each other while the campaign lasts.",
+        "H_1 = v · progress" if knots >= 1 else "H_1 = free function of progress",
+        "ISO 10360-10, laser trackers: drift",
+    )
 
 
 def after(at: float) -> Cause:
@@ -99,31 +127,46 @@ def after(at: float) -> Cause:
 
 
 def target_step(robot: Robot, at: float) -> Mechanism:
-    """The target was moved on the flange (or the tool slipped) at some moment: its offset, by how much; the moment is scanned."""
+    """The target was moved on the flange (or the tool slipped) at some moment: its offset, by how
+    much; the moment is scanned."""
     cause = after(at)
-    return Mechanism("target-step", tuple(Term(f"s{a}", (Screw(robot.n + 1, a, cause),), STEP["t"]) for a in AXES[:3]),
-                     f"The target was moved on the flange after {at:.1%} of the campaign.", f"H_{robot.n + 1} = s · {cause}",
-                     "ISO 10360-10, laser trackers: stability of the target's nest")
+    return Mechanism(
+        "target-step",
+        tuple(Term(f"s{a}", (Screw(robot.n + 1, a, cause),), STEP["t"]) for a in AXES[:3]),
+        f"The target was moved on the flange after {at:.1%} of the campaign.",
+        f"H_{robot.n + 1} = s · {cause}",
+        "ISO 10360-10, laser trackers: stability of the target's nest",
+    )
 
 
 def tracker_step(robot: Robot, at: float) -> Mechanism:
-    """The tracker (or the base) was moved at some moment: all six, by how much; the moment is scanned."""
+    """The tracker (or the base) was moved at some moment: all six, by how much; the moment is
+    scanned."""
     cause = after(at)
-    return Mechanism("tracker-step", tuple(Term(f"j{a}", (Screw(1, a, cause),), STEP[a[0]]) for a in AXES),
-                     f"Tracker or base was moved after {at:.1%} of the campaign.", f"H_1 = j · {cause}",
-                     "ISO 10360-10, laser trackers: stability")
+    return Mechanism(
+        "tracker-step",
+        tuple(Term(f"j{a}", (Screw(1, a, cause),), STEP[a[0]]) for a in AXES),
+        f"Tracker or base was moved after {at:.1%} of the campaign.",
+        f"H_1 = j · {cause}",
+        "ISO 10360-10, laser trackers: stability",
+    )
 
 
 def tracker_bumped(robot: Robot, at: float) -> Mechanism:
     """The same step, seen as a fault of the measurement."""
     step = tracker_step(robot, at)
-    return Mechanism("fault:tracker-bumped", step.terms,
-                     f"A fault of the data: the tracker was bumped after {at:.1%} of the campaign.",
-                     step.equation, step.source)
+    return Mechanism(
+        "fault:tracker-bumped",
+        step.terms,
+        f"A fault of the data: the tracker was bumped after {at:.1%} of the campaign.",
+        step.equation,
+        step.source,
+    )
 
 
 def _seen(robot: Robot) -> list[tuple[str, Cause]]:
-    """(axis of frame 1, coordinate of the nominal target along it): a scale about frame 0's origin."""
+    """(axis of frame 1, coordinate of the nominal target along it): a scale about frame 0's
+    origin."""
     R = robot.joints[0].before[:3, :3]
     out: list[tuple[str, Cause]] = []
     for a in range(3):
@@ -138,20 +181,34 @@ def _seen(robot: Robot) -> list[tuple[str, Cause]]:
 
 
 def tracker_scale(robot: Robot) -> Mechanism:
-    """Distances measured too long in proportion (a scale about any point differs by a constant shift)."""
-    return Mechanism("tracker-scale", (Term("σ", tuple(Screw(1, axis, cause) for axis, cause in _seen(robot)), (1e-7, 2e-3)),),
-                     "The instrument's scale is off: measured lengths are too long or too short in proportion.",
-                     "x = (1 + σ) x", "ISO 10360-10, laser trackers: scale")
+    """Distances measured too long in proportion (a scale about any point differs by a constant
+    shift)."""
+    return Mechanism(
+        "tracker-scale",
+        (Term("σ", tuple(Screw(1, axis, cause) for axis, cause in _seen(robot)), (1e-7, 2e-3)),),
+        "The instrument's scale is off: measured lengths are too long or too short in proportion.",
+        "x = (1 + σ) x",
+        "ISO 10360-10, laser trackers: scale",
+    )
 
 
 def refraction(robot: Robot) -> Mechanism | None:
-    """The beam bends down (or up) with the square of the distance, as the air's temperature changes with height."""
+    """The beam bends down (or up) with the square of the distance, as the air's temperature changes
+    with height."""
     if robot.gravity is None:
         return None
     up = -robot.joints[0].before[:3, :3].T @ np.array(robot.gravity)
     far = Named("range_mm", "mm")
     square = far * far
-    screws = tuple(Screw(1, AXES[a], square if up[a] == 1 else float(up[a]) * square) for a in range(3) if abs(up[a]) > 1e-9)
-    return Mechanism("refraction", (Term("ρ", screws, (1e-12, 1e-7)),),
-                     "The beam is bent by the air: the error grows with the square of the distance.",
-                     "height error = ρ · range²", "Estler et al. 2002, large-scale metrology")
+    screws = tuple(
+        Screw(1, AXES[a], square if up[a] == 1 else float(up[a]) * square)
+        for a in range(3)
+        if abs(up[a]) > 1e-9
+    )
+    return Mechanism(
+        "refraction",
+        (Term("ρ", screws, (1e-12, 1e-7)),),
+        "The beam is bent by the air: the error grows with the square of the distance.",
+        "height error = ρ · range²",
+        "Estler et al. 2002, large-scale metrology",
+    )

@@ -1,4 +1,5 @@
-"""What gravity does: twist of the arm's two great joints, backlash that it takes up, tilt of the base."""
+"""What gravity does: twist of the arm's two great joints, backlash that it takes up, tilt of the
+base."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ from .causes import Cause, Named, Number, cos, q, shifted, sign, torque
 from .terms import Mechanism, Screw, Term
 
 PAPER = "Positioning error analysis (the reference), Eq. 6-7"
-TWIST = (2e-5, 1e-2)     # rad at full lever: 10 N m … 1 kN m over 1e5 … 1e6 N m/rad
+TWIST = (2e-5, 1e-2)  # rad at full lever: 10 N m … 1 kN m over 1e5 … 1e6 N m/rad
 BACKLASH = (2e-5, 2e-3)  # rad
 
 
@@ -30,10 +31,15 @@ def joint2_twist(robot: Robot) -> Mechanism | None:
         return None
     j = pair.upper
     return Mechanism(
-        "joint2-twist", (Term("h1", (Screw(j, "rz", far(pair)),), TWIST, pair.far_sign),
-                         Term("h2", (Screw(j, "rz", near(pair)),), TWIST, pair.near_sign)),
+        "joint2-twist",
+        (
+            Term("h1", (Screw(j, "rz", far(pair)),), TWIST, pair.far_sign),
+            Term("h2", (Screw(j, "rz", near(pair)),), TWIST, pair.near_sign),
+        ),
         f"Joint {j} winds up under the weight of the upper arm and the forearm.",
-        f"θ{j} = q{j} + h1 {far(pair)} + h2 {near(pair)}", PAPER)
+        f"θ{j} = q{j} + h1 {far(pair)} + h2 {near(pair)}",
+        PAPER,
+    )
 
 
 def joint3_twist(robot: Robot) -> Mechanism | None:
@@ -41,9 +47,14 @@ def joint3_twist(robot: Robot) -> Mechanism | None:
     if (pair := arm_pair(robot)) is None:
         return None
     j = pair.fore
-    sign_here = pair.far_sign * pair.parallel       # the elbow's own axis may point the other way
-    return Mechanism("joint3-twist", (Term("h3", (Screw(j, "rz", far(pair)),), TWIST, sign_here),),
-                     f"Joint {j} winds up under the weight of the forearm.", f"θ{j} = q{j} + h3 {far(pair)}", PAPER)
+    sign_here = pair.far_sign * pair.parallel  # the elbow's own axis may point the other way
+    return Mechanism(
+        "joint3-twist",
+        (Term("h3", (Screw(j, "rz", far(pair)),), TWIST, sign_here),),
+        f"Joint {j} winds up under the weight of the forearm.",
+        f"θ{j} = q{j} + h3 {far(pair)}",
+        PAPER,
+    )
 
 
 def gravity_twist(robot: Robot) -> Mechanism | None:
@@ -51,60 +62,95 @@ def gravity_twist(robot: Robot) -> Mechanism | None:
     shoulder, elbow = joint2_twist(robot), joint3_twist(robot)
     if shoulder is None or elbow is None:
         return None
-    return Mechanism("gravity-twist", shoulder.terms + elbow.terms,
-                     "Shoulder and elbow wind up together under the arm's weight.",
-                     f"{shoulder.equation}; {elbow.equation}", PAPER)
+    return Mechanism(
+        "gravity-twist",
+        shoulder.terms + elbow.terms,
+        "Shoulder and elbow wind up together under the arm's weight.",
+        f"{shoulder.equation}; {elbow.equation}",
+        PAPER,
+    )
 
 
 def backlash(robot: Robot, joint: int) -> Mechanism:
-    """Gravity holds the gear on one flank and changes it where its torque changes sign; joint 3 is the paper's h4.
+    """Gravity holds the gear on one flank and changes it where its torque changes sign; joint 3 is
+    the paper's h4.
 
-    Play yields to the torque as a spring does, so that h4 has the sign of a compliance: with the torque itself as cause, plus.
-    On the paper's own arm, where the lever cos(q2+q3) is against the torque, the paper calls either sign backlash (its Table 3
-    has h3 = -1.686 and h4 = +0.235 mrad); there the sentence says which of them was found."""
+    Play yields to the torque as a spring does, so that h4 has the sign of a compliance: with the
+    torque itself as cause, plus. On the paper's own arm, where the lever cos(q2+q3) is against the
+    torque, the paper calls either sign backlash (its Table 3 has h3 = -1.686 and h4 = +0.235 mrad);
+    there the sentence says which of them was found."""
     pair, cause, direction = arm_pair(robot), sign(torque(joint)), 1
     if pair is not None and joint == pair.fore:
         cause, direction = sign(far(pair)), pair.far_sign * pair.parallel
-    against = (f"Joint {joint} steps against gravity where its torque changes sign: play would yield to it, so that this stands "
-               "for something else, such as a spring that is not linear.")
-    return Mechanism(f"backlash:{joint}", (Term(f"h4[{joint}]", (Screw(joint, "rz", cause),), BACKLASH, direction),),
-                     f"The play of joint {joint} is taken up by gravity, to either side.", f"θ{joint} = q{joint} + h4 {cause}",
-                     PAPER, against if direction < 0 else "")
+    against = (
+        f"Joint {joint} steps against gravity where its torque changes sign: play would yield to it, so that this stands "
+        "for something else, such as a spring that is not linear."
+    )
+    return Mechanism(
+        f"backlash:{joint}",
+        (Term(f"h4[{joint}]", (Screw(joint, "rz", cause),), BACKLASH, direction),),
+        f"The play of joint {joint} is taken up by gravity, to either side.",
+        f"θ{joint} = q{joint} + h4 {cause}",
+        PAPER,
+        against if direction < 0 else "",
+    )
 
 
 def base_screws(robot: Robot, axis: int, cause: Cause) -> tuple[Screw, ...]:
-    """Screws of frame 1 that together turn the arm about axis 0, 1, 2 of frame 0 through its origin, by the cause."""
+    """Screws of frame 1 that together turn the arm about axis 0, 1, 2 of frame 0 through its
+    origin, by the cause."""
     R, t = robot.joints[0].before[:3, :3], robot.joints[0].before[:3, 3]
     turn = R.T[:, axis]
     shift = R.T @ [(0, -t[2], t[1]), (t[2], 0, -t[0]), (-t[1], t[0], 0)][axis]
     screws = [(AXES[3 + a], Number(float(turn[a]))) for a in range(3) if abs(turn[a]) > 1e-12]
     screws += [(AXES[a], Number(float(shift[a]), "mm")) for a in range(3) if abs(shift[a]) > 1e-9]
-    return tuple(Screw(1, place, cause if number == Number(1.0) else number * cause) for place, number in screws)
+    return tuple(
+        Screw(1, place, cause if number == Number(1.0) else number * cause)
+        for place, number in screws
+    )
 
 
 def base_tilt(robot: Robot) -> Mechanism | None:
     """The foundation yields to the arm's moment about the two horizontal axes of frame 0."""
     if not under_gravity(robot):
         return None
-    terms = tuple(Term(f"k{name}", base_screws(robot, axis, Named(f"moment_{name}", "N m")), (1e-8, 1e-4), 1)
-                  for axis, name in enumerate("xyz") if abs((robot.gravity or (0, 0, 0))[axis]) < 0.999)
-    return Mechanism("base-tilt", terms, "The base tilts under the moment of the arm's weight.",
-                     "rotation of frame 0 = k · moment of the weight about it", "Whitney, Lozinski & Rourke 1986")
+    terms = tuple(
+        Term(f"k{name}", base_screws(robot, axis, Named(f"moment_{name}", "N m")), (1e-8, 1e-4), 1)
+        for axis, name in enumerate("xyz")
+        if abs((robot.gravity or (0, 0, 0))[axis]) < 0.999
+    )
+    return Mechanism(
+        "base-tilt",
+        terms,
+        "The base tilts under the moment of the arm's weight.",
+        "rotation of frame 0 = k · moment of the weight about it",
+        "Whitney, Lozinski & Rourke 1986",
+    )
 
 
 def payload_tilt(robot: Robot) -> Mechanism | None:
-    """The foundation yields to the payload's moment about the horizontal axes of frame 0: kilograms times lever of the target."""
+    """The foundation yields to the payload's moment about the horizontal axes of frame 0: kilograms
+    times lever of the target."""
     if robot.gravity is None:
         return None
     down, place, terms = robot.gravity, [Named(f"{name}_mm", "mm") for name in "xyz"], []
-    for axis, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):        # lever x down
+    for axis, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):  # lever x down
         both = ((place[j], down[k]), (place[k], -down[j]))
-        levers = [where if weight == 1 else weight * where for where, weight in both if abs(weight) > 1e-9]
+        levers = [
+            where if weight == 1 else weight * where for where, weight in both if abs(weight) > 1e-9
+        ]
         if abs(down[axis]) < 0.999:
-            cause = Named("payload_kg", "kg") * (levers[0] if len(levers) == 1 else levers[0] + levers[1])
+            cause = Named("payload_kg", "kg") * (
+                levers[0] if len(levers) == 1 else levers[0] + levers[1]
+            )
             terms.append(Term(f"p{'xyz'[axis]}", base_screws(robot, axis, cause), (1e-10, 1e-6), 1))
-    return Mechanism("payload-tilt", tuple(terms), "The base tilts under the payload.",
-                     "rotation of frame 0 = p · payload_kg · horizontal lever of the target", "Whitney, Lozinski & Rourke 1986")
+    return Mechanism(
+        "payload-tilt",
+        tuple(terms),
+        "The base tilts under the payload.",
+        "rotation of frame 0 = p · payload_kg · horizontal lever of the target",
+        "Whitney, Lozinski & Rourke 1986",
+    )
 
 
 def gravity_joints(robot: Robot) -> tuple[int, ...]:

@@ -1,4 +1,5 @@
-"""A report as values: blocks in order and the pictures they show; `book` gathers the chosen pages."""
+"""A report as values: blocks in order and the pictures they show; `book` gathers the chosen
+pages."""
 
 from __future__ import annotations
 
@@ -21,8 +22,14 @@ def text(words: str, style: str = "body") -> Block:
     return {"kind": "text", "text": words, "style": style}
 
 
-def table(columns: list[tuple[str, str]], rows: list[list[str]], caption: str = "", widths: list[float] | None = None) -> Block:
-    """A table: (name, "left" or "right") of each column, rows of text, relative widths (0: as narrow as the text)."""
+def table(
+    columns: list[tuple[str, str]],
+    rows: list[list[str]],
+    caption: str = "",
+    widths: list[float] | None = None,
+) -> Block:
+    """A table: (name, "left" or "right") of each column, rows of text, relative widths (0: as
+    narrow as the text)."""
     return {
         "kind": "table",
         "columns": [{"name": n, "align": a} for n, a in columns],
@@ -40,9 +47,22 @@ def points(items: list[str]) -> Block:
 Page = Callable[[Source], list[Block]]
 
 
-def book(source: Source, pages: Mapping[str, Page], chosen: tuple[str, ...] | None = None) -> list[Block]:
-    """The blocks of the chosen pages (all without), in the report's own order. Raises StudyError for an unknown page."""
+def book(
+    source: Source, pages: Mapping[str, Page], chosen: tuple[str, ...] | None = None
+) -> list[Block]:
+    """The blocks of the chosen pages (all without), in the report's own order. Raises StudyError
+    for an unknown page."""
     unknown = [name for name in chosen or () if name not in pages]
     if unknown:
-        raise StudyError(*(f'--pages: no page "{name}". {suggest(name, pages)} Pages: {", ".join(pages)}.' for name in unknown))
-    return [block for name, page in pages.items() if chosen is None or name in chosen for block in page(source)]
+        raise StudyError(
+            *(
+                f'--pages: no page "{name}". {suggest(name, pages)} Pages: {", ".join(pages)}.'
+                for name in unknown
+            )
+        )
+    return [
+        block
+        for name, page in pages.items()
+        if chosen is None or name in chosen
+        for block in page(source)
+    ]

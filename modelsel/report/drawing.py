@@ -39,12 +39,17 @@ PAGES: dict[str, Page] = {
 }
 
 
-def draw(folder: Path, pages: tuple[str, ...] | None = None, say: Callable[[str], None] = lambda _: None) -> list[Path]:
-    """Draw the report of a folder again; `pages` chooses (all without). Files written. Raises StudyError or ReportError."""
+def draw(
+    folder: Path, pages: tuple[str, ...] | None = None, say: Callable[[str], None] = lambda _: None
+) -> list[Path]:
+    """Draw the report of a folder again; `pages` chooses (all without). Files written. Raises
+    StudyError or ReportError."""
     return draw_source(read(folder), folder, pages, say)
 
 
-def draw_source(source: Source, folder: Path, pages: tuple[str, ...] | None, say: Callable[[str], None]) -> list[Path]:
+def draw_source(
+    source: Source, folder: Path, pages: tuple[str, ...] | None, say: Callable[[str], None]
+) -> list[Path]:
     """Draw the report of a result's contents into a folder."""
     say("drawing the pictures")
     blocks = book(source, PAGES, pages)
@@ -54,8 +59,14 @@ def draw_source(source: Source, folder: Path, pages: tuple[str, ...] | None, say
     return [folder / "report.pdf", folder / "report.html"]
 
 
-def report(result: Result | StoredResult, folder: Path | str, pages: tuple[str, ...] | None = None,
-           say: Callable[[str], None] = lambda _: None) -> list[Path]:
-    """Draw report.pdf and report.html of a result into a folder; `pages` chooses from the PDF's. Files written. Raises StudyError
-    or ReportError."""
-    return draw_source(Source(dict(result.record), json.loads(_details(result))), Path(folder), pages, say)
+def report(
+    result: Result | StoredResult,
+    folder: Path | str,
+    pages: tuple[str, ...] | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> list[Path]:
+    """Draw report.pdf and report.html of a result into a folder; `pages` chooses from the PDF's.
+    Files written. Raises StudyError or ReportError."""
+    return draw_source(
+        Source(dict(result.record), json.loads(_details(result))), Path(folder), pages, say
+    )

@@ -1,4 +1,5 @@
-"""report.html: one self-contained page to explore a result offline; every word of the data is escaped or set as text."""
+"""report.html: one self-contained page to explore a result offline; every word of the data is
+escaped or set as text."""
 
 from __future__ import annotations
 
@@ -18,12 +19,17 @@ SCRIPTS = ("plot.js", "space.js", "map.js", "page.js")
 
 
 def slim(result: dict[str, Any]) -> dict[str, Any]:
-    """What the page needs of result.json: without the causes' values at every row, and without draws."""
+    """What the page needs of result.json: without the causes' values at every row, and without
+    draws."""
     findings = [
         {
             **f,
             "credible_set": [
-                {**e, "screws": [{k: s[k] for k in ("frame", "axis", "cause")} for s in e["screws"]]} for e in f["credible_set"]
+                {
+                    **e,
+                    "screws": [{k: s[k] for k in ("frame", "axis", "cause")} for s in e["screws"]],
+                }
+                for e in f["credible_set"]
             ],
             "estimate": [],
         }
@@ -69,7 +75,9 @@ def page(source: Source) -> bytes:
             about=escape(
                 f"Robot {result['robot']} · {counts['estimation']:,} configurations estimate, {counts['held_out']:,} are held out"
             ),
-            verdict="\n".join(f'<p class="verdict">{escape(sentence)}</p>' for sentence in opening(result)),
+            verdict="\n".join(
+                f'<p class="verdict">{escape(sentence)}</p>' for sentence in opening(result)
+            ),
             setup=_setup(result.get("registration")),
             side="held-out" if counts["held_out"] else "estimation",
             made=escape(made),

@@ -1,4 +1,5 @@
-"""report.pdf: blocks and pictures through the typst compiler, offline, tagged PDF/UA-1, the same bytes for the same input."""
+"""report.pdf: blocks and pictures through the typst compiler, offline, tagged PDF/UA-1, the same
+bytes for the same input."""
 
 from __future__ import annotations
 
@@ -19,32 +20,44 @@ class ReportError(ModelselError):
 
 
 def fonts() -> Path:
-    """The folder with DejaVu Sans, which matplotlib brings along: the same letters on every machine."""
+    """The folder with DejaVu Sans, which matplotlib brings along: the same letters on every
+    machine."""
     import matplotlib as mpl
 
     return Path(mpl.get_data_path()) / "fonts" / "ttf"
 
 
 def compiled(content: dict[str, Any], pictures: dict[str, bytes]) -> tuple[bytes, list[str]]:
-    """(the PDF, the compiler's warnings) of the template with its data. Raises ReportError with the compiler's own words."""
+    """(the PDF, the compiler's warnings) of the template with its data. Raises ReportError with the
+    compiler's own words."""
     import typst
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "report.json").write_text(json.dumps(content, ensure_ascii=False), encoding="utf-8")
-        (folder / "template.typ").write_bytes((files(__package__) / "templates" / "report.typ").read_bytes())
+        (folder / "report.json").write_text(
+            json.dumps(content, ensure_ascii=False), encoding="utf-8"
+        )
+        (folder / "template.typ").write_bytes(
+            (files(__package__) / "templates" / "report.typ").read_bytes()
+        )
         for file, picture in pictures.items():
             (folder / file).write_bytes(picture)
         compiler = typst.Compiler(
             folder / "template.typ",
             root=folder,
             ignore_system_fonts=True,
-            font_paths=typst.Fonts(include_system_fonts=False, include_embedded_fonts=False, font_paths=[fonts()]),
+            font_paths=typst.Fonts(
+                include_system_fonts=False, include_embedded_fonts=False, font_paths=[fonts()]
+            ),
         )
         try:
-            out, warnings = compiler.compile_with_warnings(format="pdf", pdf_standards="ua-1", timestamp=0)
+            out, warnings = compiler.compile_with_warnings(
+                format="pdf", pdf_standards="ua-1", timestamp=0
+            )
         except typst.TypstError as error:
-            raise ReportError(f"report.pdf could not be made: {error.message} {' '.join(error.hints)}".strip()) from None
+            raise ReportError(
+                f"report.pdf could not be made: {error.message} {' '.join(error.hints)}".strip()
+            ) from None
     assert isinstance(out, bytes)
     return out, [w.message for w in warnings]
 

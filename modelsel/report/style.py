@@ -1,4 +1,5 @@
-"""One look for every picture: colours that colour-blind readers and grey printers tell apart, one type, the same bytes twice."""
+"""One look for every picture: colours that colour-blind readers and grey printers tell apart, one
+type, the same bytes twice."""
 
 from __future__ import annotations
 
@@ -10,7 +11,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BLUE, ORANGE, GREY, INK, QUIET = "#0072B2", "#D55E00", "#D9D9D9", "#222222", "#6B6B6B"  # Okabe & Ito 2008
+BLUE, ORANGE, GREY, INK, QUIET = (
+    "#0072B2",
+    "#D55E00",
+    "#D9D9D9",
+    "#222222",
+    "#6B6B6B",
+)  # Okabe & Ito 2008
 BEFORE, AFTER, RING = "#8C8C8C", BLUE, ORANGE
 WIDTH = 6.5  # inch: the text width of the page
 STYLE: dict[Any, Any] = {
@@ -48,7 +55,8 @@ STYLE: dict[Any, Any] = {
 
 
 class Sheets:
-    """What pyplot offers, without its state: a notebook's backend and open figures stay as they are."""
+    """What pyplot offers, without its state: a notebook's backend and open figures stay as they
+    are."""
 
     def figure(self, **options: Any) -> Any:
         """A matplotlib Figure that no session knows."""
@@ -56,7 +64,15 @@ class Sheets:
 
         return Figure(**options)
 
-    def subplots(self, rows: int = 1, columns: int = 1, *, figsize: tuple[float, float], layout: str, **axes: Any) -> Any:
+    def subplots(
+        self,
+        rows: int = 1,
+        columns: int = 1,
+        *,
+        figsize: tuple[float, float],
+        layout: str,
+        **axes: Any,
+    ) -> Any:
         """(figure, axes) as of pyplot's subplots."""
         figure = self.figure(figsize=figsize, layout=layout)
         return figure, figure.subplots(rows, columns, **axes)
@@ -67,7 +83,9 @@ def styled() -> Iterator[Sheets]:
     """Figures under the house's style, whatever the session's own."""
     import matplotlib as mpl
 
-    plain: dict[Any, Any] = {key: value for key, value in mpl.rcParamsDefault.items() if key != "backend"}
+    plain: dict[Any, Any] = {
+        key: value for key, value in mpl.rcParamsDefault.items() if key != "backend"
+    }
     with mpl.rc_context({**plain, **STYLE}):
         yield Sheets()
 
@@ -80,9 +98,12 @@ def svg(figure: Figure, title: str) -> bytes:
 
 
 def scaled(unit: str, biggest: float) -> tuple[float, str]:
-    """(factor, shown unit) so that the largest value reads well: rad -> mrad or µrad, mm -> mm or µm."""
+    """(factor, shown unit) so that the largest value reads well: rad -> mrad or µrad, mm -> mm or
+    µm."""
     if unit == "rad":
-        return (1e6, "µrad") if biggest < 1.5e-3 else (1e3, "mrad") if biggest < 1.5 else (1.0, "rad")
+        return (
+            (1e6, "µrad") if biggest < 1.5e-3 else (1e3, "mrad") if biggest < 1.5 else (1.0, "rad")
+        )
     return (1e3, "µm") if unit == "mm" and biggest < 0.5 else (1.0, unit)
 
 

@@ -1,8 +1,8 @@
-"""details.json: what the pictures need beyond result.json, so that a report can be drawn again from files alone.
+"""details.json: what the pictures need beyond result.json, so that a report can be drawn again from
+files alone.
 
-Rows are thinned evenly to at most ROWS (outlying ones stay). Lengths in mm to 0.1 µm, angles in rad to 10 µrad; residuals and
-displacements in the tracker's frame.
-"""
+Rows are thinned evenly to at most ROWS (outlying ones stay). Lengths in mm to 0.1 µm, angles in rad
+to 10 µrad; residuals and displacements in the tracker's frame."""
 
 from __future__ import annotations
 
@@ -33,23 +33,40 @@ def rounded(values: Array, digits: int) -> list[Any]:
 
 
 def thinned(estimation: NDArray[np.bool_], outlying: NDArray[np.bool_], most: int = ROWS) -> Index:
-    """Indices of the rows to draw: outlying ones first, then half for the held-out rows at most, evenly in file order."""
+    """Indices of the rows to draw: outlying ones first, then half for the held-out rows at most,
+    evenly in file order."""
 
     def some(mask: NDArray[np.bool_], count: int) -> Index:
         at = np.flatnonzero(mask)
-        return at if len(at) <= count else at[np.linspace(0, len(at) - 1, max(count, 1)).astype(int)]
+        return (
+            at if len(at) <= count else at[np.linspace(0, len(at) - 1, max(count, 1)).astype(int)]
+        )
 
     out = some(outlying, OUTLIERS)
-    held = some(~estimation & ~outlying, max(most // 2, most - len(out) - int((estimation & ~outlying).sum())))
-    return np.sort(np.concatenate([out, held, some(estimation & ~outlying, most - len(out) - len(held))]))
+    held = some(
+        ~estimation & ~outlying,
+        max(most // 2, most - len(out) - int((estimation & ~outlying).sum())),
+    )
+    return np.sort(
+        np.concatenate([out, held, some(estimation & ~outlying, most - len(out) - len(held))])
+    )
 
 
 def arm(scene: Scene) -> list[Any]:
-    """(n+2, 3) origins of the nominal chain, joint 1 to target, in the tracker's frame, at the configuration nearest to all."""
+    """(n+2, 3) origins of the nominal chain, joint 1 to target, in the tracker's frame, at the
+    configuration nearest to all."""
     q = scene.data.q
-    middle = int(np.argmin(np.square((q - np.median(q, axis=0)) / np.maximum(np.std(q, axis=0), 1e-9)).sum(1)))
+    middle = int(
+        np.argmin(
+            np.square((q - np.median(q, axis=0)) / np.maximum(np.std(q, axis=0), 1e-9)).sum(1)
+        )
+    )
     one = scene.take(np.array([middle]))
-    at, R, t = one.pose(slice(None)), one.placement[0][one.data.group[0]], one.placement[1][one.data.group[0]]
+    at, R, t = (
+        one.pose(slice(None)),
+        one.placement[0][one.data.group[0]],
+        one.placement[1][one.data.group[0]],
+    )
     return rounded(at.origins[:, :, 0] @ R.T + t, 1)
 
 
@@ -62,14 +79,20 @@ def details(result: Result) -> dict[str, Any]:
     measured, at = scene.data, scene.pose(every)
     field = field_of(scene, at, every)
     placed, seen = measured.position, field
-    if measured.gauges is not None:  # drawn where the nominal arm has the target, a single number along its direction
+    if (
+        measured.gauges is not None
+    ):  # drawn where the nominal arm has the target, a single number along its direction
         G = directions(scene, at, every)
         placed = np.where(np.isfinite(placed), placed, -residuals(scene.bare)[:, :3])
         seen = field.copy()
         seen[:, :, :3] = np.einsum("jim,fajm->faim", G, field[:, :, :3])
 
     def drawn(residual: Array) -> Array:
-        return residual if measured.gauges is None else np.asarray(np.einsum("jim,mj->mi", G, residual))
+        return (
+            residual
+            if measured.gauges is None
+            else np.asarray(np.einsum("jim,mj->mi", G, residual))
+        )
 
     turned = scene.components == 6
     base_rung = next(r for r in result.ladder if r.names == base)
@@ -87,7 +110,10 @@ def details(result: Result) -> dict[str, Any]:
         },
         "places": data.scene.data.where.record(data.scene.data.row),
         "joints": [
-            {"unit": "mm" if j.prismatic else "rad", "limits": None if j.limits is None else rounded(np.array(j.limits), 5)}
+            {
+                "unit": "mm" if j.prismatic else "rad",
+                "limits": None if j.limits is None else rounded(np.array(j.limits), 5),
+            }
             for j in result.robot.joints
         ],
         "arm_mm": arm(data.scene),
@@ -109,7 +135,12 @@ def _mentioned(result: Result) -> list[Any]:
     """Every registered mechanism that a cell or a credible set names, once by name."""
     found = [
         *result.error_map.named.values(),
-        *(e.candidate.mechanism for f in result.findings for e in f.effect.named.entries if e.candidate.registered),
+        *(
+            e.candidate.mechanism
+            for f in result.findings
+            for e in f.effect.named.entries
+            if e.candidate.registered
+        ),
     ]
     first = {m.name: m for m in reversed(found)}
     return [first[name] for name in sorted(first)]

@@ -21,7 +21,10 @@ from ..notices import Note
 from ..selection.evaluation import Data, Gain, Rung, surprise
 
 PLAIN = ("payload_kg", "temperature_C", "time_s")
-CLEARLY, RARELY = 1.25, 1e-3      # how much more held-out rows err than promised, and how rarely so by chance, to be said
+CLEARLY, RARELY = (
+    1.25,
+    1e-3,
+)  # how much more held-out rows err than promised, and how rarely so by chance, to be said
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +37,14 @@ class Finding:
     @property
     def sentence(self) -> str:
         """In a metrologist's words, and whether held-out configurations speak against it."""
-        return sentence(self.effect) + (f" Held-out configurations speak against it: {self.against}." if self.against else "")
+        return sentence(self.effect) + (
+            f" Held-out configurations speak against it: {self.against}." if self.against else ""
+        )
 
     @property
     def against(self) -> str:
-        """What it adds to the held-out error, where the whole interval of its gain is negative; else nothing."""
+        """What it adds to the held-out error, where the whole interval of its gain is negative;
+        else nothing."""
         interval = self.gain.interval_mm
         if interval is None or interval[1] >= 0:
             return ""
@@ -51,9 +57,12 @@ def derived(names: frozenset[str], scene: Scene) -> bool:
     return bool(names - plain)
 
 
-def screws_of(candidate: Candidate, scene: Scene, curve: dict[tuple[int, str], Array] | None = None) -> list[dict[str, Any]]:
-    """The contract's screws of an entry: each place and cause once; derived causes and free functions with their values at
-    the scene's rows (the estimation rows, in file order). Screws that move nothing on these data are left out."""
+def screws_of(
+    candidate: Candidate, scene: Scene, curve: dict[tuple[int, str], Array] | None = None
+) -> list[dict[str, Any]]:
+    """The contract's screws of an entry: each place and cause once; derived causes and free
+    functions with their values at the scene's rows (the estimation rows, in file order). Screws
+    that move nothing on these data are left out."""
     out: dict[tuple[int, str, str], dict[str, Any]] = {}
     for term in candidate.mechanism.terms:
         for s in term.screws:
@@ -84,6 +93,7 @@ def curve_of(terms: Sequence[Term], estimate: Array, scene: Scene) -> dict[tuple
 def finding_dict(finding: Finding, scene: Scene) -> dict[str, Any]:
     """The contract's finding; `scene` holds the estimation rows in file order."""
     effect = finding.effect
+
     def curve(entry: Entry) -> dict[tuple[int, str], Array]:
         estimate = effect.estimate if entry.candidate == effect.candidate else entry.estimate
         return curve_of(entry.candidate.mechanism.terms, estimate, scene)
@@ -91,23 +101,58 @@ def finding_dict(finding: Finding, scene: Scene) -> dict[str, Any]:
     rows = {}
     if effect.candidate.mechanism.name.startswith("fault:"):
         cause = scene.cause(effect.candidate.mechanism.terms[0].screws[0].cause)
-        rows = {"rows": scene.data.row[np.broadcast_to(cause, (len(scene),)) > 0] if "bumped" in effect.candidate.mechanism.name
-                else scene.data.row}
+        rows = {
+            "rows": scene.data.row[np.broadcast_to(cause, (len(scene),)) > 0]
+            if "bumped" in effect.candidate.mechanism.name
+            else scene.data.row
+        }
     return {
-        "sentence": finding.sentence, "verdict": effect.named.verdict, "p_value": effect.p, **rows,
-        "credible_set": [{"mechanism": e.candidate.registered_name, "probability": e.probability,
-                          "screws": screws_of(e.candidate, scene, curve(e)), "alike": e.alike} for e in effect.named.entries],
+        "sentence": finding.sentence,
+        "verdict": effect.named.verdict,
+        "p_value": effect.p,
+        **rows,
+        "credible_set": [
+            {
+                "mechanism": e.candidate.registered_name,
+                "probability": e.probability,
+                "screws": screws_of(e.candidate, scene, curve(e)),
+                "alike": e.alike,
+            }
+            for e in effect.named.entries
+        ],
         "more_entries": effect.named.more,
-        "estimate": [{"symbol": t.symbol, "value": v, "standard_error": e, "unit": t.unit}
-                     for t, v, e in zip(effect.candidate.mechanism.terms, effect.estimate, effect.standard_error, strict=True)],
-        "gain": asdict(finding.gain)}
+        "estimate": [
+            {"symbol": t.symbol, "value": v, "standard_error": e, "unit": t.unit}
+            for t, v, e in zip(
+                effect.candidate.mechanism.terms,
+                effect.estimate,
+                effect.standard_error,
+                strict=True,
+            )
+        ],
+        "gain": asdict(finding.gain),
+    }
 
 
 def fault_dict(fault: Fault) -> dict[str, Any]:
     """The contract's finding of a data fault."""
-    return {"sentence": fault.sentence, "verdict": "found", "p_value": fault.p, "rows": fault.rows,
-            "credible_set": [{"mechanism": f"fault:{fault.name}", "probability": fault.probability, "screws": [], "alike": True}],
-            "more_entries": 0, "estimate": [], "gain": asdict(Gain(None, None, None))}
+    return {
+        "sentence": fault.sentence,
+        "verdict": "found",
+        "p_value": fault.p,
+        "rows": fault.rows,
+        "credible_set": [
+            {
+                "mechanism": f"fault:{fault.name}",
+                "probability": fault.probability,
+                "screws": [],
+                "alike": True,
+            }
+        ],
+        "more_entries": 0,
+        "estimate": [],
+        "gain": asdict(Gain(None, None, None)),
+    }
 
 
 def uneven(extension: Extension) -> tuple[Note, ...]:
@@ -115,22 +160,34 @@ def uneven(extension: Extension) -> tuple[Note, ...]:
     if extension.held_back is None or extension.left is None:
         return ()
     first = extension.left.entries[0].candidate.label
-    return (Note("uneven-noise", f"{first} is not named: if the noise were normal, independent and alike everywhere, chance "
-                 f"would explain it with probability {extension.held_back:.2g}, but the residuals as they are, with the signs of "
-                 f"whole postures (or groups) changed, do as well with probability {extension.left_p:.2g}. Rows of one posture "
-                 "may share an error, a few rows may be loud, the noise may be larger in one direction, or errors may last from "
-                 "one configuration to the next."),)
+    return (
+        Note(
+            "uneven-noise",
+            f"{first} is not named: if the noise were normal, independent and alike everywhere, chance "
+            f"would explain it with probability {extension.held_back:.2g}, but the residuals as they are, with the signs of "
+            f"whole postures (or groups) changed, do as well with probability {extension.left_p:.2g}. Rows of one posture "
+            "may share an error, a few rows may be loud, the noise may be larger in one direction, or errors may last from "
+            "one configuration to the next.",
+        ),
+    )
 
 
 def opposed(findings: Sequence[Finding]) -> tuple[Note, ...]:
     """Findings that make the held-out error larger, by the whole interval of their gain."""
-    return tuple(Note("held-out-against", f"{f.effect.candidate.label} was named, but held-out configurations speak against it: "
-                      f"{f.against}. Do not compensate for it before further measurements confirm it.")
-                 for f in findings if f.against)
+    return tuple(
+        Note(
+            "held-out-against",
+            f"{f.effect.candidate.label} was named, but held-out configurations speak against it: "
+            f"{f.against}. Do not compensate for it before further measurements confirm it.",
+        )
+        for f in findings
+        if f.against
+    )
 
 
 def surprised(data: Data, chosen: Rung) -> tuple[Note, ...]:
-    """Held-out configurations that err clearly more than cross-validation within the estimation rows promises."""
+    """Held-out configurations that err clearly more than cross-validation within the estimation
+    rows promises."""
     held, block = ~data.estimation & ~data.outlying, data.scene.data.block
     if chosen.crossed is None:
         return ()
@@ -138,10 +195,15 @@ def surprised(data: Data, chosen: Rung) -> tuple[Note, ...]:
     times, p = surprise(chosen.crossed, block[data.used], seen, block[held])
     if times < CLEARLY or p > RARELY:
         return ()
-    return (Note("held-out-surprise", f"The held-out configurations err by {display(rms(seen))} rms where cross-validation "
-                 f"within the estimation configurations promises {display(rms(chosen.crossed))} (by chance with probability "
-                 f"{p:.1g}): something acts there that the estimation configurations do not show. Neither the findings nor their "
-                 "absence speak of it: let such configurations estimate, too."),)
+    return (
+        Note(
+            "held-out-surprise",
+            f"The held-out configurations err by {display(rms(seen))} rms where cross-validation "
+            f"within the estimation configurations promises {display(rms(chosen.crossed))} (by chance with probability "
+            f"{p:.1g}): something acts there that the estimation configurations do not show. Neither the findings nor their "
+            "absence speak of it: let such configurations estimate, too.",
+        ),
+    )
 
 
 def rms(values: Array) -> float:
@@ -153,5 +215,10 @@ def beside(scene: Scene) -> tuple[Note, ...]:
     """Where the arm has so many joints that the error map is not whole."""
     if not crowded(scene):
         return ()
-    return (Note("map-of-neighbours", f"With {scene.robot.n} joints the whole error map is too large: causes nobody registered "
-                 "were looked for only at the places of the joints they look at, and next to these."),)
+    return (
+        Note(
+            "map-of-neighbours",
+            f"With {scene.robot.n} joints the whole error map is too large: causes nobody registered "
+            "were looked for only at the places of the joints they look at, and next to these.",
+        ),
+    )

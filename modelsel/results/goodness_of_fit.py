@@ -1,4 +1,5 @@
-"""What is left of a study's residuals: held-out outliers, the noise they show, what a further effect would have had to be."""
+"""What is left of a study's residuals: held-out outliers, the noise they show, what a further
+effect would have had to be."""
 
 from __future__ import annotations
 
@@ -25,8 +26,9 @@ from .finding_records import CLEARLY, RARELY
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """A model compared with the noise floor (methods.md A.8): F of what it leaves over the floor's variance, its p, the floor
-    [mm], and the standard deviation of one coordinate [mm] that the floor does not explain, with a 95 % interval."""
+    """A model compared with the noise floor (methods.md A.8): F of what it leaves over the floor's
+    variance, its p, the floor [mm], and the standard deviation of one coordinate [mm] that the
+    floor does not explain, with a 95 % interval."""
 
     f: float
     p: float
@@ -37,21 +39,34 @@ class LackOfFit:
 
 
 def lack_of_fit(chosen: Rung, floor: Floor | None, data: Data) -> LackOfFit | None:
-    """Whether a model leaves more on the rows that fit than a floor that is known without it; None where it is estimated from the
-    residuals. Of repeats: the classical test of lack of fit against the pure error of these rows; of target pairs, whose floor
-    rests on a median, on MEDIAN of their degrees of freedom."""
+    """Whether a model leaves more on the rows that fit than a floor that is known without it; None
+    where it is estimated from the residuals. Of repeats: the classical test of lack of fit against
+    the pure error of these rows; of target pairs, whose floor rests on a median, on MEDIAN of their
+    degrees of freedom."""
     from scipy.special import fdtrc, fdtri
+
     if floor is None or floor.source == "estimated":
         return None
     training = data.training()
-    seen = np.ones((len(training), 3), bool) if training.measured is None else training.measured[:, :3]
+    seen = (
+        np.ones((len(training), 3), bool) if training.measured is None else training.measured[:, :3]
+    )
     left = np.where(seen, whitened(training, chosen.fit.residuals(training))[:, :3], 0.0)
-    total, freedom = float(np.square(left).sum()), chosen.fit.freedom * int(seen.sum()) / training.coordinates
-    pure, each, known = 1.0, 1.0, float(np.where(np.isfinite(floor.freedom), MEDIAN * floor.freedom, VERY_MANY))
+    total, freedom = (
+        float(np.square(left).sum()),
+        chosen.fit.freedom * int(seen.sum()) / training.coordinates,
+    )
+    pure, each, known = (
+        1.0,
+        1.0,
+        float(np.where(np.isfinite(floor.freedom), MEDIAN * floor.freedom, VERY_MANY)),
+    )
     if floor.source == "repeats":
         within, known = pure_error(training)
         total, freedom, pure = total - within, freedom - known, within / max(known, 1)
-        each = 3 * len(training) / (3 * len(training) - known)          # rows of a posture, all with what is unexplained
+        each = (
+            3 * len(training) / (3 * len(training) - known)
+        )  # rows of a posture, all with what is unexplained
     if freedom < 1 or known < ENOUGH or pure <= 0:
         return None
     f = max(total / freedom / pure, 0.0)
@@ -62,50 +77,75 @@ def lack_of_fit(chosen: Rung, floor: Floor | None, data: Data) -> LackOfFit | No
 
 
 def pure_error(scene: Scene) -> tuple[float, float]:
-    """(sum of squares, degrees of freedom) of whitened positions at equal readings of one target, about their means."""
+    """(sum of squares, degrees of freedom) of whitened positions at equal readings of one target,
+    about their means."""
     data = scene.data
     position = whitened(scene, np.pad(data.position, ((0, 0), (0, scene.components - 3))))[:, :3]
-    key = np.unique(data.block * len(data.targets) + data.target, return_inverse=True)[1].reshape(-1)
+    key = np.unique(data.block * len(data.targets) + data.target, return_inverse=True)[1].reshape(
+        -1
+    )
     count = np.bincount(key)
     low, high = (np.full((len(count), data.q.shape[1]), sign * np.inf) for sign in (1, -1))
     np.minimum.at(low, key, data.q)
     np.maximum.at(high, key, data.q)
-    still = (high - low).max(1) <= SAME_READING         # an arm read anew has moved its target, too: no repeat
+    still = (high - low).max(
+        1
+    ) <= SAME_READING  # an arm read anew has moved its target, too: no repeat
     mean = np.stack([np.bincount(key, position[:, a]) / count for a in range(3)], 1)
-    return float(np.square(position - mean[key])[still[key]].sum()), 3.0 * float((count - 1)[still].sum())
+    return float(np.square(position - mean[key])[still[key]].sum()), 3.0 * float(
+        (count - 1)[still].sum()
+    )
 
 
 def lacking(found: LackOfFit | None, stated: bool = True) -> tuple[Note, ...]:
-    """Where a model leaves clearly more than the noise floor, or clearly less than one that is `stated`."""
+    """Where a model leaves clearly more than the noise floor, or clearly less than one that is
+    `stated`."""
     if found is None:
         return ()
-    if stated and 1 - found.p <= RARELY and found.f * CLEARLY ** 2 <= 1:
-        return (Note(LACKING, "The chosen model leaves less than the noise floor (lack-of-fit test: F = "
-                     f"{found.f:.3g}, so little by chance with probability below {RARELY:g}): of the floor of "
-                     f"{display(found.floor_mm)} per coordinate it leaves {display(found.floor_mm * float(np.sqrt(found.f)))}. "
-                     "The figure is too large."),)
-    if found.p > RARELY or np.hypot(found.unexplained_mm, found.floor_mm) < CLEARLY * found.floor_mm:
+    if stated and 1 - found.p <= RARELY and found.f * CLEARLY**2 <= 1:
+        return (
+            Note(
+                LACKING,
+                "The chosen model leaves less than the noise floor (lack-of-fit test: F = "
+                f"{found.f:.3g}, so little by chance with probability below {RARELY:g}): of the floor of "
+                f"{display(found.floor_mm)} per coordinate it leaves {display(found.floor_mm * float(np.sqrt(found.f)))}. "
+                "The figure is too large.",
+            ),
+        )
+    if (
+        found.p > RARELY
+        or np.hypot(found.unexplained_mm, found.floor_mm) < CLEARLY * found.floor_mm
+    ):
         return ()
-    return (Note(LACKING, "The chosen model leaves more than the noise floor explains (lack-of-fit test: F = "
-                 f"{found.f:.3g}, by chance with probability {found.p:.1g}): beyond the floor of {display(found.floor_mm)} per "
-                 f"coordinate, {display(found.unexplained_mm)} (95 %: {display(found.low_mm)} to {display(found.high_mm)}) is "
-                 "unexplained. Either the model lacks something, or the floor leaves out a part of the noise: what rows measured "
-                 "together share, or what changes from one approach to the next."),)
+    return (
+        Note(
+            LACKING,
+            "The chosen model leaves more than the noise floor explains (lack-of-fit test: F = "
+            f"{found.f:.3g}, by chance with probability {found.p:.1g}): beyond the floor of {display(found.floor_mm)} per "
+            f"coordinate, {display(found.unexplained_mm)} (95 %: {display(found.low_mm)} to {display(found.high_mm)}) is "
+            "unexplained. Either the model lacks something, or the floor leaves out a part of the noise: what rows measured "
+            "together share, or what changes from one approach to the next.",
+        ),
+    )
 
 
 def noise_dict(floor: Floor, measured: Measurements) -> dict[str, Any]:
-    """The result's noise floor; with rows that are no points also the mean length [mm] of a row's noise."""
+    """The result's noise floor; with rows that are no points also the mean length [mm] of a row's
+    noise."""
     out: dict[str, Any] = {"coordinate_mm": floor.coordinate_mm, "source": floor.source}
     if measured.gauges is not None:
         single = float((measured.gauges.coordinates.sum(1) == 1).mean())
-        out["mean_mm"] = floor.coordinate_mm * float(single * np.sqrt(2 / np.pi) + (1 - single) * np.sqrt(8 / np.pi))
+        out["mean_mm"] = floor.coordinate_mm * float(
+            single * np.sqrt(2 / np.pi) + (1 - single) * np.sqrt(8 / np.pi)
+        )
     return out
 
 
 @dataclass(frozen=True)
 class Placed:
-    """A feature as the chosen model has it, in the tracker's frame: its place (of a plane: a point of it), a plane's normal, a
-    length that readings leave out or a ball-bar's own; `fitted`: what was not known."""
+    """A feature as the chosen model has it, in the tracker's frame: its place (of a plane: a point
+    of it), a plane's normal, a length that readings leave out or a ball-bar's own; `fitted`: what
+    was not known."""
 
     name: str
     kind: str
@@ -131,8 +171,21 @@ def features(scene: Scene, fitted: Fit) -> tuple[Placed, ...]:
             normal = local @ scene.fixtures.axes[k]
             place = scene.fixtures.centre[k] + values[k, 2] * normal
         length = float(scene.fixtures.length[k] + values[k, LENGTH])
-        symbols = tuple(t.symbol for t in fitted.terms if t.fixture and t.screws[0].cause == Member("feature", k))
-        out.append(Placed(f.name, f.kind, _three(place), None if normal is None else _three(normal), length or None, symbols))
+        symbols = tuple(
+            t.symbol
+            for t in fitted.terms
+            if t.fixture and t.screws[0].cause == Member("feature", k)
+        )
+        out.append(
+            Placed(
+                f.name,
+                f.kind,
+                _three(place),
+                None if normal is None else _three(normal),
+                length or None,
+                symbols,
+            )
+        )
     return tuple(out)
 
 

@@ -1,9 +1,10 @@
-"""The error map's cells as numbers small enough for a page: displacement per place, values per cause, slopes per cell.
+"""The error map's cells as numbers small enough for a page: displacement per place, values per
+cause, slopes per cell.
 
-From them a reader's page computes the residual about any axis against any cause: with d (3,) the target's displacement per
-unit screw, c the cause and r the residual, d·r / |d|² is the residual seen as a twist of that screw, and c·slope + d·r / |d|²
-the partial residual beyond the base (Larsen & McCleary 1972).
-"""
+From them a reader's page computes the residual about any axis against any cause: with d (3,) the
+target's displacement per unit screw, c the cause and r the residual, d·r / |d|² is the residual
+seen as a twist of that screw, and c·slope + d·r / |d|² the partial residual beyond the base (Larsen
+& McCleary 1972)."""
 
 from __future__ import annotations
 
@@ -22,12 +23,17 @@ if TYPE_CHECKING:
     from .result import Result
 
 MOST = 800  # rows from which the slopes are taken
-FAINT = 1e-5  # share of a column that must be left beyond the base for it to have a slope of its own
+FAINT = (
+    1e-5  # share of a column that must be left beyond the base for it to have a slope of its own
+)
 
 
 def wave(causes: tuple[Cause, ...]) -> tuple[Cause, float] | None:
-    """(angle, waves per turn of it) where the causes are sine and cosine of one angle, else None."""
-    if len(causes) != 2 or not all(isinstance(c, Applied) and c.function in ("sin", "cos") for c in causes):
+    """(angle, waves per turn of it) where the causes are sine and cosine of one angle, else
+    None."""
+    if len(causes) != 2 or not all(
+        isinstance(c, Applied) and c.function in ("sin", "cos") for c in causes
+    ):
         return None
     first, second = (c for c in causes if isinstance(c, Applied))
     if {first.function, second.function} != {"sin", "cos"} or first.argument != second.argument:
@@ -39,13 +45,32 @@ def wave(causes: tuple[Cause, ...]) -> tuple[Cause, float] | None:
 
 
 def column_dict(causes: tuple[Cause, ...], scene: Scene) -> dict[str, Any]:
-    """One column of the map: a wave by its angle and count (the joint's own readings are in the rows), else its values."""
+    """One column of the map: a wave by its angle and count (the joint's own readings are in the
+    rows), else its values."""
     found = wave(causes)
     if found is not None:
         angle, count = found
-        joint = next((j for j in range(1, scene.robot.n + 1) if isinstance(angle, Named) and angle.name == f"q{j}"), None)
-        return {"wave": count, "angle": str(angle), "joint": joint, "values": None if joint else [_values(angle, scene)]}
-    return {"wave": None, "angle": None, "joint": None, "values": [_values(c, scene) for c in causes], "unit": causes[0].unit}
+        joint = next(
+            (
+                j
+                for j in range(1, scene.robot.n + 1)
+                if isinstance(angle, Named) and angle.name == f"q{j}"
+            ),
+            None,
+        )
+        return {
+            "wave": count,
+            "angle": str(angle),
+            "joint": joint,
+            "values": None if joint else [_values(angle, scene)],
+        }
+    return {
+        "wave": None,
+        "angle": None,
+        "joint": None,
+        "values": [_values(c, scene) for c in causes],
+        "unit": causes[0].unit,
+    }
 
 
 def _values(cause: Cause, scene: Scene) -> list[Any]:
@@ -57,12 +82,15 @@ def _values(cause: Cause, scene: Scene) -> list[Any]:
 
 
 def cells_dict(result: Result, base_rung: Rung, scene: Scene, field: Array) -> dict[str, Any]:
-    """Places with their displacement (m, 3) at the drawn rows, causes, slopes by cell, the registered names of cells."""
+    """Places with their displacement (m, 3) at the drawn rows, causes, slopes by cell, the
+    registered names of cells."""
     whole = result.error_map
     places = []
     for frame, axis in whole.where:
         d = field[frame - 1, PLACE[axis]]
-        turning = scene.components == 6 and float(np.abs(d[:3]).max()) < 1e-6  # the target's own rotations turn, they do not move
+        turning = (
+            scene.components == 6 and float(np.abs(d[:3]).max()) < 1e-6
+        )  # the target's own rotations turn, they do not move
         part = d[3:] if turning else d[:3]
         places.append(
             {
@@ -76,12 +104,15 @@ def cells_dict(result: Result, base_rung: Rung, scene: Scene, field: Array) -> d
         "places": places,
         "columns": [column_dict(causes, scene) for causes in whole.why],
         "slopes": _slopes(result, base_rung) if whole.where else [],
-        "named": [[i, j, m.name] for (i, j), m in sorted(whole.named.items(), key=lambda item: item[0])],
+        "named": [
+            [i, j, m.name] for (i, j), m in sorted(whole.named.items(), key=lambda item: item[0])
+        ],
     }
 
 
 def _slopes(result: Result, base_rung: Rung) -> list[Any]:
-    """(P, C) nested: each cell's least-squares slopes alone beyond the base, six digits; None where no cell is."""
+    """(P, C) nested: each cell's least-squares slopes alone beyond the base, six digits; None where
+    no cell is."""
     data, whole = result.data, result.error_map
     used = np.flatnonzero(data.used)
     if len(used) > MOST:
@@ -89,9 +120,15 @@ def _slopes(result: Result, base_rung: Rung) -> list[Any]:
     some, every = data.scene.take(used), slice(0, len(used))
     fitted, white = base_rung.fit, some.whiten
     _, columns, residual = next(blocks(some, fitted.terms, fitted.at()))  # MOST rows are one block
-    Q, r = basis(columns[list(fitted.found.kept)].reshape(fitted.found.rank, residual.size).T), residual.reshape(-1)
+    Q, r = (
+        basis(columns[list(fitted.found.kept)].reshape(fitted.found.rank, residual.size).T),
+        residual.reshape(-1),
+    )
     field = field_of(some, some.pose(every), every)
-    causes = [[np.broadcast_to(np.asarray(some.cause(c), float), (len(used),)) for c in why] for why in whole.why]
+    causes = [
+        [np.broadcast_to(np.asarray(some.cause(c), float), (len(used),)) for c in why]
+        for why in whole.why
+    ]
     out: list[Any] = []
     for i, (frame, axis) in enumerate(whole.where):
         d = field[frame - 1, PLACE[axis]]
@@ -103,18 +140,25 @@ def _slopes(result: Result, base_rung: Rung) -> list[Any]:
             flat = np.array([values for j in cells for values in causes[j]])
             X = (d[None] * flat[:, None]).reshape(len(flat), -1)
             Z = X - (X @ Q) @ Q.T
-            for j, slopes in zip(cells, _slope(Z.reshape(len(cells), k, -1), X.reshape(len(cells), k, -1), r), strict=True):
+            for j, slopes in zip(
+                cells,
+                _slope(Z.reshape(len(cells), k, -1), X.reshape(len(cells), k, -1), r),
+                strict=True,
+            ):
                 line[j] = [float(f"{v:.5g}") for v in slopes]
         out.append(line)
     return out
 
 
 def _slope(Z: Array, X: Array, r: Array) -> list[Any]:
-    """(n, k) least-squares slopes of r on the rows of every Z (n, k, N); nought for what the base has already."""
+    """(n, k) least-squares slopes of r on the rows of every Z (n, k, N); nought for what the base
+    has already."""
     size = np.linalg.norm(X, axis=2)
     moves = size.all(1)
     size = np.where(moves[:, None], size, 1.0)
-    value, vector = np.linalg.eigh(np.matmul(Z, Z.swapaxes(1, 2)) / size[:, :, None] / size[:, None])
+    value, vector = np.linalg.eigh(
+        np.matmul(Z, Z.swapaxes(1, 2)) / size[:, :, None] / size[:, None]
+    )
     inverse = np.where(value > FAINT, 1 / np.where(value > FAINT, value, 1), 0)
     inner = inverse * np.matmul(vector.swapaxes(1, 2), (Z @ r / size)[:, :, None])[:, :, 0]
     slopes = np.matmul(vector, inner[:, :, None])[:, :, 0] / size

@@ -1,9 +1,10 @@
-"""What a finding looks like: the residual about its axis against its cause, with the effect left in and taken out.
+"""What a finding looks like: the residual about its axis against its cause, with the effect left in
+and taken out.
 
-With d (3,) the target's displacement per unit of a screw, r the chosen model's residual and f the effect's fitted twist,
-d·r / |d|² is what is left about that axis, and f + d·r / |d|² what would be there without the effect: component plus
-residual (Larsen & McCleary 1972, "The use of partial residual plots in regression analysis").
-"""
+With d (3,) the target's displacement per unit of a screw, r the chosen model's residual and f the
+effect's fitted twist, d·r / |d|² is what is left about that axis, and f + d·r / |d|² what would be
+there without the effect: component plus residual (Larsen & McCleary 1972, "The use of partial
+residual plots in regression analysis")."""
 
 from __future__ import annotations
 
@@ -54,8 +55,11 @@ class _Group:
     waves: float = 1.0  # per turn of the variable; three and more are drawn folded onto one
 
 
-def _variable(cause: Cause, others: Sequence[Cause], units: Mapping[str, str]) -> tuple[Cause, str, float]:
-    """(what to draw a cause against, in which manner, waves per turn): a wave against its angle, a sign against its argument."""
+def _variable(
+    cause: Cause, others: Sequence[Cause], units: Mapping[str, str]
+) -> tuple[Cause, str, float]:
+    """(what to draw a cause against, in which manner, waves per turn): a wave against its angle, a
+    sign against its argument."""
     if isinstance(cause, Bump):
         return Named(cause.name, units.get(cause.name, "1")), "free", 1.0
     if isinstance(cause, Applied) and cause.function == "sign":
@@ -64,16 +68,26 @@ def _variable(cause: Cause, others: Sequence[Cause], units: Mapping[str, str]) -
     return (cause, "line", 1.0) if found is None else (found[0], "wave", found[1])
 
 
-def _groups(terms: Sequence[Term], estimate: Array, units: Mapping[str, str]) -> list[_Group] | None:
-    """The finding's terms by place and variable; None where a term drives screws by different causes."""
+def _groups(
+    terms: Sequence[Term], estimate: Array, units: Mapping[str, str]
+) -> list[_Group] | None:
+    """The finding's terms by place and variable; None where a term drives screws by different
+    causes."""
     if any(len({s.cause for s in t.screws}) > 1 for t in terms):
         return None
-    keyed: dict[tuple[tuple[tuple[int, str], ...], Cause, str, float], list[tuple[float, Cause]]] = {}
+    keyed: dict[
+        tuple[tuple[tuple[int, str], ...], Cause, str, float], list[tuple[float, Cause]]
+    ] = {}
     for term, value in zip(terms, estimate, strict=True):
         places, cause = tuple((s.frame, s.axis) for s in term.screws), term.screws[0].cause
-        here = [t.screws[0].cause for t in terms if tuple((s.frame, s.axis) for s in t.screws) == places]
+        here = [
+            t.screws[0].cause for t in terms if tuple((s.frame, s.axis) for s in t.screws) == places
+        ]
         keyed.setdefault((places, *_variable(cause, here, units)), []).append((float(value), cause))
-    return [_Group(places, tuple(parts), variable, kind, waves) for (places, variable, kind, waves), parts in keyed.items()]
+    return [
+        _Group(places, tuple(parts), variable, kind, waves)
+        for (places, variable, kind, waves), parts in keyed.items()
+    ]
 
 
 def _along(group: _Group, x: Array) -> Array:
@@ -91,7 +105,9 @@ def _along(group: _Group, x: Array) -> Array:
     return out
 
 
-def _panel(group: _Group, scene: Scene, field: Array, residual: Array) -> tuple[float, dict[str, Any]] | None:
+def _panel(
+    group: _Group, scene: Scene, field: Array, residual: Array
+) -> tuple[float, dict[str, Any]] | None:
     """(rms displacement in mm, the panel) of one group; None where it moves nothing here."""
     d = np.sum([field[f - 1, PLACE[axis]] for f, axis in group.places], axis=0)
     part = slice(0, 3) if float(np.abs(d[:3]).max()) > 1e-6 or len(d) == 3 else slice(3, 6)
@@ -108,7 +124,11 @@ def _panel(group: _Group, scene: Scene, field: Array, residual: Array) -> tuple[
     turns, angle = group.places[0][1][0] == "r", group.variable.unit == "rad"
     folded = group.waves >= FOLDED and angle
     if folded:
-        against, x, grid = f"{group.waves:g}*{against}, folded", group.waves * x % (2 * np.pi), np.linspace(0, 2 * np.pi, CURVE)
+        against, x, grid = (
+            f"{group.waves:g}*{against}, folded",
+            group.waves * x % (2 * np.pi),
+            np.linspace(0, 2 * np.pi, CURVE),
+        )
     curve = _along(group, grid / group.waves if folded else grid)
     size = float(np.sqrt(np.square(fitted * lever[good]).mean()))
     return size, {
@@ -118,12 +138,20 @@ def _panel(group: _Group, scene: Scene, field: Array, residual: Array) -> tuple[
         "against_unit": "deg" if angle else group.variable.unit,
         "unit": "rad" if turns else "mm",
         "kind": group.kind,
-        **_points(np.degrees if angle else np.asarray, x, left + fitted, left, lever[good], grid, curve),
+        **_points(
+            np.degrees if angle else np.asarray, x, left + fitted, left, lever[good], grid, curve
+        ),
     }
 
 
 def _points(
-    shown: Callable[[Array], Array], x: Array, before: Array, after: Array, lever: Array, grid: Array, curve: Array
+    shown: Callable[[Array], Array],
+    x: Array,
+    before: Array,
+    after: Array,
+    lever: Array,
+    grid: Array,
+    curve: Array,
 ) -> dict[str, Any]:
     def short(values: Array) -> list[float]:
         return [float(f"{v:.5g}") for v in values]
@@ -137,8 +165,11 @@ def _points(
     }
 
 
-def _whole(terms: Sequence[Term], estimate: Array, scene: Scene, field: Array, residual: Array) -> dict[str, Any] | None:
-    """The displacement along the effect's own direction against what the effect says, in mm: for what acts in many places."""
+def _whole(
+    terms: Sequence[Term], estimate: Array, scene: Scene, field: Array, residual: Array
+) -> dict[str, Any] | None:
+    """The displacement along the effect's own direction against what the effect says, in mm: for
+    what acts in many places."""
     moved = np.tensordot(estimate, columns_of(scene, field, terms, slice(0, len(scene))), 1)[:3].T
     size = np.linalg.norm(moved, axis=1)
     good = np.flatnonzero(size > 0.02 * size.max(initial=0))
@@ -178,7 +209,8 @@ def _finding(finding: Finding, scene: Scene, field: Array, residual: Array) -> d
 
 
 def finding_panels(result: Result, scene: Scene, field: Array, rows: Index) -> list[dict[str, Any]]:
-    """One entry per finding of result.json, faults of single rows first (these have nothing to draw against a cause)."""
+    """One entry per finding of result.json, faults of single rows first (these have nothing to draw
+    against a cause)."""
     residual = result.chosen.residual[rows]
     return [
         *(

@@ -1,4 +1,5 @@
-"""Where the tracker and the targets stand, as registration found them: plain values, and in words with units and frames."""
+"""Where the tracker and the targets stand, as registration found them: plain values, and in words
+with units and frames."""
 
 from __future__ import annotations
 
@@ -14,14 +15,25 @@ SHOWN = 6  # groups, targets
 
 
 def standing(scene: Scene, per_group: bool) -> dict[str, Any]:
-    """Frame 0 (the nominal robot's base) in the tracker's frame, by group or once: position [mm] and roll, pitch, yaw [deg], with
-    R = Rz(yaw) Ry(pitch) Rx(roll); every target in the flange frame [mm]."""
+    """Frame 0 (the nominal robot's base) in the tracker's frame, by group or once: position [mm]
+    and roll, pitch, yaw [deg], with R = Rz(yaw) Ry(pitch) Rx(roll); every target in the flange
+    frame [mm]."""
     R, t = scene.placement
     groups = scene.data.groups if per_group else ("all",)
-    return {"base_in_tracker": [{"group": name, "position_mm": t[g].tolist(), "rpy_deg": np.degrees(to_rpy(R[g])).tolist()}
-                                for g, name in enumerate(groups)],
-            "target_on_flange": [{"target": name, "position_mm": tool.tolist()}
-                                 for name, tool in zip(scene.data.targets, scene.tools, strict=True)]}
+    return {
+        "base_in_tracker": [
+            {
+                "group": name,
+                "position_mm": t[g].tolist(),
+                "rpy_deg": np.degrees(to_rpy(R[g])).tolist(),
+            }
+            for g, name in enumerate(groups)
+        ],
+        "target_on_flange": [
+            {"target": name, "position_mm": tool.tolist()}
+            for name, tool in zip(scene.data.targets, scene.tools, strict=True)
+        ],
+    }
 
 
 def standing_sentences(found: Mapping[str, Any]) -> list[str]:
@@ -30,10 +42,14 @@ def standing_sentences(found: Mapping[str, Any]) -> list[str]:
     out = []
     for base in bases[:SHOWN]:
         x, turns = _numbers(base["position_mm"], 2), _numbers(base["rpy_deg"], 3)
-        out.append(f"Base of the nominal robot (frame 0) in the tracker's frame{_of(base['group'], bases)}: {x} mm, "
-                   f"turned by roll, pitch, yaw {turns}° (fixed x, y, z).")
-    out += [f"Target{_of(one['target'], targets)} in the flange frame: {_numbers(one['position_mm'], 2)} mm."
-            for one in targets[:SHOWN]]
+        out.append(
+            f"Base of the nominal robot (frame 0) in the tracker's frame{_of(base['group'], bases)}: {x} mm, "
+            f"turned by roll, pitch, yaw {turns}° (fixed x, y, z)."
+        )
+    out += [
+        f"Target{_of(one['target'], targets)} in the flange frame: {_numbers(one['position_mm'], 2)} mm."
+        for one in targets[:SHOWN]
+    ]
     more = max(len(bases) - SHOWN, 0) + max(len(targets) - SHOWN, 0)
     return [*out, *([f"{more} more placements are in the JSON."] if more else [])]
 

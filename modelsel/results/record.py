@@ -11,20 +11,49 @@ from ..selection.evaluation import Rung
 
 def rung_dict(rung: Rung) -> dict[str, Any]:
     """One rung of the ladder or row of the table."""
-    return {"mechanisms": list(rung.names), "parameters": rung.parameters, "rank": rung.rank,
-            "estimation": asdict(rung.estimation), "held_out": asdict(rung.held_out), "cv_rms_mm": rung.cv_rms_mm,
-            "cv_mean_mm": rung.cv_mean_mm, "aicc": rung.aicc, "bic": rung.bic, "aic": rung.aic, "gcv": rung.gcv,
-            "ebic": rung.ebic, "log_predictive_density": rung.log_density}
+    return {
+        "mechanisms": list(rung.names),
+        "parameters": rung.parameters,
+        "rank": rung.rank,
+        "estimation": asdict(rung.estimation),
+        "held_out": asdict(rung.held_out),
+        "cv_rms_mm": rung.cv_rms_mm,
+        "cv_mean_mm": rung.cv_mean_mm,
+        "aicc": rung.aicc,
+        "bic": rung.bic,
+        "aic": rung.aic,
+        "gcv": rung.gcv,
+        "ebic": rung.ebic,
+        "log_predictive_density": rung.log_density,
+    }
 
 
 def candidates_dict(comparison: Comparison | None) -> dict[str, Any]:
     """The table of subsets."""
     if comparison is None:
         return {"compared": 0, "best": [], "choice": None, "considered": [], "set_aside": []}
-    return {"compared": comparison.compared, "choice": list(comparison.choice), "considered": list(comparison.considered),
-            "set_aside": list(comparison.set_aside),
-            **({} if (found := comparison.certified) is None else {"search": {
-                "mechanisms": len(comparison.considered), "criterion": "BIC", "nodes": found.nodes, "proven": found.proven,
-                "may_be_beaten_by": found.gap,
-                "best": [m for m, taken in zip(comparison.considered, found.members, strict=True) if taken]}}),
-            "best": [{**rung_dict(r), "weight": r.weight, "note": r.note} for r in comparison.best]}
+    return {
+        "compared": comparison.compared,
+        "choice": list(comparison.choice),
+        "considered": list(comparison.considered),
+        "set_aside": list(comparison.set_aside),
+        **(
+            {}
+            if (found := comparison.certified) is None
+            else {
+                "search": {
+                    "mechanisms": len(comparison.considered),
+                    "criterion": "BIC",
+                    "nodes": found.nodes,
+                    "proven": found.proven,
+                    "may_be_beaten_by": found.gap,
+                    "best": [
+                        m
+                        for m, taken in zip(comparison.considered, found.members, strict=True)
+                        if taken
+                    ],
+                }
+            }
+        ),
+        "best": [{**rung_dict(r), "weight": r.weight, "note": r.note} for r in comparison.best],
+    }

@@ -38,8 +38,8 @@ PARTS = ("x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result(Views):
-    """A finished study: values for programs, `to_json` for the contract's file, `to_frame` for tables; in a notebook it shows
-    itself."""
+    """A finished study: values for programs, `to_json` for the contract's file, `to_frame` for
+    tables; in a notebook it shows itself."""
 
     study: Study
     robot: Robot
@@ -68,53 +68,110 @@ class Result(Views):
 
     @property
     def standing(self) -> dict[str, Any] | None:
-        """Where registration found the base and the targets (`standing`); None where the study gives them."""
-        return standing(self.data.scene, self.study.robot.register_ == "per group") if self.study.robot.register_ else None
+        """Where registration found the base and the targets (`standing`); None where the study
+        gives them."""
+        return (
+            standing(self.data.scene, self.study.robot.register_ == "per group")
+            if self.study.robot.register_
+            else None
+        )
 
     @property
     def named(self) -> list[tuple[str, str]]:
-        """(name, verdict) of every finding, faults of single rows first, as result.json lists them."""
-        return [*((f"fault:{f.name}", "found") for f in self.faults),
-                *((f.effect.candidate.label, f.effect.named.verdict) for f in self.findings)]
+        """(name, verdict) of every finding, faults of single rows first, as result.json lists
+        them."""
+        return [
+            *((f"fault:{f.name}", "found") for f in self.faults),
+            *((f.effect.candidate.label, f.effect.named.verdict) for f in self.findings),
+        ]
 
     def to_dict(self) -> dict[str, Any]:
         """The contract's result."""
         data = self.data.scene.data
         estimation = self.data.estimation
         lack = lack_of_fit(self.chosen, self.floor, self.data)
-        extending = [] if self.study.model.candidates == [] else [e.candidate for e in self.extension.effects]
+        extending = (
+            []
+            if self.study.model.candidates == []
+            else [e.candidate for e in self.extension.effects]
+        )
         return {
-            "schema": 1, "study": self.study.name, "robot": self.robot.name, "seed": self.study.seed,
+            "schema": 1,
+            "study": self.study.name,
+            "robot": self.robot.name,
+            "seed": self.study.seed,
             "provenance": dict(self.provenance),
-            "verdict": list(in_full(verdict(self.ladder[0], self.chosen, self.gain, self.floor, self.named,
-                                            self.study.model.candidates, self.nothing_else[0]),
-                                    turned(self.data, self.ladder[0], self.chosen),
-                                    next((w.sentence for w in self.warnings if w.code == HOPELESS), None))),
-            "configurations": {"estimation": data.take(estimation).configurations,
-                               "held_out": data.take(~estimation).configurations,
-                               "estimation_rows": data.row[estimation]},
+            "verdict": list(
+                in_full(
+                    verdict(
+                        self.ladder[0],
+                        self.chosen,
+                        self.gain,
+                        self.floor,
+                        self.named,
+                        self.study.model.candidates,
+                        self.nothing_else[0],
+                    ),
+                    turned(self.data, self.ladder[0], self.chosen),
+                    next((w.sentence for w in self.warnings if w.code == HOPELESS), None),
+                )
+            ),
+            "configurations": {
+                "estimation": data.take(estimation).configurations,
+                "held_out": data.take(~estimation).configurations,
+                "estimation_rows": data.row[estimation],
+            },
             "noise_floor": noise_dict(self.floor, data),
             **({} if self.standing is None else {"registration": self.standing}),
             **({} if data.gauges is None else {"features": [asdict(f) for f in self.features]}),
             "ladder": [rung_dict(r) for r in self.ladder],
             "candidates": candidates_dict(self.comparison),
-            "findings": [*(fault_dict(f) for f in self.faults),
-                         *(finding_dict(f, self.data.scene.take(estimation)) for f in self.findings)],
-            "nothing_else": {"sentence": self.nothing_else[0], "detection_limit_mm": self.nothing_else[1],
-                             "predictable": None if self.predictable is None else asdict(self.predictable),
-                             "lack_of_fit": None if lack is None else asdict(lack)},
-            "nested_cv": None if self.nested is None else {
-                "folds": self.nested.folds, "geometric": asdict(self.nested.base), "chosen": asdict(self.nested.chosen),
-                "named_in_folds": self.nested.named},
-            "chosen": {"mechanisms": [*self.study.model.base, *(c.mechanism.name for c in extending if c.registered)],
-                       "cells": [s for c in extending if not c.registered
-                                 for s in screws_of(c, self.data.scene.take(estimation))]},
+            "findings": [
+                *(fault_dict(f) for f in self.faults),
+                *(finding_dict(f, self.data.scene.take(estimation)) for f in self.findings),
+            ],
+            "nothing_else": {
+                "sentence": self.nothing_else[0],
+                "detection_limit_mm": self.nothing_else[1],
+                "predictable": None if self.predictable is None else asdict(self.predictable),
+                "lack_of_fit": None if lack is None else asdict(lack),
+            },
+            "nested_cv": None
+            if self.nested is None
+            else {
+                "folds": self.nested.folds,
+                "geometric": asdict(self.nested.base),
+                "chosen": asdict(self.nested.chosen),
+                "named_in_folds": self.nested.named,
+            },
+            "chosen": {
+                "mechanisms": [
+                    *self.study.model.base,
+                    *(c.mechanism.name for c in extending if c.registered),
+                ],
+                "cells": [
+                    s
+                    for c in extending
+                    if not c.registered
+                    for s in screws_of(c, self.data.scene.take(estimation))
+                ],
+            },
             "path": list(self.extension.path),
-            "error_map": {"places": list(self.error_map.places), "causes": list(self.error_map.causes), "f": self.error_map.f,
-                          "p_family_wise": self.error_map.p},
+            "error_map": {
+                "places": list(self.error_map.places),
+                "causes": list(self.error_map.causes),
+                "f": self.error_map.f,
+                "p_family_wise": self.error_map.p,
+            },
             "outliers": data.row[self.data.outlying],
-            "unidentifiable": [{"sentence": u.sentence, "parameters": list(u.parameters)} for u in self.unidentifiable],
-            "warnings": [{"code": w.code, "sentence": w.sentence} for w in (*self.warnings, *self.confidence.notes)],
+            "unidentifiable": [
+                {"sentence": u.sentence, "parameters": list(u.parameters)}
+                for u in self.unidentifiable
+            ],
+            "warnings": [
+                {"code": w.code, "sentence": w.sentence}
+                for w in (*self.warnings, *self.confidence.notes)
+            ],
             **self.confidence.to_dict(),
         }
 
@@ -125,17 +182,27 @@ class Result(Views):
         return out
 
     def residuals(self) -> pd.DataFrame:
-        """Measured minus predicted, mm (and rad, where orientations were measured) in the tracker's frame, of the nominal, the
-        base and the chosen model, indexed by the row of the file; whether a row estimates, and whether it is an outlier."""
+        """Measured minus predicted, mm (and rad, where orientations were measured) in the tracker's
+        frame, of the nominal, the base and the chosen model, indexed by the row of the file;
+        whether a row estimates, and whether it is an outlier."""
         import pandas as pd
+
         columns = self.residual_columns()
         return pd.DataFrame(columns, index=pd.Index(columns.pop("row"), name="row"))
 
     def residual_columns(self) -> dict[str, NDArray[Any]]:
-        """The same as arrays (m,) by name, the row of the file among them: pandas is not needed to write them."""
+        """The same as arrays (m,) by name, the row of the file among them: pandas is not needed to
+        write them."""
         data = self.data
         base = next(r for r in self.ladder if r.names == tuple(self.study.model.base))
-        columns: dict[str, NDArray[Any]] = {"row": data.scene.data.row, "estimation": data.estimation, "outlier": data.outlying}
+        columns: dict[str, NDArray[Any]] = {
+            "row": data.scene.data.row,
+            "estimation": data.estimation,
+            "outlier": data.outlying,
+        }
         for name, rung in (("nominal", self.ladder[0]), ("base", base), ("chosen", self.chosen)):
-            columns |= {f"{name}_{part}": rung.residual[:, k] for k, part in enumerate(PARTS[:rung.residual.shape[1]])}
+            columns |= {
+                f"{name}_{part}": rung.residual[:, k]
+                for k, part in enumerate(PARTS[: rung.residual.shape[1]])
+            }
         return columns

@@ -1,4 +1,5 @@
-"""A result in its folder: result.json, details.json, calibration.json and residuals.parquet, written and read back."""
+"""A result in its folder: result.json, details.json, calibration.json and residuals.parquet,
+written and read back."""
 
 from __future__ import annotations
 
@@ -29,16 +30,16 @@ if TYPE_CHECKING:
     import pandas as pd
 
 RESIDUALS = "residuals.parquet"
-WRITES = (RESIDUALS, "details.json", NAME, "result.json")     # the last says that all are there
+WRITES = (RESIDUALS, "details.json", NAME, "result.json")  # the last says that all are there
 SAME_RUN = ("data_sha256", "study_sha256")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StoredResult(Views):
-    """A result read back from its folder: what was written, to look at, to draw, to compensate with. The fits and draws behind it
-    belong to the run: `run` the study again for these."""
+    """A result read back from its folder: what was written, to look at, to draw, to compensate
+    with. The fits and draws behind it belong to the run: `run` the study again for these."""
 
-    content: Mapping[str, Any]     # of result.json
+    content: Mapping[str, Any]  # of result.json
     details: Mapping[str, Any]
     calibration: Calibration
     table: pd.DataFrame | None
@@ -51,7 +52,9 @@ class StoredResult(Views):
     def residuals(self) -> pd.DataFrame:
         """As of the result that was saved. Raises StudyError where the folder has none."""
         if self.table is None:
-            raise StudyError(f"there was no {RESIDUALS} in the folder: run the study again to write one.")
+            raise StudyError(
+                f"there was no {RESIDUALS} in the folder: run the study again to write one."
+            )
         return self.table
 
 
@@ -60,8 +63,15 @@ def calibration_of(result: Result | StoredResult) -> Calibration:
     if isinstance(result, StoredResult):
         return result.calibration
     fitted, data = result.chosen.fit, result.data
-    made = calibrate(result.study.name, data, fitted, result.floor, result.chosen.held_out.rms_mm,
-                     bool(result.study.robot.register_), result.provenance)
+    made = calibrate(
+        result.study.name,
+        data,
+        fitted,
+        result.floor,
+        result.chosen.held_out.rms_mm,
+        bool(result.study.robot.register_),
+        result.provenance,
+    )
     return replace(made, refits=refitted(data, fitted, result.ladder))
 
 
@@ -71,16 +81,24 @@ def _details(result: Result | StoredResult) -> str:
 
 
 def save(result: Result | StoredResult, folder: Path | str) -> list[Path]:
-    """Write a result into a folder: result.json, details.json, calibration.json and residuals.parquet, all whole
-    before the first takes its place; `load_result` reads them back. Files written. Raises StudyError."""
-    made = {RESIDUALS: _parquet(result), "details.json": _details(result).encode(),
-            NAME: calibration_text(calibration_of(result)).encode(), "result.json": result.to_json().encode()}
-    write_all(Path(folder), {name: content for name in WRITES if (content := made[name]) is not None})
+    """Write a result into a folder: result.json, details.json, calibration.json and
+    residuals.parquet, all whole before the first takes its place; `load_result` reads them back.
+    Files written. Raises StudyError."""
+    made = {
+        RESIDUALS: _parquet(result),
+        "details.json": _details(result).encode(),
+        NAME: calibration_text(calibration_of(result)).encode(),
+        "result.json": result.to_json().encode(),
+    }
+    write_all(
+        Path(folder), {name: content for name in WRITES if (content := made[name]) is not None}
+    )
     return [Path(folder) / name for name in WRITES if made[name] is not None]
 
 
 def load_result(folder: Path | str) -> StoredResult:
-    """A result from the folder that `save` or `modelsel study` wrote it into (or the result.json there). Raises StudyError."""
+    """A result from the folder that `save` or `modelsel study` wrote it into (or the result.json
+    there). Raises StudyError."""
     folder = Path(folder)
     folder = folder.parent if folder.name == "result.json" else folder
     source = read(folder)
@@ -96,30 +114,39 @@ def load_result(folder: Path | str) -> StoredResult:
 
 def _one_run(there: Mapping[str, Any], result: Mapping[str, Any], folder: Path, name: str) -> None:
     if any(there.get(key) != result["provenance"].get(key) for key in SAME_RUN):
-        raise StudyError(f"{folder}: {name} belongs to another run than result.json; modelsel study STUDY.toml --out DIR makes "
-                         "it anew.")
+        raise StudyError(
+            f"{folder}: {name} belongs to another run than result.json; modelsel study STUDY.toml --out DIR makes "
+            "it anew."
+        )
 
 
 def _parquet(result: Result | StoredResult) -> bytes | None:
     """residuals.parquet, with the hashes of its run; None where a stored result has none."""
     import pyarrow as pa
     import pyarrow.parquet as pq
+
     if not isinstance(result, StoredResult):
         columns = result.residual_columns()
     elif result.table is None:
         return None
     else:
-        columns = {"row": result.table.index.to_numpy()} | {n: result.table[n].to_numpy() for n in result.table.columns}
+        columns = {"row": result.table.index.to_numpy()} | {
+            n: result.table[n].to_numpy() for n in result.table.columns
+        }
     run = {key: result.record["provenance"][key] for key in SAME_RUN}
     out = io.BytesIO()
-    table = pa.Table.from_arrays([_arrow(values) for values in columns.values()], names=list(columns))
+    table = pa.Table.from_arrays(
+        [_arrow(values) for values in columns.values()], names=list(columns)
+    )
     pq.write_table(table.replace_schema_metadata(run), out, compression="zstd")
     return out.getvalue()
 
 
 def _arrow(values: NDArray[Any]) -> Any:
-    """Truths, whole numbers or floats as an Arrow array; pa.array would import pandas, a tenth of a study's time."""
+    """Truths, whole numbers or floats as an Arrow array; pa.array would import pandas, a tenth of a
+    study's time."""
     import pyarrow as pa
+
     if values.dtype.kind == "b":
         bits = np.packbits(values, bitorder="little").tobytes()
         return pa.Array.from_buffers(pa.bool_(), len(values), [None, pa.py_buffer(bits)])
@@ -132,6 +159,7 @@ def _read_parquet(path: Path, rows: int) -> tuple[pd.DataFrame, dict[str, str]]:
     """The table, of so many rows at least, and the hashes of its run. Raises StudyError."""
     import pandas as pd
     import pyarrow.parquet as pq
+
     try:
         table = pq.read_table(path, use_threads=False, partitioning=None)
         columns = {name: table.column(name).to_numpy() for name in table.column_names}
@@ -139,7 +167,9 @@ def _read_parquet(path: Path, rows: int) -> tuple[pd.DataFrame, dict[str, str]]:
         _whole(columns, rows)
         index = pd.Index(columns.pop("row"), name="row")
     except damaged() as error:
-        why = str(error) if isinstance(error, _Damaged) else "it is no Parquet file, or a damaged one"
+        why = (
+            str(error) if isinstance(error, _Damaged) else "it is no Parquet file, or a damaged one"
+        )
         raise StudyError(f"{path}: cannot be read: {why}. Run the study again.") from None
     return pd.DataFrame(columns, index=index), of
 
@@ -149,21 +179,34 @@ class _Damaged(ValueError):
 
 
 def _whole(columns: Mapping[str, NDArray[Any]], rows: int) -> None:
-    """Whether every column of residuals.parquet is there, of its type, its numbers finite. Raises _Damaged."""
+    """Whether every column of residuals.parquet is there, of its type, its numbers finite. Raises
+    _Damaged."""
     truths, whole = ("estimation", "outlier"), {"row": "i", "estimation": "b", "outlier": "b"}
-    names = [*whole, *(f"{rung}_{axis}_mm" for rung in ("nominal", "base", "chosen") for axis in "xyz")]
+    names = [
+        *whole,
+        *(f"{rung}_{axis}_mm" for rung in ("nominal", "base", "chosen") for axis in "xyz"),
+    ]
     if missing := [name for name in names if name not in columns]:
         raise _Damaged(f"column {missing[0]} is missing")
     for name, values in columns.items():
-        if values.dtype.kind != whole.get(name, "f") or name not in truths and not np.isfinite(values).all():
-            raise _Damaged(f"column {name} holds something else than {'truths' if name in truths else 'finite numbers'}")
+        if (
+            values.dtype.kind != whole.get(name, "f")
+            or name not in truths
+            and not np.isfinite(values).all()
+        ):
+            raise _Damaged(
+                f"column {name} holds something else than {'truths' if name in truths else 'finite numbers'}"
+            )
     if len(columns["row"]) < rows or len(set(columns["row"].tolist())) < len(columns["row"]):
-        raise _Damaged(f"it has {len(columns['row'])} rows, where {rows} different ones are expected")
+        raise _Damaged(
+            f"it has {len(columns['row'])} rows, where {rows} different ones are expected"
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What a page is made of: result.json and details.json as read, and `draw`, which keeps a picture by name."""
+    """What a page is made of: result.json and details.json as read, and `draw`, which keeps a
+    picture by name."""
 
     result: dict[str, Any]
     details: dict[str, Any]
@@ -174,22 +217,35 @@ class Source:
         self.pictures[f"{name}.svg"] = picture
         return {"kind": "figure", "file": f"{name}.svg", "caption": caption, "alt": alt}
 
+
 SCHEMA = 1
 
 
 def read(folder: Path) -> Source:
-    """result.json and details.json of a folder, whole and of one run. Raises StudyError with how to make them."""
+    """result.json and details.json of a folder, whole and of one run. Raises StudyError with how to
+    make them."""
     again = "modelsel study STUDY.toml --out DIR makes it"
     found = list[dict[str, Any]]()
     for name, shape in (("result.json", RESULT), ("details.json", DETAILS)):
         try:
             table = strict(text(folder / name))
-            if not isinstance(table, dict) or table.get("schema") != SCHEMA or table.get("schema") is True:
+            if (
+                not isinstance(table, dict)
+                or table.get("schema") != SCHEMA
+                or table.get("schema") is True
+            ):
                 version = table.get("schema") if isinstance(table, dict) else None
-                raise StudyError(f"{folder / name}: schema {str(version)[:40]}, this modelsel draws schema {SCHEMA}; {again} "
-                                 "anew.")
-            if found and any(found[0]["provenance"][key] != table.get(key) for key in ("data_sha256", "study_sha256")):
-                raise StudyError(f"{folder}: details.json belongs to another run than result.json; {again} anew.")
+                raise StudyError(
+                    f"{folder / name}: schema {str(version)[:40]}, this modelsel draws schema {SCHEMA}; {again} "
+                    "anew."
+                )
+            if found and any(
+                found[0]["provenance"][key] != table.get(key)
+                for key in ("data_sha256", "study_sha256")
+            ):
+                raise StudyError(
+                    f"{folder}: details.json belongs to another run than result.json; {again} anew."
+                )
             if (why := misfit(table, shape)) is not None:
                 raise ValueError(f"damaged: {why}")
         except FileNotFoundError:

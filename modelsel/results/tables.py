@@ -1,4 +1,5 @@
-"""A finished study seen as tables: DataFrames of result.json's content, and a page for a notebook."""
+"""A finished study seen as tables: DataFrames of result.json's content, and a page for a
+notebook."""
 
 from __future__ import annotations
 
@@ -28,15 +29,19 @@ class Views(ABC):
 
     @abstractmethod
     def residuals(self) -> pd.DataFrame:
-        """Residuals of the nominal, the base and the chosen model, a row each row that was measured."""
+        """Residuals of the nominal, the base and the chosen model, a row each row that was
+        measured."""
 
     def to_frame(self, what: str = "ladder") -> pd.DataFrame:
-        """One of the result's tables: "ladder", "candidates", "findings", "credible sets", "estimates", "parameters",
-        "significance", "error map" (places by causes, F) or "residuals". Raises StudyError for another name."""
+        """One of the result's tables: "ladder", "candidates", "findings", "credible sets",
+        "estimates", "parameters", "significance", "error map" (places by causes, F) or "residuals".
+        Raises StudyError for another name."""
         if what == "residuals":
             return self.residuals()
         if what not in TABLES:
-            raise StudyError(f'a result has no table "{what}". {suggest(what, (*TABLES, "residuals"))}')
+            raise StudyError(
+                f'a result has no table "{what}". {suggest(what, (*TABLES, "residuals"))}'
+            )
         return TABLES[what](self.record)
 
     def to_json(self) -> str:
@@ -44,7 +49,9 @@ class Views(ABC):
         return dumps(self.record)
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__} of {self.record['study']!r}. {' '.join(self.record['verdict'])}"
+        return (
+            f"{type(self).__name__} of {self.record['study']!r}. {' '.join(self.record['verdict'])}"
+        )
 
     def _repr_html_(self) -> str:
         """Verdict, ladder and findings, for a notebook."""
@@ -52,11 +59,14 @@ class Views(ABC):
 
 
 def adds(rungs: Sequence[Sequence[str]]) -> list[str]:
-    """What each rung adds to the one above it, or all of it; a rung is the names of its mechanisms."""
+    """What each rung adds to the one above it, or all of it; a rung is the names of its
+    mechanisms."""
     out, above = list[str](), list[str]()
     for names in map(list, rungs):
-        more = above and names[:len(above)] == above and len(names) > len(above)
-        out.append(f"+ {' + '.join(names[len(above):])}" if more else " + ".join(names) or "set-up alone")
+        more = above and names[: len(above)] == above and len(names) > len(above)
+        out.append(
+            f"+ {' + '.join(names[len(above) :])}" if more else " + ".join(names) or "set-up alone"
+        )
         above = names
     return out
 
@@ -70,13 +80,17 @@ def _rung(rung: Row) -> Row:
 
 def _ladder(record: Record) -> pd.DataFrame:
     import pandas as pd
+
     ladder = record["ladder"]
     models = adds([rung["mechanisms"] for rung in ladder])
-    return pd.DataFrame([{"model": model} | _rung(rung) for model, rung in zip(models, ladder, strict=True)])
+    return pd.DataFrame(
+        [{"model": model} | _rung(rung) for model, rung in zip(models, ladder, strict=True)]
+    )
 
 
 def _candidates(record: Record) -> pd.DataFrame:
     import pandas as pd
+
     return pd.DataFrame([_rung(rung) for rung in record["candidates"]["best"]])
 
 
@@ -103,75 +117,145 @@ def alike(finding: Row) -> float:
 
 def _findings(record: Record) -> pd.DataFrame:
     import pandas as pd
-    columns = ["name", "verdict", "probability", "p_value", "screws", "held_out_rms_before_mm", "held_out_rms_after_mm",
-               "gain_low_mm", "gain_high_mm", "sentence"]
+
+    columns = [
+        "name",
+        "verdict",
+        "probability",
+        "p_value",
+        "screws",
+        "held_out_rms_before_mm",
+        "held_out_rms_after_mm",
+        "gain_low_mm",
+        "gain_high_mm",
+        "sentence",
+    ]
     rows = []
     for f in record["findings"]:
         first, gain = f["credible_set"][0], f["gain"]
         low, high = gain["interval_mm"] or (None, None)
-        rows.append([name_of(first), f["verdict"], alike(f), f["p_value"], screws(first), gain["held_out_rms_before_mm"],
-                     gain["held_out_rms_after_mm"], low, high, f["sentence"]])
+        rows.append(
+            [
+                name_of(first),
+                f["verdict"],
+                alike(f),
+                f["p_value"],
+                screws(first),
+                gain["held_out_rms_before_mm"],
+                gain["held_out_rms_after_mm"],
+                low,
+                high,
+                f["sentence"],
+            ]
+        )
     return pd.DataFrame(rows, columns=columns)
 
 
 def _credible_sets(record: Record) -> pd.DataFrame:
     import pandas as pd
-    rows = [[k, name_of(e), e["probability"], e["alike"], screws(e)] for k, f in enumerate(record["findings"])
-            for e in f["credible_set"]]
+
+    rows = [
+        [k, name_of(e), e["probability"], e["alike"], screws(e)]
+        for k, f in enumerate(record["findings"])
+        for e in f["credible_set"]
+    ]
     return pd.DataFrame(rows, columns=["finding", "name", "probability", "alike", "screws"])
 
 
 def _estimates(record: Record) -> pd.DataFrame:
     import pandas as pd
+
     keys = ["symbol", "value", "standard_error", "unit"]
-    rows = [[k, name_of(f["credible_set"][0]), *(e[key] for key in keys)] for k, f in enumerate(record["findings"])
-            for e in f["estimate"]]
+    rows = [
+        [k, name_of(f["credible_set"][0]), *(e[key] for key in keys)]
+        for k, f in enumerate(record["findings"])
+        for e in f["estimate"]
+    ]
     return pd.DataFrame(rows, columns=["finding", "name", *keys])
 
 
 def _listed(key: str) -> Callable[[Record], pd.DataFrame]:
     def frame(record: Record) -> pd.DataFrame:
         import pandas as pd
+
         return pd.DataFrame(record[key])
+
     return frame
 
 
 def _error_map(record: Record) -> pd.DataFrame:
     import pandas as pd
+
     whole = record["error_map"]
-    return pd.DataFrame(whole["f"], index=pd.Index(whole["places"], name="place"), columns=whole["causes"], dtype=float)
+    return pd.DataFrame(
+        whole["f"],
+        index=pd.Index(whole["places"], name="place"),
+        columns=whole["causes"],
+        dtype=float,
+    )
 
 
 TABLES: Mapping[str, Callable[[Record], pd.DataFrame]] = {
-    "ladder": _ladder, "candidates": _candidates, "findings": _findings, "credible sets": _credible_sets,
-    "estimates": _estimates, "parameters": _listed("parameters"), "significance": _listed("significance"),
-    "error map": _error_map}
+    "ladder": _ladder,
+    "candidates": _candidates,
+    "findings": _findings,
+    "credible sets": _credible_sets,
+    "estimates": _estimates,
+    "parameters": _listed("parameters"),
+    "significance": _listed("significance"),
+    "error map": _error_map,
+}
 
 
-# -- a notebook's page ---------------------------------------------------------------------------------------------------------
+# -- a notebook's page
+# ---------------------------------------------------------------------------------------------------------
 
 
 def page(record: Record) -> str:
     """Verdict, ladder, findings and notes as HTML that needs nothing else; all text is escaped."""
     counts, floor = record["configurations"], record["noise_floor"]
     side = "held_out" if counts["held_out"] else "estimation"
-    head = (f"<p><b>{escape(record['study'])}</b>: {escape(record['robot'])}, {counts['estimation']:,} configurations estimate, "
-            f"{counts['held_out']:,} are held out; noise floor {floor['coordinate_mm']:.3g} mm a coordinate "
-            f"({escape(floor['source'])})</p>")
+    head = (
+        f"<p><b>{escape(record['study'])}</b>: {escape(record['robot'])}, {counts['estimation']:,} configurations estimate, "
+        f"{counts['held_out']:,} are held out; noise floor {floor['coordinate_mm']:.3g} mm a coordinate "
+        f"({escape(floor['source'])})</p>"
+    )
     said = "".join(f"<li>{escape(sentence)}</li>" for sentence in record["verdict"])
     ladder = record["ladder"]
     largest = max((r[side]["mean_mm"] or 0.0 for r in ladder), default=0.0) or 1.0
-    steps = [[escape(model), str(r["parameters"]), _figure(r["estimation"]["mean_mm"]), _figure(r["held_out"]["mean_mm"]),
-              _bar((r[side]["mean_mm"] or 0.0) / largest)]
-             for model, r in zip(adds([r["mechanisms"] for r in ladder]), ladder, strict=True)]
-    found = [[escape(name_of(f["credible_set"][0])), escape(f["verdict"]), f"{alike(f):.2f}", escape(f["sentence"])]
-             for f in record["findings"]]
+    steps = [
+        [
+            escape(model),
+            str(r["parameters"]),
+            _figure(r["estimation"]["mean_mm"]),
+            _figure(r["held_out"]["mean_mm"]),
+            _bar((r[side]["mean_mm"] or 0.0) / largest),
+        ]
+        for model, r in zip(adds([r["mechanisms"] for r in ladder]), ladder, strict=True)
+    ]
+    found = [
+        [
+            escape(name_of(f["credible_set"][0])),
+            escape(f["verdict"]),
+            f"{alike(f):.2f}",
+            escape(f["sentence"]),
+        ]
+        for f in record["findings"]
+    ]
     notes = "".join(f"<li>{escape(w['sentence'])}</li>" for w in record["warnings"])
-    return "".join([
-        head, f"<ul>{said}</ul>",
-        _table(["model", "parameters", "mean error, estimation [mm]", "held out [mm]", ""], steps),
-        _table(["named", "verdict", "probability", "what"], found) if found else "",
-        f"<details><summary>Notes ({len(record['warnings'])})</summary><ul>{notes}</ul></details>" if notes else ""])
+    return "".join(
+        [
+            head,
+            f"<ul>{said}</ul>",
+            _table(
+                ["model", "parameters", "mean error, estimation [mm]", "held out [mm]", ""], steps
+            ),
+            _table(["named", "verdict", "probability", "what"], found) if found else "",
+            f"<details><summary>Notes ({len(record['warnings'])})</summary><ul>{notes}</ul></details>"
+            if notes
+            else "",
+        ]
+    )
 
 
 def _figure(value: float | None) -> str:

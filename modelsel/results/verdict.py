@@ -1,4 +1,5 @@
-"""The study in three sentences: what is gained, what was named, what is left; of a fit that is hopeless, that first."""
+"""The study in three sentences: what is gained, what was named, what is left; of a fit that is
+hopeless, that first."""
 
 from __future__ import annotations
 
@@ -11,7 +12,21 @@ from ..selection.evaluation import Gain, Rung
 from .cautions import of_those_asked
 
 SHOWN = 6  # names in a sentence
-NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten", "Eleven", "Twelve")
+NUMBERS = (
+    "No",
+    "One",
+    "Two",
+    "Three",
+    "Four",
+    "Five",
+    "Six",
+    "Seven",
+    "Eight",
+    "Nine",
+    "Ten",
+    "Eleven",
+    "Twelve",
+)
 
 
 def verdict(
@@ -23,15 +38,18 @@ def verdict(
     asked: Sequence[str] | str,
     left: str,
 ) -> tuple[str, str, str]:
-    """Three sentences. `named`: (name, verdict) of every finding in order; `asked`: the
-    mechanisms that the study lets extend the base, "all" or a list; `left`: what is said of what remains."""
+    """Three sentences. `named`: (name, verdict) of every finding in order; `asked`: the mechanisms
+    that the study lets extend the base, "all" or a list; `left`: what is said of what remains."""
     second = _named(named, asked != []) + of_those_asked(asked)
     return _gained(nominal, chosen, gain, floor), second, left.partition(". ")[0].rstrip(".") + "."
 
 
-def in_full(said: tuple[str, str, str], turned: tuple[float, float] | None, hopeless: str | None) -> tuple[str, ...]:
-    """The three sentences of `verdict` with rms of the orientation error [rad] before and after, where it was measured
-    (`turned`). Where the fit is `hopeless`, the sentence that says so comes first, and none says that nothing else was found."""
+def in_full(
+    said: tuple[str, str, str], turned: tuple[float, float] | None, hopeless: str | None
+) -> tuple[str, ...]:
+    """The three sentences of `verdict` with rms of the orientation error [rad] before and after,
+    where it was measured (`turned`). Where the fit is `hopeless`, the sentence that says so comes
+    first, and none says that nothing else was found."""
     gained, found, left = said
     gained += _turned(turned)
     return (gained, found, left) if hopeless is None else (hopeless, gained, found)
@@ -50,9 +68,7 @@ def _angle(value: float) -> str:
 
 
 def _gained(nominal: Rung, chosen: Rung, gain: Gain, floor: Floor) -> str:
-    noise = (
-        f"noise of {floor.coordinate_mm:.3g} mm per coordinate ({floor.source}) would leave {_left_by(floor):.3g} mm"
-    )
+    noise = f"noise of {floor.coordinate_mm:.3g} mm per coordinate ({floor.source}) would leave {_left_by(floor):.3g} mm"
     before, after = gain.held_out_rms_before_mm, gain.held_out_rms_after_mm
     if before is None or after is None:
         before, after = nominal.estimation.rms_mm or 0.0, chosen.estimation.rms_mm or 0.0
@@ -61,7 +77,11 @@ def _gained(nominal: Rung, chosen: Rung, gain: Gain, floor: Floor) -> str:
             f"{after:.3g} mm rms, which flatters it; {noise}."
         )
     verb = "falls" if after < before else "does not fall: it goes"
-    sure = "" if gain.interval_mm is None else f", a gain of {gain.interval_mm[0]:.3g} to {gain.interval_mm[1]:.3g} mm (95 %)"
+    sure = (
+        ""
+        if gain.interval_mm is None
+        else f", a gain of {gain.interval_mm[0]:.3g} to {gain.interval_mm[1]:.3g} mm (95 %)"
+    )
     return f"On held-out configurations the position error {verb} from {before:.3g} to {after:.3g} mm rms{sure}; {noise}."
 
 

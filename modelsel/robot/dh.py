@@ -1,9 +1,9 @@
-"""Denavit-Hartenberg parameters of any chain, standard and modified, exactly; and the robot file that holds them.
+"""Denavit-Hartenberg parameters of any chain, standard and modified, exactly; and the robot file
+that holds them.
 
-A fixed transform between two joints is Rz(φ) Tz(d) · Tx(a) Rx(α) · Rz(ψ) Tz(e): along the first axis to the common normal,
-along the normal, along the second axis (Denavit & Hartenberg 1955). What turns about an axis or slides along it goes into
-its own joint's row.
-"""
+A fixed transform between two joints is Rz(φ) Tz(d) · Tx(a) Rx(α) · Rz(ψ) Tz(e): along the first
+axis to the common normal, along the normal, along the second axis (Denavit & Hartenberg 1955). What
+turns about an axis or slides along it goes into its own joint's row."""
 
 from __future__ import annotations
 
@@ -18,14 +18,17 @@ from ..exceptions import one_line
 from .kinematics import Robot
 from .rigid import inverse, transform, turn
 
-PARALLEL = 1e-9      # rad: two axes closer than this have no common normal worth naming; 1e-6 mm at a metre
-NEARLY = 0.02        # rad: below this, offsets along the axes are many times the link
+PARALLEL = (
+    1e-9  # rad: two axes closer than this have no common normal worth naming; 1e-6 mm at a metre
+)
+NEARLY = 0.02  # rad: below this, offsets along the axes are many times the link
 
 
 @dataclass(frozen=True)
 class Rows:
-    """`base` (4, 4) from frame 0 to the first row; one row a joint: θ [rad], d, a [mm], α [rad]; `shift` (n, 4, 4): from a
-    joint's frame in the chain to its frame here; `nearly` (k, k+1) joints whose axes are almost, not quite, parallel."""
+    """`base` (4, 4) from frame 0 to the first row; one row a joint: θ [rad], d, a [mm], α [rad];
+    `shift` (n, 4, 4): from a joint's frame in the chain to its frame here; `nearly` (k, k+1) joints
+    whose axes are almost, not quite, parallel."""
 
     base: Array
     rows: tuple[tuple[float, float, float, float], ...]
@@ -38,7 +41,11 @@ def _normal(N: Array) -> tuple[float, float, float, float, float, float]:
     u, p = N[:3, 2], N[:3, 3]
     sine = float(np.hypot(u[0], u[1]))
     if sine < PARALLEL:
-        phi, d, e = (float(np.arctan2(p[1], p[0])) if np.hypot(p[0], p[1]) > PARALLEL else 0.0), float(p[2]), 0.0
+        phi, d, e = (
+            (float(np.arctan2(p[1], p[0])) if np.hypot(p[0], p[1]) > PARALLEL else 0.0),
+            float(p[2]),
+            0.0,
+        )
         alpha = 0.0 if u[2] > 0 else np.pi
     else:
         phi = float(np.arctan2(u[0], -u[1]))
@@ -54,8 +61,8 @@ def _normal(N: Array) -> tuple[float, float, float, float, float, float]:
 def rows_of(robot: Robot, modified: bool) -> Rows:
     """DH rows of a chain; `robot.last` stays as it is, after the last row."""
     rows, shift, nearly = list[tuple[float, float, float, float]](), list[Array](), []
-    turned = slid = 0.0                           # what the transform before left for this joint's own axis
-    before = (0.0, 0.0)                           # the a and α that lead here
+    turned = slid = 0.0  # what the transform before left for this joint's own axis
+    before = (0.0, 0.0)  # the a and α that lead here
     for k in range(robot.n):
         phi = d = a = alpha = psi = e = 0.0
         if k + 1 < robot.n:
@@ -71,15 +78,28 @@ def rows_of(robot: Robot, modified: bool) -> Rows:
 def robot_file(robot: Robot, modified: bool, notes: Sequence[str] = ()) -> str:
     """A robot file (TOML) of DH rows; numbers in full, masses and limits move along."""
     found = rows_of(robot, modified)
-    lines = [*(f"# {one_line(note)}" for note in notes), f"name = {_text(robot.name)}", f"source = {_text(robot.source)}"]
+    lines = [
+        *(f"# {one_line(note)}" for note in notes),
+        f"name = {_text(robot.name)}",
+        f"source = {_text(robot.source)}",
+    ]
     if robot.gravity is not None:
         lines.append(f"gravity = {list(robot.gravity)}")
     if robot.usual != Robot.usual:
         lines += [f"usual_mm = {robot.usual[0]!r}", f"usual_mrad = {robot.usual[1] * 1e3!r}"]
-    lines += [f'convention = "{"modified" if modified else "standard"}"', f"base_mm = {found.base[:3].tolist()}"]
+    lines += [
+        f'convention = "{"modified" if modified else "standard"}"',
+        f"base_mm = {found.base[:3].tolist()}",
+    ]
     for joint, row, shift in zip(robot.joints, found.rows, found.shift, strict=True):
-        theta, d, a, alpha = (float(v) for v in (np.degrees(row[0]), row[1], row[2], np.degrees(row[3])))
-        lines += ["", "[[joint]]", f"dh = {{ theta_deg = {theta!r}, d_mm = {d!r}, a_mm = {a!r}, alpha_deg = {alpha!r} }}"]
+        theta, d, a, alpha = (
+            float(v) for v in (np.degrees(row[0]), row[1], row[2], np.degrees(row[3]))
+        )
+        lines += [
+            "",
+            "[[joint]]",
+            f"dh = {{ theta_deg = {theta!r}, d_mm = {d!r}, a_mm = {a!r}, alpha_deg = {alpha!r} }}",
+        ]
         if joint.prismatic:
             lines.append('kind = "prismatic"')
         if joint.limits is not None:

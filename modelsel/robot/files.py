@@ -1,4 +1,5 @@
-"""Robot TOML files -> Robot: 3x4 transforms, URDF-like origins, standard and modified DH rows, in any mixture."""
+"""Robot TOML files -> Robot: 3x4 transforms, URDF-like origins, standard and modified DH rows, in
+any mixture."""
 
 from __future__ import annotations
 
@@ -18,8 +19,28 @@ from .kinematics import Joint, Robot
 from .rigid import align_z, inverse, rpy, transform, turn
 
 FORMS = ("transform_mm", "xyz_mm", "dh")
-JOINT_KEYS = {*FORMS, "rpy_deg", "axis", "kind", "limits_deg", "limits_mm", "mass_kg", "com_mm", "name"}
-TOP_KEYS = {"name", "source", "gravity", "convention", "base_mm", "joint", "last", "usual_mm", "usual_mrad"}
+JOINT_KEYS = {
+    *FORMS,
+    "rpy_deg",
+    "axis",
+    "kind",
+    "limits_deg",
+    "limits_mm",
+    "mass_kg",
+    "com_mm",
+    "name",
+}
+TOP_KEYS = {
+    "name",
+    "source",
+    "gravity",
+    "convention",
+    "base_mm",
+    "joint",
+    "last",
+    "usual_mm",
+    "usual_mrad",
+}
 DH_KEYS = {"theta_deg", "d_mm", "a_mm", "alpha_deg"}
 
 
@@ -30,7 +51,9 @@ class _Reader:
         self.where, self.problems = where, list[str]()
 
     def say(self, place: str, what: str) -> None:
-        self.problems.append(f"{self.where}: {place}: {what}{'' if what.endswith(('.', '?')) else '.'}")
+        self.problems.append(
+            f"{self.where}: {place}: {what}{'' if what.endswith(('.', '?')) else '.'}"
+        )
 
     def keys(self, place: str, table: Mapping[str, Any], known: set[str]) -> None:
         for key in table:
@@ -43,8 +66,14 @@ class _Reader:
             out = np.array(value, dtype=float)
         except (TypeError, ValueError, OverflowError):
             out = np.array(np.nan)
-        if out.shape != shape or not (np.abs(out) <= LARGEST).all() or isinstance(value, (bool, str)):
-            wanted = " x ".join(map(str, shape)) + " finite numbers" if shape else "one finite number"
+        if (
+            out.shape != shape
+            or not (np.abs(out) <= LARGEST).all()
+            or isinstance(value, (bool, str))
+        ):
+            wanted = (
+                " x ".join(map(str, shape)) + " finite numbers" if shape else "one finite number"
+            )
             if out.shape == shape and np.isfinite(out).all():
                 wanted += f" below {LARGEST:g}"
             self.say(place, f"expected {wanted}, found {str(value)[:120]}")
@@ -56,16 +85,26 @@ def _form(read: _Reader, place: str, row: Mapping[str, Any], modified: bool) -> 
     """(transform before the joint, what is left for the next row) of one joint or of [last]."""
     given = [form for form in FORMS if form in row]
     if len(given) != 1:
-        read.say(place, f"give exactly one of {', '.join(FORMS)}" + (f", not {' and '.join(given)}" if given else ""))
+        read.say(
+            place,
+            f"give exactly one of {', '.join(FORMS)}"
+            + (f", not {' and '.join(given)}" if given else ""),
+        )
         return np.eye(4), np.eye(4)
     if given == ["transform_mm"]:
         N = read.numbers(f"{place}.transform_mm", row["transform_mm"], (3, 4))
-        if N.any() and np.abs(N[:, :3] @ N[:, :3].T - np.eye(3)).max() > 1e-6 or np.linalg.det(N[:, :3]) < 0:
+        if (
+            N.any()
+            and np.abs(N[:, :3] @ N[:, :3].T - np.eye(3)).max() > 1e-6
+            or np.linalg.det(N[:, :3]) < 0
+        ):
             read.say(f"{place}.transform_mm", "its first three columns are not a rotation")
         return transform(N[:, :3], N[:, 3]), np.eye(4)
     if given == ["xyz_mm"]:
-        origin = transform(rpy(*np.radians(read.numbers(f"{place}.rpy_deg", row.get("rpy_deg", (0, 0, 0)), (3,)))),
-                           read.numbers(f"{place}.xyz_mm", row["xyz_mm"], (3,)))
+        origin = transform(
+            rpy(*np.radians(read.numbers(f"{place}.rpy_deg", row.get("rpy_deg", (0, 0, 0)), (3,)))),
+            read.numbers(f"{place}.xyz_mm", row["xyz_mm"], (3,)),
+        )
         axis = read.numbers(f"{place}.axis", row.get("axis", (0, 0, 1)), (3,))
         if np.linalg.norm(axis) < 1e-9:
             read.say(f"{place}.axis", "the axis has no length")
@@ -77,8 +116,10 @@ def _form(read: _Reader, place: str, row: Mapping[str, Any], modified: bool) -> 
         read.say(f"{place}.dh", "expected { theta_deg = …, d_mm = …, a_mm = …, alpha_deg = … }")
         return np.eye(4), np.eye(4)
     read.keys(f"{place}.dh", dh, DH_KEYS)
-    theta, d, a, alpha = (float(read.numbers(f"{place}.dh.{key}", dh.get(key, 0), ()))
-                          for key in ("theta_deg", "d_mm", "a_mm", "alpha_deg"))
+    theta, d, a, alpha = (
+        float(read.numbers(f"{place}.dh.{key}", dh.get(key, 0), ()))
+        for key in ("theta_deg", "d_mm", "a_mm", "alpha_deg")
+    )
     Rz, Rx = transform(turn(2, np.radians(theta))), transform(turn(0, np.radians(alpha)))
     Tz, Tx = transform(t=(0, 0, d)), transform(t=(a, 0, 0))
     return (Rx @ Tx @ Tz @ Rz, np.eye(4)) if modified else (Rz, Tz @ Tx @ Rx)
@@ -91,7 +132,9 @@ def _joint(read: _Reader, place: str, row: Mapping[str, Any], before: Array) -> 
     prismatic = kind == "prismatic"
     limits, key = None, "limits_mm" if prismatic else "limits_deg"
     if key in row:
-        low, high = read.numbers(f"{place}.{key}", row[key], (2,)) * (1 if prismatic else np.pi / 180)
+        low, high = read.numbers(f"{place}.{key}", row[key], (2,)) * (
+            1 if prismatic else np.pi / 180
+        )
         limits = (float(low), float(high))
         if not low < high:
             read.say(f"{place}.{key}", "the lower limit must be below the upper one")
@@ -102,25 +145,34 @@ def _joint(read: _Reader, place: str, row: Mapping[str, Any], before: Array) -> 
 
 def _usual(read: _Reader, table: Mapping[str, Any]) -> tuple[float, float]:
     """The usual size of such an arm's errors: (mm, rad)."""
-    sizes = [float(read.numbers(key, table.get(key, 1.0), ())) for key in ("usual_mm", "usual_mrad")]
+    sizes = [
+        float(read.numbers(key, table.get(key, 1.0), ())) for key in ("usual_mm", "usual_mrad")
+    ]
     for key, size in zip(("usual_mm", "usual_mrad"), sizes, strict=True):
         if not size > 0:
-            read.say(key, "expected a number above 0: the standard deviation of the arm's parameters about its drawing")
+            read.say(
+                key,
+                "expected a number above 0: the standard deviation of the arm's parameters about its drawing",
+            )
     return sizes[0], sizes[1] * 1e-3
 
 
 def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
-    """The robot a TOML table describes; raises StudyError with every problem, each with its place in `where`."""
+    """The robot a TOML table describes; raises StudyError with every problem, each with its place
+    in `where`."""
     read = _Reader(where)
     read.keys("robot file", table, TOP_KEYS)
     rows, last = table.get("joint"), table.get("last")
     if not isinstance(rows, list) or not rows or not all(isinstance(row, Mapping) for row in rows):
-        raise StudyError(*read.problems, f"{where}: no [[joint]] found: one table per joint, from the base on, is expected.")
+        raise StudyError(
+            *read.problems,
+            f"{where}: no [[joint]] found: one table per joint, from the base on, is expected.",
+        )
     convention = table.get("convention", "standard")
     if convention not in ("standard", "modified"):
         read.say("convention", f'expected "standard" or "modified", found "{convention}"')
     pending, joints = np.eye(4), []
-    if "base_mm" in table:                  # frame 0 to where the first row starts: calibrated rows need it
+    if "base_mm" in table:  # frame 0 to where the first row starts: calibrated rows need it
         pending, _ = _form(read, "base_mm", {"transform_mm": table["base_mm"]}, False)
     for k, row in enumerate(rows, 1):
         place = f"joint {k}"
@@ -143,9 +195,18 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
         if size >= 1e-9:
             gravity = (float(g[0] / size), float(g[1] / size), float(g[2] / size))
         else:
-            read.say("gravity", "the direction has no length; leave the key out where it is not known")
+            read.say(
+                "gravity", "the direction has no length; leave the key out where it is not known"
+            )
     source = " ".join(str(table.get("source", "not stated")).split())
-    robot = Robot(str(table.get("name", Path(where).stem)), source, tuple(joints), end, gravity, _usual(read, table))
+    robot = Robot(
+        str(table.get("name", Path(where).stem)),
+        source,
+        tuple(joints),
+        end,
+        gravity,
+        _usual(read, table),
+    )
     try:
         named(robot)
     except ValueError as error:
@@ -157,62 +218,114 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
 
 def named(robot: Robot) -> None:
     """Raises ValueError where a robot's name or source cannot be one."""
-    if (why := unfit(robot.name)) is not None or (why := unfit(robot.source or "none", TEXT)) is not None:
-        raise ValueError(f"the robot's {'source' if unfit(robot.name) is None else 'name'} is not one: {why}")
+    if (why := unfit(robot.name)) is not None or (
+        why := unfit(robot.source or "none", TEXT)
+    ) is not None:
+        raise ValueError(
+            f"the robot's {'source' if unfit(robot.name) is None else 'name'} is not one: {why}"
+        )
 
 
 def read_robot(path: Path, base: str | None = None, tip: str | None = None) -> Robot:
-    """A robot from a TOML or URDF file; of a URDF the chain between two links, where they are named. Raises StudyError."""
+    """A robot from a TOML or URDF file; of a URDF the chain between two links, where they are
+    named. Raises StudyError."""
     if path.suffix.lower() in (".urdf", ".xml"):
         from .urdf import read_urdf
+
         return read_urdf(path, base, tip)
     if base is not None or tip is not None:
-        raise StudyError(f"{path.name}: base and tip choose a chain of a URDF; a TOML robot file has one chain.")
+        raise StudyError(
+            f"{path.name}: base and tip choose a chain of a URDF; a TOML robot file has one chain."
+        )
     return robot_from_table(toml(read_text(path, "the robot file"), path.name), path.name)
 
 
 def builtin_names() -> list[str]:
     """Names of the built-in robots, sorted."""
-    return sorted(entry.name.removesuffix(".toml") for entry in files("modelsel").joinpath("robot", "catalogue").iterdir()
-                  if entry.name.endswith(".toml"))
+    return sorted(
+        entry.name.removesuffix(".toml")
+        for entry in files("modelsel").joinpath("robot", "catalogue").iterdir()
+        if entry.name.endswith(".toml")
+    )
 
 
 def load(name: str) -> Robot:
     """A built-in robot by name. Raises StudyError with a suggestion."""
     if name not in builtin_names():
         raise StudyError(f'unknown robot "{name}". {suggest(name, builtin_names())}')
-    text = files("modelsel").joinpath("robot", "catalogue").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    text = (
+        files("modelsel")
+        .joinpath("robot", "catalogue")
+        .joinpath(f"{name}.toml")
+        .read_text(encoding="utf-8")
+    )
     return robot_from_table(toml(text, f"{name}.toml"), f"{name}.toml")
 
-RIGID = 1e-6    # a stored rotation differs from one by less
+
+RIGID = 1e-6  # a stored rotation differs from one by less
 ROTATION, TRANSFORM = Each(THREE, 3), Each(Each(float, 4), 3)
-JOINT = {"before_mm": TRANSFORM, "prismatic": bool, "limits": Maybe(PAIR), "mass_kg": Maybe(float), "com_mm": THREE}
+JOINT = {
+    "before_mm": TRANSFORM,
+    "prismatic": bool,
+    "limits": Maybe(PAIR),
+    "mass_kg": Maybe(float),
+    "com_mm": THREE,
+}
 
 
 def robot_record(robot: Robot) -> dict[str, Any]:
     """The nominal robot in full."""
-    return {"name": robot.name, "source": robot.source, "gravity": None if robot.gravity is None else list(robot.gravity),
-            "usual": list(robot.usual),
-            "joints": [{"before_mm": j.before[:3].tolist(), "prismatic": j.prismatic,
-                        "limits": None if j.limits is None else list(j.limits), "mass_kg": j.mass, "com_mm": list(j.com)}
-                       for j in robot.joints], "last_mm": robot.last[:3].tolist()}
+    return {
+        "name": robot.name,
+        "source": robot.source,
+        "gravity": None if robot.gravity is None else list(robot.gravity),
+        "usual": list(robot.usual),
+        "joints": [
+            {
+                "before_mm": j.before[:3].tolist(),
+                "prismatic": j.prismatic,
+                "limits": None if j.limits is None else list(j.limits),
+                "mass_kg": j.mass,
+                "com_mm": list(j.com),
+            }
+            for j in robot.joints
+        ],
+        "last_mm": robot.last[:3].tolist(),
+    }
 
 
 def robot_of(record: Mapping[str, Any]) -> Robot:
-    """The nominal robot of a record of its shape. Raises ValueError where a transform is not rigid, or a limit none."""
+    """The nominal robot of a record of its shape. Raises ValueError where a transform is not rigid,
+    or a limit none."""
     joints = []
     for k, j in enumerate(record["joints"], 1):
         limits, (x, y, z) = j["limits"], numbers(j["com_mm"]).tolist()
-        if limits is not None and not -LARGEST < limits[0] < limits[1] < LARGEST or not 0 <= (j["mass_kg"] or 0) <= LARGEST:
+        if (
+            limits is not None
+            and not -LARGEST < limits[0] < limits[1] < LARGEST
+            or not 0 <= (j["mass_kg"] or 0) <= LARGEST
+        ):
             raise ValueError(f"the limits or the mass of joint {k} are none")
-        joints.append(Joint(square(j["before_mm"]), j["prismatic"],
-                            None if limits is None else (float(limits[0]), float(limits[1])),
-                            None if j["mass_kg"] is None else float(j["mass_kg"]), (x, y, z)))
+        joints.append(
+            Joint(
+                square(j["before_mm"]),
+                j["prismatic"],
+                None if limits is None else (float(limits[0]), float(limits[1])),
+                None if j["mass_kg"] is None else float(j["mass_kg"]),
+                (x, y, z),
+            )
+        )
     g = record["gravity"]
     if g is not None and abs(float(np.linalg.norm(g)) - 1) > RIGID:
         raise ValueError("the direction of gravity is not of length one")
-    return Robot(record["name"], record["source"], tuple(joints), square(record["last_mm"]),
-                 None if g is None else (float(g[0]), float(g[1]), float(g[2])), _usual_pair(record.get("usual", Robot.usual)))
+    return Robot(
+        record["name"],
+        record["source"],
+        tuple(joints),
+        square(record["last_mm"]),
+        None if g is None else (float(g[0]), float(g[1]), float(g[2])),
+        _usual_pair(record.get("usual", Robot.usual)),
+    )
 
 
 def _usual_pair(pair: Sequence[float]) -> tuple[float, float]:

@@ -1,11 +1,12 @@
-"""The nominal chain: its exact kinematics with error screws in it, and the screw field (displacement per unit screw).
+"""The nominal chain: its exact kinematics with error screws in it, and the screw field
+(displacement per unit screw).
 
     x = P · (N_1 H_1 T_1)(N_2 H_2 T_2) … (N_n H_n T_n) · Last · Trans(tool) · H_{n+1}
 
-N_k nominal transform before joint k, T_k = Rz(q_k) or Tz(q_k), H = Trans(a,b,c) Rx(α) Ry(β) Rz(γ) the error screws of a
-frame, P the placement of frame 0 in the tracker's frame. Frame n+1 has its origin at the target and the flange's axes.
-Written once: the nominal model is H = I, and a column of the design matrix is its derivative (Lynch & Park 2017, 5.1).
-"""
+N_k nominal transform before joint k, T_k = Rz(q_k) or Tz(q_k), H = Trans(a,b,c) Rx(α) Ry(β) Rz(γ)
+the error screws of a frame, P the placement of frame 0 in the tracker's frame. Frame n+1 has its
+origin at the target and the flange's axes. Written once: the nominal model is H = I, and a column
+of the design matrix is its derivative (Lynch & Park 2017, 5.1)."""
 
 from __future__ import annotations
 
@@ -34,9 +35,10 @@ from ._kernels import (
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint and the fixed transform before it; `mass` [kg] and `com` [mm, this joint's frame] of the link it moves."""
+    """A joint and the fixed transform before it; `mass` [kg] and `com` [mm, this joint's frame] of
+    the link it moves."""
 
-    before: Array = field(repr=False)          # N_k, (4, 4)
+    before: Array = field(repr=False)  # N_k, (4, 4)
     prismatic: bool = False
     limits: tuple[float, float] | None = None  # rad or mm
     mass: float | None = None
@@ -45,13 +47,14 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A serial chain; `gravity` is the unit direction in frame 0, None where it is not known; `usual` the standard deviation of
-    such an arm's lengths [mm] and angles [rad] about its drawing."""
+    """A serial chain; `gravity` is the unit direction in frame 0, None where it is not known;
+    `usual` the standard deviation of such an arm's lengths [mm] and angles [rad] about its
+    drawing."""
 
     name: str
     source: str
     joints: tuple[Joint, ...]
-    last: Array = field(repr=False)            # last joint to flange, (4, 4)
+    last: Array = field(repr=False)  # last joint to flange, (4, 4)
     gravity: tuple[float, float, float] | None = (0.0, 0.0, -1.0)
     usual: tuple[float, float] = (1.0, 1e-3)
 
@@ -67,7 +70,8 @@ class Robot:
 
     @cached_property
     def reach(self) -> float:
-        """Upper bound of the distance [mm] from joint 1 to the flange: the sum of the fixed translations after it."""
+        """Upper bound of the distance [mm] from joint 1 to the flange: the sum of the fixed
+        translations after it."""
         moved = sum(float(np.linalg.norm(j.before[:3, 3])) for j in self.joints[1:])
         slide = sum(max(map(abs, j.limits)) for j in self.joints if j.prismatic and j.limits)
         return moved + slide + float(np.linalg.norm(self.last[:3, 3]))
@@ -82,18 +86,21 @@ class Robot:
         return "mm" if self.joints[joint - 1].prismatic else "rad"
 
     def draw(self, rng: np.random.Generator, m: int) -> Array:
-        """m joint readings (m, n), uniform within the limits (±π or 0…500 mm where none are known)."""
-        low, high = np.array([j.limits or ((0.0, 500.0) if j.prismatic else (-np.pi, np.pi)) for j in self.joints]).T
+        """m joint readings (m, n), uniform within the limits (±π or 0…500 mm where none are
+        known)."""
+        low, high = np.array(
+            [j.limits or ((0.0, 500.0) if j.prismatic else (-np.pi, np.pi)) for j in self.joints]
+        ).T
         return rng.uniform(low, high, (m, self.n))
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """The chain at m joint readings, components first and configurations last so that every operation streams.
+    """The chain at m joint readings, components first and configurations last so that every
+    operation streams.
 
-    target: (3, m) mm in frame 0; rotation: (3, 3, m) of the target frame in frame 0; axes: (n+1, 6, 3, m) unit axes of the
-    screws; origins: (n+1, 3, m) where the rotational screws act.
-    """
+    target: (3, m) mm in frame 0; rotation: (3, 3, m) of the target frame in frame 0; axes: (n+1, 6,
+    3, m) unit axes of the screws; origins: (n+1, 3, m) where the rotational screws act."""
 
     target: Array
     rotation: Array
@@ -101,7 +108,8 @@ class Pose:
     origins: Array
 
     def displacement(self) -> Array:
-        """Screw field (n+1, 6, 3, m): mm of the target per unit screw (tx ty tz: axis; rx ry rz: axis x lever)."""
+        """Screw field (n+1, 6, 3, m): mm of the target per unit screw (tx ty tz: axis; rx ry rz:
+        axis x lever)."""
         out = self.axes.copy()
         screws_into(out, self.origins, self.target, True, Space())
         return out
@@ -109,11 +117,14 @@ class Pose:
 
 def cross(a: Array, b: Array) -> Array:
     """Cross product along axis 0 of (3, m) arrays."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    return np.stack(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
 
 
 def spin(R: Array, axis: int, angle: Array) -> Array:
-    """R (3, 3, m) times the rotation about its own axis 0, 1 or 2 by angle (m,): two columns mix, one stays."""
+    """R (3, 3, m) times the rotation about its own axis 0, 1 or 2 by angle (m,): two columns mix,
+    one stays."""
     i, j = [(1, 2), (2, 0), (0, 1)][axis]
     c, s = np.cos(angle), np.sin(angle)
     out = R.copy()
@@ -122,10 +133,18 @@ def spin(R: Array, axis: int, angle: Array) -> Array:
     return out
 
 
-def walk(robot: Robot, q: Array, tool: Array, into: tuple[Array, Array], twist: Array | None = None, start: Frame = BASE,
-         space: Space | None = None) -> Frame:
-    """The exact chain from frame `start` to the target, written into (axes (n+1, 6, 3, m), of the nominal model the first three
-    only, origins (n+1, 3, m)); arguments as in `pose`. Returns the target's frame."""
+def walk(
+    robot: Robot,
+    q: Array,
+    tool: Array,
+    into: tuple[Array, Array],
+    twist: Array | None = None,
+    start: Frame = BASE,
+    space: Space | None = None,
+) -> Frame:
+    """The exact chain from frame `start` to the target, written into (axes (n+1, 6, 3, m), of the
+    nominal model the first three only, origins (n+1, 3, m)); arguments as in `pose`. Returns the
+    target's frame."""
     m, space, (axes, origins) = len(q), space or Space(), into
     turns, fixed = turns_of(q, space), robot.fixed
     two, spun = space.array("scratch", 2, 3, m), space.array("spun", 3, 3, m)
@@ -148,19 +167,32 @@ def walk(robot: Robot, q: Array, tool: Array, into: tuple[Array, Array], twist: 
             turn_into(R, following.columns, axes[k + 1], scratch)
         elif following.moves:
             there = axes[k + 1, :3]
-            spin_into(R, 2, turns[k], following.moves, there if there.flags.c_contiguous else spun, two)
+            spin_into(
+                R, 2, turns[k], following.moves, there if there.flags.c_contiguous else spun, two
+            )
             if not there.flags.c_contiguous:
                 there[:] = spun
         else:
             spin_into(R, 2, turns[k], SAME, spun, two)
             turn_into(spun, following.columns, axes[k + 1], scratch)
-        R, o = settle(k + 1, o, () if k + 1 < robot.n else tuple(enumerate(tool.T)) if tool.ndim > 1 else sparse(tool))
+        R, o = settle(
+            k + 1,
+            o,
+            () if k + 1 < robot.n else tuple(enumerate(tool.T)) if tool.ndim > 1 else sparse(tool),
+        )
     return R, o
 
 
-def pose(robot: Robot, q: Array, tool: Array, twist: Array | None = None, tool_rotation: Array | None = None) -> Pose:
-    """The exact chain. q: (m, n) rad or mm; tool: (3,) or (m, 3) mm in the flange frame; twist: (n+1, 6, m) the entries
-    a b c α β γ of every H, or None for the nominal model; tool_rotation: (m, 3, 3) of the target frame on the flange."""
+def pose(
+    robot: Robot,
+    q: Array,
+    tool: Array,
+    twist: Array | None = None,
+    tool_rotation: Array | None = None,
+) -> Pose:
+    """The exact chain. q: (m, n) rad or mm; tool: (3,) or (m, 3) mm in the flange frame; twist:
+    (n+1, 6, m) the entries a b c α β γ of every H, or None for the nominal model; tool_rotation:
+    (m, 3, 3) of the target frame on the flange."""
     axes, origins = np.empty((robot.n + 1, 6, 3, len(q))), np.empty((robot.n + 1, 3, len(q)))
     R, o = walk(robot, q, tool, (axes, origins), twist)
     if twist is None:
@@ -177,5 +209,10 @@ def forward(robot: Robot, q: Array, tool: Array) -> Array:
 
 
 def screw_field(robot: Robot, q: Array, tool: Array) -> Array:
-    """Nominal screw field (m, n+1, 6, 3): displacement of the target in frame 0, mm per mm and mm per rad."""
-    return pose(robot, np.atleast_2d(np.asarray(q, float)), np.asarray(tool, float)).displacement().transpose(3, 0, 1, 2)
+    """Nominal screw field (m, n+1, 6, 3): displacement of the target in frame 0, mm per mm and mm
+    per rad."""
+    return (
+        pose(robot, np.atleast_2d(np.asarray(q, float)), np.asarray(tool, float))
+        .displacement()
+        .transpose(3, 0, 1, 2)
+    )

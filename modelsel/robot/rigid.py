@@ -1,4 +1,5 @@
-"""Rotations and rigid transforms as plain arrays: R_a_b takes coordinates in b to coordinates in a; mm and rad."""
+"""Rotations and rigid transforms as plain arrays: R_a_b takes coordinates in b to coordinates in a;
+mm and rad."""
 
 from __future__ import annotations
 
@@ -23,7 +24,8 @@ def turn(axis: int, angle: ArrayLike) -> Array:
 
 
 def transform(R: ArrayLike | None = None, t: ArrayLike = (0, 0, 0)) -> Array:
-    """The (4, 4) homogeneous transform of rotation R (3, 3), the identity without, and translation t (3,) [mm]."""
+    """The (4, 4) homogeneous transform of rotation R (3, 3), the identity without, and translation
+    t (3,) [mm]."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = np.eye(3) if R is None else R, t
     return T
@@ -40,14 +42,20 @@ def rpy(roll: float, pitch: float, yaw: float) -> Array:
 
 
 def to_rpy(R: Array) -> tuple[float, float, float]:
-    """(roll, pitch, yaw) of a rotation (3, 3), yaw first and the others from what it leaves: exact at pitch ±90° too."""
+    """(roll, pitch, yaw) of a rotation (3, 3), yaw first and the others from what it leaves: exact
+    at pitch ±90° too."""
     yaw = float(np.arctan2(R[1, 0], R[0, 0])) if np.hypot(R[1, 0], R[0, 0]) > 1e-12 else 0.0
     rest = turn(2, -yaw) @ R
-    return float(np.arctan2(-rest[1, 2], rest[1, 1])), float(np.arctan2(-rest[2, 0], rest[0, 0])), yaw
+    return (
+        float(np.arctan2(-rest[1, 2], rest[1, 1])),
+        float(np.arctan2(-rest[2, 0], rest[0, 0])),
+        yaw,
+    )
 
 
 def align_z(axis: ArrayLike) -> Array:
-    """The smallest rotation that takes z to `axis` (half a turn about x for -z); (3, 3). Rodrigues' formula."""
+    """The smallest rotation that takes z to `axis` (half a turn about x for -z); (3, 3). Rodrigues'
+    formula."""
     u = np.asarray(axis, float)
     u = u / np.linalg.norm(u)
     if u[2] < -1 + 1e-12:
@@ -66,15 +74,20 @@ def nearest_rotation(A: Array) -> Array:
 def from_quaternion(wxyz: Array) -> Array:
     """Rotations (m, 3, 3) of quaternions (m, 4) given as w x y z, normalised here."""
     w, x, y, z = (wxyz / np.linalg.norm(wxyz, axis=1, keepdims=True)).T
-    R = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                  [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                  [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
+    R = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
     return np.moveaxis(R, -1, 0)
 
 
 def to_quaternion(R: Array) -> Array:
     """Unit quaternions (m, 4), w x y z with w not negative, of rotations (m, 3, 3)."""
     from scipy.spatial.transform import Rotation
+
     return np.asarray(np.roll(Rotation.from_matrix(R).as_quat(canonical=True), 1, axis=1))
 
 
@@ -83,4 +96,5 @@ def rotation_vector(R: Array) -> Array:
     from scipy.spatial.transform import (
         Rotation,  # slow to import, and only orientation data need it
     )
+
     return np.asarray(Rotation.from_matrix(R).as_rotvec())

@@ -1,4 +1,5 @@
-"""A study's data, split, and one candidate model measured on them: the rungs of a ladder. The table is in table.py."""
+"""A study's data, split, and one candidate model measured on them: the rungs of a ladder. The table
+is in table.py."""
 
 from __future__ import annotations
 
@@ -20,12 +21,13 @@ from .cross_validation import CrossValidation, cross_validate, fold, held_out_re
 
 @dataclass(frozen=True, eq=False)
 class Data:
-    """One scene, split: `estimation` and `held_out` row masks, `outlying` rows, folds of the estimation rows."""
+    """One scene, split: `estimation` and `held_out` row masks, `outlying` rows, folds of the
+    estimation rows."""
 
     scene: Scene
     estimation: NDArray[np.bool_]
     outlying: NDArray[np.bool_]
-    folds: Index                                    # (m,) −1 where a row is not used to fit
+    folds: Index  # (m,) −1 where a row is not used to fit
     known_sigma: bool
 
     @property
@@ -39,12 +41,15 @@ class Data:
 
     def training_folds(self) -> Index:
         """Folds of the rows that fit, numbered without gaps."""
-        return np.asarray(np.unique(self.folds[self.used], return_inverse=True)[1].reshape(-1), dtype=np.intp)
+        return np.asarray(
+            np.unique(self.folds[self.used], return_inverse=True)[1].reshape(-1), dtype=np.intp
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Rung:
-    """One model, measured: exact fit, errors on both sides of the split, cross-validation, criteria."""
+    """One model, measured: exact fit, errors on both sides of the split, cross-validation,
+    criteria."""
 
     names: tuple[str, ...]
     parameters: int
@@ -56,19 +61,27 @@ class Rung:
     aicc: float | None
     bic: float | None
     fit: Fit = field(repr=False)
-    residual: Array = field(repr=False)             # (m, c) of every row; none in the table of subsets
+    residual: Array = field(repr=False)  # (m, c) of every row; none in the table of subsets
     weight: float | None = None
     note: str = ""
     aic: float | None = None
     gcv: float | None = None
     ebic: float | None = None
-    log_density: float | None = None                # closed-form, of every fold given the others (methods.md A.4)
-    crossed: Array | None = field(default=None, repr=False)     # (k,) lengths [mm] of the used rows, cross-validated
+    log_density: float | None = None  # closed-form, of every fold given the others (methods.md A.4)
+    crossed: Array | None = field(
+        default=None, repr=False
+    )  # (k,) lengths [mm] of the used rows, cross-validated
 
 
-def rung(data: Data, model: Model, names: Sequence[str], fitted: Fit | None = None, start: Fit | None = None) -> Rung:
-    """Fit a model on the estimation rows, exactly (from the `start` of a similar one), and measure it everywhere; or take its
-    fit."""
+def rung(
+    data: Data,
+    model: Model,
+    names: Sequence[str],
+    fitted: Fit | None = None,
+    start: Fit | None = None,
+) -> Rung:
+    """Fit a model on the estimation rows, exactly (from the `start` of a similar one), and measure
+    it everywhere; or take its fit."""
     training, folds_of = data.training(), data.training_folds()
     if fitted is None:
         fitted = fit_shrunk(training, model, start, held="all")
@@ -78,17 +91,30 @@ def rung(data: Data, model: Model, names: Sequence[str], fitted: Fit | None = No
         try:
             folded = fold(training, model.terms, folds_of, fitted.at(), fitted.found.kept)
             cv = cross_validate(folded, fitted.found.kept, fitted.prior)
-            left = np.linalg.norm(held_out_residuals(training, model.terms, folds_of, cv.without, fitted.at()), axis=1)
+            left = np.linalg.norm(
+                held_out_residuals(training, model.terms, folds_of, cv.without, fitted.at()), axis=1
+            )
         except NotEstimable:
             pass
-    both = (errors(residual[data.estimation], data.outlying[data.estimation]), errors(residual[held], data.outlying[held]))
+    both = (
+        errors(residual[data.estimation], data.outlying[data.estimation]),
+        errors(residual[held], data.outlying[held]),
+    )
     return described(data, tuple(names), fitted, both, cv, left, residual)
 
 
-def described(data: Data, names: tuple[str, ...], fitted: Fit, both: tuple[Errors, Errors], cv: CrossValidation | None,
-              left: Array, residual: Array) -> Rung:
-    """A rung in figures: errors on either side of the split, cross-validation (None: not estimable without some fold) with the
-    lengths `left` [mm] under the fits without each row's fold, criteria."""
+def described(
+    data: Data,
+    names: tuple[str, ...],
+    fitted: Fit,
+    both: tuple[Errors, Errors],
+    cv: CrossValidation | None,
+    left: Array,
+    residual: Array,
+) -> Rung:
+    """A rung in figures: errors on either side of the split, cross-validation (None: not estimable
+    without some fold) with the lengths `left` [mm] under the fits without each row's fold,
+    criteria."""
     n, note, density = fitted.rows, "", None
     if cv is not None:
         density = finite(float(cv.density.sum())) if fitted.precision is None else None
@@ -96,10 +122,23 @@ def described(data: Data, names: tuple[str, ...], fitted: Fit, both: tuple[Error
         left, note = np.full(1, np.nan), "not estimable without one of the folds"
     mean, rms = float(left.mean()), float(np.sqrt(np.square(left).mean()))
     sigma, rank = 1.0 if data.known_sigma else None, n - fitted.freedom
-    return Rung(names, len(fitted.theta), fitted.rank, *both, rms, mean, finite(float(aicc(fitted.rss, n, rank, sigma))),
-                float(bic(fitted.rss, n, rank, sigma)), fitted, residual, note=note,
-                aic=finite(float(aic(fitted.rss, n, rank, sigma))), gcv=finite(float(gcv(fitted.rss, n, rank))),
-                log_density=density, crossed=left if len(left) == data.used.sum() else None)
+    return Rung(
+        names,
+        len(fitted.theta),
+        fitted.rank,
+        *both,
+        rms,
+        mean,
+        finite(float(aicc(fitted.rss, n, rank, sigma))),
+        float(bic(fitted.rss, n, rank, sigma)),
+        fitted,
+        residual,
+        note=note,
+        aic=finite(float(aic(fitted.rss, n, rank, sigma))),
+        gcv=finite(float(gcv(fitted.rss, n, rank))),
+        log_density=density,
+        crossed=left if len(left) == data.used.sum() else None,
+    )
 
 
 def finite(value: float) -> float | None:
@@ -108,26 +147,35 @@ def finite(value: float) -> float | None:
 
 
 def turned(data: Data, nominal: Rung, chosen: Rung) -> tuple[float, float] | None:
-    """Root mean square angles [rad] of orientation that the nominal and the chosen model leave: on held-out rows, without any
-    on those that estimate, outliers left out; None where no orientation was measured."""
+    """Root mean square angles [rad] of orientation that the nominal and the chosen model leave: on
+    held-out rows, without any on those that estimate, outliers left out; None where no orientation
+    was measured."""
     if chosen.residual.shape[1] < 6:
         return None
-    rows = ~data.outlying if data.scene.measured is None else ~data.outlying & data.scene.measured[:, 3]
+    rows = (
+        ~data.outlying
+        if data.scene.measured is None
+        else ~data.outlying & data.scene.measured[:, 3]
+    )
     rows = rows & ~data.estimation if (rows & ~data.estimation).any() else rows
-    before, after = (float(np.sqrt(np.square(r.residual[rows][:, 3:]).sum(1).mean())) if rows.any() else 0.0
-                     for r in (nominal, chosen))
+    before, after = (
+        float(np.sqrt(np.square(r.residual[rows][:, 3:]).sum(1).mean())) if rows.any() else 0.0
+        for r in (nominal, chosen)
+    )
     return before, after
 
 
-# Errors in mm on estimation and held-out rows, and the paired gain between two models with its interval.
+# Errors in mm on estimation and held-out rows, and the paired gain between two models with its
+# interval.
 
 DRAWS = 2000
-DRAWN = 5000   # configurations, or bundles of them, that the bootstrap draws from
+DRAWN = 5000  # configurations, or bundles of them, that the bootstrap draws from
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Lengths of the residual vectors [mm] over rows; `left_out` outlying rows, `mean_all_mm` with them in."""
+    """Lengths of the residual vectors [mm] over rows; `left_out` outlying rows, `mean_all_mm` with
+    them in."""
 
     mean_mm: float | None
     rms_mm: float | None
@@ -149,13 +197,21 @@ def errors_of(size: Array, outlying: NDArray[np.bool_] | None = None) -> Errors:
     left = len(size) - len(good)
     if not len(good):
         return Errors(None, None, None, None, 0, left, float(size.mean()) if len(size) else None)
-    return Errors(float(good.mean()), float(np.sqrt(np.square(good).mean())), float(np.percentile(good, 95)),
-                  float(good.max()), len(good), left, float(size.mean()))
+    return Errors(
+        float(good.mean()),
+        float(np.sqrt(np.square(good).mean())),
+        float(np.percentile(good, 95)),
+        float(good.max()),
+        len(good),
+        left,
+        float(size.mean()),
+    )
 
 
 @dataclass(frozen=True)
 class Gain:
-    """Held-out rms before and after, and the 95 % interval [low, high] of their difference, by configurations."""
+    """Held-out rms before and after, and the 95 % interval [low, high] of their difference, by
+    configurations."""
 
     held_out_rms_before_mm: float | None
     held_out_rms_after_mm: float | None
@@ -164,8 +220,8 @@ class Gain:
 
 @dataclass(frozen=True, eq=False)
 class Resampled:
-    """Rows drawn anew by whole configurations: the configuration, or bundle of them, of every row (m,), and how often each is in
-    every draw (DRAWS, K); None with fewer than three."""
+    """Rows drawn anew by whole configurations: the configuration, or bundle of them, of every row
+    (m,), and how often each is in every draw (DRAWS, K); None with fewer than three."""
 
     index: Index
     draw: NDArray[np.int64] | None
@@ -174,9 +230,15 @@ class Resampled:
     def of(block: Index, rng: np.random.Generator) -> Resampled:
         """By configurations (m,); one drawing serves every pair of models on the same rows."""
         blocks, index = np.unique(block, return_inverse=True)
-        if len(blocks) > DRAWN:                     # many configurations are drawn in bundles: the interval is the same
+        if (
+            len(blocks) > DRAWN
+        ):  # many configurations are drawn in bundles: the interval is the same
             blocks, index = np.arange(DRAWN), index % DRAWN
-        some = rng.multinomial(len(blocks), np.full(len(blocks), 1 / len(blocks)), DRAWS) if len(blocks) >= 3 else None
+        some = (
+            rng.multinomial(len(blocks), np.full(len(blocks), 1 / len(blocks)), DRAWS)
+            if len(blocks) >= 3
+            else None
+        )
         return Resampled(index, some)
 
 
@@ -189,7 +251,9 @@ def paired(before: Array, after: Array, rows: Resampled) -> Gain:
     """The gain on rows already drawn."""
     if not len(before):
         return Gain(None, None, None)
-    squares = np.stack([np.bincount(rows.index, np.square(r[:, :3]).sum(1)) for r in (before, after)])
+    squares = np.stack(
+        [np.bincount(rows.index, np.square(r[:, :3]).sum(1)) for r in (before, after)]
+    )
     whole = np.sqrt(squares.sum(1) / len(before))
     if rows.draw is None:
         return Gain(float(whole[0]), float(whole[1]), None)
@@ -199,11 +263,15 @@ def paired(before: Array, after: Array, rows: Resampled) -> Gain:
 
 
 def surprise(expected: Array, own: Index, seen: Array, block: Index) -> tuple[float, float]:
-    """(how many times as large, rms, p): are held-out lengths `seen` [mm] larger than the cross-validated ones `expected`, of
-    configurations `block` and `own`? Wilcoxon's rank sum of mean squares per configuration, so that tails do not matter; (1, 1)
-    with fewer than five configurations on a side."""
+    """(how many times as large, rms, p): are held-out lengths `seen` [mm] larger than the
+    cross-validated ones `expected`, of configurations `block` and `own`? Wilcoxon's rank sum of
+    mean squares per configuration, so that tails do not matter; (1, 1) with fewer than five
+    configurations on a side."""
     from scipy.special import ndtr
-    first, second = (_per_block(np.square(size), unit) for size, unit in ((expected, own), (seen, block)))
+
+    first, second = (
+        _per_block(np.square(size), unit) for size, unit in ((expected, own), (seen, block))
+    )
     a, b = len(first), len(second)
     if min(a, b) < 5 or not first.mean() > 0:
         return 1.0, 1.0

@@ -1,9 +1,10 @@
-"""Joint zeros that are off by any angle and links that the nominal arm has wrong, from an exact fit together with the set-up.
+"""Joint zeros that are off by any angle and links that the nominal arm has wrong, from an exact fit
+together with the set-up.
 
-Unknown are the placement, the target and a few numbers of the arm: a reading's zero, or where a joint sits on the link before it
-(the a b c of its frame). One at a time is descended on the exact chain by Levenberg-Marquardt on a redescending loss, a zero from
-the angles at which an affine map from the tracker would do best; then a second, a third and a fourth from where the best ended.
-"""
+Unknown are the placement, the target and a few numbers of the arm: a reading's zero, or where a
+joint sits on the link before it (the a b c of its frame). One at a time is descended on the exact
+chain by Levenberg-Marquardt on a redescending loss, a zero from the angles at which an affine map
+from the tracker would do best; then a second, a third and a fourth from where the best ended."""
 
 from __future__ import annotations
 
@@ -21,16 +22,19 @@ from ..robot.rigid import nearest_rotation, transform
 from .placement import COARSE, LOSS, NORMAL, ROUNDS, STATED_MM, USUAL_MM, cross, descend, kabsch
 from .simple_mistakes import Mistake, linear
 
-STEP = np.pi / 18          # of the angles that are tried of a joint's zero
-PEAKS = 2                  # angles of each joint from which it is descended
-DEGREES, LINK_MM = 3.0, 15.0  # smallest zero and link that are called a mistake: less is an arm's own error, which is fitted
+STEP = np.pi / 18  # of the angles that are tried of a joint's zero
+PEAKS = 2  # angles of each joint from which it is descended
+DEGREES, LINK_MM = (
+    3.0,
+    15.0,
+)  # smallest zero and link that are called a mistake: less is an arm's own error, which is fitted
 ZERO, LENGTH_MM = 1.0, 200.0  # prior standard deviations: rad (mm of a slide: the next), mm
-RIGHT = np.radians(5)      # nearness to a right angle, which has a sentence of its own
-FALL = 0.8                 # to which each more of them must bring what is left for a next to be looked for
-PARTS, FRAMES = 4, 2       # numbers of the arm that are wrong at once: zeros, links
-TIMES = 4                  # that the scale of the loss is taken anew
-RESTS = 2e-3               # rad or mm of motion below which a joint rests
-MOST_REST = 3              # such joints whose angles are looked for together,
+RIGHT = np.radians(5)  # nearness to a right angle, which has a sentence of its own
+FALL = 0.8  # to which each more of them must bring what is left for a next to be looked for
+PARTS, FRAMES = 4, 2  # numbers of the arm that are wrong at once: zeros, links
+TIMES = 4  # that the scale of the loss is taken anew
+RESTS = 2e-3  # rad or mm of motion below which a joint rests
+MOST_REST = 3  # such joints whose angles are looked for together,
 THIRDS = (-2 * np.pi / 3, 0.0, 2 * np.pi / 3)  # from these
 
 WHOSE = "check the robot file, and whether it is this robot's"
@@ -38,8 +42,8 @@ WHOSE = "check the robot file, and whether it is this robot's"
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """A set-up and an arm that is not nominal: R (3, 3), t (3,) mm, tool (3,) mm, zeros (n,) rad or mm added to the readings,
-    links (n, 3) mm before every joint."""
+    """A set-up and an arm that is not nominal: R (3, 3), t (3,) mm, tool (3,) mm, zeros (n,) rad or
+    mm added to the readings, links (n, 3) mm before every joint."""
 
     R: Array
     t: Array
@@ -51,8 +55,13 @@ class Arm:
         """The arm with these links."""
         if not self.links.any():
             return nominal
-        return replace(nominal, joints=tuple(replace(j, before=j.before @ transform(None, link))
-                                             for j, link in zip(nominal.joints, self.links, strict=True)))
+        return replace(
+            nominal,
+            joints=tuple(
+                replace(j, before=j.before @ transform(None, link))
+                for j, link in zip(nominal.joints, self.links, strict=True)
+            ),
+        )
 
     def walked(self, some: Scene) -> tuple[Pose, Array]:
         """(the chain at the rows' readings, (m, 3) measured minus predicted positions)."""
@@ -66,13 +75,20 @@ class Arm:
 
     def right_angle(self) -> bool:
         """Whether only zeros are off, by right angles."""
-        return bool((np.abs((self.zeros + np.pi / 4) % (np.pi / 2) - np.pi / 4) < RIGHT).all() and not self.links.any())
+        return bool(
+            (np.abs((self.zeros + np.pi / 4) % (np.pi / 2) - np.pi / 4) < RIGHT).all()
+            and not self.links.any()
+        )
 
     def scene(self, some: Scene) -> Scene:
         """The rows with this arm and set-up as the nominal ones."""
         G, T = len(some.placement[0]), len(some.tools)
-        return some.anew(robot=self.robot(some.robot), data=replace(some.data, q=some.data.q + self.zeros),
-                         placement=(np.tile(self.R, (G, 1, 1)), np.tile(self.t, (G, 1))), tools=np.tile(self.tool, (T, 1)))
+        return some.anew(
+            robot=self.robot(some.robot),
+            data=replace(some.data, q=some.data.q + self.zeros),
+            placement=(np.tile(self.R, (G, 1, 1)), np.tile(self.t, (G, 1))),
+            tools=np.tile(self.tool, (T, 1)),
+        )
 
 
 def start(some: Scene) -> Arm:
@@ -84,49 +100,71 @@ def start(some: Scene) -> Arm:
 
 
 def _columns(some: Scene, arm: Arm, at: Pose) -> Array:
-    """(m, 3, 9 + 4 n) change of the predicted positions per unit of turn and shift (about the middle), tool, zeros and links."""
+    """(m, 3, 9 + 4 n) change of the predicted positions per unit of turn and shift (about the
+    middle), tool, zeros and links."""
     n, y = some.robot.n, at.target.T @ arm.R.T
     field = at.displacement()
-    zeros = np.stack([field[j, 2 if slides else 5] for j, slides in enumerate(some.robot.prismatic)])
-    own = np.concatenate([at.axes[n, :3], zeros, at.axes[:n, :3].reshape(3 * n, 3, -1)])          # (3 + 4 n, 3, m)
+    zeros = np.stack(
+        [field[j, 2 if slides else 5] for j, slides in enumerate(some.robot.prismatic)]
+    )
+    own = np.concatenate(
+        [at.axes[n, :3], zeros, at.axes[:n, :3].reshape(3 * n, 3, -1)]
+    )  # (3 + 4 n, 3, m)
     turn = -cross(y - np.median(y, axis=0))
-    return np.concatenate([turn, np.tile(np.eye(3), (len(y), 1, 1)), np.einsum("ij,kjm->mik", arm.R, own)], axis=2)
+    return np.concatenate(
+        [turn, np.tile(np.eye(3), (len(y), 1, 1)), np.einsum("ij,kjm->mik", arm.R, own)], axis=2
+    )
 
 
 def _moved(some: Scene, arm: Arm, step: Array) -> Arm:
     from scipy.spatial.transform import Rotation
+
     n = some.robot.n
     y = arm.walked(some)[0].target.T @ arm.R.T
     W, middle = Rotation.from_rotvec(step[:3]).as_matrix(), np.median(y, axis=0)
-    return Arm(nearest_rotation(W @ arm.R), arm.t + step[3:6] + middle - W @ middle, arm.tool + step[6:9],
-               arm.zeros + step[9:9 + n], arm.links + step[9 + n:].reshape(n, 3))
+    return Arm(
+        nearest_rotation(W @ arm.R),
+        arm.t + step[3:6] + middle - W @ middle,
+        arm.tool + step[6:9],
+        arm.zeros + step[9 : 9 + n],
+        arm.links + step[9 + n :].reshape(n, 3),
+    )
 
 
 def adjusted(some: Scene, arm: Arm, free: Sequence[int], set_up: bool) -> Arm:
-    """The nearest minimum over the numbers `free` of the arm (0 … n-1 zeros, n … 4n-1 links) and, where `set_up`, the placement
-    and target."""
+    """The nearest minimum over the numbers `free` of the arm (0 … n-1 zeros, n … 4n-1 links) and,
+    where `set_up`, the placement and target."""
     n, usual = some.robot.n, some.tools[some.data.target[0]]
     use = np.array([*(range(9) if set_up else ()), *(9 + k for k in free)], dtype=np.intp)
-    sd = np.concatenate([np.full(3, STATED_MM if usual.any() else USUAL_MM), np.where(some.robot.prismatic, LENGTH_MM, ZERO),
-                         np.full(3 * n, LENGTH_MM)])
+    sd = np.concatenate(
+        [
+            np.full(3, STATED_MM if usual.any() else USUAL_MM),
+            np.where(some.robot.prismatic, LENGTH_MM, ZERO),
+            np.full(3 * n, LENGTH_MM),
+        ]
+    )
     before = np.inf
     for _ in range(TIMES):
         median = max(arm.left(some), 1e-6)
         if median > 0.95 * before:
             break
-        before, scale, weight = median, LOSS * median, np.concatenate([np.zeros(6), (median / NORMAL / sd) ** 2])
+        before, scale, weight = (
+            median,
+            LOSS * median,
+            np.concatenate([np.zeros(6), (median / NORMAL / sd) ** 2]),
+        )
 
         def away(a: Arm) -> Array:
             return np.concatenate([np.zeros(6), a.tool - usual, a.zeros, a.links.ravel()])
 
         def cost(a: Arm, scale: float = scale, weight: Array = weight) -> float:
             square = np.square(a.walked(some)[1]).sum(1)
-            return float((square / (1 + square / scale ** 2)).sum() + weight @ away(a) ** 2)
+            return float((square / (1 + square / scale**2)).sum() + weight @ away(a) ** 2)
 
         def equations(a: Arm, scale: float = scale, weight: Array = weight) -> tuple[Array, Array]:
             at, rest = a.walked(some)
             J = _columns(some, a, at)[:, :, use]
-            w = 1 / (1 + np.square(rest).sum(1) / scale ** 2) ** 2
+            w = 1 / (1 + np.square(rest).sum(1) / scale**2) ** 2
             H = np.einsum("m,mik,mil->kl", w, J, J, optimize=True) + np.diag(weight[use])
             return H, np.einsum("m,mik,mi->k", w, J, rest) - weight[use] * away(a)[use]
 
@@ -159,12 +197,16 @@ def of_joint(some: Scene, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
             continue
         tried = [replace(nominal, zeros=angle * np.eye(some.robot.n)[j]) for angle in angles]
         if set_up:
-            score = linear(some, [Mistake("", "", np.eye(some.robot.n), a.zeros, np.eye(3)) for a in tried])[0]
+            score = linear(
+                some, [Mistake("", "", np.eye(some.robot.n), a.zeros, np.eye(3)) for a in tried]
+            )[0]
         else:
             score = np.array([a.left(some) for a in tried])
         first = [tried[k] for k in np.argsort(score, kind="stable")[:PEAKS]]
         ends = [adjusted(some, _placed(some, a) if set_up else a, [j], set_up) for a in first]
-        yield from _named(some, min([adjusted(some, nominal, [j], set_up), *ends], key=lambda a: a.left(some)))
+        yield from _named(
+            some, min([adjusted(some, nominal, [j], set_up), *ends], key=lambda a: a.left(some))
+        )
 
 
 def of_links(some: Scene, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
@@ -174,14 +216,23 @@ def of_links(some: Scene, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
         yield from _named(some, adjusted(some, nominal, [n + 3 * j + a for a in range(3)], set_up))
 
 
-def several(some: Scene, good: float, first: Sequence[Arm], links: bool = True) -> Iterator[tuple[Mistake, Arm]]:
-    """Several of them at once that leave no more than `good` [mm]: zeros, those of joints that rest, then, with `links`, links
-    too; from the best of those that were tried `first`, always the one more that leaves least."""
+def several(
+    some: Scene, good: float, first: Sequence[Arm], links: bool = True
+) -> Iterator[tuple[Mistake, Arm]]:
+    """Several of them at once that leave no more than `good` [mm]: zeros, those of joints that
+    rest, then, with `links`, links too; from the best of those that were tried `first`, always the
+    one more that leaves least."""
     n = some.robot.n
-    zeros, frames = [[j] for j in range(n)], [[n + 3 * j + a for a in range(3)] for j in range(1, n)]
+    zeros, frames = (
+        [[j] for j in range(n)],
+        [[n + 3 * j + a for a in range(3)] for j in range(1, n)],
+    )
     for groups in (zeros, [*zeros, *frames]) if links else (zeros,):
         begun = [a for a in first if groups is not zeros or not a.links.any()] or [start(some)]
-        ends = [_extended(some, good, arm, groups) for arm in sorted(begun, key=lambda a: a.left(some))[:PEAKS]]
+        ends = [
+            _extended(some, good, arm, groups)
+            for arm in sorted(begun, key=lambda a: a.left(some))[:PEAKS]
+        ]
         if groups is zeros:
             ends += _resting(some)
         best = min(ends, key=lambda a: a.left(some))
@@ -196,21 +247,32 @@ def _extended(some: Scene, good: float, arm: Arm, groups: Sequence[list[int]]) -
     before = np.inf
     while len(taken) < PARTS and good < arm.left(some) < FALL * before:
         before = arm.left(some)
-        more = [(adjusted(some, arm, [k for each in [*taken, g] for k in each], True), g) for g in groups
-                if g not in taken and (len(g) == 1 or sum(len(each) > 1 for each in taken) < FRAMES)]
+        more = [
+            (adjusted(some, arm, [k for each in [*taken, g] for k in each], True), g)
+            for g in groups
+            if g not in taken and (len(g) == 1 or sum(len(each) > 1 for each in taken) < FRAMES)
+        ]
         arm, chosen = min(more, key=lambda each: each[0].left(some))
         taken.append(chosen)
     return arm
 
 
 def _resting(some: Scene) -> list[Arm]:
-    """The joints that rest between others that move, all turned anyhow: readings that were not recorded."""
+    """The joints that rest between others that move, all turned anyhow: readings that were not
+    recorded."""
     moves = np.flatnonzero(np.ptp(some.data.q, axis=0) >= RESTS)
-    rest = [j for j in range(moves[0], moves[-1]) if j not in moves and not some.robot.prismatic[j]] if len(moves) else []
+    rest = (
+        [j for j in range(moves[0], moves[-1]) if j not in moves and not some.robot.prismatic[j]]
+        if len(moves)
+        else []
+    )
     if not 2 <= len(rest) <= MOST_REST:
         return []
     n, nominal = some.robot.n, start(some)
-    turns = [replace(nominal, zeros=np.eye(n)[rest].T @ np.array(angles)) for angles in product(THIRDS, repeat=len(rest))]
+    turns = [
+        replace(nominal, zeros=np.eye(n)[rest].T @ np.array(angles))
+        for angles in product(THIRDS, repeat=len(rest))
+    ]
     return [adjusted(some, _placed(some, arm), rest, True) for arm in turns]
 
 
@@ -222,27 +284,54 @@ def _named(some: Scene, arm: Arm) -> Iterator[tuple[Mistake, Arm]]:
         if abs(off) < (LINK_MM if robot.prismatic[j] else DEGREES):
             continue
         unit, sign = ("mm", " mm") if robot.prismatic[j] else ("degrees", "°")
-        words.append(f"joint {j + 1}'s zero is off by {abs(off):.1f} {unit} ({abs(off):.1f}{sign} is "
-                     f"{'added to' if off > 0 else 'taken from'} q{j + 1})")
+        words.append(
+            f"joint {j + 1}'s zero is off by {abs(off):.1f} {unit} ({abs(off):.1f}{sign} is "
+            f"{'added to' if off > 0 else 'taken from'} q{j + 1})"
+        )
         wrong.append(j)
     links = 0
     for j, link in enumerate(arm.links):
-        far = [f"{'abc'[a]}{j + 1} is off by {link[a]:+.1f} mm" for a in range(3) if abs(link[a]) >= LINK_MM]
+        far = [
+            f"{'abc'[a]}{j + 1} is off by {link[a]:+.1f} mm"
+            for a in range(3)
+            if abs(link[a]) >= LINK_MM
+        ]
         if far:
             words.append(f"the nominal arm's {' and '.join(far)}")
             links += 1
-    looks = [*_looks(some, wrong), *([WHOSE if len(words) > 1 else "check the robot file"] if links else [])]
+    looks = [
+        *_looks(some, wrong),
+        *([WHOSE if len(words) > 1 else "check the robot file"] if links else []),
+    ]
     if words:
-        yield Mistake(" and ".join(words), ", and ".join(looks), np.eye(robot.n), arm.zeros, np.eye(3), len(words)), arm
+        yield (
+            Mistake(
+                " and ".join(words),
+                ", and ".join(looks),
+                np.eye(robot.n),
+                arm.zeros,
+                np.eye(3),
+                len(words),
+            ),
+            arm,
+        )
 
 
 def _looks(some: Scene, wrong: Sequence[int]) -> Iterator[str]:
     """Where to look for the zeros of joints (counted from 0) that are off."""
     rests = [j for j in wrong if float(np.ptp(some.data.q[:, j])) < RESTS]
-    for joints, verbs, one in ((rests, ("rests", "rest"), False), ([j for j in wrong if j not in rests], ("is", "are"), True)):
+    for joints, verbs, one in (
+        (rests, ("rests", "rest"), False),
+        ([j for j in wrong if j not in rests], ("is", "are"), True),
+    ):
         if not joints:
             continue
-        named = ("joint " if len(joints) == 1 else "joints ") + sentence_list([str(j + 1) for j in joints])
+        named = ("joint " if len(joints) == 1 else "joints ") + sentence_list(
+            [str(j + 1) for j in joints]
+        )
         verb = verbs[len(joints) > 1]
-        yield (f"check where {named} {verb} zero in the controller and in the robot file" if one else
-               f"check the readings of {named}, which {verb}: 0 may mean that nothing was recorded")
+        yield (
+            f"check where {named} {verb} zero in the controller and in the robot file"
+            if one
+            else f"check the readings of {named}, which {verb}: 0 may mean that nothing was recorded"
+        )

@@ -1,10 +1,12 @@
-"""Which mistake of the set-up explains the positions: a joint's sense or zero, columns, units, a mirrored axis, the tool, a link.
+"""Which mistake of the set-up explains the positions: a joint's sense or zero, columns, units, a
+mirrored axis, the tool, a link.
 
-Every mistake is a change of the readings, q -> A q + c, or of the positions. All are tried at once: for given readings the best
-free affine map from the tracker to frame 0 and the best target are linear, and what they leave is what registration leaves at
-least. Whatever does well is then registered as it stands. Zeros off by any angle and wrong links are fitted (`offsets`). Nothing
-is applied: the sentence says what would fit. A mistake counts only where the rows tell how the tracker then stands.
-"""
+Every mistake is a change of the readings, q -> A q + c, or of the positions. All are tried at once:
+for given readings the best free affine map from the tracker to frame 0 and the best target are
+linear, and what they leave is what registration leaves at least. Whatever does well is then
+registered as it stands. Zeros off by any angle and wrong links are fitted (`offsets`). Nothing is
+applied: the sentence says what would fit. A mistake counts only where the rows tell how the tracker
+then stands."""
 
 from __future__ import annotations
 
@@ -33,24 +35,36 @@ from .simple_mistakes import (
     senses,
 )
 
-ROWS = 120            # that are looked at, spread over the file
-LEAST = 10            # configurations, below which chance fits too much; twice as many for two mistakes at once
-BAD, FAR = 3e-3, 0.01 # of the reach: a median residual from which one mistake is looked for, from which the tool's or several
-FACTOR = 4.0          # a mistake explains the positions if without it they fit so much better,
-GOOD = 0.05           # and to this share of what they spread (median)
-ALIKE = 1.5           # mistakes that fit as well as the best, within this factor, are told with it
-TWICE = 2.0           # a right angle is said as such unless an angle near it fits so much better
-TOLD = 2              # mistakes in a sentence
-TRIED = 8             # of the linear solutions that are registered
-NEAR = 0.1            # of the logarithm of a scale, for a unit to be tried
+ROWS = 120  # that are looked at, spread over the file
+LEAST = (
+    10  # configurations, below which chance fits too much; twice as many for two mistakes at once
+)
+BAD, FAR = (
+    3e-3,
+    0.01,
+    # of the reach: a median residual from which one mistake is looked for, from which the tool's or
+    # several
+)
+FACTOR = 4.0  # a mistake explains the positions if without it they fit so much better,
+GOOD = 0.05  # and to this share of what they spread (median)
+ALIKE = 1.5  # mistakes that fit as well as the best, within this factor, are told with it
+TWICE = 2.0  # a right angle is said as such unless an angle near it fits so much better
+TOLD = 2  # mistakes in a sentence
+TRIED = 8  # of the linear solutions that are registered
+NEAR = 0.1  # of the logarithm of a scale, for a unit to be tried
 
 
-def mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: bool = False, links: bool = True
-            ) -> str | None:
-    """A sentence that says which simple mistake of the set-up explains what the rows `use` (mask) of a scene leave at its
-    placement and tools, with the median distance before and after; None where they leave little, or no mistake explains it.
-    `registered`: placement and tools were found from the rows; else they are what the study says. `links`: whether links may be
-    what is off."""
+def mistake(
+    scene: Scene,
+    use: NDArray[np.bool_],
+    registered: bool,
+    per_group: bool = False,
+    links: bool = True,
+) -> str | None:
+    """A sentence that says which simple mistake of the set-up explains what the rows `use` (mask)
+    of a scene leave at its placement and tools, with the median distance before and after; None
+    where they leave little, or no mistake explains it. `registered`: placement and tools were found
+    from the rows; else they are what the study says. `links`: whether links may be what is off."""
     some = _sample(scene, use, per_group)
     reach = scene.reach_mm
     if some is None or (before := _left(some)) < BAD * reach:
@@ -59,7 +73,7 @@ def mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: b
     if registered:
         some = _registered(some, False) or some
         before = _left(some)
-        if before < BAD * reach:                         # orientations were at odds with the positions
+        if before < BAD * reach:  # orientations were at odds with the positions
             return None
     limit, far = before / FACTOR, before > FAR * reach
     if not registered:
@@ -69,7 +83,11 @@ def mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: b
         also = "the tracker's frame and the target on the flange are found ([robot] register = true), and "
     tried, offsets = _tried(some, singles, 1), _offsets(some, True, links)
     simple = min((left for _, left in _best(tried, limit)), default=np.inf)
-    tried += [(m, left) for m, arm in offsets if (left := _sure(some, arm)) < (simple / TWICE if arm.right_angle() else np.inf)]
+    tried += [
+        (m, left)
+        for m, arm in offsets
+        if (left := _sure(some, arm)) < (simple / TWICE if arm.right_angle() else np.inf)
+    ]
     best = _best(tried, limit)
     poor = min((left for _, left in best), default=np.inf) > FAR * reach
     if far and poor and len(np.unique(some.data.block)) >= 2 * LEAST:
@@ -81,12 +99,23 @@ def mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: b
     return _sentence(before, best, also) if best else None
 
 
-def _stated(some: Scene, singles: Sequence[Mistake], limit: float, far: bool, links: bool) -> list[tuple[Mistake, float]]:
+def _stated(
+    some: Scene, singles: Sequence[Mistake], limit: float, far: bool, links: bool
+) -> list[tuple[Mistake, float]]:
     """What explains the positions where the study says the frame and the target."""
-    simple = [(m, _explained(_changed(some, m))) for m in (*singles, *of_positions(some.robot.n, True))]
+    simple = [
+        (m, _explained(_changed(some, m))) for m in (*singles, *of_positions(some.robot.n, True))
+    ]
     found = _best([*(_tool(some) if far else []), *simple], limit)
-    found = found or _best([(m, _sure(some, arm)) for m, arm in _offsets(some, False, links)], limit)
-    if not found and far and (placed := _registered(some)) is not None and (left := _explained(placed)) <= limit:
+    found = found or _best(
+        [(m, _sure(some, arm)) for m, arm in _offsets(some, False, links)], limit
+    )
+    if (
+        not found
+        and far
+        and (placed := _registered(some)) is not None
+        and (left := _explained(placed)) <= limit
+    ):
         return [(REGISTER, left)]
     return found
 
@@ -99,8 +128,10 @@ def _offsets(some: Scene, set_up: bool, links: bool) -> list[tuple[Mistake, Arm]
 def _sentence(before: float, found: Sequence[tuple[Mistake, float]], also: str = "") -> str:
     after = min(left for _, left in found)
     looks = list(dict.fromkeys(m.look for m, _ in found))
-    return (f"The positions fit {better(before, after)} ({_mm(after)} in place of {_mm(before)}, median) if {also}"
-            f"{', or if '.join(m.words for m, _ in found)}: {', or '.join(looks)}.")
+    return (
+        f"The positions fit {better(before, after)} ({_mm(after)} in place of {_mm(before)}, median) if {also}"
+        f"{', or if '.join(m.words for m, _ in found)}: {', or '.join(looks)}."
+    )
 
 
 def _mm(value: float) -> str:
@@ -108,13 +139,18 @@ def _mm(value: float) -> str:
 
 
 def _sample(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene | None:
-    """At most ROWS measured positions of one target, and of one group where each has its placement; None where too few."""
+    """At most ROWS measured positions of one target, and of one group where each has its placement;
+    None where too few."""
     data = scene.data
     rows = np.flatnonzero(use if data.gauges is None else use & data.gauges.of("point"))
     for index in (data.target, *([data.group] if per_group else [])):
         if len(rows):
             rows = rows[index[rows] == np.bincount(index[rows]).argmax()]
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), ROWS)).astype(int))] if len(rows) else rows
+    rows = (
+        rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), ROWS)).astype(int))]
+        if len(rows)
+        else rows
+    )
     if len(np.unique(data.block[rows])) < LEAST:
         return None
     return scene.take(rows).plain_points()
@@ -125,23 +161,35 @@ def _left(some: Scene) -> float:
 
 
 def _explained(some: Scene) -> float:
-    """What is left, infinite where it is much of what the positions spread: positions that hardly move fit anything."""
+    """What is left, infinite where it is much of what the positions spread: positions that hardly
+    move fit anything."""
     x, left = some.data.position, _left(some)
-    return left if left <= GOOD * float(np.median(np.linalg.norm(x - np.median(x, axis=0), axis=1))) else np.inf
+    return (
+        left
+        if left <= GOOD * float(np.median(np.linalg.norm(x - np.median(x, axis=0), axis=1)))
+        else np.inf
+    )
 
 
 def _registered(some: Scene, sure: bool = True) -> Scene | None:
-    """Placed anew, the target anywhere near the flange; None where the rows do not tell it (`sure`: hardly)."""
+    """Placed anew, the target anywhere near the flange; None where the rows do not tell it (`sure`:
+    hardly)."""
     bare, use = some.anew(tools=np.zeros_like(some.tools)), np.ones(len(some), bool)
     try:
         found = register(bare, use, per_group=False)
     except (DataError, NotEstimable):
         return None
-    return None if sure and "registration-weak" in {n.code for n in undetermined(found, use, False, bare.tools)} else found
+    return (
+        None
+        if sure
+        and "registration-weak" in {n.code for n in undetermined(found, use, False, bare.tools)}
+        else found
+    )
 
 
 def _sure(some: Scene, arm: Arm) -> float:
-    """`_explained` of an arm that is not nominal, infinite where the rows do not tell its set-up."""
+    """`_explained` of an arm that is not nominal, infinite where the rows do not tell its
+    set-up."""
     at = arm.scene(some)
     weak = undetermined(at, np.ones(len(at), bool), False, np.zeros_like(at.tools))
     return np.inf if "registration-weak" in {n.code for n in weak} else _explained(at)
@@ -153,11 +201,14 @@ def _changed(some: Scene, m: Mistake) -> Scene:
 
 
 def _best(tried: Sequence[tuple[Mistake, float]], limit: float) -> list[tuple[Mistake, float]]:
-    """The mistakes that leave least, best first: those within the limit and as good as the best, of the fewest parts."""
+    """The mistakes that leave least, best first: those within the limit and as good as the best, of
+    the fewest parts."""
     least = min((left for _, left in tried), default=np.inf)
     good = [(m, left) for m, left in tried if left <= min(limit, ALIKE * least)]
     fewest = min((m.parts for m, _ in good), default=0)
-    return sorted((each for each in good if each[0].parts == fewest), key=lambda each: each[1])[:TOLD]
+    return sorted((each for each in good if each[0].parts == fewest), key=lambda each: each[1])[
+        :TOLD
+    ]
 
 
 def _tool(some: Scene) -> list[tuple[Mistake, float]]:
@@ -174,20 +225,31 @@ def _tool(some: Scene) -> list[tuple[Mistake, float]]:
 
 
 def _tried(some: Scene, singles: Sequence[Mistake], count: int) -> list[tuple[Mistake, float]]:
-    """Up to `count` mistakes at once, with what is left once registered; of what does best in the linear solution alone."""
+    """Up to `count` mistakes at once, with what is left once registered; of what does best in the
+    linear solution alone."""
     n = some.robot.n
     nothing = replace(NOTHING, A=np.eye(n), c=np.zeros(n), parts=0)
-    joints = [nothing, *singles] if count == 1 else [*singles, *(a.then(b) for a, b in combinations(singles, 2)), *senses(n)]
+    joints = (
+        [nothing, *singles]
+        if count == 1
+        else [*singles, *(a.then(b) for a, b in combinations(singles, 2)), *senses(n)]
+    )
     score, factor = linear(some, joints)
-    order = np.lexsort((score, np.where(score <= ALIKE * score.min(), [m.parts for m in joints], np.inf)))
+    order = np.lexsort(
+        (score, np.where(score <= ALIKE * score.min(), [m.parts for m in joints], np.inf))
+    )
     out = []
     for k in order[:TRIED]:
         joint = joints[k]
         more = [joint] if joint.parts else []
         if joint.parts < count:
-            more += [joint.then(m) if joint.parts else m
-                        for m, scale in zip(of_positions(n, False), (*(unit.scale for unit in SCALES), -1.0), strict=True)
-                        if factor[k] * scale > 0 and abs(np.log(factor[k] / scale)) < NEAR]
+            more += [
+                joint.then(m) if joint.parts else m
+                for m, scale in zip(
+                    of_positions(n, False), (*(unit.scale for unit in SCALES), -1.0), strict=True
+                )
+                if factor[k] * scale > 0 and abs(np.log(factor[k] / scale)) < NEAR
+            ]
         placed = ((m, _registered(_changed(some, m))) for m in more)
         out += [(m, _explained(at)) for m, at in placed if at is not None]
     return out

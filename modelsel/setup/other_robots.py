@@ -15,12 +15,12 @@ from ..fitting.problem import Scene
 from ..robot.kinematics import Robot
 from .registration import register
 
-ROWS = 120          # that are looked at, spread over the file
-LEAST = 10          # configurations
-BAD = 3e-3          # of the reach: a median residual from which other robots are tried
-FACTOR = 4.0        # another robot explains the positions if with it they fit so much better,
-GOOD = 0.02         # and to this share of the reach (median)
-MOST = 2000         # rows in their order, when positions are held against other rows' readings
+ROWS = 120  # that are looked at, spread over the file
+LEAST = 10  # configurations
+BAD = 3e-3  # of the reach: a median residual from which other robots are tried
+FACTOR = 4.0  # another robot explains the positions if with it they fit so much better,
+GOOD = 0.02  # and to this share of the reach (median)
+MOST = 2000  # rows in their order, when positions are held against other rows' readings
 SHIFTS = (1, -1, 2, -2)
 
 
@@ -30,8 +30,8 @@ def better(before: float, after: float) -> str:
 
 
 def left_of(some: Scene) -> float:
-    """Median distance [mm] of the positions from the nominal arm, tracker and targets found from them; infinite where these
-    cannot be found."""
+    """Median distance [mm] of the positions from the nominal arm, tracker and targets found from
+    them; infinite where these cannot be found."""
     try:
         at = register(some, np.ones(len(some), bool), per_group=False)
     except (DataError, NotEstimable):
@@ -40,9 +40,14 @@ def left_of(some: Scene) -> float:
 
 
 def sample(scene: Scene, use: NDArray[np.bool_]) -> Scene | None:
-    """At most ROWS measured positions of one target and one group, spread over the rows `use` (mask); None where too few."""
+    """At most ROWS measured positions of one target and one group, spread over the rows `use`
+    (mask); None where too few."""
     rows = _rows(scene, use)
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), ROWS)).astype(int))] if len(rows) else rows
+    rows = (
+        rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), ROWS)).astype(int))]
+        if len(rows)
+        else rows
+    )
     if len(np.unique(scene.data.block[rows])) < LEAST:
         return None
     return scene.take(rows).plain_points()
@@ -56,11 +61,15 @@ def _rows(scene: Scene, use: NDArray[np.bool_]) -> Index:
     return rows
 
 
-def other_robot(scene: Scene, use: NDArray[np.bool_], robots: Callable[[], Mapping[str, Robot]], always: bool = False
-                ) -> str | None:
-    """A sentence that says which of other `robots` fits the rows `use` (mask) of a scene better than its own, with the median
-    distance before and after, tracker and target found for each; None where its own leaves little (unless `always`), or no
-    other fits."""
+def other_robot(
+    scene: Scene,
+    use: NDArray[np.bool_],
+    robots: Callable[[], Mapping[str, Robot]],
+    always: bool = False,
+) -> str | None:
+    """A sentence that says which of other `robots` fits the rows `use` (mask) of a scene better
+    than its own, with the median distance before and after, tracker and target found for each; None
+    where its own leaves little (unless `always`), or no other fits."""
     some = sample(scene, use)
     if some is None:
         return None
@@ -68,35 +77,50 @@ def other_robot(scene: Scene, use: NDArray[np.bool_], robots: Callable[[], Mappi
     before = left_of(some)
     if before < BAD * reach and not always:
         return None
-    tried = [(left_of(some.anew(robot=robot)), name, robot.reach) for name, robot in robots().items()
-             if robot.prismatic == own.prismatic and name != own.name]
+    tried = [
+        (left_of(some.anew(robot=robot)), name, robot.reach)
+        for name, robot in robots().items()
+        if robot.prismatic == own.prismatic and name != own.name
+    ]
     if not tried:
         return None
     after, name, size = min(tried)
     if after > before / FACTOR or after > GOOD * size:
         return None
-    return (f'The readings fit robot "{name}" {better(before, after)} than "{own.name}" ({after:.2g} mm in '
-            f"place of {before:.3g} mm, median, tracker and target found for each): check the robot's name or file in the study.")
+    return (
+        f'The readings fit robot "{name}" {better(before, after)} than "{own.name}" ({after:.2g} mm in '
+        f"place of {before:.3g} mm, median, tracker and target found for each): check the robot's name or file in the study."
+    )
 
 
-def shifted_rows(scene: Scene, use: NDArray[np.bool_], shifts: Iterable[int] = SHIFTS) -> str | None:
-    """A sentence that says by how many rows positions and readings stand apart; None where no shift fits better."""
+def shifted_rows(
+    scene: Scene, use: NDArray[np.bool_], shifts: Iterable[int] = SHIFTS
+) -> str | None:
+    """A sentence that says by how many rows positions and readings stand apart; None where no shift
+    fits better."""
     rows = _rows(scene, use)
     if len(np.unique(scene.data.block[rows])) < LEAST:
         return None
     whole = scene.take(rows[:MOST]).plain_points()
     reach = scene.reach_mm
-    if float(np.median(np.linalg.norm(residuals(whole), axis=1))) < BAD * reach or (before := left_of(whole)) < BAD * reach:
+    if (
+        float(np.median(np.linalg.norm(residuals(whole), axis=1))) < BAD * reach
+        or (before := left_of(whole)) < BAD * reach
+    ):
         return None
     tried = []
     for k in shifts:
         keep = np.ones(len(rows), bool)
-        keep[-k if k > 0 else 0:None if k > 0 else -k] = False          # the rows whose position comes round from the other end
+        keep[-k if k > 0 else 0 : None if k > 0 else -k] = (
+            False  # the rows whose position comes round from the other end
+        )
         data = replace(whole.data, position=np.roll(whole.data.position, -k, 0))
         tried.append((left_of(whole.anew(data=data).take(keep)), k))
     after, k = min(tried, key=lambda each: each[0])
     if not after <= before / FACTOR:
         return None
     words = f"{abs(k)} row{'s' * (abs(k) > 1)} further {'down' if k > 0 else 'up'}"
-    return (f"The positions fit {better(before, after)} ({after:.2g} mm in place of {before:.3g} mm, median) if each "
-            f"row's readings go with the position {words}: check how the two were joined.")
+    return (
+        f"The positions fit {better(before, after)} ({after:.2g} mm in place of {before:.3g} mm, median) if each "
+        f"row's readings go with the position {words}: check how the two were joined."
+    )

@@ -1,11 +1,13 @@
-"""Registration from scratch: where the tracker stands and where the targets sit, without a start value.
+"""Registration from scratch: where the tracker stands and where the targets sit, without a start
+value.
 
-Several starts are descended on the exact model (`placing`) and the one with the least robust misfit is taken: a linear solve for
-a free affine map tracker -> frame 0 per placement and every target's offset (methods.md N), rigid fits with the targets where the
-study says, where the flange pivots and around, and the measured orientations where there are any: the affine map is lost where
-the points lie on a line or a plane, and where the target may sit at a point that no joint moves, as on a two-axis positioner.
-Groups that share no target are placed apart. What the rows leave open is refused, or said by `undetermined`.
-"""
+Several starts are descended on the exact model (`placing`) and the one with the least robust misfit
+is taken: a linear solve for a free affine map tracker -> frame 0 per placement and every target's
+offset (methods.md N), rigid fits with the targets where the study says, where the flange pivots and
+around, and the measured orientations where there are any: the affine map is lost where the points
+lie on a line or a plane, and where the target may sit at a point that no joint moves, as on a
+two-axis positioner. Groups that share no target are placed apart. What the rows leave open is
+refused, or said by `undetermined`."""
 
 from __future__ import annotations
 
@@ -22,19 +24,20 @@ from ..notices import Note
 from .placement import GROSS, NORMAL, Placed, Sight, lengths, middle, robust, settled, spread
 from .starting_values import THIN, about_lines, starts
 
-LEAST = 4           # configurations per placement
-ROWS = 300          # rows on which starts are tried, spread over the data, or LEAST_ROWS of every group and target
+LEAST = 4  # configurations per placement
+# rows on which starts are tried, spread over the data, or LEAST_ROWS of every group and target
+ROWS = 300
 LEAST_ROWS = 30
-ALIKE = 1e-3        # relative difference of misfits that are one minimum
-WELL = 0.01         # share of the points' spread below which agreement of two starts ends the search
-LOST = 1.0          # rad: standard deviation of a placement's turn at which registration is refused,
-DOUBT = 0.035       # from which it is said,
-OPEN_MM = 100.0     # and that of a target's place from which it is
+ALIKE = 1e-3  # relative difference of misfits that are one minimum
+WELL = 0.01  # share of the points' spread below which agreement of two starts ends the search
+LOST = 1.0  # rad: standard deviation of a placement's turn at which registration is refused,
+DOUBT = 0.035  # from which it is said,
+OPEN_MM = 100.0  # and that of a target's place from which it is
 
 
 def register(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
-    """The scene with placement(s) and tools found from the rows `use` (mask). Raises DataError with too few rows,
-    NotEstimable where the rows do not tell how the tracker stands."""
+    """The scene with placement(s) and tools found from the rows `use` (mask). Raises DataError with
+    too few rows, NotEstimable where the rows do not tell how the tracker stands."""
     if scene.data.gauges is not None:
         return _by_points(scene, use & scene.data.gauges.of("point"), per_group)
     some = scene.take(use)
@@ -42,16 +45,28 @@ def register(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
     for g in range(count):
         seen = len(np.unique(some.data.configuration[group == g]))
         if seen < LEAST:
-            raise DataError(f"{_where(some, g, per_group)} has {seen} estimation configurations; registration needs {LEAST} per "
-                            "placement.", remedy="Measure more, or choose another [split].")
+            raise DataError(
+                f"{_where(some, g, per_group)} has {seen} estimation configurations; registration needs {LEAST} per "
+                "placement.",
+                remedy="Measure more, or choose another [split].",
+            )
     sight = _sight(some, group, count)
     R, t = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
-    tools, turned = scene.tools.copy(), None if scene.tool_rotations is None else scene.tool_rotations.copy()
+    tools, turned = (
+        scene.tools.copy(),
+        None if scene.tool_rotations is None else scene.tool_rotations.copy(),
+    )
     for part, groups, targets in _parts(sight):
         at, good = _found(part)
         sure = spread(part, at, good)[0]
         if sure.max() > LOST:
-            raise _lost(part, at, int(sure.argmax()), _where(some, int(groups[sure.argmax()]), per_group), float(sure.max()))
+            raise _lost(
+                part,
+                at,
+                int(sure.argmax()),
+                _where(some, int(groups[sure.argmax()]), per_group),
+                float(sure.max()),
+            )
         R[groups], t[groups], tools[targets] = at.R, at.t, at.tools
         if turned is not None:
             turned[targets] = at.turned
@@ -59,31 +74,46 @@ def register(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
     return scene.anew(placement=(R[rows], t[rows]), tools=tools, tool_rotations=turned)
 
 
-def undetermined(scene: Scene, use: NDArray[np.bool_], per_group: bool, usual: Array) -> tuple[Note, ...]:
-    """What the rows `use` (mask) of a registered scene tell poorly: a placement's turn, a target's place; `usual` (T, 3) where
-    the targets were expected."""
+def undetermined(
+    scene: Scene, use: NDArray[np.bool_], per_group: bool, usual: Array
+) -> tuple[Note, ...]:
+    """What the rows `use` (mask) of a registered scene tell poorly: a placement's turn, a target's
+    place; `usual` (T, 3) where the targets were expected."""
     some = scene.take(use if scene.data.gauges is None else use & scene.data.gauges.of("point"))
     group, count = _groups(some, per_group)
     notes: list[Note] = []
     whole = replace(_sight(some, group, count), usual=usual)
     for part, groups, targets in _parts(whole):
         first = np.array([np.flatnonzero(group == g)[0] for g in groups])
-        at = Placed(some.placement[0][some.data.group[first]], some.placement[1][some.data.group[first]], some.tools[targets],
-                    None if some.tool_rotations is None else some.tool_rotations[targets])
+        at = Placed(
+            some.placement[0][some.data.group[first]],
+            some.placement[1][some.data.group[first]],
+            some.tools[targets],
+            None if some.tool_rotations is None else some.tool_rotations[targets],
+        )
         size = lengths(part, at)
         turn, place = spread(part, at, size <= GROSS * middle(size, part.open))
-        notes += [_weak(part, at, int(g), float(turn[g]), _where(some, int(groups[g]), per_group))
-                  for g in np.flatnonzero(turn > DOUBT)]
+        notes += [
+            _weak(part, at, int(g), float(turn[g]), _where(some, int(groups[g]), per_group))
+            for g in np.flatnonzero(turn > DOUBT)
+        ]
         if (place > OPEN_MM).any():
             names = sentence_list([some.data.targets[k] for k in targets[place > OPEN_MM]])
-            notes.append(Note("target-weak", f"The rows do not determine in every direction where target {names} sits on the "
-                              "flange, and it is taken to be near it: give tool_mm, or measure it with the flange turned other "
-                              "ways."))
+            notes.append(
+                Note(
+                    "target-weak",
+                    f"The rows do not determine in every direction where target {names} sits on the "
+                    "flange, and it is taken to be near it: give tool_mm, or measure it with the flange turned other "
+                    "ways.",
+                )
+            )
     return tuple(notes)
 
 
 def _groups(some: Scene, per_group: bool) -> tuple[Index, int]:
-    return (some.data.group, len(some.data.groups)) if per_group else (np.zeros(len(some), np.intp), 1)
+    return (
+        (some.data.group, len(some.data.groups)) if per_group else (np.zeros(len(some), np.intp), 1)
+    )
 
 
 def _where(some: Scene, g: int, per_group: bool) -> str:
@@ -95,41 +125,83 @@ def _by_points(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
     some = scene.take(use)
     seen = some.data.configurations
     if seen < LEAST:
-        raise DataError(f"{seen} estimation configurations have a measured point; registration needs {LEAST}.",
-                        remedy="Measure more points, or leave register out: the rest is told in the robot's own frame.")
-    found = register(replace(some, data=replace(some.data, gauges=None)), np.ones(len(some), bool), per_group)
-    return scene.anew(placement=found.placement, tools=found.tools, tool_rotations=found.tool_rotations)
+        raise DataError(
+            f"{seen} estimation configurations have a measured point; registration needs {LEAST}.",
+            remedy="Measure more points, or leave register out: the rest is told in the robot's own frame.",
+        )
+    found = register(
+        replace(some, data=replace(some.data, gauges=None)), np.ones(len(some), bool), per_group
+    )
+    return scene.anew(
+        placement=found.placement, tools=found.tools, tool_rotations=found.tool_rotations
+    )
 
 
 def _sight(some: Scene, group: Index, count: int) -> Sight:
     bare = some.anew(tools=np.zeros_like(some.tools)).pose(slice(None))
-    flange = np.ascontiguousarray(bare.axes[-1, :3].transpose(2, 1, 0))          # (m, 3, 3): columns are the flange's axes
+    flange = np.ascontiguousarray(
+        bare.axes[-1, :3].transpose(2, 1, 0)
+    )  # (m, 3, 3): columns are the flange's axes
     seen = None if some.tool_rotations is None else np.asarray(some.data.rotation)
-    return Sight(some.data.position, bare.target.T, flange, group, some.data.target, count, some.tools, seen)
+    return Sight(
+        some.data.position, bare.target.T, flange, group, some.data.target, count, some.tools, seen
+    )
 
 
 def _parts(sight: Sight) -> Iterator[tuple[Sight, Index, Index]]:
-    """(rows, their groups, their targets), numbered anew, of placements and targets that no row joins to others."""
+    """(rows, their groups, their targets), numbered anew, of placements and targets that no row
+    joins to others."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
+
     G, T = sight.groups, len(sight.usual)
-    joined = coo_array((np.ones(len(sight.x)), (sight.group, G + sight.target)), shape=(G + T, G + T))
+    joined = coo_array(
+        (np.ones(len(sight.x)), (sight.group, G + sight.target)), shape=(G + T, G + T)
+    )
     label = connected_components(joined, directed=False)[1]
     for part in np.unique(label[sight.group]):
-        rows, groups, targets = (np.flatnonzero(label[own] == part) for own in (sight.group, np.arange(G), G + np.arange(T)))
+        rows, groups, targets = (
+            np.flatnonzero(label[own] == part)
+            for own in (sight.group, np.arange(G), G + np.arange(T))
+        )
         some = sight.take(rows)
-        yield (replace(some, group=np.searchsorted(groups, some.group), groups=len(groups), usual=sight.usual[targets],
-                       target=np.searchsorted(targets, some.target)), groups, targets)
+        yield (
+            replace(
+                some,
+                group=np.searchsorted(groups, some.group),
+                groups=len(groups),
+                usual=sight.usual[targets],
+                target=np.searchsorted(targets, some.target),
+            ),
+            groups,
+            targets,
+        )
 
 
 def _found(sight: Sight) -> tuple[Placed, NDArray[np.bool_]]:
     """(the placement with the least robust misfit over all starts, the rows that are not gross)."""
     pairs = [rows for *_, rows in sight.pairs()]
     most = max(ROWS // len(pairs), LEAST_ROWS)
-    some = sight.take(np.sort(np.concatenate([rows[np.linspace(0, len(rows) - 1, min(len(rows), most)).astype(int)]
-                                              for rows in pairs])))
-    extent = float(np.median(np.concatenate([np.linalg.norm(some.x[rows] - np.median(some.x[rows], axis=0), axis=1)
-                                             for rows in (np.flatnonzero(some.group == g) for g in range(some.groups))])))
+    some = sight.take(
+        np.sort(
+            np.concatenate(
+                [
+                    rows[np.linspace(0, len(rows) - 1, min(len(rows), most)).astype(int)]
+                    for rows in pairs
+                ]
+            )
+        )
+    )
+    extent = float(
+        np.median(
+            np.concatenate(
+                [
+                    np.linalg.norm(some.x[rows] - np.median(some.x[rows], axis=0), axis=1)
+                    for rows in (np.flatnonzero(some.group == g) for g in range(some.groups))
+                ]
+            )
+        )
+    )
     tried: list[Placed] = []
     for start in starts(some):
         tried.append(robust(some, start))
@@ -144,7 +216,10 @@ def _misfits(sight: Sight, tried: list[Placed]) -> Array:
     """Squares cut off at a common length, and how far targets are from where they are expected."""
     size = np.array([lengths(sight, at) for at in tried])
     scale = float(middle(size, sight.open).min())
-    away = np.array([np.square((at.tools - sight.usual) / sight.trust).sum() for at in tried]) * (scale / NORMAL) ** 2
+    away = (
+        np.array([np.square((at.tools - sight.usual) / sight.trust).sum() for at in tried])
+        * (scale / NORMAL) ** 2
+    )
     return np.asarray(np.minimum(np.square(size), (GROSS * scale) ** 2).sum(1) + away)
 
 
@@ -156,8 +231,10 @@ def _agreed(sight: Sight, tried: list[Placed], well: float) -> bool:
     """Whether two starts have ended in the best minimum, and it explains the points."""
     misfit = _misfits(sight, tried)
     best = int(misfit.argmin())
-    return (int((misfit <= misfit[best] * (1 + ALIKE)).sum()) > 1
-            and float(np.median(lengths(sight, tried[best]))) < well)
+    return (
+        int((misfit <= misfit[best] * (1 + ALIKE)).sum()) > 1
+        and float(np.median(lengths(sight, tried[best]))) < well
+    )
 
 
 def _shape(sight: Sight, at: Placed, g: int) -> str:
@@ -171,12 +248,21 @@ def _shape(sight: Sight, at: Placed, g: int) -> str:
 
 
 def _weak(sight: Sight, at: Placed, g: int, turn: float, where: str) -> Note:
-    return Note("registration-weak", f"How the tracker is turned is known to {np.degrees(turn):.2g} degrees only (one standard "
-                f"deviation, {where}): {_shape(sight, at, g)}. Measure points that spread in all directions of the room.")
+    return Note(
+        "registration-weak",
+        f"How the tracker is turned is known to {np.degrees(turn):.2g} degrees only (one standard "
+        f"deviation, {where}): {_shape(sight, at, g)}. Measure points that spread in all directions of the room.",
+    )
 
 
 def _lost(sight: Sight, at: Placed, g: int, where: str, turn: float) -> NotEstimable:
-    free = "not at all" if turn > np.pi else f"to {np.degrees(turn):.0f} degrees only (one standard deviation)"
-    return NotEstimable(f"registration: how the tracker is turned is told {free} by {where}: {_shape(sight, at, g)}. Measure "
-                        "points that spread in all directions of the room, give tool_mm, or convert the positions to the robot's "
-                        "base and leave register out.")
+    free = (
+        "not at all"
+        if turn > np.pi
+        else f"to {np.degrees(turn):.0f} degrees only (one standard deviation)"
+    )
+    return NotEstimable(
+        f"registration: how the tracker is turned is told {free} by {where}: {_shape(sight, at, g)}. Measure "
+        "points that spread in all directions of the room, give tool_mm, or convert the positions to the robot's "
+        "base and leave register out."
+    )

@@ -16,15 +16,20 @@ from .other_robots import better
 from .registration import register
 
 ROUNDS = 8
-LEAST = 2           # rows of another name, below which nothing is said: single rows are outliers, and looked at as such
-FACTOR = 4.0        # other names explain the positions if with them they fit so much better (mean)
-BAD = 3e-3          # of the reach: a mean distance from which names that change places half-way are tried, too
+# rows of another name, below which nothing is said: single rows are outliers, and looked at as such
+LEAST = 2
+FACTOR = 4.0  # other names explain the positions if with them they fit so much better (mean)
+# of the reach: a mean distance from which names that change places half-way are tried, too
+BAD = 3e-3
 
 
-def labels_mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: bool = False) -> str | None:
-    """A sentence that says in which of the rows `use` (mask) targets have each other's names, with the mean distance before and
-    after; None where the names are as the positions have them. Where the targets were found from the rows (`registered`),
-    they are found again with every new guess."""
+def labels_mistake(
+    scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: bool = False
+) -> str | None:
+    """A sentence that says in which of the rows `use` (mask) targets have each other's names, with
+    the mean distance before and after; None where the names are as the positions have them. Where
+    the targets were found from the rows (`registered`), they are found again with every new
+    guess."""
     data = scene.data
     use = use if data.gauges is None else use & data.gauges.of("point")
     if len(np.unique(data.target[use])) < 2:
@@ -37,21 +42,26 @@ def labels_mistake(scene: Scene, use: NDArray[np.bool_], registered: bool, per_g
         if found[0] <= before / FACTOR:
             break
     label = found[1]
-    if registered and len(np.unique(given)) == 2 and (label != given).mean() > 0.5:      # which of the two is which is a choice
+    if (
+        registered and len(np.unique(given)) == 2 and (label != given).mean() > 0.5
+    ):  # which of the two is which is a choice
         label = np.unique(given).sum() - label
     other = label != given
     if other.sum() < LEAST or found[0] > before / FACTOR:
         return None
     moves = sorted({(int(a), int(b)) for a, b in zip(given[other], label[other], strict=True)})
     words = sentence_list([f'"{data.targets[a]}" is "{data.targets[b]}"' for a, b in moves])
-    return (f"In {int(other.sum())} of {len(given)} rows targets have each other's names "
-            f"({some.data.where.spans(some.data.row[other])}): {words}"
-            f" there. With the names changed the positions fit {better(before, found[0])} ({found[0]:.2g} mm in place of "
-            f"{before:.3g} mm, mean): correct the column target.")
+    return (
+        f"In {int(other.sum())} of {len(given)} rows targets have each other's names "
+        f"({some.data.where.spans(some.data.row[other])}): {words}"
+        f" there. With the names changed the positions fit {better(before, found[0])} ({found[0]:.2g} mm in place of "
+        f"{before:.3g} mm, mean): correct the column target."
+    )
 
 
 def _starts(some: Scene, before: float) -> Iterator[Index]:
-    """The names as given; where they leave much, those of two targets changed from the middle of the file on."""
+    """The names as given; where they leave much, those of two targets changed from the middle of
+    the file on."""
     given = some.data.target
     yield given
     if before > BAD * some.reach_mm and len(np.unique(given)) == 2:
@@ -60,7 +70,8 @@ def _starts(some: Scene, before: float) -> Iterator[Index]:
 
 
 def _settled(some: Scene, label: Index, registered: bool, per_group: bool) -> tuple[float, Index]:
-    """(mean distance [mm], names (m,)) where every row takes the name that it fits best, until none changes any more."""
+    """(mean distance [mm], names (m,)) where every row takes the name that it fits best, until none
+    changes any more."""
     present, given = np.unique(label), some.data.target
     at = some if (label == given).all() else _placed(some, label, registered, per_group)
     best = _mean(at, label)
@@ -95,7 +106,11 @@ def _distances(some: Scene) -> Array:
     for rows in some.blocks():
         at = pose(some.robot, some.data.q[rows], np.zeros(3))
         flange, group = at.axes[-1, :3].transpose(2, 1, 0), some.data.group[rows]
-        base = np.einsum("mji,mj->mi", some.placement[0][group], some.data.position[rows] - some.placement[1][group])
+        base = np.einsum(
+            "mji,mj->mi",
+            some.placement[0][group],
+            some.data.position[rows] - some.placement[1][group],
+        )
         place = at.target.T[:, None] + np.einsum("mij,tj->mti", flange, some.tools)
         out[rows] = np.linalg.norm(base[:, None] - place, axis=2)
     return out

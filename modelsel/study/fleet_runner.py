@@ -1,9 +1,9 @@
 """Many studies as one job on dask.distributed, and measurement sets that are never held whole.
 
-A study runs on a worker exactly as alone and writes what it writes alone into its own folder; what fails is said and stops
-nothing else. A worker that dies is replaced and its studies run again. Results do not depend on the workers: every study has its
-own seed, and pieces are merged in their order.
-"""
+A study runs on a worker exactly as alone and writes what it writes alone into its own folder; what
+fails is said and stops nothing else. A worker that dies is replaced and its studies run again.
+Results do not depend on the workers: every study has its own seed, and pieces are merged in their
+order."""
 
 from __future__ import annotations
 
@@ -35,18 +35,21 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 Row = dict[str, Any]
-RETRIES = 3        # of a study whose worker died
+RETRIES = 3  # of a study whose worker died
 ERRORS = ("nominal", "base", "chosen")
 
 
 @contextmanager
 def cluster(workers: int | None = None, scheduler: str | None = None) -> Iterator[Any]:
-    """A dask client: of a running scheduler, or of workers of this machine, one thread each. Raises StudyError."""
+    """A dask client: of a running scheduler, or of workers of this machine, one thread each. Raises
+    StudyError."""
     try:
         import dask
         from distributed import Client, LocalCluster
     except ImportError:
-        raise StudyError("fleet: dask.distributed is not installed: pip install 'modelsel[fleet]'") from None
+        raise StudyError(
+            "fleet: dask.distributed is not installed: pip install 'modelsel[fleet]'"
+        ) from None
     if scheduler is not None:
         try:
             client = Client(scheduler, timeout=20, set_as_default=False)
@@ -55,27 +58,55 @@ def cluster(workers: int | None = None, scheduler: str | None = None) -> Iterato
         with client:
             yield client
         return
-    quiet = {"distributed.worker.daemon": False, "distributed.logging.distributed": "error",   # a study may have workers itself
-             "distributed.worker.memory.terminate": False, "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None}
-    with (dask.config.set(quiet), LocalCluster(n_workers=workers or os.cpu_count() or 1, threads_per_worker=1, processes=True,
-                                              dashboard_address=None, silence_logs=50) as here,
-          Client(here, set_as_default=False) as client):
+    quiet = {
+        "distributed.worker.daemon": False,
+        "distributed.logging.distributed": "error",  # a study may have workers itself
+        "distributed.worker.memory.terminate": False,
+        "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
+    }
+    with (
+        dask.config.set(quiet),
+        LocalCluster(
+            n_workers=workers or os.cpu_count() or 1,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=None,
+            silence_logs=50,
+        ) as here,
+        Client(here, set_as_default=False) as client,
+    ):
         yield client
 
 
-def run_fleet(fleet: Fleet, out: Path, client: Any, *, sampling: bool = True, resume: bool = False, reports: bool = False,
-              say: Callable[[str], None] = lambda _: None) -> list[Row]:
-    """Every study and measurement set of a fleet, each into its folder below `out`, with its `reports` drawn or to be drawn
-    later; a row of the summary for each, in the fleet's order. Nothing is raised for a study that fails: its row says why."""
+def run_fleet(
+    fleet: Fleet,
+    out: Path,
+    client: Any,
+    *,
+    sampling: bool = True,
+    resume: bool = False,
+    reports: bool = False,
+    say: Callable[[str], None] = lambda _: None,
+) -> list[Row]:
+    """Every study and measurement set of a fleet, each into its folder below `out`, with its
+    `reports` drawn or to be drawn later; a row of the summary for each, in the fleet's order.
+    Nothing is raised for a study that fails: its row says why."""
     from distributed import as_completed
+
     out = out.resolve()
     rows: dict[str, Row] = {}
     waiting = {}
     for task in fleet.tasks:
         if resume and _finished(task, out / task.name, sampling, reports):
-            rows[task.name] = _row(task.name, json.loads((out / task.name / "result.json").read_text(encoding="utf-8")))
+            rows[task.name] = _row(
+                task.name, json.loads((out / task.name / "result.json").read_text(encoding="utf-8"))
+            )
         else:
-            waiting[client.submit(_one, task, str(out / task.name), sampling, reports, pure=False, retries=RETRIES)] = task.name
+            waiting[
+                client.submit(
+                    _one, task, str(out / task.name), sampling, reports, pure=False, retries=RETRIES
+                )
+            ] = task.name
     if rows:
         say(f"{len(rows)} of {len(fleet.tasks)} are finished already")
     for future in as_completed(list(waiting), loop=client.loop):
@@ -86,7 +117,7 @@ def run_fleet(fleet: Fleet, out: Path, client: Any, *, sampling: bool = True, re
     for part in fleet.parts:
         try:
             rows[part.name] = _whole_set(part, fleet.folder, out / part.name, client)
-        except Exception as error:      # noqa: BLE001 - whatever breaks in one set, the job goes on and its row says what
+        except Exception as error:  # noqa: BLE001 - whatever breaks in one set, the job goes on and its row says what
             rows[part.name] = _broken(part.name, error)
         say(f"{part.name}: {rows[part.name]['state']}")
     return [rows[name] for name in (*(t.name for t in fleet.tasks), *(p.name for p in fleet.parts))]
@@ -107,11 +138,16 @@ def _one(task: Task, out: str, sampling: bool, reports: bool) -> Row:
 
 def _finished(task: Task, folder: Path, sampling: bool, reports: bool) -> bool:
     """Whether the folder holds all of this study: same data, same study, same versions."""
-    if not all((folder / name).is_file() for name in (*WRITES, *(("report.pdf", "report.html") if reports else ()))):
+    if not all(
+        (folder / name).is_file()
+        for name in (*WRITES, *(("report.pdf", "report.html") if reports else ()))
+    ):
         return False
     try:
         there = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-        data = hashlib.sha256(find_data(task.study.measurements.file, task.folder).read_bytes()).hexdigest()
+        data = hashlib.sha256(
+            find_data(task.study.measurements.file, task.folder).read_bytes()
+        ).hexdigest()
     except (OSError, ValueError):
         return False
     same = there.get("provenance") == provenance(task.study, data)
@@ -122,25 +158,59 @@ def _row(name: str, result: Row) -> Row:
     """A study's line in the summary."""
     ladder = result["ladder"]
     last, sampled = ladder[-1], result["sampling"]
-    return {"name": name, "state": "done", "exit": 0 if sampled is None or sampled["converged"] else CHECK_FAILED,
-            "robot": result["robot"], "estimation": result["configurations"]["estimation"],
-            "held_out": result["configurations"]["held_out"], "noise_mm": result["noise_floor"]["coordinate_mm"],
-            "nominal_mm": ladder[0]["held_out"]["mean_mm"], "base_mm": ladder[1 if len(ladder) > 1 else 0]["held_out"]["mean_mm"],
-            "chosen_mm": last["held_out"]["mean_mm"], "rank": last["rank"],
-            "found": " + ".join(m for m in last["mechanisms"] if m not in ladder[1 if len(ladder) > 1 else 0]["mechanisms"]),
-            "warnings": " + ".join(dict.fromkeys(w["code"] for w in result["warnings"])), "why": ""}
+    return {
+        "name": name,
+        "state": "done",
+        "exit": 0 if sampled is None or sampled["converged"] else CHECK_FAILED,
+        "robot": result["robot"],
+        "estimation": result["configurations"]["estimation"],
+        "held_out": result["configurations"]["held_out"],
+        "noise_mm": result["noise_floor"]["coordinate_mm"],
+        "nominal_mm": ladder[0]["held_out"]["mean_mm"],
+        "base_mm": ladder[1 if len(ladder) > 1 else 0]["held_out"]["mean_mm"],
+        "chosen_mm": last["held_out"]["mean_mm"],
+        "rank": last["rank"],
+        "found": " + ".join(
+            m
+            for m in last["mechanisms"]
+            if m not in ladder[1 if len(ladder) > 1 else 0]["mechanisms"]
+        ),
+        "warnings": " + ".join(dict.fromkeys(w["code"] for w in result["warnings"])),
+        "why": "",
+    }
 
 
 def _failed(name: str, why: str, code: int) -> Row:
-    return dict.fromkeys(_COLUMNS) | {"name": name, "state": "failed", "exit": code, "found": "", "warnings": "", "why": why}
+    return dict.fromkeys(_COLUMNS) | {
+        "name": name,
+        "state": "failed",
+        "exit": code,
+        "found": "",
+        "warnings": "",
+        "why": why,
+    }
 
 
 def _broken(name: str, error: BaseException) -> Row:
     return _failed(name, f"internal error: {type(error).__name__}: {error}", 1)
 
 
-_COLUMNS = ("name", "state", "exit", "robot", "estimation", "held_out", "noise_mm", "nominal_mm", "base_mm", "chosen_mm", "rank",
-            "found", "warnings", "why")
+_COLUMNS = (
+    "name",
+    "state",
+    "exit",
+    "robot",
+    "estimation",
+    "held_out",
+    "noise_mm",
+    "nominal_mm",
+    "base_mm",
+    "chosen_mm",
+    "rank",
+    "found",
+    "warnings",
+    "why",
+)
 
 
 def _whole_set(table: PartsTable, folder: Path, out: Path, client: Any) -> Row:
@@ -149,21 +219,50 @@ def _whole_set(table: PartsTable, folder: Path, out: Path, client: Any) -> Row:
         problems: list[str] = []
         files = [path for pattern in table.files for path in matching(folder, pattern, problems)]
         if not files:
-            raise DataError(f"no file matches {', '.join(table.files)}.", remedy="Patterns are relative to the fleet file.")
-        robot = load(table.robot) if table.robot in builtin_names() else read_robot(folder / table.robot)
+            raise DataError(
+                f"no file matches {', '.join(table.files)}.",
+                remedy="Patterns are relative to the fleet file.",
+            )
+        robot = (
+            load(table.robot)
+            if table.robot in builtin_names()
+            else read_robot(folder / table.robot)
+        )
         model = Model(tuple(mechanism(name, robot, with_plugins()[0]) for name in table.base))
         x, y, z = table.tool_mm
-        source = Parts(robot, (x, y, z), parts_of([path.resolve() for path in files]), partial(_on_workers, client))
+        source = Parts(
+            robot,
+            (x, y, z),
+            parts_of([path.resolve() for path in files]),
+            partial(_on_workers, client),
+        )
         fitted, cv = fit_parts(source, model, table.folds)
     except ModelselError as error:
         return _failed(table.name, str(error), error.exit_code)
-    found = {"schema": 1, "name": table.name, "robot": robot.name, "base": list(table.base), "rows": len(source),
-             "pieces": len(source.parts), "rank": fitted.rank, "sigma_mm": fitted.sigma, "cv_rms_mm": cv.rms * 3 ** 0.5,
-             "estimate": [{"symbol": t.symbol, "unit": t.unit, "value": v, "standard_error": s}
-                          for t, v, s in zip(model.terms, fitted.theta, fitted.standard_errors, strict=True)]}
+    found = {
+        "schema": 1,
+        "name": table.name,
+        "robot": robot.name,
+        "base": list(table.base),
+        "rows": len(source),
+        "pieces": len(source.parts),
+        "rank": fitted.rank,
+        "sigma_mm": fitted.sigma,
+        "cv_rms_mm": cv.rms * 3**0.5,
+        "estimate": [
+            {"symbol": t.symbol, "unit": t.unit, "value": v, "standard_error": s}
+            for t, v, s in zip(model.terms, fitted.theta, fitted.standard_errors, strict=True)
+        ],
+    }
     write_beside(out / "parts.json", dumps(found).encode())
-    return _failed(table.name, "", 0) | {"state": "done", "robot": robot.name, "estimation": len(source), "held_out": 0,
-                                         "noise_mm": fitted.sigma, "rank": fitted.rank}
+    return _failed(table.name, "", 0) | {
+        "state": "done",
+        "robot": robot.name,
+        "estimation": len(source),
+        "held_out": 0,
+        "noise_mm": fitted.sigma,
+        "rank": fitted.rank,
+    }
 
 
 def _on_workers(client: Any, work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
@@ -172,11 +271,12 @@ def _on_workers(client: Any, work: Callable[[Any], Any], items: Sequence[Any]) -
 
 
 def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> list[Path]:
-    """summary.csv and summary.parquet, a line a study, and for a fleet's `name` summary.pdf; the same bytes for the same
-    results."""
+    """summary.csv and summary.parquet, a line a study, and for a fleet's `name` summary.pdf; the
+    same bytes for the same results."""
     import io
 
     import pandas as pd
+
     frame = pd.DataFrame(list(rows), columns=list(_COLUMNS))
     buffer = io.BytesIO()
     frame.to_parquet(buffer, index=False)
@@ -190,18 +290,29 @@ def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> lis
 
 
 def show_fleet(rows: Sequence[Row], console: Console) -> None:
-    """The summary on a terminal: a line a study, mean held-out errors in mm; then what failed and why."""
+    """The summary on a terminal: a line a study, mean held-out errors in mm; then what failed and
+    why."""
     from rich.table import Table
     from rich.text import Text
 
     from ..report.terminal import mm
+
     table = Table(title="Mean held-out error [mm]")
-    for name, side in (("study", "left"), ("configurations", "right"), *((what, "right") for what in ERRORS), ("found", "left")):
+    for name, side in (
+        ("study", "left"),
+        ("configurations", "right"),
+        *((what, "right") for what in ERRORS),
+        ("found", "left"),
+    ):
         table.add_column(name, justify=side)  # type: ignore[arg-type]
     for row in rows:
         if row["state"] == "done":
-            table.add_row(Text(row["name"]), f"{row['estimation'] + row['held_out']:,}",
-                          *(mm(row[f"{what}_mm"]) for what in ERRORS), Text(row["found"] or "–"))
+            table.add_row(
+                Text(row["name"]),
+                f"{row['estimation'] + row['held_out']:,}",
+                *(mm(row[f"{what}_mm"]) for what in ERRORS),
+                Text(row["found"] or "–"),
+            )
     console.print(table)
     for row in rows:
         if row["state"] != "done":

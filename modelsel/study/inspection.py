@@ -24,58 +24,109 @@ from ..setup.mistakes import LEAST
 from ..setup.registration import register
 from .checks import setup_notes
 
-MOST = 2000        # points that are registered
+MOST = 2000  # points that are registered
 
 
 def robot_card(robot: Robot) -> dict[str, Any]:
     """A robot as plain values."""
+
     def limits(joint: Any) -> str:
         if joint.limits is None:
             return "not known"
         low, high = joint.limits if joint.prismatic else np.degrees(joint.limits)
         return f"{low:.4g} to {high:.4g} {'mm' if joint.prismatic else 'deg'}"
-    return {"name": robot.name, "source": robot.source, "joints": robot.n, "reach_mm": robot.reach, "gravity": robot.gravity,
-            "chain": [{"kind": "prismatic" if j.prismatic else "revolute", "limits": limits(j), "mass_kg": j.mass,
-                       "transform_mm": j.before[:3].tolist()} for j in robot.joints],
-            "last_mm": robot.last[:3].tolist()}
+
+    return {
+        "name": robot.name,
+        "source": robot.source,
+        "joints": robot.n,
+        "reach_mm": robot.reach,
+        "gravity": robot.gravity,
+        "chain": [
+            {
+                "kind": "prismatic" if j.prismatic else "revolute",
+                "limits": limits(j),
+                "mass_kg": j.mass,
+                "transform_mm": j.before[:3].tolist(),
+            }
+            for j in robot.joints
+        ],
+        "last_mm": robot.last[:3].tolist(),
+    }
 
 
 def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
-    """What a file holds, what its configurations determine of the geometry, and what they do not."""
+    """What a file holds, what its configurations determine of the geometry, and what they do
+    not."""
     orientation = data.rotation is not None
     bound = scene(robot, data, np.tile([0.0, 0.0, 100.0], (len(data.targets), 1)))
     features, gauges = data.gauges.features if data.gauges is not None else (), data.gauges
     bound = place(bound, np.ones(len(data), bool))
-    model = Model((setup(robot, len(data.targets), 1, False, orientation, features), geometric(robot)))
+    model = Model(
+        (setup(robot, len(data.targets), 1, False, orientation, features), geometric(robot))
+    )
     found = as_drawn(identify(reduce_scene(bound, model.terms)), bound, model.terms)
     rank, condition = found.rank, found.condition
     found = fitted_terms(found, model)
     floor = None if gauges is not None else from_repeats(data) or from_target_pairs(data)
-    kinds = {} if gauges is None else {"kinds": {k: int(gauges.of(k).sum()) for k in KINDS if gauges.of(k).any()}, "features": [
-        {"name": f.name, "kind": f.kind, "rows": int((gauges.feature == k).sum())} for k, f in enumerate(features)]}
+    kinds = (
+        {}
+        if gauges is None
+        else {
+            "kinds": {k: int(gauges.of(k).sum()) for k in KINDS if gauges.of(k).any()},
+            "features": [
+                {"name": f.name, "kind": f.kind, "rows": int((gauges.feature == k).sum())}
+                for k, f in enumerate(features)
+            ],
+        }
+    )
     joints = []
     for j, joint in enumerate(robot.joints):
         low, high = float(data.q[:, j].min()), float(data.q[:, j].max())
         whole = None if joint.limits is None else (high - low) / (joint.limits[1] - joint.limits[0])
-        joints.append({"joint": j + 1, "low": low, "high": high, "unit": robot.unit(j + 1), "share_of_range": whole,
-                       "moves": high - low > 1e-6})
-    return {"rows": len(data), "configurations": data.configurations, "targets": list(data.targets), "groups": list(data.groups),
-            **kinds, "orientation": orientation, "covariates": sorted(data.covariates), "joints": joints,
-            "repeats": data.configurations - len(np.unique(data.block)),
-            "noise_floor": None if floor is None else {"coordinate_mm": floor.coordinate_mm, "source": floor.source},
-            "geometry": {"parameters": len(model.terms), "rank": rank, "condition": condition},
-            "unidentifiable": [{"sentence": u.sentence, "parameters": list(u.parameters)}
-                               for u in unidentifiable(found, model.terms)],
-            **_registered(robot, data), "warnings": [{"code": n.code, "sentence": n.sentence} for n in data.notes]}
+        joints.append(
+            {
+                "joint": j + 1,
+                "low": low,
+                "high": high,
+                "unit": robot.unit(j + 1),
+                "share_of_range": whole,
+                "moves": high - low > 1e-6,
+            }
+        )
+    return {
+        "rows": len(data),
+        "configurations": data.configurations,
+        "targets": list(data.targets),
+        "groups": list(data.groups),
+        **kinds,
+        "orientation": orientation,
+        "covariates": sorted(data.covariates),
+        "joints": joints,
+        "repeats": data.configurations - len(np.unique(data.block)),
+        "noise_floor": None
+        if floor is None
+        else {"coordinate_mm": floor.coordinate_mm, "source": floor.source},
+        "geometry": {"parameters": len(model.terms), "rank": rank, "condition": condition},
+        "unidentifiable": [
+            {"sentence": u.sentence, "parameters": list(u.parameters)}
+            for u in unidentifiable(found, model.terms)
+        ],
+        **_registered(robot, data),
+        "warnings": [{"code": n.code, "sentence": n.sentence} for n in data.notes],
+    }
 
 
 def _registered(robot: Robot, data: Measurements) -> dict[str, Any]:
-    """How well the positions fit the nominal robot once the tracker's frame and the targets are found, as one placement of all
-    groups, and which simple mistake of the set-up would fit better; empty where too few points are measured."""
+    """How well the positions fit the nominal robot once the tracker's frame and the targets are
+    found, as one placement of all groups, and which simple mistake of the set-up would fit better;
+    empty where too few points are measured."""
     bound = scene(robot, data, np.zeros((len(data.targets), 3)))
-    points = np.flatnonzero(np.ones(len(data), bool) if data.gauges is None else data.gauges.of("point"))
+    points = np.flatnonzero(
+        np.ones(len(data), bool) if data.gauges is None else data.gauges.of("point")
+    )
     use = np.zeros(len(data), bool)
-    use[points[::max(len(points) // MOST, 1)]] = True
+    use[points[:: max(len(points) // MOST, 1)]] = True
     if len(np.unique(data.block[use])) < LEAST:
         return {}
     try:
@@ -84,8 +135,14 @@ def _registered(robot: Robot, data: Measurements) -> dict[str, Any]:
     except (DataError, NotEstimable):
         return {}
     doubts = setup_notes(bound, use, True, False)
-    return {"registered": {"median_mm": left, **standing(bound, False),
-                           "mistake": next((n.sentence for n in doubts if n.code == MISTAKEN), None), "alarms": alarms(doubts)}}
+    return {
+        "registered": {
+            "median_mm": left,
+            **standing(bound, False),
+            "mistake": next((n.sentence for n in doubts if n.code == MISTAKEN), None),
+            "alarms": alarms(doubts),
+        }
+    }
 
 
 def _some(names: list[str]) -> str:
@@ -94,34 +151,57 @@ def _some(names: list[str]) -> str:
 
 def sentences(found: dict[str, Any]) -> list[str]:
     """`describe` in words."""
-    out = [f"{found['rows']:,} rows, {found['configurations']:,} configurations, {found['repeats']:,} of them repeats; targets: "
-           f"{', '.join(found['targets'])}; groups: {', '.join(found['groups'][:8])}"
-           + (" …" if len(found["groups"]) > 8 else "")]
+    out = [
+        f"{found['rows']:,} rows, {found['configurations']:,} configurations, {found['repeats']:,} of them repeats; targets: "
+        f"{', '.join(found['targets'])}; groups: {', '.join(found['groups'][:8])}"
+        + (" …" if len(found["groups"]) > 8 else "")
+    ]
     if "kinds" in found:
         shared: dict[str, list[str]] = {}
         for f in found["features"]:
             shared.setdefault(f["kind"], []).append(f["name"])
-        out.append("Rows by kind: " + ", ".join(f"{count} {kind}" + (f" ({_some(shared[kind])})" if kind in shared else "")
-                                                for kind, count in found["kinds"].items()))
-    out.append("Covariates: " + (", ".join(found["covariates"]) or "none")
-               + ("; orientations measured" if found["orientation"] else "; positions only"))
+        out.append(
+            "Rows by kind: "
+            + ", ".join(
+                f"{count} {kind}" + (f" ({_some(shared[kind])})" if kind in shared else "")
+                for kind, count in found["kinds"].items()
+            )
+        )
+    out.append(
+        "Covariates: "
+        + (", ".join(found["covariates"]) or "none")
+        + ("; orientations measured" if found["orientation"] else "; positions only")
+    )
     for j in found["joints"]:
         factor, unit = (180 / np.pi, "deg") if j["unit"] == "rad" else (1.0, "mm")
         share = "" if j["share_of_range"] is None else f", {j['share_of_range']:.0%} of its range"
-        moved = f"{j['low'] * factor:.1f} to {j['high'] * factor:.1f} {unit}{share}" if j["moves"] else (
-            "does not move: nothing can be said of errors that grow with it")
+        moved = (
+            f"{j['low'] * factor:.1f} to {j['high'] * factor:.1f} {unit}{share}"
+            if j["moves"]
+            else ("does not move: nothing can be said of errors that grow with it")
+        )
         out.append(f"Joint {j['joint']}: {moved}")
     floor = found["noise_floor"]
-    out.append("Noise floor: " + (f"{floor['coordinate_mm']:.3g} mm per coordinate, from {floor['source']}" if floor else
-                                  "cannot be told from these data alone"
-                                  + ("" if "kinds" in found else " (no repeats, no target pairs)")))
+    out.append(
+        "Noise floor: "
+        + (
+            f"{floor['coordinate_mm']:.3g} mm per coordinate, from {floor['source']}"
+            if floor
+            else "cannot be told from these data alone"
+            + ("" if "kinds" in found else " (no repeats, no target pairs)")
+        )
+    )
     geometry = found["geometry"]
-    out.append(f"Geometry: {geometry['rank']} of {geometry['parameters']} parameters can be determined (target assumed at "
-               f"0, 0, 100 mm), condition {geometry['condition']:.0f}")
+    out.append(
+        f"Geometry: {geometry['rank']} of {geometry['parameters']} parameters can be determined (target assumed at "
+        f"0, 0, 100 mm), condition {geometry['condition']:.0f}"
+    )
     out += [f"  {u['sentence']}" for u in found["unidentifiable"]]
     if "registered" in found:
         placed = found["registered"]
-        out.append(f"Registered (tracker's frame and target found): {placed['median_mm']:.3g} mm from the nominal robot (median)")
+        out.append(
+            f"Registered (tracker's frame and target found): {placed['median_mm']:.3g} mm from the nominal robot (median)"
+        )
         out += [f"  {sentence}" for sentence in standing_sentences(placed)]
         out += placed["alarms"]
     return [*out, *(f"Note: {w['sentence']}" for w in found["warnings"])]

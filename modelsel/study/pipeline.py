@@ -49,7 +49,8 @@ from .preparation import Plan, prepare, reweigh_rotation
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What a study asks: its file, its set-up, the nominal robot, the mechanisms that may extend the base, the registry."""
+    """What a study asks: its file, its set-up, the nominal robot, the mechanisms that may extend
+    the base, the registry."""
 
     study: Study
     plan: Plan
@@ -57,22 +58,46 @@ class Question:
     everything: tuple[Mechanism, ...]
     registry: Registry
 
-    def model(self, names: Sequence[str], measured: Measurements, best: Mapping[str, Mechanism] | None = None) -> Model:
-        """The mechanisms of a rung, with what the set-up leaves open; `best` says which constant a scanned name stands for."""
+    def model(
+        self,
+        names: Sequence[str],
+        measured: Measurements,
+        best: Mapping[str, Mechanism] | None = None,
+    ) -> Model:
+        """The mechanisms of a rung, with what the set-up leaves open; `best` says which constant a
+        scanned name stands for."""
         groups = len(measured.groups) if self.plan.per_group else 1
         features = () if measured.gauges is None else measured.gauges.features
-        placement = setup(self.robot, len(measured.targets), groups, self.plan.register, measured.rotation is not None, features)
-        return Model((*((placement,) if placement.terms else ()),
-                      *((best or {}).get(n) or mechanism(n, self.robot, self.registry) for n in names)))
+        placement = setup(
+            self.robot,
+            len(measured.targets),
+            groups,
+            self.plan.register,
+            measured.rotation is not None,
+            features,
+        )
+        return Model(
+            (
+                *((placement,) if placement.terms else ()),
+                *((best or {}).get(n) or mechanism(n, self.robot, self.registry) for n in names),
+            )
+        )
 
     @property
     def cells(self) -> bool:
-        """Whether causes nobody registered may be named, too; with `candidates = []` everything is said, nothing extended."""
+        """Whether causes nobody registered may be named, too; with `candidates = []` everything is
+        said, nothing extended."""
         return self.study.model.candidates in ("all", [])
 
 
-def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.object_] | None = None,
-            say: Say = lambda _: None, data_sha256: str = "") -> Result:
+def analyse(
+    question: Question,
+    measured: Measurements,
+    *,
+    labels: NDArray[np.object_] | None = None,
+    say: Say = lambda _: None,
+    data_sha256: str = "",
+) -> Result:
     """The study of measurements already read. Raises StudyError, DataError or NotEstimable."""
     plan = question.plan
     say("registering and splitting" if plan.register else "splitting")
@@ -81,87 +106,210 @@ def analyse(question: Question, measured: Measurements, *, labels: NDArray[np.ob
         return _analysed(question, data, floor, notes, say, data_sha256)
 
 
-def _analysed(question: Question, data: Data, floor: Floor | None, notes: tuple[Note, ...], say: Say, data_sha256: str) -> Result:
+def _analysed(
+    question: Question,
+    data: Data,
+    floor: Floor | None,
+    notes: tuple[Note, ...],
+    say: Say,
+    data_sha256: str,
+) -> Result:
     """The study of data that are registered, weighed and split."""
     study, plan = question.study, question.plan
-    measured = data.scene.data                          # without the rows that nothing can be said of
+    measured = data.scene.data  # without the rows that nothing can be said of
     base, base_names = question.model(study.model.base, measured), tuple(study.model.base)
     data = _weighed(question, data, base)
     say("looking for outliers")
-    data, extension, found = explain(data, base, question.everything, study.seed, question.cells, say)
+    data, extension, found = explain(
+        data, base, question.everything, study.seed, question.cells, say
+    )
     data, floor, doubts = believed(data, floor, extension.fit)
-    nominal, base_rung = rung(data, question.model((), measured), ("nominal",)), rung(data, base, base_names)
+    nominal, base_rung = (
+        rung(data, question.model((), measured), ("nominal",)),
+        rung(data, base, base_names),
+    )
     if thinned(extension, data):
-        notes = (*notes, Note("scan-of-some", f"What is wrong was looked for in {rows_seen(extension, data)} of "
-                              f"the {int(data.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
-                              "all rows."))
-    notes = (*notes, *restricted(study.model.candidates), *doubts, *turns_believed(data, extension.fit),
-             *uneven(extension), *(beside(data.scene) if question.cells else ()))
+        notes = (
+            *notes,
+            Note(
+                "scan-of-some",
+                f"What is wrong was looked for in {rows_seen(extension, data)} of "
+                f"the {int(data.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
+                "all rows.",
+            ),
+        )
+    notes = (
+        *notes,
+        *restricted(study.model.candidates),
+        *doubts,
+        *turns_believed(data, extension.fit),
+        *uneven(extension),
+        *(beside(data.scene) if question.cells else ()),
+    )
     say("comparing all subsets of the candidates")
-    offered, aside = strongest(found, extension.single_f, [e.candidate for e in extension.effects],
-                               study.comparison.mechanisms or MOST)
-    comparison = compare(data, base, base_rung.fit, offered, base_names, aside, len(found)) if offered else None
+    offered, aside = strongest(
+        found,
+        extension.single_f,
+        [e.candidate for e in extension.effects],
+        study.comparison.mechanisms or MOST,
+    )
+    comparison = (
+        compare(data, base, base_rung.fit, offered, base_names, aside, len(found))
+        if offered
+        else None
+    )
     say("measuring the gain")
     steps = _steps(data, base_rung, extension)
-    rungs = [nominal, *_ladder(question, data, measured, base_rung, best_constants(found, extension.single_f))]
-    rungs += [r for r in (steps if study.model.candidates != [] else steps[:1]) if _same(r) not in [_same(x) for x in rungs]]
+    rungs = [
+        nominal,
+        *_ladder(question, data, measured, base_rung, best_constants(found, extension.single_f)),
+    ]
+    rungs += [
+        r
+        for r in (steps if study.model.candidates != [] else steps[:1])
+        if _same(r) not in [_same(x) for x in rungs]
+    ]
     chosen = steps[-1] if study.model.candidates != [] else base_rung
-    rungs = [*(r for r in rungs if r is not chosen and (_same(r) != _same(chosen) or r is nominal)), chosen]
+    rungs = [
+        *(r for r in rungs if r is not chosen and (_same(r) != _same(chosen) or r is nominal)),
+        chosen,
+    ]
 
-    data = replace(data, outlying=data.outlying | held_out_outliers(data, [r for r in rungs if r is not nominal]))
-    faults = unsaid(misplaced(data.scene, data.outlying, chosen.fit, generator(study.seed, "null")), notes)
+    data = replace(
+        data,
+        outlying=data.outlying | held_out_outliers(data, [r for r in rungs if r is not nominal]),
+    )
+    faults = unsaid(
+        misplaced(data.scene, data.outlying, chosen.fit, generator(study.seed, "null")), notes
+    )
     held = ~data.estimation & ~data.outlying
     drawn = Resampled.of(measured.block[held], generator(study.seed, "gain"))
 
     def gained(before: Rung, after: Rung) -> Gain:
         return paired(before.residual[held][:, :3], after.residual[held][:, :3], drawn)
 
-    findings = tuple(Finding(e, gained(a, b)) for e, a, b in zip(extension.effects, steps, steps[1:], strict=False))
-    notes = (*notes, *_of_table(comparison, chosen), *worse_than_nominal(base_names, gained(nominal, base_rung)),
-             *opposed(findings), *surprised(data, chosen))
-    if not doubts:                                      # else that is said, and by how much
-        notes = (*notes, *lacking(lack_of_fit(chosen, floor, data), floor is not None and np.isinf(floor.freedom)))
+    findings = tuple(
+        Finding(e, gained(a, b))
+        for e, a, b in zip(extension.effects, steps, steps[1:], strict=False)
+    )
+    notes = (
+        *notes,
+        *_of_table(comparison, chosen),
+        *worse_than_nominal(base_names, gained(nominal, base_rung)),
+        *opposed(findings),
+        *surprised(data, chosen),
+    )
+    if not doubts:  # else that is said, and by how much
+        notes = (
+            *notes,
+            *lacking(
+                lack_of_fit(chosen, floor, data), floor is not None and np.isinf(floor.freedom)
+            ),
+        )
     within = None
     if study.split.nested_folds:
         say(f"the whole procedure again in {study.split.nested_folds} folds")
-        within = nested(data, base, question.everything, study.seed, question.cells, study.split.nested_folds)
+        within = nested(
+            data, base, question.everything, study.seed, question.cells, study.split.nested_folds
+        )
     ladder = tuple(remeasured(r, data) for r in rungs)
-    if lost := [" + ".join(r.names) for r in ladder if r.cv_rms_mm is None or not np.isfinite(r.cv_rms_mm)]:
-        notes = (*notes, Note("cv-not-estimable", f"No cross-validation of {', '.join(lost)}: without one of the folds the data "
-                              "do not determine it, and its cv_rms_mm is null. More folds or configurations are needed."))
+    if lost := [
+        " + ".join(r.names) for r in ladder if r.cv_rms_mm is None or not np.isfinite(r.cv_rms_mm)
+    ]:
+        notes = (
+            *notes,
+            Note(
+                "cv-not-estimable",
+                f"No cross-validation of {', '.join(lost)}: without one of the folds the data "
+                "do not determine it, and its cv_rms_mm is null. More folds or configurations are needed.",
+            ),
+        )
     say("weighing every mechanism of the chosen model")
     sure = confidence(data, chosen.fit, chosen.names, study.seed)
-    noise, nothing = per_row(floor or estimated_floor(chosen, data), data), nothing_else(extension, found, data, steps[-1])
-    notes = outcome(data, remeasured(chosen, data), noise, nothing[1], notes, plan.per_group if plan.register else None, faults)
+    noise, nothing = (
+        per_row(floor or estimated_floor(chosen, data), data),
+        nothing_else(extension, found, data, steps[-1]),
+    )
+    notes = outcome(
+        data,
+        remeasured(chosen, data),
+        noise,
+        nothing[1],
+        notes,
+        plan.per_group if plan.register else None,
+        faults,
+    )
     untold = unidentifiable(chosen.fit.found, chosen.fit.terms, chosen.fit.leaning)
-    return Result(study, question.robot, data, noise, ladder, comparison, remeasured(chosen, data), gained(nominal, chosen),
-                  findings, faults, extension, error_map(extension, found), nothing, predictable_left(data, steps[-1],
-                  generator(study.seed, "flips")), within, untold, notes, sure, provenance(study, data_sha256))
+    return Result(
+        study,
+        question.robot,
+        data,
+        noise,
+        ladder,
+        comparison,
+        remeasured(chosen, data),
+        gained(nominal, chosen),
+        findings,
+        faults,
+        extension,
+        error_map(extension, found),
+        nothing,
+        predictable_left(data, steps[-1], generator(study.seed, "flips")),
+        within,
+        untold,
+        notes,
+        sure,
+        provenance(study, data_sha256),
+    )
 
 
 def _of_table(comparison: Comparison | None, chosen: Rung) -> tuple[Note, ...]:
     """Where the table of subsets chooses otherwise, and where its best is not proven."""
     out: list[Note] = []
     if comparison is not None and set(comparison.choice) != set(chosen.names):
-        out.append(Note("table-differs", "The one-standard-error choice of the table of subsets is "
-                        f"{' + '.join(comparison.choice)}; the chosen model follows what was named."))
-    if comparison is not None and comparison.certified is not None and not comparison.certified.proven:
-        out.append(Note("search-unproven", f"Of 2^{len(comparison.considered)} subsets of the candidates the best by BIC "
-                        f"that was found is not proven: another may have up to {comparison.certified.gap:.3g} less."))
+        out.append(
+            Note(
+                "table-differs",
+                "The one-standard-error choice of the table of subsets is "
+                f"{' + '.join(comparison.choice)}; the chosen model follows what was named.",
+            )
+        )
+    if (
+        comparison is not None
+        and comparison.certified is not None
+        and not comparison.certified.proven
+    ):
+        out.append(
+            Note(
+                "search-unproven",
+                f"Of 2^{len(comparison.considered)} subsets of the candidates the best by BIC "
+                f"that was found is not proven: another may have up to {comparison.certified.gap:.3g} less.",
+            )
+        )
     return tuple(out)
 
 
-def with_sampling(question: Question, result: Result, say: Say = lambda _: None, keeper: Keeper | None = None) -> Result:
+def with_sampling(
+    question: Question, result: Result, say: Say = lambda _: None, keeper: Keeper | None = None
+) -> Result:
     """A result with its chosen model's posterior sampled."""
     plan, study, measured = question.plan, question.study, result.data.scene.data
-    request = Request(question.model(study.model.base, measured), study.sampling.over, plan.instrument,
-                      plan.stated_mm is not None and result.data.known_sigma, question.registry)
-    found = sampled(result.confidence, result.data, result.chosen.fit, request, study.seed, say, keeper)
+    request = Request(
+        question.model(study.model.base, measured),
+        study.sampling.over,
+        plan.instrument,
+        plan.stated_mm is not None and result.data.known_sigma,
+        question.registry,
+    )
+    found = sampled(
+        result.confidence, result.data, result.chosen.fit, request, study.seed, say, keeper
+    )
     return replace(result, confidence=found)
 
 
 def _weighed(question: Question, data: Data, base: Model) -> Data:
-    """With orientations of unstated uncertainty: rotational rows weighed by their own residuals, nominal then base."""
+    """With orientations of unstated uncertainty: rotational rows weighed by their own residuals,
+    nominal then base."""
     if data.scene.data.rotation is not None:
         for model in (question.model((), data.scene.data), base):
             data = reweigh_rotation(data, question.plan, rung(data, model, ()).residual)
@@ -173,8 +321,11 @@ def _same(r: Rung) -> tuple[tuple[str, ...], frozenset[tuple[Screw, ...]]]:
     return r.names, frozenset(t.screws for t in r.fit.terms)
 
 
-def best_constants(found: Sequence[Candidate], single_f: NDArray[np.float64]) -> dict[str, Mechanism]:
-    """Of every registered name with several constants, the one that alone explains most beyond the base."""
+def best_constants(
+    found: Sequence[Candidate], single_f: NDArray[np.float64]
+) -> dict[str, Mechanism]:
+    """Of every registered name with several constants, the one that alone explains most beyond the
+    base."""
     best: dict[str, tuple[float, Mechanism]] = {}
     count: dict[str, int] = {}
     for candidate, f in zip(found, single_f, strict=True):
@@ -186,10 +337,20 @@ def best_constants(found: Sequence[Candidate], single_f: NDArray[np.float64]) ->
     return {name: m for name, (_, m) in best.items() if count[name] > 1}
 
 
-def _ladder(question: Question, data: Data, measured: Measurements, base_rung: Rung, best: Mapping[str, Mechanism]) -> list[Rung]:
+def _ladder(
+    question: Question,
+    data: Data,
+    measured: Measurements,
+    base_rung: Rung,
+    best: Mapping[str, Mechanism],
+) -> list[Rung]:
     """The study's own rungs, or the base."""
-    return [base_rung if tuple(names) == base_rung.names else rung(data, question.model(names, measured, best), names)
-            for names in question.study.model.ladder or [list(base_rung.names)]]
+    return [
+        base_rung
+        if tuple(names) == base_rung.names
+        else rung(data, question.model(names, measured, best), names)
+        for names in question.study.model.ladder or [list(base_rung.names)]
+    ]
 
 
 def _steps(data: Data, base_rung: Rung, extension: Extension) -> list[Rung]:
@@ -198,7 +359,9 @@ def _steps(data: Data, base_rung: Rung, extension: Extension) -> list[Rung]:
     for k in range(1, len(extension.effects) + 1):
         so_far = [e.candidate for e in extension.effects[:k]]
         names = (*base_rung.names, *(c.label for c in so_far))
-        last = extension.fit if k == len(extension.effects) and not thinned(extension, data) else None
+        last = (
+            extension.fit if k == len(extension.effects) and not thinned(extension, data) else None
+        )
         steps.append(rung(data, models(extension.base, so_far), names, last, start=steps[-1].fit))
     return steps
 
@@ -206,23 +369,38 @@ def _steps(data: Data, base_rung: Rung, extension: Extension) -> list[Rung]:
 def provenance(study: Study, data_sha256: str) -> dict[str, str]:
     """Versions and hashes; no path, time or host."""
     import scipy
-    return {"modelsel": VERSION, "numpy": np.__version__, "scipy": scipy.__version__, "data_sha256": data_sha256,
-            "study_sha256": hashlib.sha256(study.model_dump_json().encode()).hexdigest()}
+
+    return {
+        "modelsel": VERSION,
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "data_sha256": data_sha256,
+        "study_sha256": hashlib.sha256(study.model_dump_json().encode()).hexdigest(),
+    }
 
 
 def held_out_outliers(data: Data, rungs: Sequence[Rung]) -> NDArray[np.bool_]:
-    """Held-out rows beyond 8 robust standard deviations of the estimation residuals in every rung from the base on."""
+    """Held-out rows beyond 8 robust standard deviations of the estimation residuals in every rung
+    from the base on."""
     out = ~data.estimation
     for r in rungs:
         size = whitened(data.scene, r.residual)
-        out = out & far_off(size, size[data.used], GROSS, None if data.scene.measured is None else data.scene.measured[data.used])
+        out = out & far_off(
+            size,
+            size[data.used],
+            GROSS,
+            None if data.scene.measured is None else data.scene.measured[data.used],
+        )
     return np.asarray(out)
 
 
 def remeasured(r: Rung, data: Data) -> Rung:
     """A rung with its errors taken again, the outlying rows left out."""
-    return replace(r, estimation=errors(r.residual[data.estimation], data.outlying[data.estimation]),
-                   held_out=errors(r.residual[~data.estimation], data.outlying[~data.estimation]))
+    return replace(
+        r,
+        estimation=errors(r.residual[data.estimation], data.outlying[data.estimation]),
+        held_out=errors(r.residual[~data.estimation], data.outlying[~data.estimation]),
+    )
 
 
 def per_row(floor: Floor, data: Data) -> Floor:

@@ -1,4 +1,5 @@
-"""Components of the noise: which whitened coordinate shares which noise scale, where the study gives reason for several.
+"""Components of the noise: which whitened coordinate shares which noise scale, where the study
+gives reason for several.
 
 Stated uncertainties set the ratios inside a component; the scale of each component is left open.
 """
@@ -23,8 +24,8 @@ SINGLE = "noise scale"
 
 @dataclass(frozen=True, eq=False)
 class Components:
-    """A scene whose whitened coordinates each belong to one component: `of` (c,) its number per coordinate, names and units
-    of the T scales, `factor` (T,) what a scale of 1 is in that unit."""
+    """A scene whose whitened coordinates each belong to one component: `of` (c,) its number per
+    coordinate, names and units of the T scales, `factor` (T,) what a scale of 1 is in that unit."""
 
     scene: Scene
     of: Index
@@ -38,34 +39,57 @@ class Components:
         return len(self.names)
 
 
-def components(scene: Scene, instrument: Instrument | None = None, stated: bool = False) -> Components:
-    """Of a weighed scene. Per-coordinate uncertainties in the data: a scale per axis of the tracker's frame; an instrument
-    (where no floor is `stated`): one along the beam, one across; orientations: one of their own; else one scale in mm."""
+def components(
+    scene: Scene, instrument: Instrument | None = None, stated: bool = False
+) -> Components:
+    """Of a weighed scene. Per-coordinate uncertainties in the data: a scale per axis of the
+    tracker's frame; an instrument (where no floor is `stated`): one along the beam, one across;
+    orientations: one of their own; else one scale in mm."""
     six = scene.components == 6
-    if scene.data.gauges is not None:       # the coordinates of different kinds are not alike: one scale for all that is in mm
+    if (
+        scene.data.gauges is not None
+    ):  # the coordinates of different kinds are not alike: one scale for all that is in mm
         six_of = np.array([0, 0, 0, 1, 1, 1] if six else [0, 0, 0], dtype=np.intp)
         own = ("noise of position", "noise of orientation") if six else (SINGLE,)
         plain = isinstance(scene.whiten, float) and not six
-        return Components(scene, six_of, own, ("mm",) if plain else ("of the stated",) * len(own),
-                          np.array([1 / float(scene.whiten)]) if isinstance(scene.whiten, float) and plain else np.ones(len(own)))
+        return Components(
+            scene,
+            six_of,
+            own,
+            ("mm",) if plain else ("of the stated",) * len(own),
+            np.array([1 / float(scene.whiten)])
+            if isinstance(scene.whiten, float) and plain
+            else np.ones(len(own)),
+        )
     rest, rest_names = ([3, 3, 3], ["noise of orientation"]) if six else ([], [])
     if scene.data.sigma is not None:
         of, names = [0, 1, 2, *rest], ["noise in x", "noise in y", "noise in z", *rest_names]
     elif instrument is not None and not stated:
         scene = along_beam(scene, instrument)
-        of, names = [0, 1, 1, *(k - 1 for k in rest)], ["noise along the beam", "noise across the beam", *rest_names]
+        of, names = (
+            [0, 1, 1, *(k - 1 for k in rest)],
+            ["noise along the beam", "noise across the beam", *rest_names],
+        )
     elif six:
         of, names = [0, 0, 0, 1, 1, 1], ["noise of position", *rest_names]
     else:
         if isinstance(scene.whiten, float):
-            return Components(scene, np.zeros(3, dtype=np.intp), (SINGLE,), ("mm",), np.array([1 / scene.whiten]))
+            return Components(
+                scene, np.zeros(3, dtype=np.intp), (SINGLE,), ("mm",), np.array([1 / scene.whiten])
+            )
         of, names = [0, 0, 0], [SINGLE]
-    return Components(scene, np.array(of, dtype=np.intp), tuple(names), ("of the stated",) * len(names), np.ones(len(names)))
+    return Components(
+        scene,
+        np.array(of, dtype=np.intp),
+        tuple(names),
+        ("of the stated",) * len(names),
+        np.ones(len(names)),
+    )
 
 
 def along_beam(scene: Scene, instrument: Instrument) -> Scene:
-    """The same weights, each row's first whitened coordinate along the beam and the others across it: an orthogonal turn of
-    the whitened coordinates, which no least-squares fit feels."""
+    """The same weights, each row's first whitened coordinate along the beam and the others across
+    it: an orthogonal turn of the whitened coordinates, which no least-squares fit feels."""
     if isinstance(scene.whiten, float):
         raise TypeError("an instrument's weights are a block per row")
     line = scene.data.position - np.array(instrument.at)
@@ -73,9 +97,9 @@ def along_beam(scene: Scene, instrument: Instrument) -> Scene:
     least = np.argmin(np.abs(u), axis=1)
     v = np.cross(u, np.eye(3)[least])
     v /= np.linalg.norm(v, axis=1)[:, None]
-    basis = np.stack([u, v, np.cross(u, v)], axis=1)                          # rows: along, across, across
+    basis = np.stack([u, v, np.cross(u, v)], axis=1)  # rows: along, across, across
     position = scene.whiten[:, :3, :3]
-    spread = np.linalg.inv(np.einsum("mji,mjk->mik", position, position))     # covariance of a row
+    spread = np.linalg.inv(np.einsum("mji,mjk->mik", position, position))  # covariance of a row
     sigma = np.sqrt(np.einsum("mai,mij,maj->ma", basis, spread, basis))
     whiten = scene.whiten.copy()
     whiten[:, :3, :3] = basis / sigma[:, :, None]
@@ -87,15 +111,17 @@ def single(of: Components) -> Components:
     return Components(of.scene, np.zeros_like(of.of), (SINGLE,), of.units[:1], of.factor[:1])
 
 
-# Inner constants of scanned mechanisms, taken as continuous: the moment at which a tracker was moved, for one.
+# Inner constants of scanned mechanisms, taken as continuous: the moment at which a tracker was
+# moved, for one.
 
-GRID = 401     # values at which a cause is worked out; between them it is interpolated
+GRID = 401  # values at which a cause is worked out; between them it is interpolated
 
 
 @dataclass(frozen=True, eq=False)
 class Constant:
-    """One constant: its name and its mechanism's, its range, the value the model holds, and, for every screw it bears on, (place,
-    term index, table (GRID, m) of how far the cause departs from the model's)."""
+    """One constant: its name and its mechanism's, its range, the value the model holds, and, for
+    every screw it bears on, (place, term index, table (GRID, m) of how far the cause departs from
+    the model's)."""
 
     name: str
     mechanism: str
@@ -105,7 +131,8 @@ class Constant:
     tables: tuple[tuple[tuple[int, int], int, Array], ...] = field(repr=False)
 
     def twist(self, theta: Array, value: Array, into: dict[tuple[int, int], Array]) -> None:
-        """Add to `into` (place -> (W, m)) what the constant's values (W,) change at parameters theta (W, p)."""
+        """Add to `into` (place -> (W, m)) what the constant's values (W,) change at parameters
+        theta (W, p)."""
         below, share = self.between(value)
         part = share[:, None]
         for place, k, table in self.tables:
@@ -120,8 +147,9 @@ class Constant:
 
 
 def constants(scene: Scene, model: Model, registry: Registry) -> tuple[Constant, ...]:
-    """One for each mechanism of a model that the registry scans over a range of real numbers; numbered where a mechanism is in
-    the model several times, as the labels of its coefficients are."""
+    """One for each mechanism of a model that the registry scans over a range of real numbers;
+    numbered where a mechanism is in the model several times, as the labels of its coefficients
+    are."""
     place = {t.screws: k for k, t in enumerate(model.terms)}
     out = []
     for m in model.mechanisms:
@@ -131,27 +159,53 @@ def constants(scene: Scene, model: Model, registry: Registry) -> tuple[Constant,
             held = _held(entry, scene.robot, joint, m)
             if held is not None:
                 low, high = entry.range
-                built = [entry.build(scene.robot, *map(int, joint), float(v)) for v in np.linspace(low, high, GRID)]
-                out.append(Constant(f"constant of {m.name}", m.name, low, high, held, _tables(scene, m, built, place)))
+                built = [
+                    entry.build(scene.robot, *map(int, joint), float(v))
+                    for v in np.linspace(low, high, GRID)
+                ]
+                out.append(
+                    Constant(
+                        f"constant of {m.name}",
+                        m.name,
+                        low,
+                        high,
+                        held,
+                        _tables(scene, m, built, place),
+                    )
+                )
     several = [[o for o in out if o.mechanism == c.mechanism] for c in out]
-    return tuple(c if len(alike) == 1 else replace(c, name=f"{c.name} ({alike.index(c) + 1})")
-                 for c, alike in zip(out, several, strict=True))
+    return tuple(
+        c if len(alike) == 1 else replace(c, name=f"{c.name} ({alike.index(c) + 1})")
+        for c, alike in zip(out, several, strict=True)
+    )
 
 
 def _held(entry: Scanned, robot: Robot, joint: Sequence[str], m: Mechanism) -> float | None:
     """The scanned constant that gives this mechanism."""
     places = tuple(map(int, joint))
-    return next((float(c) for c in entry.constants(robot, *places)
-                 if entry.build(robot, *places, c).terms == m.terms), None)
+    return next(
+        (
+            float(c)
+            for c in entry.constants(robot, *places)
+            if entry.build(robot, *places, c).terms == m.terms
+        ),
+        None,
+    )
 
 
-def _tables(scene: Scene, m: Mechanism, built: Sequence[Mechanism], place: dict[tuple[Screw, ...], int]
-            ) -> tuple[tuple[tuple[int, int], int, Array], ...]:
+def _tables(
+    scene: Scene, m: Mechanism, built: Sequence[Mechanism], place: dict[tuple[Screw, ...], int]
+) -> tuple[tuple[tuple[int, int], int, Array], ...]:
     rows = len(scene)
     out = []
     for i, term in enumerate(m.terms):
         for j, screw in enumerate(term.screws):
             base = np.broadcast_to(screw.cause.of(scene), (rows,))
-            table = np.stack([np.broadcast_to(b.terms[i].screws[j].cause.of(scene), (rows,)) for b in built]) - base
+            table = (
+                np.stack(
+                    [np.broadcast_to(b.terms[i].screws[j].cause.of(scene), (rows,)) for b in built]
+                )
+                - base
+            )
             out.append(((screw.frame - 1, PLACE[screw.axis]), place[term.screws], table))
     return tuple(out)

@@ -1,12 +1,13 @@
-"""The posterior in closed form: draws relinearised at the optimum, importance weights from the exact chain.
+"""The posterior in closed form: draws relinearised at the optimum, importance weights from the
+exact chain.
 
-Flat prior on the coefficients (a normal one, in units of the noise, on those that are shrunk or that the data hardly
-determine) and 1/σ on the noise scale. With cost Q(θ) = |ρ(θ)|² + θᵀΛθ of the whitened residual ρ, linearised at its minimum θ̂
-where it is Q₀,
+Flat prior on the coefficients (a normal one, in units of the noise, on those that are shrunk or
+that the data hardly determine) and 1/σ on the noise scale. With cost Q(θ) = |ρ(θ)|² + θᵀΛθ of the
+whitened residual ρ, linearised at its minimum θ̂ where it is Q₀,
     σ² | y ~ Q₀ / χ²_ν,   θ | σ, y ~ N(θ̂, σ² (JᵀJ + Λ)⁻¹),   ν = rows − coefficients that no prior holds
-(Gelman et al. 2013, 14.2), so each θ is a t with ν degrees of freedom. A draw's weight is the exact posterior over this one; the
-effective number of draws, (Σw)²/Σw², says how good the linear posterior is.
-"""
+(Gelman et al. 2013, 14.2), so each θ is a t with ν degrees of freedom. A draw's weight is the exact
+posterior over this one; the effective number of draws, (Σw)²/Σw², says how good the linear
+posterior is."""
 
 from __future__ import annotations
 
@@ -20,14 +21,15 @@ from ..fitting.least_squares import Fit
 from ..fitting.problem import Scene
 from ..fitting.reduction import reduce_scene
 
-DRAWS = (400, 4000)     # fewest and most
-WORK = 1_000_000        # draws x configurations to stay within
-CURVED = 20_000         # rows on which the chain's curvature is felt out
+DRAWS = (400, 4000)  # fewest and most
+WORK = 1_000_000  # draws x configurations to stay within
+CURVED = 20_000  # rows on which the chain's curvature is felt out
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Student-t at the optimum: theta (p,), `factor` (p, r) with covariance σ² factor factorᵀ, least cost Q₀ and ν."""
+    """Student-t at the optimum: theta (p,), `factor` (p, r) with covariance σ² factor factorᵀ,
+    least cost Q₀ and ν."""
 
     theta: Array
     factor: Array = field(repr=False)
@@ -47,6 +49,7 @@ class Posterior:
     def quantile(self, probability: Array | float) -> Array:
         """(p,) of the marginals; (p, k) for k probabilities."""
         from scipy.special import stdtrit
+
         t = stdtrit(self.freedom, np.asarray(probability))
         theta = self.theta[(slice(None), *[None] * np.ndim(t))]
         return np.asarray(theta + np.multiply.outer(self.spread, t))
@@ -54,13 +57,16 @@ class Posterior:
     def scale_quantile(self, probability: Array | float) -> Array:
         """Quantiles of the noise scale, in whitened units."""
         from scipy.special import chdtri
+
         return np.asarray(np.sqrt(self.cost / chdtri(self.freedom, np.asarray(probability))))
 
     def draw(self, rng: np.random.Generator, count: int) -> Draws:
         """Independent draws; all weights alike."""
         sigma = np.sqrt(self.cost / rng.chisquare(self.freedom, count))
         normal = rng.standard_normal((count, self.factor.shape[1]))
-        return Draws(self.theta + sigma[:, None] * (normal @ self.factor.T), sigma, np.full(count, 1 / count))
+        return Draws(
+            self.theta + sigma[:, None] * (normal @ self.factor.T), sigma, np.full(count, 1 / count)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,14 +92,21 @@ class Draws:
 def posterior(fitted: Fit) -> Posterior:
     """Of a fit at its optimum."""
     cost = fitted.rss + float(np.square(fitted.root @ fitted.theta).sum())
-    return Posterior(fitted.theta, fitted.factor, cost, fitted.rows - (fitted.found.rank - fitted.by_prior))
+    return Posterior(
+        fitted.theta, fitted.factor, cost, fitted.rows - (fitted.found.rank - fitted.by_prior)
+    )
 
 
 def weighted(scene: Scene, fitted: Fit, draws: Draws) -> Draws:
-    """The draws with importance weights: the exact chain's posterior over the linear one, on the fit's own scene. How far the
-    chain departs from its tangent is worked out on at most CURVED rows, evenly spread, that stand for all: thinning can only
-    make the weights less even. The prior is in both, and alike."""
-    some = scene if len(scene) <= CURVED else scene.take(np.linspace(0, len(scene) - 1, CURVED).astype(np.intp))
+    """The draws with importance weights: the exact chain's posterior over the linear one, on the
+    fit's own scene. How far the chain departs from its tangent is worked out on at most CURVED
+    rows, evenly spread, that stand for all: thinning can only make the weights less even. The prior
+    is in both, and alike."""
+    some = (
+        scene
+        if len(scene) <= CURVED
+        else scene.take(np.linspace(0, len(scene) - 1, CURVED).astype(np.intp))
+    )
     ensemble, cost = Ensemble(some, fitted.terms), np.empty(len(draws.theta))
     step = max(1, WORK // (10 * len(some)))
     for start in range(0, len(cost), step):
@@ -130,4 +143,6 @@ def importance(draws: Draws) -> Importance:
         what = "the chain's curvature is felt, and the weights account for it"
     else:
         what = "the chain is too curved for the linear posterior; believe the sampled one"
-    return Importance(count, effective, f"Of {count:,} closed-form draws {effective:,.0f} are effective: {what}.")
+    return Importance(
+        count, effective, f"Of {count:,} closed-form draws {effective:,.0f} are effective: {what}."
+    )

@@ -1,8 +1,8 @@
-"""What each mechanism of a model matters, in mm, in evidence, and in what is lost without it; by exact folds, nothing refitted.
+"""What each mechanism of a model matters, in mm, in evidence, and in what is lost without it; by
+exact folds, nothing refitted.
 
-All linear about the model's optimum: leaving a mechanism out is fitting the other columns to the residual with that mechanism's
-part put back.
-"""
+All linear about the model's optimum: leaving a mechanism out is fitting the other columns to the
+residual with that mechanism's part put back."""
 
 from __future__ import annotations
 
@@ -28,16 +28,17 @@ from .bootstrap import Bootstrap, halves
 
 HALVES = 100
 LEVEL = 0.05
-BUNDLES = 2000        # of configurations, of which halves are drawn; fewer configurations are one each
+BUNDLES = 2000  # of configurations, of which halves are drawn; fewer configurations are one each
 
 
 @dataclass(frozen=True)
 class Significance:
-    """One mechanism: displacement it causes over the measured configurations; nested F, its nominal p (no smaller than the
-    posture bootstrap's) and the evidence for it given all others; cross-validated and held-out rms with and without it; what the
-    catalogue says of sign and size; the share of half-samples in which it stays significant. The p and the share take the model's
-    names as given: the search that found them is not repeated. None where undefined, as F and p of free functions, which are
-    shrunk."""
+    """One mechanism: displacement it causes over the measured configurations; nested F, its nominal
+    p (no smaller than the posture bootstrap's) and the evidence for it given all others;
+    cross-validated and held-out rms with and without it; what the catalogue says of sign and size;
+    the share of half-samples in which it stays significant. The p and the share take the model's
+    names as given: the search that found them is not repeated. None where undefined, as F and p of
+    free functions, which are shrunk."""
 
     mechanism: str
     parameters: tuple[str, ...]
@@ -54,12 +55,18 @@ class Significance:
     stability: float | None
 
 
-def significance(data: Data, fitted: Fit, names: Sequence[str], boot: Bootstrap, rng: np.random.Generator
-                 ) -> tuple[Significance, ...]:
-    """Of every mechanism of a fitted model, by what matters in mm. `names`: what the report calls the model's last mechanisms."""
+def significance(
+    data: Data, fitted: Fit, names: Sequence[str], boot: Bootstrap, rng: np.random.Generator
+) -> tuple[Significance, ...]:
+    """Of every mechanism of a fitted model, by what matters in mm. `names`: what the report calls
+    the model's last mechanisms."""
     model = fitted.model
-    called = dict(zip(model.mechanisms[-len(names):], names, strict=True)) if names else {}
-    judged = [m for m in model.mechanisms if m.name != SETUP and set(_terms(model, m)) & set(fitted.found.kept)]
+    called = dict(zip(model.mechanisms[-len(names) :], names, strict=True)) if names else {}
+    judged = [
+        m
+        for m in model.mechanisms
+        if m.name != SETUP and set(_terms(model, m)) & set(fitted.found.kept)
+    ]
     without = _Without(data, fitted)
     moved = _displaced(data, fitted, [_terms(model, m) for m in judged])
     stable = stability(without.bundled(), fitted, [_own(model, m, fitted) for m in judged], rng)
@@ -71,8 +78,23 @@ def significance(data: Data, fitted: Fit, names: Sequence[str], boot: Bootstrap,
         cv_without, held_without = without.rms(own) if own else (None, None)
         terms = _terms(model, m)
         symbols = tuple(model.terms[k].symbol for k in terms if k in fitted.found.kept)
-        out.append(Significance(called.get(m, m.name), symbols, mean, worst, f, p, evidence, cv, cv_without, held,
-                                held_without, catalogue(fitted, terms), share))
+        out.append(
+            Significance(
+                called.get(m, m.name),
+                symbols,
+                mean,
+                worst,
+                f,
+                p,
+                evidence,
+                cv,
+                cv_without,
+                held,
+                held_without,
+                catalogue(fitted, terms),
+                share,
+            )
+        )
     return tuple(sorted(out, key=lambda s: -s.mean_mm))
 
 
@@ -85,12 +107,18 @@ def _terms(model: Model, m: Mechanism) -> list[int]:
 def _own(model: Model, m: Mechanism, fitted: Fit) -> list[int]:
     """Estimable terms that this mechanism alone brings."""
     others = {t.screws for o in model.mechanisms if o != m for t in o.terms}
-    return [k for k in _terms(model, m) if model.terms[k].screws not in others and k in fitted.found.kept]
+    return [
+        k
+        for k in _terms(model, m)
+        if model.terms[k].screws not in others and k in fitted.found.kept
+    ]
 
 
-def _displaced(data: Data, fitted: Fit, groups: Sequence[Sequence[int]]) -> list[tuple[float, float]]:
-    """(mean, worst) displacement [mm] of the target that each group of terms causes on the exact chain, over all measured
-    configurations."""
+def _displaced(
+    data: Data, fitted: Fit, groups: Sequence[Sequence[int]]
+) -> list[tuple[float, float]]:
+    """(mean, worst) displacement [mm] of the target that each group of terms causes on the exact
+    chain, over all measured configurations."""
     scene = replace(data.scene.take(~data.outlying), whiten=1.0)
     theta = np.tile(fitted.theta, (1 + len(groups), 1))
     for row, group in zip(theta[1:], groups, strict=True):
@@ -105,29 +133,38 @@ def _displaced(data: Data, fitted: Fit, groups: Sequence[Sequence[int]]) -> list
     return [(float(t / len(scene)), float(w)) for t, w in zip(total, worst, strict=True)]
 
 
-def nested(fitted: Fit, own: Sequence[int], boot: Bootstrap, known: float | None = None
-           ) -> tuple[float | None, float | None, float | None]:
-    """(F, its p, log10 of the Bayes factor with a unit-information prior) of the model against itself without some terms:
-    RSS grows by θᵀ C⁻¹ θ, C their unscaled covariance. The p is no smaller than the bootstrap's, to which the rows of a posture
-    are one. Shrunk terms have no F. `known`: the standard deviation of whitened rows, where it is known."""
+def nested(
+    fitted: Fit, own: Sequence[int], boot: Bootstrap, known: float | None = None
+) -> tuple[float | None, float | None, float | None]:
+    """(F, its p, log10 of the Bayes factor with a unit-information prior) of the model against
+    itself without some terms: RSS grows by θᵀ C⁻¹ θ, C their unscaled covariance. The p is no
+    smaller than the bootstrap's, to which the rows of a posture are one. Shrunk terms have no F.
+    `known`: the standard deviation of whitened rows, where it is known."""
     from scipy.special import fdtrc
+
     if not own or fitted.freedom <= 0 or any(spline(fitted.terms[k]) is not None for k in own):
         return None, None, None
-    factor, theta, count = fitted.factor[list(own)], fitted.theta[list(own)], determined(fitted, own)
-    if count < 0.5:                             # the prior of usual sizes says all there is to say
+    factor, theta, count = (
+        fitted.factor[list(own)],
+        fitted.theta[list(own)],
+        determined(fitted, own),
+    )
+    if count < 0.5:  # the prior of usual sizes says all there is to say
         return None, None, None
     more = float(theta @ np.linalg.solve(factor @ factor.T, theta))
-    f = more / count / fitted.sigma ** 2
+    f = more / count / fitted.sigma**2
     rank = fitted.rows - fitted.freedom
-    evidence = log_evidence(fitted.rss, fitted.rss + more, fitted.rows, round(rank - count), round(count), known)
+    evidence = log_evidence(
+        fitted.rss, fitted.rss + more, fitted.rows, round(rank - count), round(count), known
+    )
     p = float(fdtrc(count, fitted.freedom, f))
     p = max(p, boot.p_value(fitted, own))
     return f, p, float(evidence / np.log(10)) if fitted.precision is None else None
 
 
 def determined(fitted: Fit, own: Sequence[int]) -> float:
-    """How many parameters some fitted terms add to the others, those that a prior holds counted by what the data say of them: the
-    trace of the hat matrix that goes with them."""
+    """How many parameters some fitted terms add to the others, those that a prior holds counted by
+    what the data say of them: the trace of the hat matrix that goes with them."""
     rest = [k for k in fitted.found.kept if k not in own]
     full = with_prior(fitted.reduction, fitted.root, fitted.theta)
     spent = np.square(fitted.reduction.R[:-1, rest] @ solve(full, rest)[1]).sum() if rest else 0.0
@@ -135,22 +172,35 @@ def determined(fitted: Fit, own: Sequence[int]) -> float:
 
 
 class _Without:
-    """Cross-validated and held-out errors of the model without some terms, from triangles made once: no row is seen twice."""
+    """Cross-validated and held-out errors of the model without some terms, from triangles made
+    once: no row is seen twice."""
 
     def __init__(self, data: Data, fitted: Fit):
         self.fitted, self.training = fitted, data.training()
         kept, folds = fitted.found.kept, data.training_folds()
         self.folded = fold(self.training, fitted.terms, folds, fitted.at(), kept)
         weight = self.training.whiten
-        self.plain = (Folded(self.folded.blocks / weight, self.folded.rows) if isinstance(weight, float) else
-                      fold(replace(self.training, whiten=1.0), fitted.terms, folds, fitted.at(), kept))
+        self.plain = (
+            Folded(self.folded.blocks / weight, self.folded.rows)
+            if isinstance(weight, float)
+            else fold(replace(self.training, whiten=1.0), fitted.terms, folds, fitted.at(), kept)
+        )
         held = data.scene.take(~data.estimation & ~data.outlying)
         self.held = len(held)
-        position = 1.0 if held.components == 3 else np.broadcast_to(np.diag([1.0, 1, 1, 0, 0, 0]), (len(held), 6, 6))
-        self.held_R = reduce_scene(replace(held, whiten=position), fitted.terms, fitted.at(), kept).R if self.held else None
+        position = (
+            1.0
+            if held.components == 3
+            else np.broadcast_to(np.diag([1.0, 1, 1, 0, 0, 0]), (len(held), 6, 6))
+        )
+        self.held_R = (
+            reduce_scene(replace(held, whiten=position), fitted.terms, fitted.at(), kept).R
+            if self.held
+            else None
+        )
 
     def bundled(self) -> Folded:
-        """A fold per configuration; of very many, per bundle of them, whose halves tell the same."""
+        """A fold per configuration; of very many, per bundle of them, whose halves tell the
+        same."""
         own = np.unique(self.training.data.block, return_inverse=True)[1].reshape(-1) % BUNDLES
         return fold(self.training, self.fitted.terms, own, self.fitted.at(), self.fitted.found.kept)
 
@@ -171,7 +221,9 @@ class _Without:
             cv = cross_validate(Folded(changed, self.folded.rows), kept, prior)
             per_fold = cv.without.copy()
             per_fold[:, gone] -= fitted.theta[gone]
-            left = self.plain.blocks[:, :, -1] - np.einsum("khp,kp->kh", self.plain.blocks[:, :, :-1], per_fold)
+            left = self.plain.blocks[:, :, -1] - np.einsum(
+                "khp,kp->kh", self.plain.blocks[:, :, :-1], per_fold
+            )
             crossed: float | None = float(np.sqrt(np.square(left).sum() / len(self.training)))
         except NotEstimable:
             crossed = None
@@ -184,15 +236,25 @@ class _Without:
         return crossed, float(np.sqrt(np.square(left).sum() / self.held))
 
 
-def stability(folded: Folded, fitted: Fit, groups: Sequence[Sequence[int]], rng: np.random.Generator, count: int = HALVES
-              ) -> list[float | None]:
-    """Share of half-samples of the postures in which each group of terms stays significant (nested F, p below 0.05); None for
-    shrunk terms. The names are taken as given: the search is not repeated in the halves."""
+def stability(
+    folded: Folded,
+    fitted: Fit,
+    groups: Sequence[Sequence[int]],
+    rng: np.random.Generator,
+    count: int = HALVES,
+) -> list[float | None]:
+    """Share of half-samples of the postures in which each group of terms stays significant (nested
+    F, p below 0.05); None for shrunk terms. The names are taken as given: the search is not
+    repeated in the halves."""
     from scipy.special import fdtrc
+
     kept = list(fitted.found.kept)
     where = {k: i for i, k in enumerate(kept)}
     plain = [all(spline(fitted.terms[k]) is None for k in g) for g in groups]
-    inside: list[Index] = [np.array([where[k] for k in g if fine], dtype=np.intp) for g, fine in zip(groups, plain, strict=True)]
+    inside: list[Index] = [
+        np.array([where[k] for k in g if fine], dtype=np.intp)
+        for g, fine in zip(groups, plain, strict=True)
+    ]
     X = folded.blocks[:, :, kept]
     y = folded.blocks[:, :, -1] + X @ fitted.theta[kept]
     scale = np.hypot(np.linalg.norm(X, axis=(0, 1)), np.linalg.norm(fitted.root[:, kept], axis=0))
@@ -217,11 +279,14 @@ def stability(folded: Folded, fitted: Fit, groups: Sequence[Sequence[int]], rng:
             if len(i):
                 f = beta[i] @ np.linalg.solve(C[np.ix_(i, i)], beta[i]) / sizes[g] / variance
                 hits[g] += fdtrc(sizes[g], freedom, f) < LEVEL
-    return [float(h / judged) if judged and len(i) else None for h, i in zip(hits, inside, strict=True)]
+    return [
+        float(h / judged) if judged and len(i) else None for h, i in zip(hits, inside, strict=True)
+    ]
 
 
 def catalogue(fitted: Fit, terms: Sequence[int]) -> str:
-    """Whether signs and sizes are what the catalogue expects, else which are not; two standard errors are allowed."""
+    """Whether signs and sizes are what the catalogue expects, else which are not; two standard
+    errors are allowed."""
     off, error = [], fitted.standard_errors
     for k in terms:
         term, value = fitted.terms[k], float(fitted.theta[k])

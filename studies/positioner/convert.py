@@ -2,8 +2,8 @@
 
     python convert.py POSITIONER_KINEMATIC_MEASUREMENTS.yaml OUT.csv
 
-Raw form: time [unix s] -> target_joints [rad] and pose, of the target in the camera's frame: x y z [m], qw qx qy qz.
-"""
+Raw form: time [unix s] -> target_joints [rad] and pose, of the target in the camera's frame: x y z
+[m], qw qx qy qz."""
 
 from __future__ import annotations
 
@@ -43,7 +43,9 @@ def main() -> None:
     raw, out = Path(sys.argv[1]), Path(sys.argv[2])
     entries = yaml.safe_load(raw.read_text(encoding="utf-8")) if raw.is_file() else None
     if not isinstance(entries, dict) or not all(str(time).isdigit() for time in entries):
-        sys.exit(f"{raw} is not a file with one entry per unix time; see README.md for where to get it.")
+        sys.exit(
+            f"{raw} is not a file with one entry per unix time; see README.md for where to get it."
+        )
     times = sorted(entries, key=int)
     rows = [converted(time, int(times[0]), entries[time]) for time in times]
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -1,11 +1,15 @@
-"""Make measurements.csv: simulated measurements of a PUMA 760 with errors that are known, for `modelsel study`.
+"""Make measurements.csv: simulated measurements of a PUMA 760 with errors that are known, for
+`modelsel study`.
 
-The paper's measurements were never published, so this file makes a stand-in: single-joint rotation tests, programmed lines and circles
-(programme.toml) moved by an arm whose errors are planted (truth.toml). It has its own kinematics and imports nothing of modelsel:
-a mistake in modelsel cannot hide by being made twice. Lengths in mm, angles in rad. Run it anywhere; it writes the same bytes each time.
+The paper's measurements were never published, so this file makes a stand-in: single-joint rotation
+tests, programmed lines and circles (programme.toml) moved by an arm whose errors are planted
+(truth.toml). It has its own kinematics and imports nothing of modelsel: a mistake in modelsel
+cannot hide by being made twice. Lengths in mm, angles in rad. Run it anywhere; it writes the same
+bytes each time.
 
     python generate.py
 """
+
 from __future__ import annotations
 
 import csv
@@ -20,17 +24,22 @@ TARGET = np.array([0.0, 0.0, 100.0])  # nominal target in frame 6
 GRAVITY = 9.81
 
 # N_1 .. N_6, from the frame of joint k-1 (turned) to the frame of joint k
-NOMINAL = [np.vstack([rows, [0, 0, 0, 1]]).astype(float) for rows in (
-    [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]],
-    [[1, 0, 0, 0], [0, 0, -1, 164], [0, 1, 0, 0]],
-    [[1, 0, 0, 650], [0, 1, 0, 0], [0, 0, 1, 50]],
-    [[0, 0, 1, 550], [0, 1, 0, 0], [-1, 0, 0, 0]],
-    [[0, 0, -1, 0], [0, 1, 0, 0], [1, 0, 0, 50]],
-    [[0, 0, 1, 125], [0, 1, 0, 0], [-1, 0, 0, 0]],
-)]
+NOMINAL = [
+    np.vstack([rows, [0, 0, 0, 1]]).astype(float)
+    for rows in (
+        [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]],
+        [[1, 0, 0, 0], [0, 0, -1, 164], [0, 1, 0, 0]],
+        [[1, 0, 0, 650], [0, 1, 0, 0], [0, 0, 1, 50]],
+        [[0, 0, 1, 550], [0, 1, 0, 0], [-1, 0, 0, 0]],
+        [[0, 0, -1, 0], [0, 1, 0, 0], [1, 0, 0, 50]],
+        [[0, 0, 1, 125], [0, 1, 0, 0], [-1, 0, 0, 0]],
+    )
+]
 
 
-# The arm ------------------------------------------------------------------------------------------------------------
+# The arm
+# ------------------------------------------------------------------------------------------------------------
+
 
 def turn(axis: int, angle) -> np.ndarray:
     """(..., 4, 4) rotation by `angle` about x, y or z (0, 1, 2)."""
@@ -44,10 +53,11 @@ def turn(axis: int, angle) -> np.ndarray:
 
 
 def arm(q: np.ndarray, errors: np.ndarray | None = None) -> list[np.ndarray]:
-    """Frames 1..7 in frame 0, each (m, 4, 4); a joint's frame is given before the joint's own turn, frame 7 is at the target.
+    """Frames 1..7 in frame 0, each (m, 4, 4); a joint's frame is given before the joint's own turn,
+    frame 7 is at the target.
 
-    x = (N1 H1 T1) ... (N6 H6 T6) (target + [a7 b7 c7]) with H = Trans(a, b, c) Rx Ry Rz, exact. `errors` is (m, 7, 6): a b c alpha beta gamma.
-    """
+    x = (N1 H1 T1) ... (N6 H6 T6) (target + [a7 b7 c7]) with H = Trans(a, b, c) Rx Ry Rz, exact.
+    `errors` is (m, 7, 6): a b c alpha beta gamma."""
     errors = np.zeros((len(q), 7, 6)) if errors is None else errors
     frames, T = [], np.tile(np.eye(4), (len(q), 1, 1))
     for k in range(6):
@@ -66,7 +76,9 @@ def axes_and_levers(frames: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     return z, np.stack([frames[6][:, :3, 3] - F[:, :3, 3] for F in frames[:6]], axis=1)
 
 
-# The programme of motions ----------------------------------------------------------------------------------------------
+# The programme of motions
+# ----------------------------------------------------------------------------------------------
+
 
 def rotation_vector(R: np.ndarray) -> np.ndarray:
     w = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2
@@ -84,7 +96,8 @@ def rotation(w: np.ndarray) -> np.ndarray:
 
 
 def reach(position: np.ndarray, attitude: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Joint angles (6,) of the nominal arm with the target at a pose, by Newton's method from `q`."""
+    """Joint angles (6,) of the nominal arm with the target at a pose, by Newton's method from
+    `q`."""
     for _ in range(50):
         frames = arm(q[None])
         z, lever = (v[0] for v in axes_and_levers(frames))
@@ -103,7 +116,8 @@ def pose(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def follow(path, q: np.ndarray, points: int) -> np.ndarray:
-    """Configurations (points, 6) along path(s) -> position, attitude with s from 0 to 1, in 8 steps between points."""
+    """Configurations (points, 6) along path(s) -> position, attitude with s from 0 to 1, in 8 steps
+    between points."""
     out = [q]
     for s in np.linspace(0, 1, 8 * (points - 1) + 1)[1:]:
         q = reach(*path(s), q)
@@ -119,7 +133,8 @@ def sweep(joint, from_deg, to_deg, points, posture_deg):
 
 
 def line(start_deg, end_deg, points):
-    """The target on a straight line between the poses of two taught postures, turning evenly on the way."""
+    """The target on a straight line between the poses of two taught postures, turning evenly on the
+    way."""
     start = np.radians(start_deg)
     (a, A), (b, B) = pose(start), pose(np.radians(end_deg))
     w = rotation_vector(B @ A.T)
@@ -127,7 +142,8 @@ def line(start_deg, end_deg, points):
 
 
 def circle(start_deg, normal, centre_mm, swing_deg, points):
-    """The target round a circle about start + centre_mm, its attitude swinging about the circle's normal."""
+    """The target round a circle about start + centre_mm, its attitude swinging about the circle's
+    normal."""
     start, n, centre = np.radians(start_deg), np.array(normal, float), np.array(centre_mm, float)
     a, A = pose(start)
     n = n / np.linalg.norm(n)
@@ -135,6 +151,7 @@ def circle(start_deg, normal, centre_mm, swing_deg, points):
     def path(s):
         swing = np.radians(swing_deg) * np.sin(2 * np.pi * s)
         return a + centre - rotation(2 * np.pi * s * n) @ centre, rotation(swing * n) @ A
+
     return follow(path, start, points + 1)[:points]
 
 
@@ -142,16 +159,30 @@ MOTIONS = {"sweep": sweep, "line": line, "circle": circle}
 
 
 def programme(tests: list[dict]) -> tuple[np.ndarray, list[str], list[int]]:
-    """All configurations (m, 6), the test each belongs to, and its place in the test's order of motion."""
-    runs = [(t["name"], MOTIONS[t["motion"]](**{k: v for k, v in t.items() if k not in ("name", "motion")})) for t in tests]
+    """All configurations (m, 6), the test each belongs to, and its place in the test's order of
+    motion."""
+    runs = [
+        (
+            t["name"],
+            MOTIONS[t["motion"]](**{k: v for k, v in t.items() if k not in ("name", "motion")}),
+        )
+        for t in tests
+    ]
     q = np.vstack([r for _, r in runs])
-    return np.round(q, 9), [n for n, r in runs for _ in r], [i for _, r in runs for i in range(len(r))]
+    return (
+        np.round(q, 9),
+        [n for n, r in runs for _ in r],
+        [i for _, r in runs for i in range(len(r))],
+    )
 
 
-# The truth -----------------------------------------------------------------------------------------------------------
+# The truth
+# -----------------------------------------------------------------------------------------------------------
+
 
 def torque(q: np.ndarray, joint: int) -> np.ndarray:
-    """Gravity torque about a joint, N m (m,): 1 kg at the origin of each later frame and at the target of the nominal arm."""
+    """Gravity torque about a joint, N m (m,): 1 kg at the origin of each later frame and at the
+    target of the nominal arm."""
     frames = arm(q)
     axis, origin = frames[joint - 1][:, :3, 2], frames[joint - 1][:, :3, 3]
     levers = sum(F[:, :3, 3] - origin for F in frames[joint:]) / 1e3
@@ -172,11 +203,12 @@ CAUSES = {
 
 
 def planted(q: np.ndarray, truth: dict) -> np.ndarray:
-    """Errors (m, 7, 6) of every configuration: the geometric constants plus every screw times its cause."""
+    """Errors (m, 7, 6) of every configuration: the geometric constants plus every screw times its
+    cause."""
     errors = np.zeros((len(q), 7, 6))
     for i, letter in enumerate(("a_mm", "b_mm", "c_mm", "alpha_mrad", "beta_mrad", "gamma_mrad")):
         values = np.array(truth["geometry"][letter])
-        errors[:, :len(values), i] = values * (1e-3 if letter.endswith("mrad") else 1.0)
+        errors[:, : len(values), i] = values * (1e-3 if letter.endswith("mrad") else 1.0)
     for effect in truth["effect"]:
         for s in effect["screws"]:
             errors[:, s["frame"] - 1, AXES.index(s["axis"])] += s["size"] * CAUSES[s["cause"]](q)
@@ -187,10 +219,14 @@ def main() -> None:
     truth = tomllib.loads((HERE / "truth.toml").read_text())
     q, group, order = programme(tomllib.loads((HERE / "programme.toml").read_text())["test"])
     x = arm(q, planted(q, truth))[6][:, :3, 3]
-    x = x + np.random.default_rng(truth["noise"]["seed"]).normal(0, truth["noise"]["coordinate_mm"], x.shape)
+    x = x + np.random.default_rng(truth["noise"]["seed"]).normal(
+        0, truth["noise"]["coordinate_mm"], x.shape
+    )
     with open(HERE / "measurements.csv", "w", newline="") as file:
         out = csv.writer(file, lineterminator="\n")
-        out.writerow([f"q{k}_rad" for k in range(1, 7)] + ["x_mm", "y_mm", "z_mm", "group", "order"])
+        out.writerow(
+            [f"q{k}_rad" for k in range(1, 7)] + ["x_mm", "y_mm", "z_mm", "group", "order"]
+        )
         for qi, xi, g, i in zip(q, x, group, order):
             out.writerow([f"{v:.9f}" for v in qi] + [f"{v:.4f}" for v in xi] + [g, i])
 

@@ -2,10 +2,10 @@
 
     python convert.py CLONE OUT.csv        CLONE: a copy of github.com/pauljac7700/serial_robots_datasets
 
-Raw columns: step_order; x_t ... target position and x_dif ... measured minus target [mm], in the robot's base frame as
-the authors set it; joint_1 ... commanded angles [deg]. Measured position = target + difference: the authors' README
-gives the difference without a sign, and only the sum has the six decimals that an instrument writes.
-"""
+Raw columns: step_order; x_t ... target position and x_dif ... measured minus target [mm], in the
+robot's base frame as the authors set it; joint_1 ... commanded angles [deg]. Measured position =
+target + difference: the authors' README gives the difference without a sign, and only the sum has
+the six decimals that an instrument writes."""
 
 from __future__ import annotations
 
@@ -21,12 +21,16 @@ def converted(path: Path, joints: int, group: str) -> list[list[str]]:
     axes = [(f"{axis}_t", f"{axis}_dif") for axis in "xyz"]
     needed = ["step_order", *(name for pair in axes for name in pair), *angles]
     if not path.is_file():
-        sys.exit(f"{path} does not exist; the first argument is the folder of the cloned repository.")
+        sys.exit(
+            f"{path} does not exist; the first argument is the folder of the cloned repository."
+        )
     with path.open(newline="", encoding="utf-8-sig") as file:
         table = csv.DictReader(file)
         found = table.fieldnames or []
         if missing := [name for name in needed if name not in found]:
-            sys.exit(f"{path} has the columns {', '.join(found) or 'none'}; missing: {', '.join(missing)}.")
+            sys.exit(
+                f"{path} has the columns {', '.join(found) or 'none'}; missing: {', '.join(missing)}."
+            )
         return [
             [f"{math.radians(float(row[name])):.9f}" for name in angles]
             + [f"{float(row[target]) + float(row[difference]):.6f}" for target, difference in axes]
@@ -36,16 +40,26 @@ def converted(path: Path, joints: int, group: str) -> list[list[str]]:
 
 
 def main(robot: str, joints: int) -> None:
-    """Convert the grid and the random poses of a robot, `UR5` or `WAM`: its folder and its name in the file names."""
+    """Convert the grid and the random poses of a robot, `UR5` or `WAM`: its folder and its name in
+    the file names."""
     if len(sys.argv) != 3:
         sys.exit("usage: python convert.py CLONE OUT.csv")
     clone, out = Path(sys.argv[1]), Path(sys.argv[2])
     rows = [
         row
         for group in ("grid", "random")
-        for row in converted(clone / robot / f"3D_{robot}_uncalibrated_{group}_cleaned.csv", joints, group)
+        for row in converted(
+            clone / robot / f"3D_{robot}_uncalibrated_{group}_cleaned.csv", joints, group
+        )
     ]
-    header = [*(f"q{k}_rad" for k in range(1, joints + 1)), "x_mm", "y_mm", "z_mm", "group", "order"]
+    header = [
+        *(f"q{k}_rad" for k in range(1, joints + 1)),
+        "x_mm",
+        "y_mm",
+        "z_mm",
+        "group",
+        "order",
+    ]
     out.parent.mkdir(parents=True, exist_ok=True)
     with out.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows([header, *rows])

@@ -19,13 +19,23 @@ from ..constant_part import Carried, carried, parts, points, workspace
 from .form import Exported
 
 
-def _geometry(c: Calibration, text: str, read: Callable[[str, int], Callable[[Array], Array]], notes: tuple[str, ...]
-              ) -> Exported:
-    """Measured as a chain: `read` gives, of the file's text, the target's position in frame 0 at joint readings."""
+def _geometry(
+    c: Calibration,
+    text: str,
+    read: Callable[[str, int], Callable[[Array], Array]],
+    notes: tuple[str, ...],
+) -> Exported:
+    """Measured as a chain: `read` gives, of the file's text, the target's position in frame 0 at
+    joint readings."""
     worst = 0.0
     for t in range(len(c.targets)):
         at = workspace(c, t)
-        worst = max(worst, float(np.linalg.norm(read(text, t)(at.data.q) - points(at, parts(c, t)[0]), axis=1).max()))
+        worst = max(
+            worst,
+            float(
+                np.linalg.norm(read(text, t)(at.data.q) - points(at, parts(c, t)[0]), axis=1).max()
+            ),
+        )
     return Exported(text, worst, len(at) * len(c.targets), notes=notes)
 
 
@@ -35,25 +45,45 @@ def to_urdf(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     tips = {links[name]: place for name, place in made.targets.items()}
     tracker = inverse(transform(c.placement[0][0], c.placement[1][0]))
     robot, bounded = _bounded(made.robot, c.ranges)
-    text = write_urdf(robot, tips, {"tracker": tracker} if c.registered else {}, [made.robot.source, *notes, *bounded])
+    text = write_urdf(
+        robot,
+        tips,
+        {"tracker": tracker} if c.registered else {},
+        [made.robot.source, *notes, *bounded],
+    )
+
     def read(text: str, target: int) -> Callable[[Array], Array]:
         back = read_urdf_text(text, "the export", "base", links[c.targets[target]])
         return lambda q: forward(back, q, np.zeros(3))
+
     return _geometry(c, text, read, bounded)
 
 
-def _bounded(robot: Robot, ranges: Mapping[str, tuple[float, float]]) -> tuple[Robot, tuple[str, ...]]:
-    """(the robot, what is to be said): a URDF's slide must have limits; where the robot file has none, those of the readings."""
-    bare = [j for j, joint in enumerate(robot.joints, 1) if joint.prismatic and joint.limits is None]
-    joints = (replace(joint, limits=ranges[f"q{j}"]) if j in bare else joint for j, joint in enumerate(robot.joints, 1))
+def _bounded(
+    robot: Robot, ranges: Mapping[str, tuple[float, float]]
+) -> tuple[Robot, tuple[str, ...]]:
+    """(the robot, what is to be said): a URDF's slide must have limits; where the robot file has
+    none, those of the readings."""
+    bare = [
+        j for j, joint in enumerate(robot.joints, 1) if joint.prismatic and joint.limits is None
+    ]
+    joints = (
+        replace(joint, limits=ranges[f"q{j}"]) if j in bare else joint
+        for j, joint in enumerate(robot.joints, 1)
+    )
     return replace(robot, joints=tuple(joints)), tuple(
-        f"joint {j} slides, and a URDF wants its limits: they are those of the readings the calibration has seen" for j in bare)
+        f"joint {j} slides, and a URDF wants its limits: they are those of the readings the calibration has seen"
+        for j in bare
+    )
 
 
 def _links(targets: Sequence[str]) -> dict[str, str]:
-    """Target -> the name of its link: its own, unless a link of the arm or another target's has it."""
+    """Target -> the name of its link: its own, unless a link of the arm or another target's has
+    it."""
     out: dict[str, str] = {}
-    for name in sorted(targets, key=lambda name: (_taken(name), targets.index(name))):     # who may keep its name does
+    for name in sorted(
+        targets, key=lambda name: (_taken(name), targets.index(name))
+    ):  # who may keep its name does
         link = name
         while _taken(link) or link in out.values():
             link = f"target_{link}"
@@ -67,14 +97,20 @@ def _taken(name: str) -> bool:
 
 def _to_dh(c: Calibration, modified: bool, notes: Sequence[str]) -> Exported:
     made = carried(c)
-    nearly = tuple(f"joints {a} and {b} are almost parallel: their rows have a large d; small changes of the angle change it much"
-                   for a, b in rows_of(made.robot, modified).nearly)
-    where = tuple(f"target {name} on the flange: x, y, z = {', '.join(repr(float(v)) for v in T[:3, 3])} mm"
-                  for name, T in made.targets.items())
+    nearly = tuple(
+        f"joints {a} and {b} are almost parallel: their rows have a large d; small changes of the angle change it much"
+        for a, b in rows_of(made.robot, modified).nearly
+    )
+    where = tuple(
+        f"target {name} on the flange: x, y, z = {', '.join(repr(float(v)) for v in T[:3, 3])} mm"
+        for name, T in made.targets.items()
+    )
     text = robot_file(made.robot, modified, [*notes, *where, *nearly])
+
     def read(text: str, target: int) -> Callable[[Array], Array]:
         back = robot_from_table(tomllib.loads(text), "the export")
         return lambda q: forward(back, q, _offset(made, c.targets[target]))
+
     return _geometry(c, text, read, nearly)
 
 

@@ -1,4 +1,5 @@
-"""A calibration in other programs' forms, each read back and held against the fit; what a form cannot carry is said."""
+"""A calibration in other programs' forms, each read back and held against the fit; what a form
+cannot carry is said."""
 
 from __future__ import annotations
 
@@ -13,11 +14,24 @@ from ..calibration import Calibration
 from ..constant_part import Part, parts
 from .form import Exported, _whole
 
-HEADER = ("target", "mechanism", "symbol", "frame", "axis", "cause", "knot", "knot_width", "value", "standard_error", "unit")
+HEADER = (
+    "target",
+    "mechanism",
+    "symbol",
+    "frame",
+    "axis",
+    "cause",
+    "knot",
+    "knot_width",
+    "value",
+    "standard_error",
+    "unit",
+)
 
 
 def to_csv(c: Calibration, notes: Sequence[str] = ()) -> Exported:
-    """A row a screw: place, cause, value. A free function has a row a knot: a cubic B-spline centred there."""
+    """A row a screw: place, cause, value. A free function has a row a knot: a cubic B-spline
+    centred there."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(HEADER)
@@ -27,15 +41,31 @@ def to_csv(c: Calibration, notes: Sequence[str] = ()) -> Exported:
                 bump = _bump(s.cause)
                 knot = ("", "") if bump is None else (repr(bump.centre), repr(bump.width))
                 texts = map(guarded, (name, p.mechanism, p.term.symbol))
-                writer.writerow([*texts, s.frame, s.axis, guarded(str(s.cause)), *knot, repr(p.value), repr(p.error),
-                                 guarded(p.term.unit)])
+                writer.writerow(
+                    [
+                        *texts,
+                        s.frame,
+                        s.axis,
+                        guarded(str(s.cause)),
+                        *knot,
+                        repr(p.value),
+                        repr(p.error),
+                        guarded(p.term.unit),
+                    ]
+                )
     return _whole(c, stream.getvalue(), lambda text, t: _from_csv(text, c, c.targets[t]))
 
 
 def _bump(cause: Cause) -> Bump | None:
     if isinstance(cause, Combined):
         return _bump(cause.left) or _bump(cause.right)
-    return cause if isinstance(cause, Bump) else _bump(cause.argument) if isinstance(cause, Applied) else None
+    return (
+        cause
+        if isinstance(cause, Bump)
+        else _bump(cause.argument)
+        if isinstance(cause, Applied)
+        else None
+    )
 
 
 def _swapped(cause: Cause, bump: Bump) -> Cause:
@@ -56,5 +86,12 @@ def _from_csv(text: str, c: Calibration, target: str) -> list[Part]:
         cause = parse(printed.replace(f"free({name})", "free"), units)
         if row["knot"]:
             cause = _swapped(cause, Bump(name, float(row["knot"]), float(row["knot_width"])))
-        out.append(Part("", Term(row["symbol"], (Screw(int(row["frame"]), row["axis"], cause),)), float(row["value"]), 0.0))
+        out.append(
+            Part(
+                "",
+                Term(row["symbol"], (Screw(int(row["frame"]), row["axis"], cause),)),
+                float(row["value"]),
+                0.0,
+            )
+        )
     return out

@@ -13,9 +13,10 @@ from ..constant_part import Part, points, workspace
 
 @dataclass(frozen=True)
 class Exported:
-    """A file's text; `error_mm` largest difference between what is read back and the fit, in what the form can carry, over
-    `configurations`; `left_out` in words, and how far the whole model is from the file: (rms, largest) mm. `errors`: of which
-    rows, rms [mm] of the nominal arm, of the file, of the whole model (None where that is not known)."""
+    """A file's text; `error_mm` largest difference between what is read back and the fit, in what
+    the form can carry, over `configurations`; `left_out` in words, and how far the whole model is
+    from the file: (rms, largest) mm. `errors`: of which rows, rms [mm] of the nominal arm, of the
+    file, of the whole model (None where that is not known)."""
 
     text: str
     error_mm: float
@@ -27,7 +28,8 @@ class Exported:
 
     @property
     def worse(self) -> str | None:
-        """That the file is worse than the nominal arm, in words; None where it is not, or nobody knows."""
+        """That the file is worse than the nominal arm, in words; None where it is not, or nobody
+        knows."""
         if self.errors is None or self.errors[2] <= self.errors[1]:
             return None
         rows, nominal, own, _ = self.errors
@@ -39,7 +41,9 @@ def _missing(some: Sequence[Part]) -> tuple[str, ...]:
     out: dict[str, list[str]] = {}
     for p in some:
         places = out.setdefault(p.mechanism, [])
-        places += [place for s in p.term.screws if (place := f"frame {s.frame} {s.axis}") not in places]
+        places += [
+            place for s in p.term.screws if (place := f"frame {s.frame} {s.axis}") not in places
+        ]
     return tuple(f"{name} ({', '.join(places)})" for name, places in out.items())
 
 

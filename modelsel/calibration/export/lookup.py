@@ -1,4 +1,5 @@
-"""Lookup tables: the part of a correction that hangs on at most two values of the state, on a grid to interpolate in."""
+"""Lookup tables: the part of a correction that hangs on at most two values of the state, on a grid
+to interpolate in."""
 
 from __future__ import annotations
 
@@ -16,13 +17,14 @@ from ...robot.rigid import AXES
 from ..calibration import Calibration
 from ..constant_part import Part
 
-FINE_MM = 5e-4          # a grid is halved until what lies between its points is this near
-MOST = (8193, 129)      # points along each value, for tables of one and of two
+FINE_MM = 5e-4  # a grid is halved until what lies between its points is this near
+MOST = (8193, 129)  # points along each value, for tables of one and of two
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Correction of one axis of a frame, mm or rad, over a grid of `names`; values has an axis a name."""
+    """Correction of one axis of a frame, mm or rad, over a grid of `names`; values has an axis a
+    name."""
 
     frame: int
     axis: str
@@ -42,10 +44,13 @@ class _Given:
 
 
 def tables(c: Calibration, varying: Sequence[Part], at: Scene) -> tuple[list[Table], list[Part]]:
-    """(a table for every axis and set of at most two names, the parts that hang on more). Each covers what was seen of a name,
-    and what the configurations `at` make of it: torques grow beyond what was seen where joints combine anew."""
-    ranges = {name: (min(low, float(at.value(name).min())), max(high, float(at.value(name).max())))
-              for name, (low, high) in c.ranges.items()}
+    """(a table for every axis and set of at most two names, the parts that hang on more). Each
+    covers what was seen of a name, and what the configurations `at` make of it: torques grow beyond
+    what was seen where joints combine anew."""
+    ranges = {
+        name: (min(low, float(at.value(name).min())), max(high, float(at.value(name).max())))
+        for name, (low, high) in c.ranges.items()
+    }
     own: dict[tuple[int, str, tuple[str, ...]], list[tuple[Part, int]]] = {}
     over = []
     for p in varying:
@@ -56,59 +61,95 @@ def tables(c: Calibration, varying: Sequence[Part], at: Scene) -> tuple[list[Tab
         for k, (s, n) in enumerate(zip(p.term.screws, names, strict=True)):
             own.setdefault((s.frame, s.axis, n), []).append((p, k))
     lever = c.robot.reach + float(np.linalg.norm(c.tools, axis=1).max())
-    return [_table(ranges, *place, some, FINE_MM / (lever if place[1][0] == "r" else 1.0)) for place, some in own.items()], over
+    return [
+        _table(ranges, *place, some, FINE_MM / (lever if place[1][0] == "r" else 1.0))
+        for place, some in own.items()
+    ], over
 
 
 def still(entries: Array) -> list[Table]:
-    """A table of no value for every constant correction that is not nought; entries (n+1, 6) mm and rad."""
-    return [Table(frame + 1, AXES[axis], (), (), entries[frame, axis]) for frame, axis in zip(*np.nonzero(entries), strict=True)]
+    """A table of no value for every constant correction that is not nought; entries (n+1, 6) mm and
+    rad."""
+    return [
+        Table(frame + 1, AXES[axis], (), (), entries[frame, axis])
+        for frame, axis in zip(*np.nonzero(entries), strict=True)
+    ]
 
 
-def _table(ranges: Mapping[str, tuple[float, float]], frame: int, axis: str, names: tuple[str, ...],
-           some: list[tuple[Part, int]], fine: float) -> Table:
+def _table(
+    ranges: Mapping[str, tuple[float, float]],
+    frame: int,
+    axis: str,
+    names: tuple[str, ...],
+    some: list[tuple[Part, int]],
+    fine: float,
+) -> Table:
     def at(*grid: Array) -> Array:
         mesh = np.meshgrid(*grid, indexing="ij")
         state = _Given(dict(zip(names, mesh, strict=True)))
-        return np.asarray(sum(p.value * np.broadcast_to(p.term.screws[k].cause.of(state), mesh[0].shape) for p, k in some))
+        return np.asarray(
+            sum(
+                p.value * np.broadcast_to(p.term.screws[k].cause.of(state), mesh[0].shape)
+                for p, k in some
+            )
+        )
 
     most = MOST[len(names) - 1]
     count = 17
     while True:
-        grid = tuple(np.array([-1.0, 0.0, 1.0]) if n.startswith("approach") else np.linspace(*ranges[n], count) for n in names)
+        grid = tuple(
+            np.array([-1.0, 0.0, 1.0])
+            if n.startswith("approach")
+            else np.linspace(*ranges[n], count)
+            for n in names
+        )
         values = at(*grid)
         middle = tuple((g[1:] + g[:-1]) / 2 for g in grid)
         guess = values
         for k in range(len(names)):
-            guess = (np.take(guess, range(1, guess.shape[k]), k) + np.take(guess, range(guess.shape[k] - 1), k)) / 2
+            guess = (
+                np.take(guess, range(1, guess.shape[k]), k)
+                + np.take(guess, range(guess.shape[k] - 1), k)
+            ) / 2
         if count >= most or np.abs(at(*middle) - guess).max() < fine:
             return Table(frame, axis, names, grid, values)
         count = 2 * count - 1
 
 
 def write_tables(made: Sequence[Table]) -> str:
-    """One CSV: table, frame, axis, name and value of at most two values of the state, correction (mm or rad)."""
+    """One CSV: table, frame, axis, name and value of at most two values of the state, correction
+    (mm or rad)."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(["table", "frame", "axis", "name1", "value1", "name2", "value2", "correction"])
     for k, t in enumerate(made, 1):
         for index, values in zip(np.ndindex(t.values.shape), product(*t.grid), strict=True):
             pairs = [x for n, v in zip(t.names, values, strict=True) for x in (n, f"{v:.10g}")]
-            writer.writerow([k, t.frame, t.axis, *pairs, *[""] * (4 - len(pairs)), f"{t.values[index]:.8g}"])
+            writer.writerow(
+                [k, t.frame, t.axis, *pairs, *[""] * (4 - len(pairs)), f"{t.values[index]:.8g}"]
+            )
     return stream.getvalue()
 
 
 def read_table(text: str, at: Scene) -> list[tuple[int, str, Array]]:
-    """(frame, axis, correction (m,)) of every table in a file at the rows of a scene, by linear interpolation."""
+    """(frame, axis, correction (m,)) of every table in a file at the rows of a scene, by linear
+    interpolation."""
     own: dict[str, list[dict[str, str]]] = {}
     for row in csv.DictReader(io.StringIO(text)):
         own.setdefault(row["table"], []).append(row)
     out = []
     for rows in own.values():
         names = [n for n in (rows[0]["name1"], rows[0]["name2"]) if n]
-        columns = [np.array([float(r[f"value{k}"]) for r in rows]) for k in range(1, len(names) + 1)]
+        columns = [
+            np.array([float(r[f"value{k}"]) for r in rows]) for k in range(1, len(names) + 1)
+        ]
         grid = [np.unique(column) for column in columns]
         values = np.array([float(r["correction"]) for r in rows]).reshape([len(g) for g in grid])
-        found = between(grid, values, [at.value(n) for n in names]) if names else np.full(len(at), float(values))
+        found = (
+            between(grid, values, [at.value(n) for n in names])
+            if names
+            else np.full(len(at), float(values))
+        )
         out.append((int(rows[0]["frame"]), rows[0]["axis"], found))
     return out
 

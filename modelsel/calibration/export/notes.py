@@ -1,4 +1,5 @@
-"""What is to be said of an export: whose geometry it has, how good it is, at which temperature, and of which placement."""
+"""What is to be said of an export: whose geometry it has, how good it is, at which temperature, and
+of which placement."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ from ..refitting import carries
 
 
 def notes_of(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:
-    """Of a file that carries the "geometry", the "table" or the "whole" of a calibration, as a `geometry` or as corrections."""
+    """Of a file that carries the "geometry", the "table" or the "whole" of a calibration, as a
+    `geometry` or as corrections."""
     out = [accuracy(c, what)] if c.refits is not None and c.refits.errors(what) is not None else []
     if geometry:
         out.append("frame 0 is the robot's base before any registration")
@@ -22,13 +24,16 @@ def notes_of(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:
     if TEMPERATURE in c.needs():
         out.append(_warm(c, what))
     causes = {s.cause for t in c.terms for s in t.screws}
-    if np.ptp(c.placement[1], axis=0).any() or any(Member("group", g) in causes for g in range(len(c.groups))):
+    if np.ptp(c.placement[1], axis=0).any() or any(
+        Member("group", g) in causes for g in range(len(c.groups))
+    ):
         out.append(f'the placement of the tracker is that of group "{c.groups[0]}"')
     return tuple(out)
 
 
 def accuracy(c: Calibration, what: str) -> str:
-    """How good the file is, beside the whole model and the nominal arm; empty where that is not known."""
+    """How good the file is, beside the whole model and the nominal arm; empty where that is not
+    known."""
     found = None if c.refits is None else c.refits.errors(what)
     if found is None:
         return ""
@@ -42,14 +47,20 @@ def _whose(c: Calibration, what: str) -> str:
     if what == "whole":
         return "lengths and angles are those of the calibrated geometry"
     if c.refits is None:
-        return ("the calibration is of an earlier version: these numbers were fitted together with what this form cannot carry, "
-                "and without it they may be worse than the nominal arm; run the study again to have them fitted for it")
+        return (
+            "the calibration is of an earlier version: these numbers were fitted together with what this form cannot carry, "
+            "and without it they may be worse than the nominal arm; run the study again to have them fitted for it"
+        )
     if what not in c.refits.alone:
-        return ("the data do not determine by itself what this form carries: these numbers were fitted together with what it "
-                "cannot carry, and without it they may be worse than the nominal arm")
+        return (
+            "the data do not determine by itself what this form carries: these numbers were fitted together with what it "
+            "cannot carry, and without it they may be worse than the nominal arm"
+        )
     if c.refits.nominal(what):
-        return ("the numbers are the nominal ones: fitted without what this form cannot carry, they would not predict better "
-                "(cross-validation)")
+        return (
+            "the numbers are the nominal ones: fitted without what this form cannot carry, they would not predict better "
+            "(cross-validation)"
+        )
     return "the numbers were fitted again without what this form cannot carry"
 
 
@@ -57,9 +68,24 @@ def _warm(c: Calibration, what: str) -> str:
     """Of which temperature the file is."""
     keep = carries(c.model, what)
     some = [t for t in c.terms if any(TEMPERATURE in s.cause.names() for s in t.screws)]
-    if all(map(keep, some)) or c.refits is None or c.refits.mean_celsius is None or what not in c.refits.alone:
-        start = sorted(frozenset[float]().union(*(counted(s.cause) for t in some for s in t.screws)))
+    if (
+        all(map(keep, some))
+        or c.refits is None
+        or c.refits.mean_celsius is None
+        or what not in c.refits.alone
+    ):
+        start = sorted(
+            frozenset[float]().union(*(counted(s.cause) for t in some for s in t.screws))
+        )
         where = f"{sentence_list([f'{r:g}' for r in start])} °C"
-        return f"thermal effects are counted from {where}" if all(map(keep, some)) else f"the arm is that at {where}"
+        return (
+            f"thermal effects are counted from {where}"
+            if all(map(keep, some))
+            else f"the arm is that at {where}"
+        )
     warm = f"{c.refits.mean_celsius:.1f} °C, the mean of the campaign"
-    return f"the measurements compared were taken at {warm}" if c.refits.nominal(what) else f"the arm is that at {warm}"
+    return (
+        f"the measurements compared were taken at {warm}"
+        if c.refits.nominal(what)
+        else f"the arm is that at {warm}"
+    )

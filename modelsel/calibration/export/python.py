@@ -1,7 +1,8 @@
-"""A Python module of a calibration: the program of `exported.py`, which is the same for every arm, and data, which are only data.
+"""A Python module of a calibration: the program of `exported.py`, which is the same for every arm,
+and data, which are only data.
 
-Names come from files that anyone may have written. They are written as literals, read back as literals, and never run here.
-"""
+Names come from files that anyone may have written. They are written as literals, read back as
+literals, and never run here."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ from ..constant_part import constants, parts, workspace
 from .form import Exported
 from .standalone import predicted
 
-START = "DATA: Data = "      # of the last line of exported.py, and of what a module has in its place
+START = "DATA: Data = "  # of the last line of exported.py, and of what a module has in its place
 
 
 def program() -> str:
@@ -35,15 +36,15 @@ def program() -> str:
 
 
 def module_of(data: dict[str, Any]) -> str:
-    """The module's text: the program, then its data as one literal of plain ASCII, so that no letter in it changes how the lines
-    are read."""
+    """The module's text: the program, then its data as one literal of plain ASCII, so that no
+    letter in it changes how the lines are read."""
     literal = pformat(data, width=130, sort_dicts=False)
     return f"{program()}{START}{literal.encode('ascii', 'backslashreplace').decode()}\n"
 
 
 def data_in(text: str) -> dict[str, Any]:
-    """The data of a module's text, read as a literal. Raises ValueError where the text is another program, or its data are no
-    literal."""
+    """The data of a module's text, read as a literal. Raises ValueError where the text is another
+    program, or its data are no literal."""
     before, _, literal = text.partition(f"\n{START}")
     if f"{before}\n" != program():
         raise ValueError("not a module of `modelsel export --format python`")
@@ -70,33 +71,56 @@ def tree(cause: Cause) -> Any:
 def data_of(c: Calibration) -> dict[str, Any]:
     """The numbers of `exported.DATA`, for the first group."""
     R, t = c.placement[0][0], c.placement[1][0]
-    return {"study": c.study, "robot": c.robot.name, "needs": given(c), "targets": list(c.targets),
-            "prismatic": list(c.robot.prismatic),
-            "before": [j.before[:3].tolist() for j in c.robot.joints], "last": c.robot.last[:3].tolist(),
-            "gravity": None if c.robot.gravity is None else list(c.robot.gravity),
-            "masses": [float(j.mass or 0.0) for j in c.robot.joints], "coms": [list(j.com) for j in c.robot.joints],
-            "tools": {name: c.tools[k].tolist() for k, name in enumerate(c.targets)},
-            "placement": np.column_stack([R, t]).tolist(), "tracker": list(c.tracker),
-            "constants": {name: constants(c, k).tolist() for k, name in enumerate(c.targets)},
-            "terms": {name: [[s.frame, PLACE[s.axis], float(p.value), tree(s.cause)] for p in parts(c, k)[1]
-                             for s in p.term.screws] for k, name in enumerate(c.targets)}}
+    return {
+        "study": c.study,
+        "robot": c.robot.name,
+        "needs": given(c),
+        "targets": list(c.targets),
+        "prismatic": list(c.robot.prismatic),
+        "before": [j.before[:3].tolist() for j in c.robot.joints],
+        "last": c.robot.last[:3].tolist(),
+        "gravity": None if c.robot.gravity is None else list(c.robot.gravity),
+        "masses": [float(j.mass or 0.0) for j in c.robot.joints],
+        "coms": [list(j.com) for j in c.robot.joints],
+        "tools": {name: c.tools[k].tolist() for k, name in enumerate(c.targets)},
+        "placement": np.column_stack([R, t]).tolist(),
+        "tracker": list(c.tracker),
+        "constants": {name: constants(c, k).tolist() for k, name in enumerate(c.targets)},
+        "terms": {
+            name: [
+                [s.frame, PLACE[s.axis], float(p.value), tree(s.cause)]
+                for p in parts(c, k)[1]
+                for s in p.term.screws
+            ]
+            for k, name in enumerate(c.targets)
+        },
+    }
 
 
 def given(c: Calibration) -> list[str]:
-    """Names that the model looks at and joint readings do not say: covariates, directions of approach, moves, progress."""
-    return sorted(n for n in c.needs() - {"target", "group"} if n.startswith(("approach", "move")) or n == "progress"
-                  or not RESERVED.fullmatch(n))
+    """Names that the model looks at and joint readings do not say: covariates, directions of
+    approach, moves, progress."""
+    return sorted(
+        n
+        for n in c.needs() - {"target", "group"}
+        if n.startswith(("approach", "move")) or n == "progress" or not RESERVED.fullmatch(n)
+    )
 
 
-# -- a function and a table ----------------------------------------------------------------------------------------------------
+# -- a function and a table
+# ----------------------------------------------------------------------------------------------------
 
 
 def to_python(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     """A module of its own: numpy only, the numbers in it."""
     text = module_of(data_of(c))
     there = data_in(text)
+
     def run(t: int, at: Scene) -> Array:
-        return predicted(there, at.data.q, c.targets[t], {n: at.value(n) for n in there["needs"]})[1]
+        return predicted(there, at.data.q, c.targets[t], {n: at.value(n) for n in there["needs"]})[
+            1
+        ]
+
     worst = 0.0
     for t in range(len(c.targets)):
         at = workspace(c, t)

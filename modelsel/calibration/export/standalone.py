@@ -1,10 +1,11 @@
-"""A calibrated robot arm: where its target really is, at joint readings q. Plain numpy; nothing else is needed.
+"""A calibrated robot arm: where its target really is, at joint readings q. Plain numpy; nothing
+else is needed.
 
-Lengths are mm, angles rad. `position(q)` is the calibrated model, `correction(q)` what it adds to the nominal one, both in the
-tracker's frame; q is (m, joints). What else the model looks at (payload_kg=..., approach2=...) is given by name, one number or m;
-DATA["needs"] has the names, DATA["targets"] those of the targets. Made by modelsel export --format python: the program is the
-same for every arm, and all that it knows of this one stands in DATA, at the end. Edit nothing.
-"""
+Lengths are mm, angles rad. `position(q)` is the calibrated model, `correction(q)` what it adds to
+the nominal one, both in the tracker's frame; q is (m, joints). What else the model looks at
+(payload_kg=..., approach2=...) is given by name, one number or m; DATA["needs"] has the names,
+DATA["targets"] those of the targets. Made by modelsel export --format python: the program is the
+same for every arm, and all that it knows of this one stands in DATA, at the end. Edit nothing."""
 
 from __future__ import annotations
 
@@ -15,7 +16,14 @@ import numpy as np
 Array = np.ndarray
 Data = dict[str, Any]
 G = 9.81
-FUNCTIONS = {"sin": np.sin, "cos": np.cos, "sign": np.sign, "abs": np.abs, "exp": np.exp, "tanh": np.tanh}
+FUNCTIONS = {
+    "sin": np.sin,
+    "cos": np.cos,
+    "sign": np.sign,
+    "abs": np.abs,
+    "exp": np.exp,
+    "tanh": np.tanh,
+}
 OPERATORS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide}
 
 
@@ -30,8 +38,8 @@ def turn(axis: int, angle: Array) -> Array:
 
 
 def chain(data: Data, q: Array, tool: Array, H: Array) -> tuple[Array, Array]:
-    """(origins (n+1, m, 3), rotations (n+1, m, 3, 3)) of every joint's frame before it turns, and of the target, in frame 0;
-    H (n+1, 6, m): the small shifts and turns in every frame."""
+    """(origins (n+1, m, 3), rotations (n+1, m, 3, 3)) of every joint's frame before it turns, and
+    of the target, in frame 0; H (n+1, 6, m): the small shifts and turns in every frame."""
     m, n = q.shape
     o, R = np.zeros((m, 3)), np.tile(np.eye(3), (m, 1, 1))
     origins, rotations = [], []
@@ -52,12 +60,19 @@ def chain(data: Data, q: Array, tool: Array, H: Array) -> tuple[Array, Array]:
 
 
 def state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
-    """What follows from the readings on the nominal arm: torques and moments [N m] of gravity, where the target is [mm]."""
+    """What follows from the readings on the nominal arm: torques and moments [N m] of gravity,
+    where the target is [mm]."""
     m, n = q.shape
     o, R = chain(data, q, tool, np.zeros((n + 1, 6, m)))
     x = o[n]
-    far = x @ np.array(data["placement"])[:, :3].T + np.array(data["placement"])[:, 3] - np.array(data["tracker"])
-    out = {f"q{j + 1}": q[:, j] for j in range(n)} | dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
+    far = (
+        x @ np.array(data["placement"])[:, :3].T
+        + np.array(data["placement"])[:, 3]
+        - np.array(data["tracker"])
+    )
+    out = {f"q{j + 1}": q[:, j] for j in range(n)} | dict(
+        zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True)
+    )
     out["range_mm"] = np.linalg.norm(far, axis=1)
     if data["gravity"] is None:
         return out
@@ -75,22 +90,32 @@ def state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     out |= dict(zip(("moment_x", "moment_y", "moment_z"), whole.T, strict=True))
     ends = [*o[:n], x]
     for j in range(n):
+
         def about(p: Array, mass: float, j: int = j) -> Array:
             here = np.einsum("mij,mi->mj", R[j], np.cross((p - o[j]) / 1e3, mass * G * g))
             if data["prismatic"][j]:
                 here[:, 2] = mass * G * R[j][:, :, 2] @ g
             return np.asarray(here)
-        for name, row in zip((f"moment{j + 1}_x", f"moment{j + 1}_y", f"torque{j + 1}"),
-                             sum((about(p, mass) for mass, p in bodies[j:]), np.zeros((m, 3))).T, strict=True):
+
+        for name, row in zip(
+            (f"moment{j + 1}_x", f"moment{j + 1}_y", f"torque{j + 1}"),
+            sum((about(p, mass) for mass, p in bodies[j:]), np.zeros((m, 3))).T,
+            strict=True,
+        ):
             out[name] = row
         for k in range(j + 1, n + 1):
-            for name, row in zip(("moment{}_x_{}", "moment{}_y_{}", "torque{}_{}"), about(ends[k], 1.0).T, strict=True):
+            for name, row in zip(
+                ("moment{}_x_{}", "moment{}_y_{}", "torque{}_{}"),
+                about(ends[k], 1.0).T,
+                strict=True,
+            ):
                 out[name.format(j + 1, k + 1)] = row
     return out
 
 
 def cause(tree: Any, values: dict[str, Array]) -> Any:
-    """The value of a cause: a number, ["name", "q4"], ["sin", cause], ["+", cause, cause], ["spline", cause, centre, width]."""
+    """The value of a cause: a number, ["name", "q4"], ["sin", cause], ["+", cause, cause],
+    ["spline", cause, centre, width]."""
     if isinstance(tree, float):
         return tree
     head, *parts = tree
@@ -100,7 +125,7 @@ def cause(tree: Any, values: dict[str, Array]) -> Any:
         return values[parts[0]]
     if head == "spline":
         u = np.abs(cause(parts[0], values) - parts[1]) / parts[2]
-        return np.where(u < 1, (4 - 6 * u ** 2 + 3 * u ** 3) / 6, np.maximum(2 - u, 0) ** 3 / 6)
+        return np.where(u < 1, (4 - 6 * u**2 + 3 * u**3) / 6, np.maximum(2 - u, 0) ** 3 / 6)
     if head in OPERATORS:
         return OPERATORS[head](cause(parts[0], values), cause(parts[1], values))
     return FUNCTIONS[head](cause(parts[0], values))
@@ -113,7 +138,9 @@ def predicted(data: Data, q: Any, target: str | None, given: dict[str, Any]) -> 
     name = data["targets"][0] if target is None else target
     tool, H = np.array(data["tools"][name]), np.zeros((n + 1, 6, m))
     nominal = chain(data, q, tool, H)[0][n]
-    values = state(data, q, tool) | {key: np.broadcast_to(np.asarray(v, float), (m,)) for key, v in given.items()}
+    values = state(data, q, tool) | {
+        key: np.broadcast_to(np.asarray(v, float), (m,)) for key, v in given.items()
+    }
     H += np.array(data["constants"][name])[:, :, None]
     for frame, axis, size, tree in data["terms"][name]:
         H[frame - 1, axis] += size * cause(tree, values)

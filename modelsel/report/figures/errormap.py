@@ -1,4 +1,5 @@
-"""The error map: places x causes, darker where a cell alone would explain more, ringed where it stands out beyond chance."""
+"""The error map: places x causes, darker where a cell alone would explain more, ringed where it
+stands out beyond chance."""
 
 from __future__ import annotations
 
@@ -9,14 +10,18 @@ import numpy as np
 from ..style import INK, QUIET, RING, WIDTH, shortened, styled, svg
 
 COLUMNS = 26
-PLACES = 3  # that a cause needs to be worth a column: the waves of one joint are on the page to explore
+PLACES = (
+    3  # that a cause needs to be worth a column: the waves of one joint are on the page to explore
+)
 STANDS_OUT = 0.05
 
 
 def strongest(result: dict[str, Any], most: int = COLUMNS) -> list[int]:
-    """The causes of findings and those whose best cell stands out most, in the map's order; of the rest, those of few places
-    only where there is room."""
-    f = np.array([[np.nan if v is None else v for v in row] for row in result["error_map"]["f"]], dtype=float)
+    """The causes of findings and those whose best cell stands out most, in the map's order; of the
+    rest, those of few places only where there is room."""
+    f = np.array(
+        [[np.nan if v is None else v for v in row] for row in result["error_map"]["f"]], dtype=float
+    )
     if not f.size:
         return []
     best = np.nanmax(np.where(np.isnan(f), 0.0, f), axis=0)
@@ -30,11 +35,15 @@ def error_map(result: dict[str, Any]) -> bytes | None:
     whole, columns = result["error_map"], strongest(result)
     if not columns:
         return None
-    f = np.array([[np.nan if v is None else v for v in row] for row in whole["f"]], dtype=float)[:, columns]
+    f = np.array([[np.nan if v is None else v for v in row] for row in whole["f"]], dtype=float)[
+        :, columns
+    ]
     p = np.array(whole["p_family_wise"], dtype=float)[:, columns]
     shade = np.log10(np.maximum(f, 1.0))
     with styled() as sheets:
-        fig, ax = sheets.subplots(figsize=(WIDTH, max(0.135 * len(f) + 1.55, 2.9)), layout="constrained")
+        fig, ax = sheets.subplots(
+            figsize=(WIDTH, max(0.135 * len(f) + 1.55, 2.9)), layout="constrained"
+        )
         mesh = ax.pcolormesh(
             np.arange(len(columns) + 1) - 0.5,
             np.arange(len(f) + 1) - 0.5,
@@ -77,7 +86,9 @@ def error_map(result: dict[str, Any]) -> bytes | None:
 
 def _scale(fig: Any, ax: Any, mesh: Any) -> None:
     """The bar that says what a shade means."""
-    bar = fig.colorbar(mesh, ax=ax, orientation="horizontal", shrink=0.35, aspect=30, pad=0.015, anchor=(1.0, 0.5))
+    bar = fig.colorbar(
+        mesh, ax=ax, orientation="horizontal", shrink=0.35, aspect=30, pad=0.015, anchor=(1.0, 0.5)
+    )
     ticks = [k for k in (0, 1, 2, 3, 4, 5) if k <= mesh.norm.vmax]
     bar.set_ticks(ticks, labels=[f"{10**k:,}" for k in ticks])
     bar.outline.set_visible(False)

@@ -1,4 +1,5 @@
-"""One finding: the residual about its axis against its cause, before and after; who else it could be."""
+"""One finding: the residual about its axis against its cause, before and after; who else it could
+be."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ FEW = 6  # distinct values of a cause up to which they are drawn apart
 
 
 def binned(x: Array, y: Array, weight: Array) -> tuple[Array, Array]:
-    """Weighted means in bins of equally many points, or at each value where there are few: what the eye should follow."""
+    """Weighted means in bins of equally many points, or at each value where there are few: what the
+    eye should follow."""
     order, values = np.argsort(x, kind="stable"), np.unique(x)
     parts = (
         [np.flatnonzero(x == v) for v in values if (x == v).sum() >= min(FEW, len(x))]
@@ -43,11 +45,15 @@ def binned(x: Array, y: Array, weight: Array) -> tuple[Array, Array]:
 def _steps(x: Array, y: Array, weight: Array) -> tuple[Array, Array]:
     """Means on either side of nought, drawn where the points lie."""
     sides = [s for s in (x < 0, x > 0) if s.any()]
-    return (np.array([np.average(x[s]) for s in sides]), np.array([np.average(y[s], weights=weight[s]) for s in sides]))
+    return (
+        np.array([np.average(x[s]) for s in sides]),
+        np.array([np.average(y[s], weights=weight[s]) for s in sides]),
+    )
 
 
 def height(points: Array, curve: Array) -> float:
-    """Up to where a panel is drawn: nearly all points, and the fitted effect whole unless it is several times as high."""
+    """Up to where a panel is drawn: nearly all points, and the fitted effect whole unless it is
+    several times as high."""
     usual = 1.15 * float(np.percentile(np.abs(points), 98))
     return max(usual, min(1.05 * float(np.abs(curve).max(initial=0.0)), 3 * usual), 1e-12)
 
@@ -61,16 +67,25 @@ def axis_name(panel: dict[str, Any]) -> str:
 
 
 def finding(panels: list[dict[str, Any]]) -> bytes:
-    """Up to three panels: grey, what the model without the effect leaves; blue, with it; orange, the fitted effect."""
+    """Up to three panels: grey, what the model without the effect leaves; blue, with it; orange,
+    the fitted effect."""
     n = len(panels)
     with styled() as sheets:
-        fig, axes = sheets.subplots(1, n, figsize=(WIDTH, 2.8 if n > 1 else 3.2), layout="constrained", squeeze=False)
+        fig, axes = sheets.subplots(
+            1, n, figsize=(WIDTH, 2.8 if n > 1 else 3.2), layout="constrained", squeeze=False
+        )
         for ax, panel in zip(axes[0], panels, strict=True):
-            x, before, after, weight = (np.array(panel[k], float) for k in ("x", "before", "after", "weight"))
+            x, before, after, weight = (
+                np.array(panel[k], float) for k in ("x", "before", "after", "weight")
+            )
             biggest = float(np.percentile(np.abs(np.concatenate([before, after])), 99))
             factor, unit = scaled(panel["unit"], biggest)
             ax.axhline(0, color="#BBBBBB", lw=0.7)
-            spread = x + (0.05 * np.ptp(x) * (np.arange(len(x)) * GOLDEN % 1 - 0.5) if len(np.unique(x)) <= FEW else 0.0)
+            spread = x + (
+                0.05 * np.ptp(x) * (np.arange(len(x)) * GOLDEN % 1 - 0.5)
+                if len(np.unique(x)) <= FEW
+                else 0.0
+            )
             ax.scatter(
                 spread,
                 factor * before,
@@ -81,18 +96,35 @@ def finding(panels: list[dict[str, Any]]) -> bytes:
                 linewidths=0.5,
                 alpha=0.7,
             )
-            ax.scatter(spread, factor * after, s=2 + 6 * weight, marker="o", color=AFTER, linewidths=0, alpha=0.45)
+            ax.scatter(
+                spread,
+                factor * after,
+                s=2 + 6 * weight,
+                marker="o",
+                color=AFTER,
+                linewidths=0,
+                alpha=0.45,
+            )
             group = _steps if panel["kind"] == "step" else binned
             if panel["kind"] == "step":
                 for side in (-1, 1):
                     part = np.sign(panel["curve"][0]) == side
-                    ax.plot(np.array(panel["curve"][0])[part], factor * np.array(panel["curve"][1])[part], color=ORANGE, lw=1.6)
+                    ax.plot(
+                        np.array(panel["curve"][0])[part],
+                        factor * np.array(panel["curve"][1])[part],
+                        color=ORANGE,
+                        lw=1.6,
+                    )
             else:
-                ax.plot(panel["curve"][0], factor * np.array(panel["curve"][1]), color=ORANGE, lw=1.6)
+                ax.plot(
+                    panel["curve"][0], factor * np.array(panel["curve"][1]), color=ORANGE, lw=1.6
+                )
             for y, colour, mark in ((before, INK, "s"), (after, BLUE, "o")):
                 bx, by = group(x, y, weight)
                 ax.plot(bx, factor * by, mark, ms=4.5, mfc="white", mec=colour, mew=1.1, zorder=4)
-            top = factor * height(np.concatenate([before, after]), np.array(panel["curve"][1], float))
+            top = factor * height(
+                np.concatenate([before, after]), np.array(panel["curve"][1], float)
+            )
             ax.set_ylim(-top, top)
             ax.set_xlabel(
                 f"{shortened(panel['against'], 30)}"
@@ -102,7 +134,12 @@ def finding(panels: list[dict[str, Any]]) -> bytes:
                     else ""
                 )
             )
-            ax.set_title(f"{axis_name(panel)} [{unit}]", fontsize=7.5 if n < 3 else 6.5, fontweight="normal", color=INK)
+            ax.set_title(
+                f"{axis_name(panel)} [{unit}]",
+                fontsize=7.5 if n < 3 else 6.5,
+                fontweight="normal",
+                color=INK,
+            )
         fig.legend(handles=_legend(), loc="outside lower center", ncols=3, fontsize=7)
         return svg(fig, "Residual against cause")
 
@@ -111,14 +148,23 @@ def _legend() -> list[Any]:
     from matplotlib.lines import Line2D as line  # noqa: N813
 
     return [
-        line([], [], ls="", marker="s", mfc="white", mec=INK, label="without this effect (large: means)"),
+        line(
+            [],
+            [],
+            ls="",
+            marker="s",
+            mfc="white",
+            mec=INK,
+            label="without this effect (large: means)",
+        ),
         line([], [], ls="", marker="o", mfc="white", mec=BLUE, label="with it"),
         line([], [], color=ORANGE, lw=1.6, label="the fitted effect"),
     ]
 
 
 def credible(entries: list[tuple[str, float, bool]]) -> bytes:
-    """Probability of every explanation listed, the first on top; hatched where it does not move the target alike."""
+    """Probability of every explanation listed, the first on top; hatched where it does not move the
+    target alike."""
     shown = entries[:BARS]
     rows = np.arange(len(shown))
     with styled() as sheets:
@@ -134,7 +180,12 @@ def credible(entries: list[tuple[str, float, bool]]) -> bytes:
         )
         for y, (_, p, _) in enumerate(shown):
             ax.annotate(
-                f"{p:.2f}" if p >= 0.005 else "<0.01", (p, y), (4, 0), textcoords="offset points", va="center", fontsize=7.5
+                f"{p:.2f}" if p >= 0.005 else "<0.01",
+                (p, y),
+                (4, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=7.5,
             )
         ax.set_yticks(rows, [shortened(name, 52) for name, *_ in shown], color=INK)
         ax.set_ylim(len(shown) - 0.4, -0.6)

@@ -1,4 +1,5 @@
-"""The ladder of models against the noise floor, and what each rung leaves on held-out configurations."""
+"""The ladder of models against the noise floor, and what each rung leaves on held-out
+configurations."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ MOST, CURVES = 26, 6  # rungs that the ladder can hold, and the picture of their
 
 
 def rungs(result: dict[str, Any]) -> list[int]:
-    """Indices of the nominal model and of the rungs whose mechanisms the chosen model begins with."""
+    """Indices of the nominal model and of the rungs whose mechanisms the chosen model begins
+    with."""
     ladder = result["ladder"]
     chosen = ladder[-1]["mechanisms"]
     return [
@@ -29,28 +31,35 @@ def names(result: dict[str, Any], which: list[int]) -> list[str]:
 
 
 def ladder(result: dict[str, Any]) -> bytes:
-    """Mean length of the residual vectors, estimation and held-out, a row per rung; grey: what noise alone would leave."""
+    """Mean length of the residual vectors, estimation and held-out, a row per rung; grey: what
+    noise alone would leave."""
     which = rungs(result)[-MOST:]
     steps, rows = [result["ladder"][k] for k in which], np.arange(len(which))
     used, held = (
         np.array([np.nan if r[side]["mean_mm"] is None else r[side]["mean_mm"] for r in steps])
         for side in ("estimation", "held_out")
     )
-    noise = result["noise_floor"]  # mean length of three normal coordinates, unless the file says what its rows have
+    noise = result[
+        "noise_floor"
+    ]  # mean length of three normal coordinates, unless the file says what its rows have
     floor = noise["mean_mm"] if "mean_mm" in noise else noise["coordinate_mm"] * np.sqrt(8 / np.pi)
     both = np.concatenate([used, held, [floor]])
     low, high = max(np.nanmin(both) / 1.7, 1e-9), np.nanmax(both) * 2.2
     few = np.log10(high / low) < 2
     shown = held if np.isfinite(held).any() else used
     with styled() as sheets:
-        fig, ax = sheets.subplots(figsize=(WIDTH, min(0.22 * len(steps) + 0.75, 4.1)), layout="constrained")
+        fig, ax = sheets.subplots(
+            figsize=(WIDTH, min(0.22 * len(steps) + 0.75, 4.1)), layout="constrained"
+        )
         ax.set_xscale("log")
         ax.set_xlim(low, high)
         ax.axvspan(low, floor, color="#EFEFEF", lw=0)
         ax.axvline(floor, color="#9A9A9A", lw=0.8)
         ax.text(
             np.sqrt(low * floor),
-            len(rows) / 2 - 0.5 if len(rows) > 4 else -0.55,        # few rows: above them, where no name and no mark is
+            len(rows) / 2 - 0.5
+            if len(rows) > 4
+            else -0.55,  # few rows: above them, where no name and no mark is
             f"noise alone: {floor:.2g} mm",
             rotation=90 if len(rows) > 4 else 0,
             ha="center",
@@ -59,7 +68,16 @@ def ladder(result: dict[str, Any]) -> bytes:
             color=QUIET,
         )
         ax.hlines(rows, floor, shown, color=GREY, lw=1, zorder=1)
-        ax.plot(used, rows, "s", ms=5.5, mfc="none", mec=ORANGE, mew=1.2, label="estimation configurations")
+        ax.plot(
+            used,
+            rows,
+            "s",
+            ms=5.5,
+            mfc="none",
+            mec=ORANGE,
+            mew=1.2,
+            label="estimation configurations",
+        )
         if shown is held:
             ax.plot(held, rows, "o", ms=4.5, color=AFTER, label="held-out configurations")
         for y, (a, b) in enumerate(zip(used, shown, strict=True)):
@@ -75,7 +93,13 @@ def ladder(result: dict[str, Any]) -> bytes:
             )
         ax.set_yticks(rows, [shortened(n, 44) for n in names(result, which)], color=INK)
         ax.set_ylim(len(steps) - 0.5, -0.6 if len(rows) > 4 else -0.8)
-        ax.set_xticks([t for t in np.outer(10.0 ** np.arange(-6, 5), (1, 2, 5) if few else (1,)).ravel() if low <= t <= high])
+        ax.set_xticks(
+            [
+                t
+                for t in np.outer(10.0 ** np.arange(-6, 5), (1, 2, 5) if few else (1,)).ravel()
+                if low <= t <= high
+            ]
+        )
         ax.xaxis.set_major_formatter(lambda v, _: f"{v:g}")
         ax.xaxis.set_minor_formatter(lambda v, _: "")
         ax.set_xlabel("mean position error [mm], logarithmic")
@@ -86,21 +110,28 @@ def ladder(result: dict[str, Any]) -> bytes:
 
 
 def held_out(result: dict[str, Any], details: dict[str, Any]) -> bytes | None:
-    """Share of configurations whose error stays below a length, a curve per rung of the way; None where there is no row."""
+    """Share of configurations whose error stays below a length, a curve per rung of the way; None
+    where there is no row."""
     rows = details["rows"]
     estimation, outlying = np.array(rows["estimation"], bool), np.array(rows["outlying"], bool)
     side = ~estimation & ~outlying if (~estimation & ~outlying).any() else ~outlying
     if not side.any():
         return None
     which = rungs(result)
-    which = which if len(which) <= CURVES else [which[round(k)] for k in np.linspace(0, len(which) - 1, CURVES)]
+    which = (
+        which
+        if len(which) <= CURVES
+        else [which[round(k)] for k in np.linspace(0, len(which) - 1, CURVES)]
+    )
     labels = names(result, rungs(result))
     import matplotlib as mpl
 
     with styled() as sheets:
         fig, ax = sheets.subplots(figsize=(WIDTH, 2.4), layout="constrained")
         for n, k in enumerate(which):
-            size = np.sort(np.linalg.norm(np.array(details["rungs"][k]["residual_mm"])[side], axis=1))
+            size = np.sort(
+                np.linalg.norm(np.array(details["rungs"][k]["residual_mm"])[side], axis=1)
+            )
             share = np.arange(1, len(size) + 1) / len(size)
             last = n == len(which) - 1
             ax.step(

@@ -1,4 +1,5 @@
-"""Every fitted parameter with its interval, how parameters hang together, the posterior of the informative few."""
+"""Every fitted parameter with its interval, how parameters hang together, the posterior of the
+informative few."""
 
 from __future__ import annotations
 
@@ -14,8 +15,8 @@ MATRIX = 48  # names of the correlation's picture
 
 
 def forest(parameters: list[dict[str, Any]]) -> bytes:
-    """Estimates in units of their own standard error (a 95 % interval is 3.92 of them), strongest first: what lies inside the
-    grey band may be nought."""
+    """Estimates in units of their own standard error (a 95 % interval is 3.92 of them), strongest
+    first: what lies inside the grey band may be nought."""
     score = [3.92 * p["estimate"] / (p["high"] - p["low"]) for p in parameters]
     order = sorted(range(len(parameters)), key=lambda k: -abs(score[k]))[:MOST]
     half = (len(order) + 1) // 2
@@ -39,7 +40,12 @@ def forest(parameters: list[dict[str, Any]]) -> bytes:
             sure = np.abs(z) > 1.96
             ax.plot(z[sure], rows[sure], "o", ms=3.5, color=BLUE)
             ax.plot(z[~sure], rows[~sure], "o", ms=3.5, mfc="white", mec=BLUE)
-            ax.set_yticks(rows, [shortened(parameters[k]["symbol"], 24) for k in part], fontsize=6.5, color=INK)
+            ax.set_yticks(
+                rows,
+                [shortened(parameters[k]["symbol"], 24) for k in part],
+                fontsize=6.5,
+                color=INK,
+            )
             ax.set_ylim(half - 0.4, -0.6)
             ax.set_xlim(-top, top)
             ticks = [t for t in (1000, 100, 10) if t < top]
@@ -52,13 +58,16 @@ def forest(parameters: list[dict[str, Any]]) -> bytes:
 
 
 def correlation(block: dict[str, Any]) -> bytes:
-    """The correlation matrix of the estimates, clusters first; size and shade grow with |r|, hollow where it is negative."""
+    """The correlation matrix of the estimates, clusters first; size and shade grow with |r|, hollow
+    where it is negative."""
     order = [s for cluster in block["clusters"] for s in cluster]
     order += [s for s in block["symbols"] if s not in order]
     order = list(dict.fromkeys(order))[:MATRIX]
     place = {s: k for k, s in enumerate(block["symbols"])}
     at = [place[s] for s in order]
-    r = np.array([[np.nan if v is None else v for v in row] for row in block["matrix"]], dtype=float)[np.ix_(at, at)]
+    r = np.array(
+        [[np.nan if v is None else v for v in row] for row in block["matrix"]], dtype=float
+    )[np.ix_(at, at)]
     n, i, j = len(order), *np.tril_indices(len(order), -1)
     size = np.abs(np.nan_to_num(r[i, j]))
     keep = size > 0.1
@@ -67,7 +76,12 @@ def correlation(block: dict[str, Any]) -> bytes:
         fig, ax = sheets.subplots(figsize=(WIDTH * 0.8, WIDTH * 0.75), layout="constrained")
         area = (230.0 / max(n, 6)) ** 2
         ax.scatter(
-            j[~negative], i[~negative], s=area * size[~negative], c=BLUE, linewidths=0, alpha=0.25 + 0.75 * size[~negative]
+            j[~negative],
+            i[~negative],
+            s=area * size[~negative],
+            c=BLUE,
+            linewidths=0,
+            alpha=0.25 + 0.75 * size[~negative],
         )
         ax.scatter(
             j[negative],
@@ -87,7 +101,8 @@ def correlation(block: dict[str, Any]) -> bytes:
 
 
 def posterior(trace: dict[str, Any], units: dict[str, str]) -> bytes:
-    """Draws of the informative few, pair by pair, with their distributions on the diagonal; `units` by name."""
+    """Draws of the informative few, pair by pair, with their distributions on the diagonal; `units`
+    by name."""
     draws, names = np.array(trace["draws"], dtype=float)[:, :SHOWN], trace["names"][:SHOWN]
     n = draws.shape[1]
     titles = []
@@ -95,9 +110,13 @@ def posterior(trace: dict[str, Any], units: dict[str, str]) -> bytes:
         stem, over, per = units.get(name, "1").partition("/")
         factor, unit = scaled(stem, float(np.abs(draws[:, k]).max(initial=0)))
         draws[:, k] *= factor
-        titles.append(shortened(name, 14) + ("" if unit + over + per == "1" else f"\n[{unit}{over}{per}]"))
+        titles.append(
+            shortened(name, 14) + ("" if unit + over + per == "1" else f"\n[{unit}{over}{per}]")
+        )
     with styled() as sheets:
-        fig, axes = sheets.subplots(n, n, figsize=(WIDTH, WIDTH * 0.86), squeeze=False, layout="constrained")
+        fig, axes = sheets.subplots(
+            n, n, figsize=(WIDTH, WIDTH * 0.86), squeeze=False, layout="constrained"
+        )
         for a in range(n):
             for b in range(n):
                 ax = axes[a, b]

@@ -15,7 +15,10 @@ def unidentifiable(source: Source) -> list[Block]:
     """Combinations that no data of this kind determine."""
     found = source.result["unidentifiable"]
     if not found:
-        return [heading("What the data cannot tell"), text("The data determine every parameter of the chosen model.")]
+        return [
+            heading("What the data cannot tell"),
+            text("The data determine every parameter of the chosen model."),
+        ]
     return [
         heading("What the data cannot tell"),
         text(
@@ -31,15 +34,21 @@ def outliers(source: Source) -> list[Block]:
     result = source.result
     rows = result["outliers"]
     where = where_of(source.details.get("places"))
-    shown = where.listed(rows, ROWS) + (" of the file; the header is line 1" if where.is_text else "")
+    shown = where.listed(rows, ROWS) + (
+        " of the file; the header is line 1" if where.is_text else ""
+    )
     blocks = [
         heading("Outliers and warnings", opens=False),
         text(
-            f"Left out: {len(rows)} row{'s' * (len(rows) != 1)} ({shown})." if rows else "No row was left out."
+            f"Left out: {len(rows)} row{'s' * (len(rows) != 1)} ({shown})."
+            if rows
+            else "No row was left out."
         ),
     ]
     faults = [
-        f["sentence"] for f in result["findings"] if f["credible_set"] and name_of(f["credible_set"][0]).startswith("fault:")
+        f["sentence"]
+        for f in result["findings"]
+        if f["credible_set"] and name_of(f["credible_set"][0]).startswith("fault:")
     ]
     if faults:
         blocks.append(points(faults))
@@ -58,7 +67,10 @@ def provenance(source: Source) -> list[Block]:
         *([CALLED.get(k, k), str(v)] for k, v in result["provenance"].items()),
     ]
     steps = result["path"]
-    blocks = [heading("Provenance", opens=False), table([("what", "left"), ("value", "left")], rows, "", [0.0, 1.0])]
+    blocks = [
+        heading("Provenance", opens=False),
+        table([("what", "left"), ("value", "left")], rows, "", [0.0, 1.0]),
+    ]
     if steps:
         blocks += [
             heading("How the model grew", 2),

@@ -1,4 +1,5 @@
-"""A page per finding: the sentence, the picture that convinces, who else it could be, what would tell them apart."""
+"""A page per finding: the sentence, the picture that convinces, who else it could be, what would
+tell them apart."""
 
 from __future__ import annotations
 
@@ -35,19 +36,32 @@ def findings(source: Source) -> list[Block]:
 
 def _one(source: Source, k: int, found: dict[str, Any], said: dict[str, Any]) -> list[Block]:
     where = where_of(source.details.get("places"))
-    blocks = [heading(f"Finding {k}: {said['label']}"), text(found["sentence"]), text(_verdict(found, where), "quiet")]
+    blocks = [
+        heading(f"Finding {k}: {said['label']}"),
+        text(found["sentence"]),
+        text(_verdict(found, where), "quiet"),
+    ]
     if said["panels"]:
         blocks.append(_residuals(source, k, said))
     if found["estimate"]:
         blocks.append(_estimates(found["estimate"]))
     listed = found["credible_set"]
-    entries = [(name, e["probability"], bool(e["alike"])) for name, e in zip(names_of(listed), listed, strict=True)]
+    entries = [
+        (name, e["probability"], bool(e["alike"]))
+        for name, e in zip(names_of(listed), listed, strict=True)
+    ]
     if entries:
         more = found["more_entries"] + max(len(entries) - draw.BARS, 0)
-        caption = "What it could be. Filled: moves the target as the first does; hatched: differently."
+        caption = (
+            "What it could be. Filled: moves the target as the first does; hatched: differently."
+        )
         words = "; ".join(f"{name} {p:.2f}" for name, p, _ in entries[: draw.BARS])
         rest = f" {more} more are less probable." if more else ""
-        blocks.append(source.figure(f"credible-{k}", draw.credible(entries), caption + rest, f"Credible set: {words}."))
+        blocks.append(
+            source.figure(
+                f"credible-{k}", draw.credible(entries), caption + rest, f"Credible set: {words}."
+            )
+        )
     rivals = separation(found)
     return [*blocks, heading("What would tell them apart", 2), points(rivals)] if rivals else blocks
 
@@ -62,9 +76,16 @@ def _residuals(source: Source, k: int, said: dict[str, Any]) -> Block:
     if any("folded" in p["against"] for p in panels):
         caption += " All waves of a turn are laid over each other."
     if said["more_panels"]:
-        caption += f" The {len(panels)} largest of {len(panels) + said['more_panels']} parts are drawn."
+        caption += (
+            f" The {len(panels)} largest of {len(panels) + said['more_panels']} parts are drawn."
+        )
     against = "; ".join(f"{draw.axis_name(p)} against {p['against']}" for p in panels)
-    return source.figure(f"finding-{k}", draw.finding(panels), caption, f"Residual {against}, without and with {said['label']}.")
+    return source.figure(
+        f"finding-{k}",
+        draw.finding(panels),
+        caption,
+        f"Residual {against}, without and with {said['label']}.",
+    )
 
 
 def _estimates(estimate: list[dict[str, Any]]) -> Block:
@@ -72,7 +93,12 @@ def _estimates(estimate: list[dict[str, Any]]) -> Block:
     shown, rest = estimate[:ESTIMATES], max(len(estimate) - ESTIMATES, 0)
     return table(
         [("", "left"), *((e["symbol"], "left") for e in shown)],
-        [["estimate ± standard error", *(quantity(e["value"], e["standard_error"], e["unit"]) for e in shown)]],
+        [
+            [
+                "estimate ± standard error",
+                *(quantity(e["value"], e["standard_error"], e["unit"]) for e in shown),
+            ]
+        ],
         f"And {rest} more numbers: in result.json." if rest else "",
     )
 
@@ -81,13 +107,19 @@ def _verdict(found: dict[str, Any], where: Where) -> str:
     """p-value and gain in one line."""
     gain = found["gain"]
     chance = f"{found['p_value']:.2g} over the whole search"
-    words = [f"Verdict: {found['verdict']}; chance alone would do as well with probability {chance}"]
+    words = [
+        f"Verdict: {found['verdict']}; chance alone would do as well with probability {chance}"
+    ]
     if gain["held_out_rms_before_mm"] is not None:
         before, after = (mm(gain[f"held_out_rms_{side}_mm"]) for side in ("before", "after"))
-        words.append(f"held-out error when it joins the ladder: {before} to {after} mm rms{_change(gain['interval_mm'])}")
+        words.append(
+            f"held-out error when it joins the ladder: {before} to {after} mm rms{_change(gain['interval_mm'])}"
+        )
     if found.get("rows"):
         rows = found["rows"]
-        words.append(f"it concerns {len(rows)} row{'s' * (len(rows) != 1)} of the measurements ({where.listed(rows, 12)})")
+        words.append(
+            f"it concerns {len(rows)} row{'s' * (len(rows) != 1)} of the measurements ({where.listed(rows, 12)})"
+        )
     return ". ".join(w[0].upper() + w[1:] for w in words) + "."
 
 
@@ -103,7 +135,8 @@ def _change(interval: list[float] | None) -> str:
 
 
 def separation(found: dict[str, Any]) -> list[str]:
-    """What measurement would tell the first entry from its rivals, in words, by what they differ in."""
+    """What measurement would tell the first entry from its rivals, in words, by what they differ
+    in."""
     entries = found["credible_set"]
     if len(entries) < 2:
         return []
@@ -113,8 +146,12 @@ def separation(found: dict[str, Any]) -> list[str]:
 
 
 def _difference(a: str, first: dict[str, Any], b: str, rival: dict[str, Any]) -> str:
-    """What would tell entry `first`, called `a`, from the `rival`, called `b`; nothing where no measurement can."""
-    screws = [sorted({(f"frame {s['frame']} {s['axis']}", str(s["cause"])) for s in e["screws"]}) for e in (first, rival)]
+    """What would tell entry `first`, called `a`, from the `rival`, called `b`; nothing where no
+    measurement can."""
+    screws = [
+        sorted({(f"frame {s['frame']} {s['axis']}", str(s["cause"])) for s in e["screws"]})
+        for e in (first, rival)
+    ]
     causes = [list(dict.fromkeys(str(s["cause"]) for s in e["screws"])) for e in (first, rival)]
     if name_of(first) == name_of(rival) and all("sin(" in c for c in map("".join, causes)):
         return (

@@ -1,4 +1,5 @@
-"""summary.pdf: a fleet on two or three pages: every study in a line, what was found how often, what failed, every warning."""
+"""summary.pdf: a fleet on two or three pages: every study in a line, what was found how often, what
+failed, every warning."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ LONG = 160  # letters of a warning or reason
 
 
 def summary(name: str, rows: Sequence[Row], out: Path) -> bytes:
-    """The PDF of a fleet's rows, in their order; warnings are read from the studies' folders below `out`. Raises ReportError."""
+    """The PDF of a fleet's rows, in their order; warnings are read from the studies' folders below
+    `out`. Raises ReportError."""
     done = [row for row in rows if row["state"] == "done"]
     failed = [row for row in rows if row["state"] != "done"]
     title = {
@@ -33,7 +35,11 @@ def summary(name: str, rows: Sequence[Row], out: Path) -> bytes:
         "title": name,
         "about": f"{_count(len(rows), 'study', 'studies')} · {len(done)} done, {len(failed)} failed",
     }
-    blocks: list[Block] = [title, *(text(sentence, "lead") for sentence in _verdict(rows, done, failed)), *_found(done)]
+    blocks: list[Block] = [
+        title,
+        *(text(sentence, "lead") for sentence in _verdict(rows, done, failed)),
+        *_found(done),
+    ]
     blocks += [heading("Study by study", opens=False), *_studies(done)]
     blocks += _failures(failed) + _warnings(done, out)
     pdf, _ = compiled(
@@ -61,21 +67,29 @@ def _verdict(rows: Sequence[Row], done: Sequence[Row], failed: Sequence[Row]) ->
     both = [row for row in done if row["nominal_mm"] is not None and row["chosen_mm"] is not None]
     out = []
     if both:
-        before, after = (np.array([row[what] for row in both]) for what in ("nominal_mm", "chosen_mm"))
+        before, after = (
+            np.array([row[what] for row in both]) for what in ("nominal_mm", "chosen_mm")
+        )
         worst = both[int(after.argmax())]
         out.append(
             f"Mean error on held-out configurations, median over {_count(len(both), 'study', 'studies')}: "
             f"{mm(float(np.median(before)))} mm nominal, {mm(float(np.median(after)))} mm with the chosen model. "
             f"The largest that is left: {mm(worst['chosen_mm'])} mm, {worst['name']}."
         )
-        worse = [row["name"] for row in both if row["base_mm"] is not None and row["chosen_mm"] > row["base_mm"]]
+        worse = [
+            row["name"]
+            for row in both
+            if row["base_mm"] is not None and row["chosen_mm"] > row["base_mm"]
+        ]
         if worse:
             out.append(f"Worse than with the base alone: {_some(worse)}.")
     unsure = [row["name"] for row in done if row["exit"]]
     if unsure:
         out.append(f"Done, but the chain has not converged: {_some(unsure)}.")
     if failed:
-        out.append(f"{_count(len(failed), 'study', 'studies')} of {len(rows)} failed: {_some([row['name'] for row in failed])}.")
+        out.append(
+            f"{_count(len(failed), 'study', 'studies')} of {len(rows)} failed: {_some([row['name'] for row in failed])}."
+        )
     return out
 
 
@@ -124,19 +138,30 @@ def _studies(done: Sequence[Row]) -> list[Block]:
         "[mm]. Measured: configurations. Each study's own folder has its report."
     )
     if len(done) > ROWS:
-        caption += f" Of {len(done)} the {ROWS} with the largest error left; all are in summary.csv."
+        caption += (
+            f" Of {len(done)} the {ROWS} with the largest error left; all are in summary.csv."
+        )
     return [table(columns, lines, caption, [0.55, 0.45, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.6])]
 
 
 def _failures(failed: Sequence[Row]) -> list[Block]:
     if not failed:
         return []
-    lines = [[row["name"], str(row["exit"]), shortened(" ".join(str(row["why"]).split()), LONG)] for row in failed[:FAILED]]
+    lines = [
+        [row["name"], str(row["exit"]), shortened(" ".join(str(row["why"]).split()), LONG)]
+        for row in failed[:FAILED]
+    ]
     caption = "Exit: 1 internal error, 2 study file, 3 measurements, 4 not estimable."
-    caption += f" The first {FAILED} of {len(failed)}; all are in summary.csv." if len(failed) > FAILED else ""
+    caption += (
+        f" The first {FAILED} of {len(failed)}; all are in summary.csv."
+        if len(failed) > FAILED
+        else ""
+    )
     return [
         heading("What failed", opens=False),
-        table([("study", "left"), ("exit", "right"), ("why", "left")], lines, caption, [0.3, 0.0, 1.0]),
+        table(
+            [("study", "left"), ("exit", "right"), ("why", "left")], lines, caption, [0.3, 0.0, 1.0]
+        ),
     ]
 
 
@@ -154,7 +179,9 @@ def _warnings(done: Sequence[Row], out: Path) -> list[Block]:
             where += [row["name"]] if row["name"] not in where else []
     if not first:
         return []
-    lines = [[code, shortened(sentence, LONG), _some(studies[code])] for code, sentence in first.items()]
+    lines = [
+        [code, shortened(sentence, LONG), _some(studies[code])] for code, sentence in first.items()
+    ]
     caption = "Of each kind one, in the words of the first study named."
     columns = [("warning", "left"), ("what it says", "left"), ("studies", "left")]
     return [heading("Warnings", opens=False), table(columns, lines, caption, [0.35, 1.0, 0.5])]
@@ -162,4 +189,6 @@ def _warnings(done: Sequence[Row], out: Path) -> list[Block]:
 
 def _some(names: Sequence[str]) -> str:
     more = len(names) - SAID
-    return ", ".join(shortened(n, 30) for n in names[:SAID]) + (f" and {more} more" if more > 0 else "")
+    return ", ".join(shortened(n, 30) for n in names[:SAID]) + (
+        f" and {more} more" if more > 0 else ""
+    )

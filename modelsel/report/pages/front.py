@@ -1,4 +1,5 @@
-"""The first pages: the verdict, the data and their split, the ladder and the table, the error map."""
+"""The first pages: the verdict, the data and their split, the ladder and the table, the error
+map."""
 
 from __future__ import annotations
 
@@ -13,11 +14,16 @@ from ..figures import errormap, ladder, space
 from ..style import shortened
 from ..terminal import mm
 
-NAMED, NAME, WHAT = 9, 40, 110  # rows of the first page's table, letters of a name and of what it means
+NAMED, NAME, WHAT = (
+    9,
+    40,
+    110,
+)  # rows of the first page's table, letters of a name and of what it means
 
 
 def names_of(entries: list[dict[str, Any]]) -> list[str]:
-    """Names of a credible set; where one stands there more than once, with the cause that tells them apart."""
+    """Names of a credible set; where one stands there more than once, with the cause that tells
+    them apart."""
     names = [name_of(e) for e in entries]
     return [
         f"{n}, {e['screws'][0]['cause']}" if names.count(n) > 1 and e["screws"] else n
@@ -26,7 +32,8 @@ def names_of(entries: list[dict[str, Any]]) -> list[str]:
 
 
 def sure(finding: dict[str, Any]) -> str:
-    """How probable the first of the set is, and together with those that move the target as it does."""
+    """How probable the first of the set is, and together with those that move the target as it
+    does."""
     together, own = f"{alike(finding):.2f}", f"{finding['credible_set'][0]['probability']:.2f}"
     others = sum(bool(e["alike"]) for e in finding["credible_set"]) - 1
     return own if own == together or others < 1 else f"{own}; {together} with {others} alike"
@@ -34,7 +41,10 @@ def sure(finding: dict[str, Any]) -> str:
 
 def opening(result: dict[str, Any]) -> list[str]:
     """The verdict's sentences; before them, what in the set-up or the data looks wrong."""
-    return [*alarms([Note(w["code"], w["sentence"]) for w in result["warnings"]]), *result["verdict"]]
+    return [
+        *alarms([Note(w["code"], w["sentence"]) for w in result["warnings"]]),
+        *result["verdict"],
+    ]
 
 
 def first(source: Source) -> list[Block]:
@@ -105,7 +115,14 @@ def data(source: Source) -> list[Block]:
     drawn = len(rows["row"])
     thinned = f" {drawn:,} of {rows['of']:,} rows are drawn." if drawn < rows["of"] else ""
     placed = result.get("registration")
-    stands = [] if placed is None else [heading("Where the tracker and the target stand", 2), points(standing_sentences(placed))]
+    stands = (
+        []
+        if placed is None
+        else [
+            heading("Where the tracker and the target stand", 2),
+            points(standing_sentences(placed)),
+        ]
+    )
     return [
         heading("Data and split"),
         text(
@@ -137,8 +154,12 @@ def _coverage_words(details: dict[str, Any]) -> str:
     spans = []
     for j, joint in enumerate(details["joints"]):
         values = [q[j] for q in details["rows"]["q"]]
-        factor, unit = (180 / 3.141592653589793, "degrees") if joint["unit"] == "rad" else (1.0, "mm")
-        spans.append(f"joint {j + 1} from {min(values) * factor:.0f} to {max(values) * factor:.0f} {unit}")
+        factor, unit = (
+            (180 / 3.141592653589793, "degrees") if joint["unit"] == "rad" else (1.0, "mm")
+        )
+        spans.append(
+            f"joint {j + 1} from {min(values) * factor:.0f} to {max(values) * factor:.0f} {unit}"
+        )
     return f"Readings of each joint: {'; '.join(spans)}."
 
 
@@ -152,7 +173,10 @@ def error_map(source: Source) -> list[Block]:
     result = source.result
     picture = errormap.error_map(result)
     if picture is None:
-        return [heading("Error map"), text("No mechanism may extend the base in this study: nothing was scanned.")]
+        return [
+            heading("Error map"),
+            text("No mechanism may extend the base in this study: nothing was scanned."),
+        ]
     whole, columns = result["error_map"], errormap.strongest(result)
     cells = sum(v is not None for row in whole["f"] for v in row)
     caption = (

@@ -35,12 +35,18 @@ def _ladder(result: dict[str, Any]) -> list[Block]:
         [name, str(r["parameters"]), str(r["rank"]), *_errors(r), mm(r["cv_rms_mm"])]
         for name, r in zip(names, result["ladder"], strict=True)
     ]
-    numbers = [(n, "right") for n in ("parameters", "rank", "mean", "worst", "held-out mean", "worst", "CV rms")]
+    numbers = [
+        (n, "right")
+        for n in ("parameters", "rank", "mean", "worst", "held-out mean", "worst", "CV rms")
+    ]
     caption = (
         "Errors in mm: lengths of the residual vectors. Rank: parameters that the data determine. CV: cross-validated on the "
         "estimation configurations. A row that begins with + adds to the row above it."
     )
-    return [heading("The ladder", 2), table([("model", "left"), *numbers], rows, caption, [1.0, *[0.0] * 7])]
+    return [
+        heading("The ladder", 2),
+        table([("model", "left"), *numbers], rows, caption, [1.0, *[0.0] * 7]),
+    ]
 
 
 def _subsets(candidates: dict[str, Any]) -> list[Block]:
@@ -54,29 +60,42 @@ def _subsets(candidates: dict[str, Any]) -> list[Block]:
             str(r["rank"]),
             mm(r["cv_rms_mm"]),
             mm(r["held_out"]["mean_mm"]),
-            "–" if r["weight"] is None else "<0.001" if r["weight"] < 0.0005 else f"{r['weight']:.3f}",
+            "–"
+            if r["weight"] is None
+            else "<0.001"
+            if r["weight"] < 0.0005
+            else f"{r['weight']:.3f}",
             r["note"],
         ]
         for r in shown
     ]
     columns = [(" + ".join(common) + " and" if common else "mechanisms", "left")]
-    columns += [("rank", "right"), ("CV rms", "right"), ("held-out mean", "right"), ("weight", "right"), ("note", "left")]
+    columns += [
+        ("rank", "right"),
+        ("CV rms", "right"),
+        ("held-out mean", "right"),
+        ("weight", "right"),
+        ("note", "left"),
+    ]
     said = (
         f"Of {candidates['compared']:,} subsets of the strongest registered mechanisms, these stand out. They check the ladder "
         f"from another side: each is fitted by one linear step and measured alike. {TABLE_FOR}"
     )
     if search := candidates.get("search"):
-        said += (
-            f" Among all 2^{search['mechanisms']} subsets, branch and bound by BIC "
-            + ("proves the best." if search["proven"] else "did not finish: its best may be beaten by up to "
-               f"{search['may_be_beaten_by']:.3g}.")
+        said += f" Among all 2^{search['mechanisms']} subsets, branch and bound by BIC " + (
+            "proves the best."
+            if search["proven"]
+            else "did not finish: its best may be beaten by up to "
+            f"{search['may_be_beaten_by']:.3g}."
         )
     aside, more = candidates["set_aside"][:ASIDE], len(candidates["set_aside"]) - ASIDE
     rest = (
         f" The subsets are made of {len(candidates['considered'])} mechanisms; weaker alone, and left out: {', '.join(aside)}"
         f"{f' and {more} more' if more > 0 else ''}."
     )
-    caption = "Errors in mm; weight: the subset's probability among those compared." + (rest if aside else "")
+    caption = "Errors in mm; weight: the subset's probability among those compared." + (
+        rest if aside else ""
+    )
     return [
         heading("The table of subsets", 2),
         text(said),

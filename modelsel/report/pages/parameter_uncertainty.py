@@ -1,4 +1,5 @@
-"""What the chosen model leaves and how well its parameters are known; sections without their keys in result.json are left out."""
+"""What the chosen model leaves and how well its parameters are known; sections without their keys
+in result.json are left out."""
 
 from __future__ import annotations
 
@@ -64,14 +65,19 @@ def held_out(source: Source) -> list[Block]:
     first, last = result["ladder"][0], result["ladder"][-1]
     key = "held_out" if last["held_out"]["p95_mm"] is not None else "estimation"
     return [
-        heading("Held-out errors" if side == "held-out" else "Errors (nothing is held out)", opens=False),
+        heading(
+            "Held-out errors" if side == "held-out" else "Errors (nothing is held out)", opens=False
+        ),
         source.figure(
             "held-out",
             picture,
             f"Share of {side} configurations whose error stays below a length. The further left and the steeper, "
             "the better; a curve that crosses another is worse for some configurations."
-            + (f" {ladder.CURVES} of the ladder's {len(ladder.rungs(result))} models, called as there."
-               if len(ladder.rungs(result)) > ladder.CURVES else ""),
+            + (
+                f" {ladder.CURVES} of the ladder's {len(ladder.rungs(result))} models, called as there."
+                if len(ladder.rungs(result)) > ladder.CURVES
+                else ""
+            ),
             f"Distribution of {side} errors per model: 95 % stay below {mm(first[key]['p95_mm'])} mm with the nominal and below "
             f"{mm(last[key]['p95_mm'])} mm with the chosen model.",
         ),
@@ -92,7 +98,11 @@ def significance(source: Source) -> list[Block]:
                 "Every fitted parameter in units of its own standard error, the surest first, with its 95 % "
                 "interval. Inside the "
                 "grey band, open: it may be nought."
-                + (f" The {parameters.MOST} strongest of {len(known)} are drawn." if len(known) > parameters.MOST else ""),
+                + (
+                    f" The {parameters.MOST} strongest of {len(known)} are drawn."
+                    if len(known) > parameters.MOST
+                    else ""
+                ),
                 f"Forest plot of {len(known)} parameters; {len(weak)} may be nought"
                 + (f": {', '.join(weak[:12])}." if weak else "."),
             )
@@ -104,21 +114,34 @@ def significance(source: Source) -> list[Block]:
             "worst mm": [mm(s["max_mm"]) for s in weighed],
             "nominal p": [_p(s["p"]) for s in weighed],
             "log10 evidence": [_signed(s["log10_evidence"]) for s in weighed],
-            "held-out rms mm": [f"{mm(s['held_out_rms_without_mm'])} → {mm(s['held_out_rms_mm'])}" for s in weighed],
+            "held-out rms mm": [
+                f"{mm(s['held_out_rms_without_mm'])} → {mm(s['held_out_rms_mm'])}" for s in weighed
+            ],
             "stable": ["–" if s["stability"] is None else f"{s['stability']:.0%}" for s in weighed],
         }
-        numbers = {name: column for name, column in numbers.items() if set(column) != {"–"}}      # a long run leaves some out
+        numbers = {
+            name: column for name, column in numbers.items() if set(column) != {"–"}
+        }  # a long run leaves some out
         said = "Mean and worst displacement of the target by each mechanism. Held-out: rms without it and with it."
         if "stable" in numbers:
             said += " Stable: share of half-samples in which it stays significant."
         if {"nominal p", "stable"} & set(numbers):
             said += " Nominal p and stable take the names as given: the search is not repeated for them."
-        odd = [f"{s['mechanism']}: {s['catalogue']}" for s in weighed if s["catalogue"] != "as expected"]
+        odd = [
+            f"{s['mechanism']}: {s['catalogue']}"
+            for s in weighed
+            if s["catalogue"] != "as expected"
+        ]
         blocks += [
             heading("By mechanism", 2),
             table(
                 [("mechanism", "left"), *((name, "right") for name in numbers)],
-                [list(row) for row in zip([s["mechanism"] for s in weighed], *numbers.values(), strict=True)],
+                [
+                    list(row)
+                    for row in zip(
+                        [s["mechanism"] for s in weighed], *numbers.values(), strict=True
+                    )
+                ],
                 said,
                 [1.0, *[0.0] * len(numbers)],
             ),
@@ -129,7 +152,15 @@ def significance(source: Source) -> list[Block]:
 
 
 def _p(value: float | None) -> str:
-    return "–" if value is None else "<0.001" if value < 0.001 else "≤0.001" if value == 0.001 else f"{value:.3f}"
+    return (
+        "–"
+        if value is None
+        else "<0.001"
+        if value < 0.001
+        else "≤0.001"
+        if value == 0.001
+        else f"{value:.3f}"
+    )
 
 
 def _signed(value: float | None) -> str:
@@ -150,7 +181,8 @@ def correlation(source: Source) -> list[Block]:
             "correlation",
             parameters.correlation(block),
             "Correlation of the estimates, clusters together. Filled: positive; open ring: "
-            "negative; the larger, the stronger. Parameters of one cluster are known together better than apart." + part,
+            "negative; the larger, the stronger. Parameters of one cluster are known together better than apart."
+            + part,
             f"Correlation matrix of {count} parameters in {len(clusters)} clusters.",
         ),
     ]
@@ -166,12 +198,20 @@ def posterior(source: Source) -> list[Block]:
         return []
     blocks = [heading("Posterior")]
     if not found.get("converged"):
-        blocks.append(text("The chains had not converged when sampling ended; no quantile of theirs is quoted."))
+        blocks.append(
+            text(
+                "The chains had not converged when sampling ended; no quantile of theirs is quoted."
+            )
+        )
     if found.get("sentence"):
         blocks.append(text(found["sentence"]))
     if found.get("converged"):
-        blocks.append(text(f"{found['steps']:,} steps of {found['walkers']} walkers, autocorrelation time {found['tau']:.0f}: "
-                           f"{found['effective_samples']:,.0f} effective samples, R-hat {found['r_hat']:.3f}."))
+        blocks.append(
+            text(
+                f"{found['steps']:,} steps of {found['walkers']} walkers, autocorrelation time {found['tau']:.0f}: "
+                f"{found['effective_samples']:,.0f} effective samples, R-hat {found['r_hat']:.3f}."
+            )
+        )
     if found.get("importance"):
         blocks.append(text(found["importance"]["sentence"]))
     trace = found.get("trace")
@@ -179,7 +219,9 @@ def posterior(source: Source) -> list[Block]:
         blocks.append(
             source.figure(
                 "posterior",
-                parameters.posterior(trace, {q["name"]: q["unit"] for q in found.get("quantiles") or []}),
+                parameters.posterior(
+                    trace, {q["name"]: q["unit"] for q in found.get("quantiles") or []}
+                ),
                 "Draws from the posterior of the informative few, in the parameters' own "
                 "units. A narrow slanting cloud: two parameters that the data know only together.",
                 f"Pairwise posterior draws of {', '.join(trace['names'][: parameters.SHOWN])}.",
@@ -191,7 +233,16 @@ def posterior(source: Source) -> list[Block]:
             table(
                 [
                     ("parameter", "left"),
-                    *((n, "right") for n in ("2.5 %", "median", "97.5 %", "2.5 %, closed form", "97.5 %, closed form")),
+                    *(
+                        (n, "right")
+                        for n in (
+                            "2.5 %",
+                            "median",
+                            "97.5 %",
+                            "2.5 %, closed form",
+                            "97.5 %, closed form",
+                        )
+                    ),
                     ("unit", "left"),
                 ],
                 rows,
@@ -203,7 +254,8 @@ def posterior(source: Source) -> list[Block]:
 
 
 def _quantiles(found: dict[str, Any]) -> list[str]:
-    """The five quantiles of a parameter in one unit, to the place that three digits of the widest give; then the unit."""
+    """The five quantiles of a parameter in one unit, to the place that three digits of the widest
+    give; then the unit."""
     values = [found[k] for k in ("low", "median", "high", "closed_form_low", "closed_form_high")]
     biggest = max((abs(v) for v in values if v is not None), default=0.0)
     factor, unit = prefixed(biggest, found["unit"])
