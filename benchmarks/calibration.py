@@ -21,7 +21,7 @@ from scipy.stats import chi2
 from modelsel import Model, mechanism, read_study
 from modelsel.fitting.design import residuals
 from modelsel.fitting.least_squares import Fit, fit
-from modelsel.fitting.problem import Scene, scene
+from modelsel.fitting.problem import Problem, make_problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN
@@ -30,7 +30,7 @@ from modelsel.study.pipeline import Result
 from modelsel.study.runner import run
 from modelsel.uncertainty import conditional_priors as conditional
 from modelsel.uncertainty import sampler as engine
-from modelsel.uncertainty.log_posterior import TAIL, Target
+from modelsel.uncertainty.log_posterior import TAIL, LogPosterior
 from modelsel.uncertainty.nuisance import components, constants
 from modelsel.uncertainty.posterior import Importance, importance, posterior, weighted
 
@@ -51,8 +51,8 @@ MODEL = Model((*BASE.mechanisms, mechanism("joint-compliance:2", ARM)))
 
 
 def simulated(
-    at: Scene, rng: np.random.Generator, sigma: float, nu: float | None
-) -> tuple[Scene, Fit, np.ndarray]:
+    at: Problem, rng: np.random.Generator, sigma: float, nu: float | None
+) -> tuple[Problem, Fit, np.ndarray]:
     """(a study, its fit, what was planted)."""
     kept = list(fit(at, MODEL, held="nothing").found.kept)
     truth = np.zeros(len(MODEL.terms))
@@ -84,7 +84,7 @@ def uniform(ranks: np.ndarray) -> float:
 
 def closed(studies: int, rng: np.random.Generator) -> list[str]:
     q = ARM.draw(rng, 12)
-    at = scene(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
+    at = make_problem(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
     ranks, covered = [], []
     for _ in range(studies):
         sigma = float(np.exp(rng.normal(-2, 0.5)))
@@ -112,14 +112,14 @@ def closed(studies: int, rng: np.random.Generator) -> list[str]:
 def chains(count: int, rng: np.random.Generator) -> list[str]:
     engine.LONG, engine.AGREE = 15, 1.3
     q = ARM.draw(rng, 25)
-    at = scene(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
+    at = make_problem(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
     ranks, covered = [], []
     for _ in range(count):
         sigma, tail = float(np.exp(rng.normal(-2, 0.5))), rng.uniform(0, 0.5)
         planted, fitted, truth = simulated(at, rng, sigma, 1 / tail)
         chosen = tuple(fitted.found.kept[-4:])
         names = (*map(str, chosen), "noise scale", TAIL)
-        target = Target(fitted, components(planted), chosen, names, ("1",) * len(names), True)
+        target = LogPosterior(fitted, components(planted), chosen, names, ("1",) * len(names), True)
         done = engine.sample(target, Importance(1, 1.0, ""), "", rng)
         planted_values = np.array([*truth[list(chosen)], sigma, tail])
         ranks.append((done.chain < planted_values).mean((0, 1)))
@@ -141,7 +141,7 @@ def moments(count: int, rng: np.random.Generator, ratio: float) -> list[str]:
     engine.LONG, engine.AGREE, conditional.RATIOS = 20, 1.1, np.array([ratio])
     m, k = 50, len(BASE.terms)
     q = ARM.draw(rng, m)
-    at = scene(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
+    at = make_problem(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
     quiet = replace(
         at, data=replace(at.data, position=at.data.position + rng.normal(0, 1.0, (m, 3)))
     )
@@ -187,12 +187,12 @@ def moments(count: int, rng: np.random.Generator, ratio: float) -> list[str]:
     ]
 
 
-def _target(at: Scene, fitted: Fit) -> Target:
+def _target(at: Problem, fitted: Fit) -> LogPosterior:
     """Of a step's size and moment, noise scale and tail."""
     chosen = tuple(range(len(BASE.terms), len(fitted.terms)))
     inner = constants(at, fitted.model, BUILTIN)
     names = (*map(str, chosen), "noise scale", TAIL, "moment")
-    return Target(fitted, components(at), chosen, names, ("1",) * len(names), True, inner)
+    return LogPosterior(fitted, components(at), chosen, names, ("1",) * len(names), True, inner)
 
 
 def stepped(at: float) -> Model:
@@ -236,7 +236,7 @@ def speed(result: Result, again: Result) -> list[str]:
     for each, over in ((result, "default"), (again, "all")):
         s = each.confidence.sampling
         start = time.process_time()
-        target = Target(
+        target = LogPosterior(
             fitted,
             components(training),
             tuple(k for k in fitted.found.kept if over == "all" or k >= 39),

@@ -11,7 +11,7 @@ from hidden_arm import Arm, Effect, State, arm, geometry, measured, off
 from hidden_effects import REGISTERED, UNREGISTERED
 from hidden_oracle import power
 
-from modelsel.fitting.problem import Scene, scene
+from modelsel.fitting.problem import Problem, make_problem
 from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load
 
@@ -39,19 +39,21 @@ class Case:
     sizes: tuple[float, ...]
     noise: Array
 
-    def scene(self) -> Scene:
+    def problem(self) -> Problem:
         """What modelsel is given."""
         x = measured(self.arm, self.state, self.effects) + self.noise.reshape(-1, 3)
         return bound(self.arm, self.robot, self.state, x)
 
-    def unseen(self) -> Scene:
+    def unseen(self) -> Problem:
         """Fresh configurations, without noise."""
         return bound(self.arm, self.robot, self.fresh, measured(self.arm, self.fresh, self.effects))
 
 
-def bound(arm: Arm, robot: str, state: State, x: Array) -> Scene:
-    """A scene of modelsel's from plain arrays."""
-    return scene(load(robot), measurements(state.q, x, covariates=state.covariates), arm.tool[None])
+def bound(arm: Arm, robot: str, state: State, x: Array) -> Problem:
+    """A problem of modelsel's from plain arrays."""
+    return make_problem(
+        load(robot), measurements(state.q, x, covariates=state.covariates), arm.tool[None]
+    )
 
 
 def campaign(arm: Arm, rng: np.random.Generator, m: int, reach: float, warming: bool) -> State:

@@ -33,11 +33,11 @@ from modelsel.diagnosis.procedure import explain
 from modelsel.diagnosis.unexplained import predictable
 from modelsel.fitting.design import residuals
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import Scene, scene
+from modelsel.fitting.problem import Problem, make_problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import every
 from modelsel.robot.kinematics import forward
-from modelsel.selection.evaluation import Data
+from modelsel.selection.evaluation import Split
 from modelsel.selection.splits import assign
 from modelsel.uncertainty.parameters import parameters, resampled
 from modelsel.uncertainty.significance import nested
@@ -97,10 +97,10 @@ def configurations(condition: str, rng: np.random.Generator) -> Array:
     return np.concatenate([a + 0.6 * (b - a) * along for a, b in zip(start, stop)])
 
 
-def campaign(condition: str, rng: np.random.Generator) -> tuple[Scene, Array]:
+def campaign(condition: str, rng: np.random.Generator) -> tuple[Problem, Array]:
     """(a study in which geometry alone is wrong, its parameters)."""
     q = configurations(condition, rng)
-    at = scene(
+    at = make_problem(
         ARM,
         measurements(q, forward(ARM, q, TOOL), group=np.repeat(np.arange(GROUPS), EACH)),
         TOOL[None],
@@ -160,7 +160,7 @@ def study(condition: str, seed: Sequence[int]) -> Study:
     rng = np.random.default_rng(seed)
     at, truth = campaign(condition, rng)
     m = len(at)
-    data = Data(
+    data = Split(
         at,
         np.ones(m, bool),
         np.zeros(m, bool),

@@ -15,7 +15,7 @@ from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.scan import Columns, Scan, basis, columns, scan, stacked
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import Fit
-from modelsel.fitting.problem import Scene
+from modelsel.fitting.problem import Problem
 
 MOST = 40  # groups at which forward selection gives up
 FOLDS = 5
@@ -34,7 +34,7 @@ class Bench:
     r: Array
     ahead: Array
     ahead_r: Array
-    fresh: Scene
+    fresh: Problem
     at: Fit
     configuration: Array  # (N,) of every row
 
@@ -65,11 +65,11 @@ class Bench:
 
 
 def bench(
-    scene: Scene, fresh: Scene, base: Model, base_fit: Fit, found: tuple[Candidate, ...]
+    problem: Problem, fresh: Problem, base: Model, base_fit: Fit, found: tuple[Candidate, ...]
 ) -> Bench:
     """All columns, linearised at the fitted base."""
-    cols = columns(scene, found, base_fit.at())
-    A, r = stacked(scene, base.terms, base_fit.at())
+    cols = columns(problem, found, base_fit.at())
+    A, r = stacked(problem, base.terms, base_fit.at())
     B, s = stacked(fresh, base.terms, base_fit.at())
     Q = basis(A[:, list(base_fit.found.kept)])
     kept = list(base_fit.found.kept)
@@ -83,7 +83,7 @@ def bench(
         s - 0,
         fresh,
         base_fit,
-        np.tile(np.arange(len(scene)), 3),
+        np.tile(np.arange(len(problem)), 3),
     )
 
 

@@ -29,8 +29,8 @@ class Judge:
     """Holds every explanation against what was planted, on the fresh configurations, with the arm's
     own screws."""
 
-    def __init__(self, case: Case, scene: object):
-        self.case, self.scene = case, scene
+    def __init__(self, case: Case, problem: object):
+        self.case, self.problem = case, problem
         self.J = case.arm.screws(case.fresh.q)
         self.Q = geometry(self.J)
         self.truths = [e.displacement(case.fresh) for e in case.effects]
@@ -41,7 +41,7 @@ class Judge:
         geometry."""
         key = repr(candidate.mechanism.terms)
         if key not in self.known:
-            A = said(candidate.mechanism, self.scene, self.J) if self.truths else np.zeros((0, 0))
+            A = said(candidate.mechanism, self.problem, self.J) if self.truths else np.zeros((0, 0))
             self.known[key] = [holds(A, b, self.Q) for b in self.truths]
         return self.known[key]
 
@@ -79,12 +79,12 @@ def score(judge: Judge, tops: Sequence[Candidate], error: Array) -> dict[str, An
 def run(seed: Sequence[int], count: int | None = None, rivals: bool = True) -> dict[str, Any]:
     """One case: its make-up, what the oracle could do, and every method's score."""
     case = draw(seed, count)
-    scene, fresh = case.scene(), case.unseen()
-    base = Model((mechanism("geometric", scene.robot),))
+    problem, fresh = case.problem(), case.unseen()
+    base = Model((mechanism("geometric", problem.robot),))
     start = time.perf_counter()
-    base_fit = fit(scene, base)
-    found = candidates(scene, base, every(scene.robot))
-    extension = extend(scene, base, base_fit, found, np.random.default_rng([*seed, 1]))
+    base_fit = fit(problem, base)
+    found = candidates(problem, base, every(problem.robot))
+    extension = extend(problem, base, base_fit, found, np.random.default_rng([*seed, 1]))
     seconds = {"modelsel": time.perf_counter() - start}
     judge = Judge(case, fresh)
     out: dict[str, Any] = {
@@ -123,7 +123,7 @@ def run(seed: Sequence[int], count: int | None = None, rivals: bool = True) -> d
     out["methods"]["modelsel"] = mine
     if not rivals and not case.effects:
         return out
-    table = bench(scene, fresh, base, base_fit, found)
+    table = bench(problem, fresh, base, base_fit, found)
     p_critical = critical_p(table.first, np.random.default_rng([*seed, 2]))
     power, delta = powers(case, p_critical)
     H = [held_by(e.displacement(case.state), table.first) for e in case.effects]

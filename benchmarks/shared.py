@@ -27,14 +27,14 @@ from modelsel.diagnosis.procedure import explain
 from modelsel.fitting.design import Model as Terms
 from modelsel.fitting.design import design, residuals
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import Scene, scene
+from modelsel.fitting.problem import Problem, make_problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import every
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import Robot, forward
-from modelsel.selection.evaluation import Data
+from modelsel.selection.evaluation import Split
 from modelsel.selection.splits import assign
 from modelsel.uncertainty.parameters import parameters, resampled
 
@@ -56,7 +56,7 @@ def arms(name: str) -> Robot:
 
 def campaign(
     condition: str, robot: Robot, base: Model, rng: np.random.Generator
-) -> tuple[Scene, Array]:
+) -> tuple[Problem, Array]:
     """(a study, the parameters of its geometry)."""
     count = {"reflectors": 40 if robot.n > 3 else 24, "postures": 25}.get(condition, 48)
     posture = robot.draw(rng, count)
@@ -83,7 +83,7 @@ def campaign(
         target=[f"r{t}" for t in target],
         group=np.repeat(np.arange(times), len(angles) // times) if times > 1 else None,
     )
-    at = scene(robot, data, tools)
+    at = make_problem(robot, data, tools)
     truth = np.zeros(len(base.terms))
     kept = list(fit(at, base).found.kept)
     truth[kept] = rng.normal(0, 1, len(kept)) * [
@@ -98,7 +98,7 @@ def campaign(
     ), truth
 
 
-def planted(at: Scene, base: Model, rng: np.random.Generator) -> Array:
+def planted(at: Problem, base: Model, rng: np.random.Generator) -> Array:
     """(m, 3) what a wave of a drawn joint moves, PLANTED beyond geometry."""
     j = int(rng.integers(2, at.robot.n + 1))
     wave = Terms(
@@ -131,7 +131,7 @@ def study(condition: str, arm: str, seed: Sequence[int]) -> Study:
     base = Model((mechanism("geometric", robot),))
     at, truth = campaign(condition, robot, base, rng)
     m = len(at)
-    data = Data(
+    data = Split(
         at,
         np.ones(m, bool),
         np.zeros(m, bool),

@@ -59,7 +59,7 @@ if (
 
 __version__ = VERSION
 
-# a name that is also a module's (fit, scene, extend …) is imported from there: from
+# a name that is also a module's (fit, problem, extend …) is imported from there: from
 # modelsel.fitting.fit import fit
 _NAMES = {
     "calibration.calibration": "Calibration predict",

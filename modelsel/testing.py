@@ -16,7 +16,7 @@ from .exceptions import StudyError
 from .fitting.design import Model, design, residuals
 from .fitting.identifiability import identify
 from .fitting.least_squares import fit
-from .fitting.problem import Scene, scene
+from .fitting.problem import Problem, make_problem
 from .fitting.reduction import reduce
 from .measurements.measurements import measurements
 from .mechanisms import causes
@@ -43,7 +43,7 @@ def law(holds: object, what: str) -> None:
 
 def campaign(
     robot: Robot, rng: np.random.Generator, m: int, needs: frozenset[str] = frozenset()
-) -> Scene:
+) -> Problem:
     """m configurations within the limits, measured where the nominal robot has the target off its
     last axis, with every covariate that is known and those that are needed."""
     q, tool = robot.draw(rng, m), np.array(TOOL)
@@ -52,7 +52,9 @@ def campaign(
         "temperature_C": rng.uniform(15, 35, m),
         "time_s": np.arange(0.0, 30.0 * m, 30.0),
     }
-    bare = scene(robot, measurements(q, forward(robot, q, tool), covariates=covariates), tool[None])
+    bare = make_problem(
+        robot, measurements(q, forward(robot, q, tool), covariates=covariates), tool[None]
+    )
     more: dict[str, Array] = {
         name: rng.normal(size=m) for name in sorted(needs - bare.names().keys())
     }
@@ -85,7 +87,9 @@ def usual(term: Term, rng: np.random.Generator, share: float = 1.0) -> float:
     return share * rng.uniform(low, high) * (term.sign or rng.choice([-1, 1]))
 
 
-def law1_columns_are_derivatives(mechanism: Mechanism, at: Scene, rng: np.random.Generator) -> None:
+def law1_columns_are_derivatives(
+    mechanism: Mechanism, at: Problem, rng: np.random.Generator
+) -> None:
     """L1: a column is the central difference of the exact chain, at the nominal model and away from
     it."""
     some, terms = at.take(np.arange(min(len(at), 15))), mechanism.terms
@@ -107,7 +111,7 @@ def law1_columns_are_derivatives(mechanism: Mechanism, at: Scene, rng: np.random
             )
 
 
-def exact(at: Scene, terms: Sequence[Term], thetas: Array) -> Array:
+def exact(at: Problem, terms: Sequence[Term], thetas: Array) -> Array:
     """Exact residuals (B, m, c) at every row of thetas (B, p), in one sweep: the rows B times over,
     every term's value a covariate of its own."""
     B, m = len(thetas), len(at)
@@ -124,14 +128,14 @@ def exact(at: Scene, terms: Sequence[Term], thetas: Array) -> Array:
     return residuals(tiled, scaled, np.ones(len(terms))).reshape(B, m, -1)
 
 
-def reach(term: Term, at: Scene) -> list[tuple[str, float]]:
+def reach(term: Term, at: Problem) -> list[tuple[str, float]]:
     """(axis, largest size of the cause) of every screw."""
     return [
         (s.axis, float(np.abs(np.broadcast_to(s.cause.of(at), len(at))).max())) for s in term.screws
     ]
 
 
-def step(term: Term, at: Scene) -> float:
+def step(term: Term, at: Problem) -> float:
     """Step that turns nothing by more than 1e-4 rad and shifts nothing by more than 0.1 mm:
     truncation 2e-9, rounding 1e-10."""
     return min(
@@ -139,12 +143,12 @@ def step(term: Term, at: Scene) -> float:
     )
 
 
-def floor(term: Term, at: Scene) -> float:
+def floor(term: Term, at: Problem) -> float:
     """mm per unit at a lever of 100 mm: what a column that should vanish is measured against."""
     return max((100.0 if axis[0] == "r" else 1.0) * size for axis, size in reach(term, at))
 
 
-def law2_rows_are_local(mechanism: Mechanism, at: Scene, rng: np.random.Generator) -> None:
+def law2_rows_are_local(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
     """L2: rows permuted or dropped give the same columns, whether or not the causes were evaluated
     before."""
     whole = design(at, mechanism.terms)[0]
@@ -153,14 +157,14 @@ def law2_rows_are_local(mechanism: Mechanism, at: Scene, rng: np.random.Generato
         np.sort(rng.choice(len(at), len(at) // 3, replace=False)),
         np.arange(1),
     ):
-        for some in (at.take(index), scene(at.robot, at.data.take(index), at.tools)):
+        for some in (at.take(index), make_problem(at.robot, at.data.take(index), at.tools)):
             law(
                 np.allclose(design(some, mechanism.terms)[0], whole[index], rtol=1e-12, atol=1e-9),
                 f"L2: {mechanism.name} looks beyond its row",
             )
 
 
-def law3_linear_in_the_cause(mechanism: Mechanism, at: Scene, rng: np.random.Generator) -> None:
+def law3_linear_in_the_cause(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
     """L3: a zero cause gives a zero column, twice the cause twice the column."""
     del rng
     columns = design(at, mechanism.terms)[0]
@@ -175,7 +179,7 @@ def law3_linear_in_the_cause(mechanism: Mechanism, at: Scene, rng: np.random.Gen
         )
 
 
-def law4_plant_and_recover(mechanism: Mechanism, at: Scene, rng: np.random.Generator) -> None:
+def law4_plant_and_recover(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
     """L4: planted on the exact chain with noise, its estimable combinations come back within 4
     standard errors.
 
@@ -216,7 +220,7 @@ def law4_plant_and_recover(mechanism: Mechanism, at: Scene, rng: np.random.Gener
     )
 
 
-def law5_symbols_and_units(mechanism: Mechanism, at: Scene, rng: np.random.Generator) -> None:
+def law5_symbols_and_units(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
     """L5: symbols are unique, screws stand on frames there are, units derive from place and
     cause."""
     del rng
@@ -271,7 +275,7 @@ def named(cause: object) -> list[tuple[str, str]]:
     )
 
 
-def law6_a_value(mechanism: Mechanism, at: Scene, rng: np.random.Generator) -> None:
+def law6_a_value(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
     """L6: it hashes, equals itself after being stored, and its causes print in the contract's
     grammar."""
     del rng

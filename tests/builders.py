@@ -11,12 +11,12 @@ import pytest
 
 from modelsel._typing import Array
 from modelsel.fitting.design import residuals
-from modelsel.fitting.problem import Scene, scene
+from modelsel.fitting.problem import Problem, make_problem
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import Joint, Robot, forward
-from modelsel.selection.evaluation import Data
+from modelsel.selection.evaluation import Split
 
 ON_AXIS, OFF_AXIS = (
     (0.0, 0.0, 100.0),
@@ -29,9 +29,9 @@ def seeds(*values: int) -> pytest.MarkDecorator:
     return pytest.mark.parametrize("rng", values, indirect=True, ids=[f"seed{v}" for v in values])
 
 
-def bind(robot: Robot | str, data: Measurements, tool: Sequence[float] = OFF_AXIS) -> Scene:
+def bind(robot: Robot | str, data: Measurements, tool: Sequence[float] = OFF_AXIS) -> Problem:
     robot = load(robot) if isinstance(robot, str) else robot
-    return scene(robot, data, np.tile(np.array(tool, float), (len(data.targets), 1)))
+    return make_problem(robot, data, np.tile(np.array(tool, float), (len(data.targets), 1)))
 
 
 def drawn(
@@ -40,7 +40,7 @@ def drawn(
     m: int,
     tool: Sequence[float] = OFF_AXIS,
     **more: object,
-) -> Scene:
+) -> Problem:
     """m configurations within the limits, measured where the nominal model has them, with every
     named covariate."""
     robot = load(robot) if isinstance(robot, str) else robot
@@ -63,18 +63,18 @@ def drawn(
     )
 
 
-def measured(at: Scene, position: Array) -> Scene:
+def measured(at: Problem, position: Array) -> Problem:
     return replace(at, data=replace(at.data, position=position))
 
 
 def planted(
-    at: Scene,
+    at: Problem,
     terms: Sequence[Term],
     theta: Array,
     rng: np.random.Generator | None = None,
     sigma: float = 0.0,
-) -> Scene:
-    """The scene with its positions moved to where the exact chain has them at theta, plus noise of
+) -> Problem:
+    """The problem with its positions moved to where the exact chain has them at theta, plus noise of
     sigma [mm]."""
     position = at.data.position - residuals(at, terms, theta)[:, :3]
     return measured(
@@ -99,10 +99,10 @@ def small_arm(prismatic: bool = False) -> Robot:
     return Robot("small", "made up for tests", (Joint(first), Joint(second), slide), last)
 
 
-def study_of(at: Scene, held_out: int = 0, folds: int = 5) -> Data:
-    """A scene as a study's data: the last configurations held out, folds by row."""
+def study_of(at: Problem, held_out: int = 0, folds: int = 5) -> Split:
+    """A problem as a study's data: the last configurations held out, folds by row."""
     m = len(at)
     estimation = np.arange(m) < m - held_out
-    return Data(
+    return Split(
         at, estimation, np.zeros(m, bool), np.where(estimation, np.arange(m) % folds, -1), False
     )

@@ -266,7 +266,7 @@ def off(Q: np.ndarray, A: np.ndarray) -> np.ndarray:
     return A - Q @ (Q.T @ A)
 
 
-def said(mechanism: object, scene: object, J: np.ndarray) -> np.ndarray:
+def said(mechanism: object, problem: object, J: np.ndarray) -> np.ndarray:
     """(3 m, k) what an explanation moves per unit of its terms: its places and causes, displaced by
     the arm's own screws."""
     out = []
@@ -275,7 +275,7 @@ def said(mechanism: object, scene: object, J: np.ndarray) -> np.ndarray:
         for s in term.screws:
             d += (
                 J[:, s.frame - 1, AXES.index(s.axis)]
-                * np.broadcast_to(s.cause.of(scene), len(J))[:, None]
+                * np.broadcast_to(s.cause.of(problem), len(J))[:, None]
             )
         out.append(d.ravel())
     return np.stack(out, 1)

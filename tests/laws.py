@@ -14,7 +14,7 @@ from builders import bind, drawn
 
 from modelsel import testing as laws
 from modelsel.fitting.design import design, residuals
-from modelsel.fitting.problem import Scene
+from modelsel.fitting.problem import Problem
 from modelsel.mechanisms import causes
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.kinematics import Robot
@@ -38,7 +38,7 @@ def check_mechanism(mechanism: Mechanism, robot: Robot, rng: np.random.Generator
         law(mechanism, at, rng)
 
 
-def carried(mechanism: Mechanism, at: Scene) -> None:
+def carried(mechanism: Mechanism, at: Problem) -> None:
     """The laws' measurements have what the mechanism's causes need."""
     missing = mechanism.names() - at.names().keys()
     assert not missing, (
@@ -56,8 +56,8 @@ def joined(mechanisms: Sequence[Mechanism], at_most: int = 50) -> tuple[Mechanis
 
 
 @contextmanager
-def locked(at: Scene, *more: np.ndarray) -> Iterator[Scene]:
-    """The scene with every array locked against writing, and found unchanged afterwards."""
+def locked(at: Problem, *more: np.ndarray) -> Iterator[Problem]:
+    """The problem with every array locked against writing, and found unchanged afterwards."""
     data = at.data
     arrays = [
         getattr(data, f.name) for f in fields(data) if isinstance(getattr(data, f.name), np.ndarray)
@@ -84,13 +84,13 @@ def locked(at: Scene, *more: np.ndarray) -> Iterator[Scene]:
     )
 
 
-def law4_plant_and_recover(mechanism: Mechanism, at: Scene, rng: np.random.Generator) -> None:
+def law4_plant_and_recover(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
     """L4, on inputs that nothing may write into."""
     with locked(at):
         laws.law4_plant_and_recover(mechanism, at, rng)
 
 
-def law6_a_value(mechanism: Mechanism, at: Scene, rng: np.random.Generator) -> None:
+def law6_a_value(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
     """L6, and more: it pickles, and prints so that it can be read back."""
     laws.law6_a_value(mechanism, at, rng)
     names = {
@@ -104,7 +104,7 @@ def law6_a_value(mechanism: Mechanism, at: Scene, rng: np.random.Generator) -> N
         assert hash(other) == hash(mechanism)
 
 
-def law7_inputs_stay(mechanism: Mechanism, at: Scene, rng: np.random.Generator) -> None:
+def law7_inputs_stay(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
     """L7: nothing writes into what it was given (all inputs are locked), and what comes out is no
     view of what went in. L4's fit runs on locked inputs too."""
     terms, theta = mechanism.terms, np.array([usual(t, rng, 0.02) for t in mechanism.terms])

@@ -10,17 +10,17 @@ import pytest
 from builders import drawn, planted, study_of
 
 from modelsel.diagnosis.scan import stacked
-from modelsel.fitting import problem as scene
+from modelsel.fitting import problem
 from modelsel.fitting import reduction as reduce
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import Scene
+from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.selection import cross_validation as folds
 from modelsel.selection.comparison import compare
 from modelsel.selection.cross_validation import by_unit, fold
-from modelsel.selection.evaluation import Data, rung
+from modelsel.selection.evaluation import Split, evaluate
 from modelsel.uncertainty import posterior as closed
 from modelsel.uncertainty import significance
 from modelsel.uncertainty.posterior import posterior, weighted
@@ -36,7 +36,7 @@ M, BLOCK = 300, 64
 
 
 @pytest.fixture
-def data(rng: np.random.Generator) -> Data:
+def data(rng: np.random.Generator) -> Split:
     """300 configurations, 100 held out, two effects planted, every reading of ten measured twice,
     two outliers."""
     whole = BASE + OFFERED[:2]
@@ -60,13 +60,13 @@ def blocks(monkeypatch: pytest.MonkeyPatch):
     rows."""
 
     def smaller() -> None:
-        for module in (folds, scene):
+        for module in (folds, problem):
             monkeypatch.setattr(module, "BLOCK", BLOCK)
-        monkeypatch.setattr(Scene.parts, "__defaults__", (BLOCK,))
-        monkeypatch.setattr(Scene.blocks, "__defaults__", (BLOCK,))
+        monkeypatch.setattr(Problem.parts, "__defaults__", (BLOCK,))
+        monkeypatch.setattr(Problem.blocks, "__defaults__", (BLOCK,))
         monkeypatch.setattr(reduce, "STREAM", 50)
         monkeypatch.setattr(folds, "STREAM", 50)
-        monkeypatch.setattr(scene, "REMEMBER", BLOCK)
+        monkeypatch.setattr(problem, "REMEMBER", BLOCK)
 
     return smaller
 
@@ -87,8 +87,8 @@ def near(one, other) -> None:
         assert one == other
 
 
-def test_folds_of_any_size(data: Data, blocks) -> None:
-    at, terms, point = data.scene, BASE.terms, fit(data.training(), BASE).at()
+def test_folds_of_any_size(split: Split, blocks) -> None:
+    at, terms, point = split.problem, BASE.terms, fit(split.training(), BASE).at()
     ways = [np.arange(M) % 3, np.arange(M) % 150, np.random.default_rng(0).permutation(M)]
     before = [fold(at, terms, own, point) for own in ways]
     (whole,) = by_unit(at, terms, at.data.block, point)
@@ -111,11 +111,11 @@ def test_folds_of_any_size(data: Data, blocks) -> None:
     assert whole.rows.max() == 6  # measured twice: one configuration
 
 
-def test_table_of_subsets_in_blocks(data: Data, blocks) -> None:
-    fitted = fit(data.training(), BASE)
-    before = compare(data, BASE, fitted, OFFERED, ("geometric",))
+def test_table_of_subsets_in_blocks(split: Split, blocks) -> None:
+    fitted = fit(split.training(), BASE)
+    before = compare(split, BASE, fitted, OFFERED, ("geometric",))
     blocks()
-    after = compare(data, BASE, fitted, OFFERED, ("geometric",))
+    after = compare(split, BASE, fitted, OFFERED, ("geometric",))
     assert [r.names for r in after.best] == [r.names for r in before.best]
     for a, b in zip(after.best, before.best, strict=True):
         near(
@@ -134,12 +134,12 @@ def test_table_of_subsets_in_blocks(data: Data, blocks) -> None:
         )
 
 
-def test_rows_of_the_table_are_one_linear_step(data: Data) -> None:
+def test_rows_of_the_table_are_one_linear_step(split: Split) -> None:
     """Against the linear step from the base's fit, worked out from the rows with the base's prior
     below them."""
-    training = data.training()
+    training = split.training()
     base = fit(training, BASE)
-    for row in compare(data, BASE, base, OFFERED, ("geometric",)).best[:6]:
+    for row in compare(split, BASE, base, OFFERED, ("geometric",)).best[:6]:
         model, root = BASE + tuple(m for m in OFFERED if m.name in row.names), row.fit.root
         X, r = stacked(training, model.terms, base.at())
         kept = list(row.fit.found.kept)
@@ -152,22 +152,22 @@ def test_rows_of_the_table_are_one_linear_step(data: Data) -> None:
         np.testing.assert_allclose(
             row.fit.theta * size, theta * size, rtol=0, atol=1e-6 * np.abs(theta * size).max()
         )
-        one = rung(data, model, row.names, row.fit)
+        one = evaluate(split, model, row.names, row.fit)
         for name in ("rank", "cv_rms_mm", "cv_mean_mm", "aicc", "bic", "gcv", "log_density"):
             assert getattr(row, name) == pytest.approx(getattr(one, name), rel=1e-9)
         near([vars(row.estimation), vars(row.held_out)], [vars(one.estimation), vars(one.held_out)])
 
 
-def test_confidence_in_blocks(data: Data, blocks, monkeypatch) -> None:
+def test_confidence_in_blocks(split: Split, blocks, monkeypatch) -> None:
     model = BASE + OFFERED[:3]
-    fitted = fit(data.training(), model)
-    before = confidence(data, fitted, model.names, 3).to_dict()
+    fitted = fit(split.training(), model)
+    before = confidence(split, fitted, model.names, 3).to_dict()
     blocks()
-    near(confidence(data, fitted, model.names, 3).to_dict(), before)
+    near(confidence(split, fitted, model.names, 3).to_dict(), before)
     monkeypatch.setattr(
         significance, "BUNDLES", 60
     )  # halves of bundles tell what halves of configurations do
-    bundled = confidence(data, fitted, model.names, 3).to_dict()["significance"]
+    bundled = confidence(split, fitted, model.names, 3).to_dict()["significance"]
     for a, b in zip(bundled, before["significance"], strict=True):
         assert abs(a["stability"] - b["stability"]) <= 0.3
         near(
@@ -176,44 +176,46 @@ def test_confidence_in_blocks(data: Data, blocks, monkeypatch) -> None:
         )
 
 
-def test_thinned_weights_are_the_weights(data: Data, rng: np.random.Generator, monkeypatch) -> None:
-    fitted = fit(data.training(), BASE, held="nothing")
+def test_thinned_weights_are_the_weights(
+    split: Split, rng: np.random.Generator, monkeypatch
+) -> None:
+    fitted = fit(split.training(), BASE, held="nothing")
     draws = posterior(fitted).draw(rng, 200)
     draws = replace(
         draws, theta=fitted.theta + 6 * (draws.theta - fitted.theta)
     )  # so that the chain's curvature is felt
-    want = weighted(data.training(), fitted, draws)
+    want = weighted(split.training(), fitted, draws)
     assert want.effective < 150
     monkeypatch.setattr(closed, "CURVED", 66)
-    found = weighted(data.training(), fitted, draws)
+    found = weighted(split.training(), fitted, draws)
     away = [np.log(w.weight) - np.log(w.weight).mean() for w in (found, want)]
     assert np.corrcoef(*away)[0, 1] > 0.8
     assert np.std(away[0]) == pytest.approx(np.std(away[1]), rel=0.4)
 
 
-def test_causes_are_evaluated_once_a_block(data: Data, blocks, monkeypatch) -> None:
+def test_causes_are_evaluated_once_a_block(split: Split, blocks, monkeypatch) -> None:
     """The table's passes cost the same evaluations of the chain's moments whether it lists few
-    models or many; residuals of a whole scene evaluate each block's, not all rows' for every
+    models or many; residuals of a whole problem evaluate each block's, not all rows' for every
     block."""
-    fitted = fit(data.training(), BASE)
+    fitted = fit(split.training(), BASE)
     blocks()
     evaluated: list[int] = []
-    by_pose = Scene._by_pose
+    by_pose = Problem._by_pose
     monkeypatch.setattr(
-        Scene, "_by_pose", lambda self, name: evaluated.append(len(self)) or by_pose(self, name)
+        Problem, "_by_pose", lambda self, name: evaluated.append(len(self)) or by_pose(self, name)
     )
     rows = []
     for offered in (OFFERED[1:2], OFFERED):
         evaluated.clear()
         assert (
-            len(compare(data, BASE, fitted, offered, ("geometric",)).best)
+            len(compare(split, BASE, fitted, offered, ("geometric",)).best)
             >= (2, 12)[len(offered) == 4]
         )
         rows.append(sum(evaluated))
     assert rows[1] <= 1.5 * rows[0]
     evaluated.clear()
     residuals(
-        data.scene.anew(), (*BASE.terms, *OFFERED[1].terms), np.full(len(BASE.terms) + 1, 1e-4)
+        split.problem.anew(), (*BASE.terms, *OFFERED[1].terms), np.full(len(BASE.terms) + 1, 1e-4)
     )
     assert sum(evaluated) == M
     assert max(evaluated) == BLOCK

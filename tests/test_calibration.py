@@ -25,7 +25,7 @@ from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
-from modelsel.fitting.problem import Scene
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import Bump, Member, Named, Number, cos, q, sign, sin
 from modelsel.mechanisms.registry import every, mechanism
@@ -33,7 +33,7 @@ from modelsel.mechanisms.serialization import cause_of, cause_record
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.results.storage import calibration_of, save
 from modelsel.robot.files import load
-from modelsel.selection.evaluation import Data
+from modelsel.selection.evaluation import Split
 from modelsel.study.runner import run
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"
@@ -47,9 +47,9 @@ def result():
 def test_study_comes_back_exactly(result, tmp_path) -> None:
     save(result, tmp_path)
     stored = load_calibration(tmp_path)
-    at = result.data.scene
+    at = result.data.problem
     wanted = at.data.position - result.chosen.residual
-    assert np.abs(predict(stored, stored.scene(at.data, another_day=False)) - wanted).max() < 1e-9
+    assert np.abs(predict(stored, stored.problem(at.data, another_day=False)) - wanted).max() < 1e-9
     assert (
         calibration_text(load_calibration(tmp_path / "result.json"))
         == calibration_text(stored)
@@ -68,7 +68,7 @@ def test_study_comes_back_exactly(result, tmp_path) -> None:
     assert stored.provenance["data_sha256"] == result.provenance["data_sha256"]
 
 
-def wide(rng: np.random.Generator) -> tuple[Calibration, Scene]:
+def wide(rng: np.random.Generator) -> tuple[Calibration, Problem]:
     """Two targets, two placements, free functions, derived causes, covariates, drift: a bit of
     everything, fitted."""
     robot = load("puma760")
@@ -117,7 +117,7 @@ def wide(rng: np.random.Generator) -> tuple[Calibration, Scene]:
     at = planted(at, model.terms, theta, rng, 0.02)
     found = fit(at, model)
     every_row = np.ones(len(at), bool)
-    data = Data(at, every_row, ~every_row, np.zeros(len(at), np.intp), True)
+    data = Split(at, every_row, ~every_row, np.zeros(len(at), np.intp), True)
     made = calibrate("wide", data, found, Floor(0.02, "stated"), None, True, {})
     return replace(made, refits=refitted(data, found)), at
 
@@ -128,8 +128,8 @@ def test_everything_a_model_can_hold_comes_back(rng) -> None:
     assert stored.model == made.model
     assert calibration_text(stored) == calibration_text(made)
     wanted = at.data.position - residuals(at, made.terms, made.theta)
-    assert np.abs(predict(stored, stored.scene(at.data, another_day=False)) - wanted).max() < 1e-9
-    shifted = stored.scene(at.data)  # another day: the drift stands at the campaign's middle
+    assert np.abs(predict(stored, stored.problem(at.data, another_day=False)) - wanted).max() < 1e-9
+    shifted = stored.problem(at.data)  # another day: the drift stands at the campaign's middle
     assert np.abs(predict(stored, shifted) - wanted).max() > 1e-4
     assert "torque2" in stored.ranges
     assert in_tracker(shifted, np.zeros((len(at), 3)))[0].tolist() == [1, 2, 3]
@@ -184,9 +184,9 @@ def test_refusals(rng) -> None:
             loads(broken)
     plain = measurements(at.data.q, at.data.position, target=["c"] * 150, group=["mon"] * 150)
     with pytest.raises(DataError, match='target "c" was not calibrated'):
-        made.scene(plain)
+        made.problem(plain)
     with pytest.raises(DataError, match="needs temperature_C"):
-        made.scene(replace(at.data, covariates={}))
+        made.problem(replace(at.data, covariates={}))
     with pytest.raises(StudyError, match="no such calibration"):
         load_calibration("nowhere")
 

@@ -21,7 +21,7 @@ from modelsel.robot.files import load
 from modelsel.selection.comparison import MOST, Comparison, compare
 from modelsel.selection.criteria import aic, bic
 from modelsel.selection.cross_validation import fold
-from modelsel.selection.evaluation import Data, rung
+from modelsel.selection.evaluation import Split, evaluate
 from modelsel.selection.splits import assign
 from modelsel.selection.subsets import all_subsets
 
@@ -47,7 +47,7 @@ def harmonics(k: int, rng: np.random.Generator, width: int = 15) -> Mechanism:
     )
 
 
-def study(rng: np.random.Generator, size: float, estimation: int = ESTIMATION) -> Data:
+def study(rng: np.random.Generator, size: float, estimation: int = ESTIMATION) -> Split:
     """Truth: geometric errors and `size` times the paper's h1 h2 h3; noise; `estimation`
     configurations fit."""
     effects = tuple(mechanism(name, ARM) for name in TRUE)
@@ -58,22 +58,22 @@ def study(rng: np.random.Generator, size: float, estimation: int = ESTIMATION) -
     inside = np.arange(len(at)) < estimation
     folds = np.full(len(at), -1)
     folds[inside] = assign(at.data.take(inside), 10, rng)
-    return Data(at, inside, np.zeros(len(at), bool), folds, known_sigma=False)
+    return Split(at, inside, np.zeros(len(at), bool), folds, known_sigma=False)
 
 
-def compared(data: Data, offered: tuple[Mechanism, ...]) -> Comparison:
-    return compare(data, BASE, fit(data.training(), BASE), offered, ("geometric",))
+def compared(split: Split, offered: tuple[Mechanism, ...]) -> Comparison:
+    return compare(split, BASE, fit(split.training(), BASE), offered, ("geometric",))
 
 
 class Table:
     """Every subset refitted plainly (linear about the base's fit) on the estimation rows, and its
     held-out rms."""
 
-    def __init__(self, data: Data, offered: tuple[Mechanism, ...]):
-        base = fit(data.training(), BASE, held="nothing")
+    def __init__(self, split: Split, offered: tuple[Mechanism, ...]):
+        base = fit(split.training(), BASE, held="nothing")
         terms = (BASE + offered).terms
-        X, r = design(data.scene, terms, base.at())
-        inside = data.estimation
+        X, r = design(split.problem, terms, base.at())
+        inside = split.estimation
         train, test = (X[rows].reshape(-1, len(terms)) for rows in (inside, ~inside))
         kept, ends = (
             list(base.found.kept),
@@ -81,7 +81,7 @@ class Table:
         )
         groups = [list(range(a, b)) for a, b in itertools.pairwise(ends)]
         found = all_subsets(
-            fold(data.training(), terms, data.training_folds(), base.at()), kept, groups
+            fold(split.training(), terms, split.training_folds(), base.at()), kept, groups
         )
         self.names = [tuple(offered[g].name for g in np.flatnonzero(m)) for m in found.members]
         self.rss, self.rank, self.n = np.maximum(found.rss, 1e-20), found.rank, inside.sum() * 3
@@ -140,7 +140,7 @@ def test_table(rng) -> None:
     assert marked.names == table.choice
     assert sum(part == "lowest CV" for r in table.best for part in r.note.split("; ")) == 1
     for row in table.best:
-        again = rung(data, BASE + tuple(c for c in offered if c.name in row.names), row.names)
+        again = evaluate(data, BASE + tuple(c for c in offered if c.name in row.names), row.names)
         assert row.rank == again.rank
         assert row.held_out.rms_mm == pytest.approx(again.held_out.rms_mm, rel=0.01)
         assert row.cv_rms_mm == pytest.approx(again.cv_rms_mm, rel=0.01)
@@ -155,14 +155,14 @@ def test_one_definition_of_every_criterion(known, rng) -> None:
     exp(evidence) by that sigma."""
     offered = (*(mechanism(name, ARM) for name in TRUE), *(harmonics(k, rng, 3) for k in range(4)))
     data = replace(study(rng, 0.3, estimation=60), known_sigma=known)
-    data = replace(data, scene=replace(data.scene, whiten=1 / SIGMA))
+    data = replace(data, problem=replace(data.problem, whiten=1 / SIGMA))
     table = compare(
         data, BASE, fit(data.training(), BASE, held="nothing"), offered, ("geometric",), (), 4860
     )
     rows = {row.names[1:]: row for row in table.best}
     for names, row in rows.items():
         assert row.ebic - row.bic == pytest.approx(2 * np.log(comb(4860, len(names))), rel=1e-6)
-        again = rung(data, BASE + tuple(c for c in offered if c.name in names), row.names)
+        again = evaluate(data, BASE + tuple(c for c in offered if c.name in names), row.names)
         assert row.bic == pytest.approx(again.bic, abs=0.5)
         assert row.aicc == pytest.approx(again.aicc, abs=0.5)
     values = Table(data, offered)
@@ -184,7 +184,7 @@ def test_one_definition_of_every_criterion(known, rng) -> None:
 def test_rung_cross_validates_like_refits(rng) -> None:
     """cv_rms_mm: every fold's rows under the linear fit of the others, about the whole fit."""
     data = study(rng, 1.0)
-    whole = rung(data, BASE, ("geometric",))
+    whole = evaluate(data, BASE, ("geometric",))
     at, folds = data.training(), data.training_folds()
     X, r = design(at, BASE.terms, whole.fit.at())
     kept, left, prior = list(whole.fit.found.kept), np.empty((ESTIMATION, 3)), whole.fit.prior
@@ -195,7 +195,7 @@ def test_rung_cross_validates_like_refits(rng) -> None:
         left[held] = r[held] - X[held][:, :, kept] @ beta
     assert whole.cv_rms_mm == pytest.approx(np.sqrt(np.square(left).sum(1).mean()), rel=1e-8)
     assert whole.cv_mean_mm == pytest.approx(np.linalg.norm(left, axis=1).mean(), rel=1e-8)
-    fresh = whole.fit.residuals(data.scene.take(~data.estimation))
+    fresh = whole.fit.residuals(data.problem.take(~data.estimation))
     assert whole.held_out.rms_mm == pytest.approx(np.sqrt(np.square(fresh).sum(1).mean()))
 
 

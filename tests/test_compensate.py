@@ -58,7 +58,7 @@ def made():
 
 
 def plan(at, rows: slice, **more):
-    """Planned commands, off the readings of a scene by nothing, their wanted positions given."""
+    """Planned commands, off the readings of a problem by nothing, their wanted positions given."""
     data = at.data
     return measurements(
         data.q[rows].copy(),
@@ -75,11 +75,11 @@ def test_lands_on_the_model(made) -> None:
     c, at = made
     data = plan(at, slice(1, 90))
     found = compensate(c, data)
-    there = commanded(c.scene(data), found.q)
+    there = commanded(c.problem(data), found.q)
     assert found.reached.all()
-    assert np.abs(predict(c, there) - nominal(c.scene(data))).max() < 1e-3
+    assert np.abs(predict(c, there) - nominal(c.problem(data))).max() < 1e-3
     np.testing.assert_allclose(
-        found.before_mm, np.linalg.norm(predict(c, c.scene(data)) - found.wanted, axis=1)
+        found.before_mm, np.linalg.norm(predict(c, c.problem(data)) - found.wanted, axis=1)
     )
     assert found.before_mm.mean() > 0.05
     assert (found.expected_mm > np.sqrt(3) * 0.02).all()
@@ -90,7 +90,12 @@ def test_least_change(made) -> None:
     longer."""
     c, at = made
     found = compensate(c, plan(at, slice(1, 30)))
-    J = c.scene(plan(at, slice(1, 30))).pose(slice(0, 29)).displacement()[:6, 5].transpose(2, 1, 0)
+    J = (
+        c.problem(plan(at, slice(1, 30)))
+        .pose(slice(0, 29))
+        .displacement()[:6, 5]
+        .transpose(2, 1, 0)
+    )
     still = np.linalg.svd(J)[2][:, 3:]  # (m, 3, 6) motions that move nothing
     along = np.abs(np.einsum("mkn,mn->mk", still, found.change)).max(1)
     assert np.median(along / np.linalg.norm(found.change, axis=1)) < 0.01
@@ -100,14 +105,16 @@ def test_orientation_is_kept_where_wanted(made, rng) -> None:
     c, at = made
     data = plan(at, slice(1, 40), rotation=from_quaternion(rng.normal(size=(39, 4))))
     free = compensate(c, replace(data, rotation=None))
-    wanted = c.scene(data).pose(slice(0, 39)).rotation.transpose(2, 0, 1)
+    wanted = c.problem(data).pose(slice(0, 39)).rotation.transpose(2, 0, 1)
     kept = compensate(c, replace(data, rotation=wanted))
     assert kept.reached.mean() > 0.9
 
     def turned(found) -> np.ndarray:
         from modelsel.calibration.calibration import pose_of
 
-        R = pose_of(commanded(c.scene(data), found.q), c.terms, c.theta).rotation.transpose(2, 0, 1)
+        R = pose_of(commanded(c.problem(data), found.q), c.terms, c.theta).rotation.transpose(
+            2, 0, 1
+        )
         return np.arccos(np.clip((np.einsum("mij,mij->m", R, wanted) - 1) / 2, -1, 1))
 
     assert np.median(turned(kept)) < 1e-5 < np.median(turned(free))
@@ -128,7 +135,7 @@ def test_a_frame_of_targets_in_and_out(made) -> None:
     by their row."""
     c, at = made
     data = plan(at, slice(1, 9))
-    data = replace(data, position=nominal(c.scene(data)))
+    data = replace(data, position=nominal(c.problem(data)))
     frame = data.to_frame().drop(columns=["configuration", "order"])
     found, made_here = correct(c, frame), compensate(c, data)
     np.testing.assert_allclose(found[[f"q{j}_rad" for j in range(1, 7)]], made_here.q, atol=1e-9)
@@ -273,7 +280,7 @@ def test_a_slide_is_compensated(rng) -> None:
     from modelsel.calibration.calibration import calibrate
     from modelsel.fitting.least_squares import fit
     from modelsel.fitting.noise import Floor
-    from modelsel.selection.evaluation import Data
+    from modelsel.selection.evaluation import Split
 
     puma = load("puma760")
     joints = [
@@ -287,7 +294,7 @@ def test_a_slide_is_compensated(rng) -> None:
     every_row = np.ones(80, bool)
     c = calibrate(
         "slide",
-        Data(at, every_row, ~every_row, np.zeros(80, np.intp), True),
+        Split(at, every_row, ~every_row, np.zeros(80, np.intp), True),
         fit(at, model),
         Floor(0.02, "stated"),
         None,
@@ -348,7 +355,7 @@ def test_what_is_left_is_in_what_is_expected(made) -> None:
     """Out of reach by a known length: the expected error cannot be less."""
     c, at = made
     data = plan(at, slice(1, 9))
-    data = replace(data, position=nominal(c.scene(data)))
+    data = replace(data, position=nominal(c.problem(data)))
     data.position[3] *= 1.5 * c.robot.reach / np.linalg.norm(data.position[3])
     found = compensate(c, data)
     assert found.left_mm[3] > 10
@@ -363,14 +370,14 @@ def test_orientation_errors_are_said(made, tmp_path) -> None:
     """Against angles of the test's own; without wanted orientations no word of them."""
     c, at = made
     data = plan(at, slice(1, 40))
-    pose_at = c.scene(replace(data, rotation=np.tile(np.eye(3), (39, 1, 1)))).pose(slice(0, 39))
+    pose_at = c.problem(replace(data, rotation=np.tile(np.eye(3), (39, 1, 1)))).pose(slice(0, 39))
     wanted = pose_at.rotation.transpose(2, 0, 1)
     found, free = compensate(c, replace(data, rotation=wanted)), compensate(c, data)
     from modelsel.calibration.calibration import pose_of
 
     def off(q: np.ndarray) -> np.ndarray:
         R = pose_of(
-            commanded(c.scene(replace(data, rotation=wanted)), q), c.terms, c.theta
+            commanded(c.problem(replace(data, rotation=wanted)), q), c.terms, c.theta
         ).rotation.transpose(2, 0, 1)
         return 2 * np.arcsin(np.clip(np.linalg.norm(R - wanted, axis=(1, 2)) / np.sqrt(8), 0, 1))
 
@@ -381,7 +388,7 @@ def test_orientation_errors_are_said(made, tmp_path) -> None:
     assert "orientation_left_mrad" in found.figures()
     assert "orientation_left_mrad" not in free.figures()
     (tmp_path / "calibration.json").write_text(calibration_text(c))
-    frame = replace(data, rotation=wanted, position=nominal(c.scene(data))).to_frame()
+    frame = replace(data, rotation=wanted, position=nominal(c.problem(data))).to_frame()
     frame.drop(columns=["configuration", "order"]).to_csv(tmp_path / "plan.csv", index=False)
     ran = CliRunner().invoke(
         main,

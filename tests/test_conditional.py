@@ -13,12 +13,12 @@ from scipy.special import logsumexp
 from modelsel._typing import Array
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import Fit, fit
-from modelsel.fitting.problem import Scene
+from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.uncertainty import sampler as engine
 from modelsel.uncertainty.conditional_priors import RATIOS
-from modelsel.uncertainty.log_posterior import Target
+from modelsel.uncertainty.log_posterior import LogPosterior
 from modelsel.uncertainty.nuisance import components, constants
 from modelsel.uncertainty.posterior import Importance
 from modelsel.uncertainty.sampler import sample
@@ -42,39 +42,42 @@ def stepped(*moments: float) -> Model:
     return Model((*BASE.mechanisms, *(tracker_step(ARM, at) for at in moments)))
 
 
-def weak(rng: np.random.Generator, size: float = 0.02) -> tuple[Scene, Fit]:
+def weak(rng: np.random.Generator, size: float = 0.02) -> tuple[Problem, Fit]:
     """A step hardly larger than what noise of 0.05 mm hides, fitted where a scan over the moments
     puts it."""
     at, truth = drawn(ARM, rng, 40), stepped(float(rng.uniform(0.1, 0.9)))
     theta = np.zeros(FIRST + 6)
     theta[FIRST:] = size * np.array([1, 1, 1, 1e-3, 1e-3, 1e-3]) * rng.normal(size=6)
-    scene = planted(at, truth.terms, theta, rng, 0.05)
-    return scene, min(
-        (fit(scene, stepped(round(x, 3))) for x in np.arange(0.1, 0.91, 0.05)), key=lambda f: f.rss
+    problem = planted(at, truth.terms, theta, rng, 0.05)
+    return problem, min(
+        (fit(problem, stepped(round(x, 3))) for x in np.arange(0.1, 0.91, 0.05)),
+        key=lambda f: f.rss,
     )
 
 
-def target(scene: Scene, fitted: Fit) -> Target:
+def target(problem: Problem, fitted: Fit) -> LogPosterior:
     """The step's size, its moment and the noise scale; normal noise."""
     chosen = tuple(k for k in fitted.found.kept if k >= FIRST)
-    inner = constants(scene, fitted.model, BUILTIN)
+    inner = constants(problem, fitted.model, BUILTIN)
     names = (*map(str, chosen), "noise scale", *(c.name for c in inner))
-    return Target(fitted, components(scene), chosen, names, ("1",) * len(names), constants=inner)
+    return LogPosterior(
+        fitted, components(problem), chosen, names, ("1",) * len(names), constants=inner
+    )
 
 
-def dense(scene: Scene, fitted: Fit, moments: Array, ratio: float) -> Array:
+def dense(problem: Problem, fitted: Fit, moments: Array, ratio: float) -> Array:
     """(T,) log density of the moment: base as the fit has it, the step's six normal of variance
     ratio · s² · S⁻¹, s² integrated out, from whole design matrices of steps at the moments, the
     rows of the base's prior below them."""
     base = [k for k in fitted.found.kept if k < FIRST]
     X, left = (
-        part.reshape(len(scene) * 3, -1) for part in design(scene, fitted.terms, fitted.at())
+        part.reshape(len(problem) * 3, -1) for part in design(problem, fitted.terms, fitted.at())
     )
     y = np.concatenate([left[:, 0] + X @ fitted.theta, np.zeros(len(fitted.root))])
     W = np.vstack([X, fitted.root])[:, base]
     steps = [
         np.pad(
-            design(scene, stepped(t).terms[FIRST:], fitted.at())[0].reshape(-1, 6),
+            design(problem, stepped(t).terms[FIRST:], fitted.at())[0].reshape(-1, 6),
             ((0, len(fitted.root)), (0, 0)),
         )
         for t in moments
@@ -90,7 +93,7 @@ def dense(scene: Scene, fitted: Fit, moments: Array, ratio: float) -> Array:
         out.append(
             0.5 * np.linalg.slogdet(precision)[1]
             - 0.5 * np.linalg.slogdet(inner)[1]
-            - 0.5 * (3 * len(scene) + fitted.by_prior - len(base)) * np.log(rss)
+            - 0.5 * (3 * len(problem) + fitted.by_prior - len(base)) * np.log(rss)
         )
     return np.array(out)
 
@@ -98,15 +101,15 @@ def dense(scene: Scene, fitted: Fit, moments: Array, ratio: float) -> Array:
 @pytest.mark.usefixtures("short")
 def test_moment_of_a_weak_step_is_the_dense_formula(rng: np.random.Generator) -> None:
     """Prior size as the evidence has it, moments as often as the formula says."""
-    scene, fitted = weak(rng)
-    aim = target(scene, fitted)
+    problem, fitted = weak(rng)
+    aim = target(problem, fitted)
     moments = (np.arange(1000) + 0.5) / 1000
     (found,) = aim._conditionals
-    value = {r: logsumexp(dense(scene, fitted, moments[2::5], r)) for r in map(float, RATIOS)}
+    value = {r: logsumexp(dense(problem, fitted, moments[2::5], r)) for r in map(float, RATIOS)}
     assert value[found.ratio] > max(value.values()) - 0.05
     chain = sample(aim, NOTHING, "", rng)
     assert chain.converged
-    log_density = dense(scene, fitted, moments, found.ratio)
+    log_density = dense(problem, fitted, moments, found.ratio)
     share = np.cumsum(np.exp(log_density - logsumexp(log_density)))
     drawn_share = (chain.chain[:, :, -1].ravel()[:, None] < moments[::25] + 0.0005).mean(0)
     off = np.abs(drawn_share - share[::25])
@@ -117,9 +120,9 @@ def test_moment_of_a_weak_step_is_the_dense_formula(rng: np.random.Generator) ->
 def test_a_weak_step_converges(rng: np.random.Generator) -> None:
     """With a tail, too, as a study samples it; without a prior on the step's size walkers were lost
     beyond the ends, where the step moves nothing: 16,000 steps of autocorrelation."""
-    scene, fitted = weak(rng)
+    problem, fitted = weak(rng)
     chain = sample(
-        target_of(study_of(scene), fitted, Request(BASE, "default", None, False, BUILTIN)),
+        target_of(study_of(problem), fitted, Request(BASE, "default", None, False, BUILTIN)),
         NOTHING,
         "",
         rng,
@@ -131,8 +134,8 @@ def test_a_weak_step_converges(rng: np.random.Generator) -> None:
 
 
 def test_walkers_start_everywhere(rng: np.random.Generator) -> None:
-    scene, fitted = weak(rng)
-    aim = target(scene, fitted)
+    problem, fitted = weak(rng)
+    aim = target(problem, fitted)
     start = aim.start(rng, 200)
     moments = aim.natural(start)[:, -1]
     assert np.histogram(moments, 10, (0, 1))[0].min() > 5
@@ -147,8 +150,8 @@ def test_two_steps_keep_their_order(rng: np.random.Generator) -> None:
     truth, model = stepped(0.312, 0.688), stepped(0.7, 0.3)
     theta = np.zeros(FIRST + 12)
     theta[FIRST : FIRST + 3], theta[FIRST + 6 : FIRST + 9] = 0.3, -0.3
-    scene = planted(drawn(ARM, rng, 40), truth.terms, theta, rng, 0.05)
-    aim = target(scene, fit(scene, model))
+    problem = planted(drawn(ARM, rng, 40), truth.terms, theta, rng, 0.05)
+    aim = target(problem, fit(problem, model))
     assert [c.name for c in aim.constants] == [
         "constant of tracker-step (1)",
         "constant of tracker-step (2)",
@@ -164,8 +167,8 @@ def test_two_steps_keep_their_order(rng: np.random.Generator) -> None:
 
 def test_units_are_a_change_of_variables(rng: np.random.Generator) -> None:
     """The volume of the walkers' units, against finite differences."""
-    scene, fitted = weak(rng)
-    aim = target(replace(scene), fitted)
+    problem, fitted = weak(rng)
+    aim = target(replace(problem), fitted)
     (c,) = aim._conditionals
     volume = []
     for walker in aim.start(rng, 4):

@@ -15,10 +15,10 @@ from modelsel.diagnosis.credible_sets import name, with_candidate
 from modelsel.diagnosis.joint_curves import chain, curves, own_angle
 from modelsel.diagnosis.scan import basis, columns, scan, stacked, subset
 from modelsel.diagnosis.state import LEVEL, Search
-from modelsel.diagnosis.stepwise import Extension, extend
+from modelsel.diagnosis.stepwise import Diagnosis, extend
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import Scene
+from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.causes import Named, cos, q, sin
 from modelsel.mechanisms.environment import STEPS
 from modelsel.mechanisms.registry import every, mechanism
@@ -28,21 +28,21 @@ from modelsel.robot.kinematics import forward
 SIGMA = 0.03
 
 
-def turned(at: Scene, joint: int, curve: Array, rng: np.random.Generator) -> Scene:
-    """The scene with a joint turned by a curve (m,) [rad], by moving its reading, and noise."""
+def turned(at: Problem, joint: int, curve: Array, rng: np.random.Generator) -> Problem:
+    """The problem with a joint turned by a curve (m,) [rad], by moving its reading, and noise."""
     bent = at.data.q.copy()
     bent[:, joint - 1] += curve
     shift = forward(at.robot, bent, at.tools[0]) - forward(at.robot, at.data.q, at.tools[0])
     return measured(at, at.data.position + shift + rng.normal(0, SIGMA, shift.shape))
 
 
-def named(at: Scene, rng: np.random.Generator) -> Extension:
+def named(at: Problem, rng: np.random.Generator) -> Diagnosis:
     base = Model((mechanism("geometric", at.robot),))
     return extend(at, base, fit(at, base), candidates(at, base, every(at.robot)), rng)
 
 
-def names(extension: Extension) -> list[str]:
-    return [e.candidate.mechanism.name for e in extension.effects]
+def names(diagnosis: Diagnosis) -> list[str]:
+    return [e.candidate.mechanism.name for e in diagnosis.effects]
 
 
 @seeds(1, 2, 3)

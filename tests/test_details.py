@@ -72,11 +72,11 @@ def test_slopes_of_the_map_are_those_of_a_fit(drawn) -> None:
     result, details = run(study, PUMA), drawing.read(drawn).details
     robot = robot_of(study, PUMA)
     question = Question(study, plan_of(study), robot, candidates_of(study, robot, BUILTIN), BUILTIN)
-    base = question.model(("geometric",), result.data.scene.data)
+    base = question.model(("geometric",), result.data.problem.data)
     fitted = next(r for r in result.ladder if r.names == ("geometric",)).fit
     cell = Mechanism("cell", (Term("m", (Screw(5, "rz", q(4)),)),))
-    scene = result.data.training()
-    A, r = design(scene, (*base.terms, *cell.terms), fitted.at())
+    problem = result.data.training()
+    A, r = design(problem, (*base.terms, *cell.terms), fitted.at())
     keep = [*fitted.found.kept, len(base.terms)]
     theta = np.linalg.lstsq(A.reshape(-1, A.shape[2])[:, keep], r.ravel(), rcond=None)[0]
     i, j = result.error_map.where.index((5, "rz")), result.error_map.causes.index("q4")

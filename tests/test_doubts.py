@@ -16,7 +16,7 @@ from modelsel.diagnosis.outliers import DRAWS, misplaced
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor, from_repeats
-from modelsel.fitting.problem import Scene
+from modelsel.fitting.problem import Problem
 from modelsel.fitting.shrinkage import fit_shrunk
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import Bump
@@ -25,7 +25,7 @@ from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.results.finding_records import Finding, fault_dict, opposed
 from modelsel.results.goodness_of_fit import LackOfFit, lack_of_fit, lacking
 from modelsel.robot.kinematics import forward
-from modelsel.selection.evaluation import Data, Gain, rung
+from modelsel.selection.evaluation import Split, Gain, evaluate
 from modelsel.uncertainty.parameters import resampled
 from modelsel.uncertainty.significance import nested, significance
 
@@ -37,7 +37,7 @@ TOOLS = np.array([(250.0, -60.0, 90.0), (-90.0, 160.0, 120.0)])
 
 def campaign(
     rng: np.random.Generator, postures: int, times: int = 1, targets: int = 1, shared: float = 0.0
-) -> Scene:
+) -> Problem:
     """Geometry alone, SIGMA in every row; `shared` [mm] of every posture besides."""
     own = np.tile(np.repeat(np.arange(postures), targets), times)
     target = np.tile(np.arange(targets), postures * times)
@@ -55,7 +55,7 @@ def campaign(
     return replace(at, data=replace(at.data, position=at.data.position + noise))
 
 
-def weighed(at: Scene) -> Data:
+def weighed(at: Problem) -> Split:
     return study_of(replace(at, whiten=1 / SIGMA))
 
 
@@ -69,18 +69,22 @@ def test_lack_of_fit_is_uniform_where_there_is_none(rng) -> None:
     stated, repeated = [], []
     for _ in range(60):
         data = weighed(campaign(rng, 30))
-        stated.append(lack_of_fit(rung(data, BASE, ("geometric",)), Floor(SIGMA, "stated"), data).p)
+        stated.append(
+            lack_of_fit(evaluate(data, BASE, ("geometric",)), Floor(SIGMA, "stated"), data).p
+        )
         data = weighed(campaign(rng, 20, times=3))
         repeated.append(
-            lack_of_fit(rung(data, BASE, ("geometric",)), from_repeats(data.scene.data), data).p
+            lack_of_fit(
+                evaluate(data, BASE, ("geometric",)), from_repeats(data.problem.data), data
+            ).p
         )
     for p in (stated, repeated):
         assert kstest(p, "uniform").pvalue > 1e-4
     data = weighed(campaign(rng, 100))
     found = lack_of_fit(
-        rung(data, BASE, ("geometric",)),
+        evaluate(data, BASE, ("geometric",)),
         Floor(SIGMA / 1.3, "stated"),
-        study_of(replace(data.scene, whiten=1.3 / SIGMA)),
+        study_of(replace(data.problem, whiten=1.3 / SIGMA)),
     )
     assert found.f == pytest.approx(1.69, rel=0.25)
     assert found.low_mm < SIGMA * np.sqrt(1 - 1 / 1.69) < found.high_mm
@@ -109,9 +113,9 @@ def test_lack_of_fit_against_repeats_is_the_textbooks(rng) -> None:
     is lack of fit."""
     at = campaign(rng, 25, times=3, shared=0.08)
     data = weighed(at)
-    found = lack_of_fit(rung(data, BASE, ("geometric",)), from_repeats(at.data), data)
+    found = lack_of_fit(evaluate(data, BASE, ("geometric",)), from_repeats(at.data), data)
     fitted = fit(data.training(), BASE)
-    X, r = design(replace(data.scene, whiten=1.0), BASE.terms, fitted.at())
+    X, r = design(replace(data.problem, whiten=1.0), BASE.terms, fitted.at())
     X = X[:, :, list(fitted.found.kept)].reshape(r.size, -1)
     e = r.ravel() - X @ np.linalg.lstsq(X, r.ravel(), rcond=None)[0]
     y = at.data.position.reshape(3, 25, 3)
@@ -126,7 +130,7 @@ def test_lack_of_fit_against_repeats_is_the_textbooks(rng) -> None:
 
 def test_no_test_against_what_is_estimated(rng) -> None:
     data = weighed(campaign(rng, 20))
-    chosen = rung(data, BASE, ("geometric",))
+    chosen = evaluate(data, BASE, ("geometric",))
     assert lack_of_fit(chosen, None, data) is None
     assert lack_of_fit(chosen, Floor(SIGMA, "estimated", 10.0), data) is None
     assert (

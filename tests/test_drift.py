@@ -21,13 +21,13 @@ from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
-from modelsel.fitting.problem import Scene
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import Measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load
 from modelsel.robot.rigid import rpy
-from modelsel.selection.evaluation import Data
+from modelsel.selection.evaluation import Split
 
 NOISE = 0.05
 ROBOT = load("puma760")
@@ -77,7 +77,7 @@ def calibrated(
     rows = np.ones(m, bool)
     return calibrate(
         "drift",
-        Data(at, rows, ~rows, np.zeros(m, np.intp), True),
+        Split(at, rows, ~rows, np.zeros(m, np.intp), True),
         fit(at, fitted or model),
         floor or Floor(NOISE, "stated"),
         None,
@@ -150,14 +150,14 @@ def test_the_beam_is_as_long_as_where_the_tracker_now_stands(rng) -> None:
     another, and no drift."""
     model, theta = truth(("geometric", "refraction"))  # 0.09 mm at 3 m, 0.7 mm at 8 m
 
-    def seen_from(place: tuple[float, float, float], m: int) -> Scene:
+    def seen_from(place: tuple[float, float, float], m: int) -> Problem:
         at = drawn(ROBOT, rng, m).anew(
             placement=(np.eye(3)[None], np.array([place])), whiten=1 / NOISE
         )
         return planted(at, model.terms, theta, rng, NOISE)
 
     at, rows = seen_from((3000.0, 0.0, 0.0), 120), np.ones(120, bool)
-    data = Data(at, rows, ~rows, np.zeros(120, np.intp), True)
+    data = Split(at, rows, ~rows, np.zeros(120, np.intp), True)
     c = calibrate("beam", data, fit(at, model), Floor(NOISE, "stated"), None, True, {})
     found = judge(c, seen_from((8000.0, 2000.0, 0.0), 40).data, True)
     assert not found.drifted

@@ -33,7 +33,7 @@ from modelsel.robot.gravity import torques
 from modelsel.robot.kinematics import Joint, Robot, forward, pose
 from modelsel.robot.rigid import rpy, to_rpy, transform
 from modelsel.robot.urdf import read_urdf_text, write_urdf
-from modelsel.selection.evaluation import Data
+from modelsel.selection.evaluation import Split
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +160,7 @@ def test_a_slide_without_limits_has_those_of_its_readings(rng) -> None:
     at = replace(at, robot=bare)
     whole = np.ones(len(at), bool)
     found = fit(at, Model((mechanism("geometric", bare),)))
-    data = Data(at, whole, ~whole, np.zeros(len(at), np.intp), True)
+    data = Split(at, whole, ~whole, np.zeros(len(at), np.intp), True)
     out = export(calibrate("bare", data, found, Floor(0.02, "stated"), None, False, {}), "urdf")
     (limit,) = ET.fromstring(out.text).iter("limit")
     reading = at.data.q[:, 2]
@@ -227,7 +227,7 @@ def test_python_knows_every_derived_cause(rng) -> None:
         found = fit(at, model)
         c = calibrate(
             "all",
-            Data(at, every_row, ~every_row, np.zeros(60, np.intp), True),
+            Split(at, every_row, ~every_row, np.zeros(60, np.intp), True),
             found,
             Floor(0.02, "stated"),
             None,

@@ -19,17 +19,17 @@ from modelsel.diagnosis.evidence import null
 from modelsel.diagnosis.procedure import explain
 from modelsel.diagnosis.residual_tests import adjusted, together, units
 from modelsel.diagnosis.state import view
-from modelsel.diagnosis.stepwise import Extension, extend
+from modelsel.diagnosis.stepwise import Diagnosis, extend
 from modelsel.diagnosis.unexplained import predictable
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import Fit, fit
-from modelsel.fitting.problem import Scene
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.results.finding_records import uneven
 from modelsel.robot.kinematics import Robot, forward
-from modelsel.selection.evaluation import Data
+from modelsel.selection.evaluation import Split
 from modelsel.uncertainty.parameters import Parameter, parameters, resampled
 from modelsel.uncertainty.significance import nested
 
@@ -74,7 +74,7 @@ def lasts(rng: np.random.Generator, angles: np.ndarray) -> np.ndarray:
 
 def campaign(
     noise: Callable[..., np.ndarray], rng: np.random.Generator
-) -> tuple[Scene, np.ndarray]:
+) -> tuple[Problem, np.ndarray]:
     """(48 configurations in 8 groups, smooth within a group where errors last, geometry alone
     wrong; its parameters)."""
     angles = ARM.draw(rng, M)
@@ -98,7 +98,7 @@ def campaign(
     ), theta
 
 
-def shared(kind: str, rng: np.random.Generator) -> tuple[Scene, np.ndarray]:
+def shared(kind: str, rng: np.random.Generator) -> tuple[Problem, np.ndarray]:
     """Geometry alone wrong: 24 configurations of three reflectors, half of the variance shared by a
     configuration; or 25 postures in four rounds, a configuration each time, 30 % of the variance
     the posture's own."""
@@ -125,12 +125,12 @@ def shared(kind: str, rng: np.random.Generator) -> tuple[Scene, np.ndarray]:
     return replace(at, data=replace(at.data, position=at.data.position + SIGMA * noise)), theta
 
 
-def said(at: Scene, seed: int) -> tuple[Data, Extension]:
+def said(at: Problem, seed: int) -> tuple[Split, Diagnosis]:
     data, extension, _ = explain(study_of(at), BASE, every(ARM), seed, cells=True)
     return data, extension
 
 
-def intervals(at: Scene, fitted: Fit, seed: int) -> tuple[Parameter, ...]:
+def intervals(at: Problem, fitted: Fit, seed: int) -> tuple[Parameter, ...]:
     data = study_of(at)
     return parameters(data, fitted, resampled(data, fitted, np.random.default_rng(seed)))
 

@@ -16,13 +16,13 @@ from modelsel.exceptions import NotEstimable
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.identifiability import identify
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import Scene
-from modelsel.fitting.reduction import Reduction, merged, reduce, reduce_scene
+from modelsel.fitting.problem import Problem
+from modelsel.fitting.reduction import Reduction, merged, reduce, reduce_problem
 from modelsel.mechanisms.causes import Named
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 
-# -- scenes
+# -- problems
 # -----------------------------------------------------------------------------------------------------------
 
 WHOLE = ("geometric", "joint2-twist", "joint3-twist", "wrist-coupling")
@@ -153,13 +153,13 @@ def test_dependent_terms_are_put_back(late, rng, monkeypatch) -> None:
     load_[157] += late  # a payload that changes in one row, which no probe of 20 sees
     data = replace(at.data, covariates={**at.data.covariates, "payload_kg": load_})
     at = at.anew(data=data)
-    plain = reduce_scene(at, which.terms)
+    plain = reduce_problem(at, which.terms)
     monkeypatch.setattr(reducer, "PROBE", (20, 100))
     monkeypatch.setattr(reducer, "STREAM", 64)
     streams: list[int] = []
     right = reducer._stream
     monkeypatch.setattr(reducer, "_stream", lambda *a: streams.append(len(a[3])) or right(*a))
-    again = reduce_scene(at, which.terms)
+    again = reduce_problem(at, which.terms)
     same(plain, again)
     assert identify(again).kept == identify(plain).kept
     assert (len(which.terms) + 1 in streams[1:]) == late  # the first is the probe's own
@@ -170,18 +170,18 @@ def test_streamed_is_one_piece(size, rng, monkeypatch) -> None:
     which = whole()
     at = planted(drawn("puma760", rng, 100), which.terms, some(which, rng), rng, 0.1)
     at = replace(at, whiten=np.linalg.inv(np.eye(3) + 0.1 * rng.normal(size=(100, 3, 3))))
-    once, reduction = fit(at, which), reduce_scene(at, which.terms)
+    once, reduction = fit(at, which), reduce_problem(at, which.terms)
     left = once.residuals(at)
-    in_one = Scene.blocks
+    in_one = Problem.blocks
     seen: list[int] = []
 
-    def small(self: Scene, _: int = 0):
+    def small(self: Problem, _: int = 0):
         for rows in in_one(self, size):
             seen.append(rows.stop - rows.start)
             yield rows
 
-    monkeypatch.setattr(Scene, "blocks", small)
-    same(reduction, reduce_scene(at, which.terms))
+    monkeypatch.setattr(Problem, "blocks", small)
+    same(reduction, reduce_problem(at, which.terms))
     again = fit(at, which)
     assert max(seen) == size
     assert again.found.kept == once.found.kept
@@ -242,5 +242,5 @@ def test_distances_are_from_where_the_tracker_stands(noise) -> None:
     data = prepare(load("puma760"), measured, plan_of(study), None)[0]
     distance = np.linalg.norm(measured.position - [4000, 0, 500], axis=1)
     np.testing.assert_allclose(
-        data.scene.value("range_mm"), distance, atol=15
+        data.problem.value("range_mm"), distance, atol=15
     )  # nominal target against measured

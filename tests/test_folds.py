@@ -134,7 +134,7 @@ def test_dependent_columns_are_left_at_nought(rng) -> None:
     np.testing.assert_allclose(found.held_out, alone.held_out, rtol=1e-11)
 
 
-# -- scenes
+# -- problems
 # -----------------------------------------------------------------------------------------------------------
 
 

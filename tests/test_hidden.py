@@ -27,10 +27,10 @@ from modelsel.diagnosis import state as search
 from modelsel.diagnosis.candidates import Candidate, candidates
 from modelsel.diagnosis.scan import Scan, basis, columns, scan, stacked
 from modelsel.diagnosis.stepwise import Effect as Found
-from modelsel.diagnosis.stepwise import Extension, extend
+from modelsel.diagnosis.stepwise import Diagnosis, extend
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import Scene, scene
+from modelsel.fitting.problem import Problem, make_problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.files import load
@@ -77,17 +77,17 @@ class Ground:
     J: np.ndarray = field(repr=False)
     Q: np.ndarray = field(repr=False)
 
-    def scene(self, x: np.ndarray, state: State | None = None) -> Scene:
+    def problem(self, x: np.ndarray, state: State | None = None) -> Problem:
         state = state or self.state
-        return scene(
+        return make_problem(
             load(self.arm.name),
             measurements(state.q, x, covariates=state.covariates),
             self.arm.tool[None],
         )
 
-    def name(self, x: np.ndarray) -> Extension:
+    def name(self, x: np.ndarray) -> Diagnosis:
         """What the tool says of positions (m, 3) of the campaign."""
-        at = self.scene(x)
+        at = self.problem(x)
         base = Model((mechanism("geometric", at.robot),))
         return extend(at, base, fit(at, base), self.found, np.random.default_rng(0))
 
@@ -123,7 +123,7 @@ class Ground:
     ) -> bool:
         """Do the columns of some explanations together hold what was planted, on fresh
         configurations?"""
-        at = self.scene(np.zeros((FRESH, 3)), self.fresh)
+        at = self.problem(np.zeros((FRESH, 3)), self.fresh)
         A = np.hstack([said(c.mechanism, at, self.J) for c in candidates_])
         return holds(A, displacement, self.Q) > enough
 
@@ -151,7 +151,7 @@ def ground() -> Iterator[Ground]:
         )
 
     state, fresh = campaign(M), campaign(FRESH)
-    at = scene(
+    at = make_problem(
         robot,
         measurements(state.q, measured(body, state, [], rng, NOISE), covariates=state.covariates),
         body.tool[None],
@@ -193,7 +193,7 @@ class Outcome:
 
 
 def outcome(
-    ground: Ground, words: str, extension: Extension, truth: np.ndarray, whole: bool = False
+    ground: Ground, words: str, diagnosis: Diagnosis, truth: np.ndarray, whole: bool = False
 ) -> Outcome:
     """Right: one finding's top name explains the planted displacement, or its set does and says
     that it cannot be told apart. `whole`: a shape that no list has may be told by several findings
@@ -208,13 +208,13 @@ def outcome(
 
     told = "; ".join(
         " | ".join(f"{e.candidate.mechanism.name} {e.probability:.2f}" for e in f.named.entries[:4])
-        for f in extension.effects
+        for f in diagnosis.effects
     )
-    tops = [f.named.entries[0].candidate for f in extension.effects]
+    tops = [f.named.entries[0].candidate for f in diagnosis.effects]
     if whole and tops:
         return Outcome(words, told, ground.explains(tops, truth), 0)
     return Outcome(
-        words, told or "nothing", any(right(f) for f in extension.effects), max(len(tops) - 1, 0)
+        words, told or "nothing", any(right(f) for f in diagnosis.effects), max(len(tops) - 1, 0)
     )
 
 

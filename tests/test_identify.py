@@ -15,8 +15,8 @@ from modelsel.fitting.design import Model, design, residuals
 from modelsel.fitting.identifiability import Identified, identify, solve, unidentifiable, without
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.prior import faint, usual_sizes
-from modelsel.fitting.problem import Scene
-from modelsel.fitting.reduction import reduce, reduce_scene
+from modelsel.fitting.problem import Problem
+from modelsel.fitting.reduction import reduce, reduce_problem
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 
@@ -30,8 +30,8 @@ def model(names: tuple[str, ...]) -> Model:
     return Model(tuple(mechanism(name, load("puma760")) for name in names))
 
 
-def identified(at: Scene, which: Model) -> Identified:
-    found = identify(reduce_scene(at, which.terms))
+def identified(at: Problem, which: Model) -> Identified:
+    found = identify(reduce_problem(at, which.terms))
     return without(
         found, faint(found.triangle, found.kept, usual_sizes(which), LEAST_MM * np.sqrt(len(at)))
     )
@@ -56,7 +56,7 @@ def test_ranks_of_the_paper(names, tool, columns, rank, rng) -> None:
     assert len(which.terms) == columns
     assert found.rank == rank
     assert (
-        identify(reduce_scene(at, which.terms)).rank == rank
+        identify(reduce_problem(at, which.terms)).rank == rank
     )  # a gap, not a matter of the faintness bound
     assert np.linalg.matrix_rank(design(at, which.terms)[0].reshape(-1, columns)) == rank
 
@@ -67,7 +67,7 @@ def test_a_target_nearly_on_the_axis(off, rank, rng) -> None:
     """30 µm off the axis two combinations are estimable on paper only: at their usual size they
     move less than 0.4 µm."""
     at, which = drawn("puma760", rng, 80, (off, 0, 100)), model(GEOMETRIC)
-    assert identify(reduce_scene(at, which.terms)).rank == 27
+    assert identify(reduce_problem(at, which.terms)).rank == 27
     assert identified(at, which).rank == rank
 
 

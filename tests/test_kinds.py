@@ -27,7 +27,7 @@ from modelsel.fitting.identifiability import unidentifiable
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor, Instrument
 from modelsel.fitting.observation import Fixtures
-from modelsel.fitting.problem import Scene, scene
+from modelsel.fitting.problem import Problem, make_problem
 from modelsel.measurements.features import KINDS, UNKNOWN
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.measurements.observation_columns import Known, with_known
@@ -43,7 +43,7 @@ from modelsel.results.storage import calibration_of
 from modelsel.robot.files import load
 from modelsel.selection.cross_validation import by_unit
 from modelsel.selection.cross_validation import fold as fold_scene
-from modelsel.selection.evaluation import Data
+from modelsel.selection.evaluation import Split
 from modelsel.selection.splits import assign
 from modelsel.selection.streaming import Parts, parts_of
 from modelsel.study.inspection import describe
@@ -51,7 +51,7 @@ from modelsel.study.inspection import sentences as checked
 from modelsel.study.preparation import Plan, prepare
 from modelsel.study.runner import known_features, run
 from modelsel.study.simulation import simulate_rows
-from modelsel.uncertainty.log_posterior import Target
+from modelsel.uncertainty.log_posterior import LogPosterior
 from modelsel.uncertainty.nuisance import components
 
 ARM = [False] * 6
@@ -87,7 +87,7 @@ def plan(estimation: int, **more: object) -> Plan:
     return Plan(3, TOOL, estimation=estimation, **more)
 
 
-def prepared(data: Measurements, estimation: int, **more: object) -> Data:
+def prepared(data: Measurements, estimation: int, **more: object) -> Split:
     return prepare(PUMA, data, plan(estimation, **more))[0]
 
 
@@ -125,7 +125,7 @@ def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> Non
     known = dict.fromkeys(ANCHORS, Known(zero=True)) if "zero" in what else {}
     measured = made(c, tmp_path, **known)
     data = prepared(measured, round(0.7 * measured.configurations))
-    assert data.scene.data.gauges is not None
+    assert data.problem.data.gauges is not None
     base = fit(
         data.training(), model(measured)
     )  # points tell 27 numbers of this arm; six are where the base stands
@@ -135,8 +135,8 @@ def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> Non
     assert [e.candidate.mechanism.name for e in extension.effects] == ["wrist-coupling:5"]
     (effect,) = extension.effects
     assert effect.estimate[0] == pytest.approx(1.2e-3, abs=4 * effect.standard_error[0])
-    left = extension.fit.residuals(data.scene)[~data.estimation]
-    count = data.scene.measured[~data.estimation].sum()
+    left = extension.fit.residuals(data.problem)[~data.estimation]
+    count = data.problem.measured[~data.estimation].sum()
     expected = NOISE * np.sqrt(1 + extension.fit.rank / extension.fit.rows)
     assert np.sqrt(np.square(left).sum() / count) == pytest.approx(expected, rel=0.25)
     assert extension.fit.sigma == pytest.approx(1, rel=0.2)  # s_mm is the noise that was put in
@@ -147,7 +147,7 @@ def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> Non
     assert lacking(lack) == ()
 
 
-def every_kind(rng: np.random.Generator) -> tuple[Scene, tuple[Term, ...], np.ndarray]:
+def every_kind(rng: np.random.Generator) -> tuple[Problem, tuple[Term, ...], np.ndarray]:
     """A row of every kind, eight times over, features and tracker anywhere, and a model with its
     point."""
     kind = list(KINDS) * 8
@@ -164,7 +164,7 @@ def every_kind(rng: np.random.Generator) -> tuple[Scene, tuple[Term, ...], np.nd
     turned = np.linalg.qr(rng.normal(size=(count + 1, 3, 3)))[0]
     fixtures = Fixtures(rng.normal(0, 1500, (count, 3)), turned[1:], rng.uniform(0, 100, count))
     bound = replace(
-        scene(PUMA, data, np.array([TOOL])),
+        make_problem(PUMA, data, np.array([TOOL])),
         fixtures=fixtures,
         placement=(turned[:1], rng.normal(0, 100, (1, 3))),
     )
@@ -271,11 +271,11 @@ def test_a_feature_that_no_estimation_row_measures_is_left_out(tmp_path) -> None
         ["held-out" if k >= 60 else "estimation" for k in range(70)], dtype=object
     )  # all of w3
     data, _, notes = prepare(PUMA, measured, plan(0, column="role"), labels)
-    assert len(data.scene) == 60
+    assert len(data.problem) == 60
     note = next(n for n in notes if n.code == "feature-unseen")
     assert note.sentence.startswith("10 held-out rows are left out: no estimation row measures w3")
     known = with_known(measured, {"w3": Known(position=ANCHORS["w3"])})
-    assert len(prepare(PUMA, known, plan(0, column="role"), labels)[0].scene) == 70
+    assert len(prepare(PUMA, known, plan(0, column="role"), labels)[0].problem) == 70
 
 
 def test_folds_keep_every_feature_in_the_others(tmp_path) -> None:
@@ -308,7 +308,7 @@ def test_a_wrong_wire_length_is_an_outlier_and_a_wrong_point_too(tmp_path) -> No
     c.rows[70]["length_mm"] += 3.0
     c.rows[11]["y_mm"] += 3.0
     measured = made(c, tmp_path)
-    flagged = gross(prepared(measured, 130).scene, model(measured, "wrist-coupling:5"))
+    flagged = gross(prepared(measured, 130).problem, model(measured, "wrist-coupling:5"))
     assert np.flatnonzero(flagged).tolist() == [11, 70]
 
 
@@ -373,7 +373,7 @@ def test_anchors_stand_where_they_stood_in_a_registered_frame(tmp_path) -> None:
     fitted = fit(data.training(), model(measured, "wrist-coupling:5", register=True))
     value = dict(zip((t.symbol for t in fitted.terms), fitted.theta, strict=True))
     for k, (name, anchor) in enumerate(ANCHORS.items()):
-        place = data.scene.fixtures.centre[k] + [value[f"{axis} of {name}"] for axis in "xyz"]
+        place = data.problem.fixtures.centre[k] + [value[f"{axis} of {name}"] for axis in "xyz"]
         np.testing.assert_allclose(place, R @ anchor + t, atol=0.3)
 
 
@@ -390,7 +390,7 @@ def test_an_anchor_beside_a_plane_of_positions_needs_a_first_guess(tmp_path) -> 
     data = prepared(
         made(c, tmp_path, w1=Known(position=(700.0, -1000.0, 400.0), estimate=True)), 40
     )
-    assert np.linalg.norm(data.scene.fixtures.centre[0] - ANCHORS["w1"]) < 60
+    assert np.linalg.norm(data.problem.fixtures.centre[0] - ANCHORS["w1"]) < 60
 
 
 # -- a file, a study, and what comes after
@@ -440,7 +440,7 @@ def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path
     assert not any(t.fixture for t in stored.terms)
     q = c.arm.draw(c.rng, 50)
     fresh = measurements(q, c.exact(q) + c.noise(50, 3))
-    assert np.linalg.norm(predict(stored, stored.scene(fresh)) - c.exact(q), axis=1).mean() < 0.1
+    assert np.linalg.norm(predict(stored, stored.problem(fresh)) - c.exact(q), axis=1).mean() < 0.1
     assert not judge(stored, fresh, free_setup=False).drifted
     with pytest.raises(DataError, match="rows that are no points"):
         judge(stored, read_measurements(tmp_path / "measurements.csv", ARM), free_setup=False)
@@ -454,7 +454,9 @@ def test_the_sampled_density_is_the_closed_form_where_the_chain_is_linear(tmp_pa
     data = prepared(measured, 100)
     fitted = fit(data.training(), model(measured, "wrist-coupling:5"))
     psi = (len(fitted.terms) - 1,)
-    target = Target(fitted, components(data.training()), psi, ("w54", "noise scale"), ("rad", "1"))
+    target = LogPosterior(
+        fitted, components(data.training()), psi, ("w54", "noise scale"), ("rad", "1")
+    )
     walkers = np.random.default_rng(1).normal(0, 1, (12, 2))
     exact, linear = target.log_density(walkers), replace(target, exact=False).log_density(walkers)
     np.testing.assert_allclose(exact - exact[0], linear - linear[0], atol=0.05)
@@ -482,7 +484,7 @@ def test_simulated_rows_read_what_the_planted_arm_reads(tmp_path) -> None:
     frame.to_csv(tmp_path / "made.csv", index=False)
     back = with_known(read_measurements(tmp_path / "made.csv", ARM), known)
     assert (len(back), back.gauges.kind.tolist()) == (len(data), data.gauges.kind.tolist())
-    every = prepared(back, 40).scene
+    every = prepared(back, 40).problem
     np.testing.assert_allclose(residuals(every, (planted,), np.array([1e-3])), 0, atol=1e-8)
     c.plates(10, 1)
     with pytest.raises(StudyError, match="rows of kind plane hold the arm to a place"):
@@ -511,7 +513,7 @@ def test_poses_stand_beside_wires(tmp_path) -> None:
     c.wires(30)
     for row in c.rows[:40]:
         row |= {"qw": 1.0, "qx": 0.0, "qy": 0.0, "qz": 0.0}
-    bound = prepared(made(c, tmp_path), 50).scene
+    bound = prepared(made(c, tmp_path), 50).problem
     assert bound.coordinates == 40 * 6 + 30
     assert not residuals(bound)[40:, 1:].any()
     assert residuals(bound)[:40].all()
@@ -753,7 +755,7 @@ def test_parts_of_a_set_are_points(tmp_path) -> None:
     pd.DataFrame(c.rows).to_parquet(tmp_path / "rows.parquet", index=False)
     some = parts_of([tmp_path / "rows.parquet"])
     with pytest.raises(DataError, match="cannot be fitted in parts"):
-        Parts(PUMA, TOOL, some).scene(some[0])
+        Parts(PUMA, TOOL, some).problem(some[0])
 
 
 def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
@@ -767,7 +769,7 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
     some = [fitted.terms[k] for k in fitted.representatives]
     at, pool_scene = (
         fitted.at(),
-        scene(PUMA, measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL])),
+        make_problem(PUMA, measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL])),
     )
     p = pool(known, pool_scene, fitted.terms, at, NOISE)
     X = design(replace(known, whiten=1.0), some, at)[0].reshape(-1, len(some))

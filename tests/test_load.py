@@ -18,7 +18,7 @@ from modelsel.diagnosis.candidates import candidates, crowded
 from modelsel.diagnosis.procedure import explain
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import Scene
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import every, mechanism, parts
@@ -203,7 +203,7 @@ def snake(n: int) -> Robot:
     )
 
 
-def of_snake(n: int, m: int, rng: np.random.Generator) -> Scene:
+def of_snake(n: int, m: int, rng: np.random.Generator) -> Problem:
     robot = snake(n)
     angles = rng.uniform(-1, 1, (m, n))
     at = bind(robot, measurements(angles, forward(robot, angles, TOOL)), tuple(TOOL))

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from modelsel.config.study_file import parse_study
-from modelsel.fitting.problem import scene
+from modelsel.fitting.problem import make_problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import Named, q, sin
 from modelsel.mechanisms.terms import Screw, Term
@@ -164,7 +164,7 @@ def campaign() -> pd.DataFrame:
         "temperature_C": rng.uniform(18, 30, ROWS).round(2),
         "time_s": 40.0 * np.arange(ROWS),
     }
-    at = scene(
+    at = make_problem(
         robot,
         measurements(angles, forward(robot, angles, np.array(TOOL)), covariates=covariates),
         np.array([TOOL]),
@@ -257,7 +257,7 @@ def telling(tmp_path_factory: pytest.TempPathFactory) -> Telling:
 
 def positions(result: Result) -> np.ndarray:
     """(84, 3) predictions of the chosen model, by the measurement's own number."""
-    data = result.data.scene.data
+    data = result.data.problem.data
     out = np.full((ROWS, 3), np.nan)
     out[data.covariates["id"].astype(int)] = data.position - result.chosen.residual[:, :3]
     return out
@@ -304,7 +304,7 @@ def test_order_of_rows(telling: Telling, split: str, seed: int) -> None:
         told = telling(shuffled, split=f"estimation = {ESTIMATION}")
         same(told, telling.by_seed)
         chosen = [
-            set(r.data.scene.data.covariates["id"][r.data.estimation])
+            set(r.data.problem.data.covariates["id"][r.data.estimation])
             for r in (told, telling.by_seed)
         ]
         assert chosen[0] == chosen[1]
@@ -423,5 +423,5 @@ def test_repeats_are_no_copies(telling: Telling) -> None:
 
     for change in (repeated, coarse):
         told = telling(change)
-        assert len(told.data.scene.data) == ROWS + 13
+        assert len(told.data.problem.data) == ROWS + 13
         assert not {note.code for note in told.warnings} & {"copied-rows", "duplicate-rows"}

@@ -19,7 +19,7 @@ from modelsel._typing import Array
 from modelsel.cli.main import main
 from modelsel.config.study_file import read_study
 from modelsel.exceptions import DataError
-from modelsel.fitting.problem import Scene
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.geometry import geometric
 from modelsel.mechanisms.registry import BUILTIN
@@ -38,7 +38,7 @@ RIGHT_ANGLE = np.pi / 2
 Change = Callable[[Array, Array], tuple[Array, Array]]
 
 
-def arm(rng: np.random.Generator, name: str, m: int = 80, registered: bool = True) -> Scene:
+def arm(rng: np.random.Generator, name: str, m: int = 80, registered: bool = True) -> Problem:
     """A built-in arm with geometric errors (about 1 mm) and noise; where it is to be registered,
     the tracker stands elsewhere."""
     at = drawn_arm(name, rng, m)
@@ -51,8 +51,8 @@ def arm(rng: np.random.Generator, name: str, m: int = 80, registered: bool = Tru
     return replace(at, data=replace(at.data, position=moved), tools=np.zeros((1, 3)))
 
 
-def said(at: Scene, change: Change, registered: bool = True) -> str | None:
-    """What is said of the scene with a mistake put into its readings and positions."""
+def said(at: Problem, change: Change, registered: bool = True) -> str | None:
+    """What is said of the problem with a mistake put into its readings and positions."""
     q, position = change(at.data.q, at.data.position)
     data = replace(measurements(q, position), notes=())
     wrong = at.anew(data=data)
@@ -235,7 +235,7 @@ def test_it_is_told_first_and_nothing_is_changed(rng, tmp_path) -> None:
         assert words in ran.output
     result = run(tmp_path, sampling=False)
     assert next(w.code for w in result.warnings) == MISTAKEN
-    np.testing.assert_array_equal(result.data.scene.data.q, q)
+    np.testing.assert_array_equal(result.data.problem.data.q, q)
     lines = sentences(result)
     assert lines[0].startswith("Check the set-up: The positions fit ")
     assert words in lines[0]

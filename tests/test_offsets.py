@@ -13,7 +13,7 @@ from builders import drawn as drawn_arm
 from test_mistakes import arm, said, shifted
 
 from modelsel._typing import Array
-from modelsel.fitting.problem import Scene
+from modelsel.fitting.problem import Problem
 from modelsel.robot.kinematics import forward
 
 
@@ -53,7 +53,7 @@ def test_two_zeros(name, rng) -> None:
     assert off(sentence, 3) == pytest.approx(17, abs=0.5)
 
 
-def with_link(at: Scene, joint: int, by: float) -> Scene:
+def with_link(at: Problem, joint: int, by: float) -> Problem:
     """The same rows, the nominal table's link before a joint changed along its x."""
     joints = list(at.robot.joints)
     N = joints[joint - 1].before.copy()

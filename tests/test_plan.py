@@ -390,12 +390,12 @@ def load_calibration_like(at):
     from modelsel.fitting.design import Model
     from modelsel.fitting.least_squares import fit
     from modelsel.fitting.noise import Floor
-    from modelsel.selection.evaluation import Data
+    from modelsel.selection.evaluation import Split
 
     rows = np.ones(len(at), bool)
     return calibrate(
         "plan",
-        Data(at, rows, ~rows, np.zeros(len(at), np.intp), True),
+        Split(at, rows, ~rows, np.zeros(len(at), np.intp), True),
         fit(at, Model((GEOMETRY,))),
         Floor(SIGMA, "stated"),
         None,

@@ -16,7 +16,7 @@ from modelsel.fitting.batch import Ensemble
 from modelsel.fitting.design import Model, design, residuals, whitened
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.prior import usual_sizes
-from modelsel.fitting.problem import Scene
+from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.causes import cos, q
 from modelsel.mechanisms.geometry import setup
 from modelsel.mechanisms.registry import mechanism
@@ -32,14 +32,14 @@ def rotations(rng: np.random.Generator, m: int) -> Array:
     return np.asarray(Q * np.linalg.det(Q)[:, None, None])
 
 
-def oriented(rng: np.random.Generator, m: int = 9) -> Scene:
+def oriented(rng: np.random.Generator, m: int = 9) -> Problem:
     bare = drawn(ARM, rng, m)
     data = replace(bare.data, rotation=np.einsum("ijm->mij", bare.pose(slice(None)).rotation))
     whiten = np.tile(np.diag([10.0, 10, 10, 2000, 2000, 2000]), (m, 1, 1))
     return replace(bare, data=data, tool_rotations=rotations(rng, 1), whiten=whiten)
 
 
-def placed(rng: np.random.Generator) -> Scene:
+def placed(rng: np.random.Generator) -> Problem:
     """Two targets, two groups with a placement each, blocks of weights, a sliding joint."""
     bare = drawn(
         small_arm(prismatic=True),
@@ -90,10 +90,10 @@ def test_ensemble_is_the_exact_chain(rng: np.random.Generator, kind: str) -> Non
 
 def test_intervals_are_those_of_least_squares(rng: np.random.Generator) -> None:
     at = drawn(ARM, rng, 15)
-    scene = planted(at, MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
-    fitted = fit(scene, MODEL, held="nothing")
+    problem = planted(at, MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
+    fitted = fit(problem, MODEL, held="nothing")
     kept = list(fitted.found.kept)
-    X, r = design(scene, MODEL.terms, fitted.at())
+    X, r = design(problem, MODEL.terms, fitted.at())
     X = X.reshape(-1, len(MODEL.terms))[:, kept]
     plain = sm.OLS(r.ravel() + X @ fitted.theta[kept], X).fit()
     low, high = posterior(fitted).quantile(np.array([0.025, 0.975])).T
@@ -105,12 +105,12 @@ def test_shrunk_posterior_is_the_conjugate_one(rng: np.random.Generator) -> None
     """Against the textbook's formulas for a normal prior in units of the noise, its rows written
     out."""
     at = drawn(ARM, rng, 15)
-    scene = planted(at, MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
+    problem = planted(at, MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
     precision = np.zeros(len(MODEL.terms))
     precision[-1] = 1e8
-    fitted = fit(scene, MODEL, precision=precision, held="nothing")
+    fitted = fit(problem, MODEL, precision=precision, held="nothing")
     kept = list(fitted.found.kept)
-    X, r = design(scene, MODEL.terms, fitted.at())
+    X, r = design(problem, MODEL.terms, fitted.at())
     X = X.reshape(-1, len(MODEL.terms))[:, kept]
     y = r.ravel() + X @ fitted.theta[kept]
     gram = X.T @ X + np.diag(precision[kept])
@@ -129,13 +129,13 @@ def test_weights_find_the_curved_posterior() -> None:
     rng = np.random.default_rng(0)
     at = drawn(ARM, rng, 8, tool=(0.0, 0.0, 0.0))
     model = Model((one(1, "rz", 0.02 * cos(q(2)) + 1.0),))
-    scene = planted(at, model.terms, np.array([0.4]), rng, 300.0)
-    fitted = fit(scene, model)
+    problem = planted(at, model.terms, np.array([0.4]), rng, 300.0)
+    fitted = fit(problem, model)
     known = posterior(fitted)
     draws = known.draw(rng, 40_000)
-    good = weighted(scene, fitted, draws)
+    good = weighted(problem, fitted, draws)
     grid = fitted.theta[0] + np.linspace(-3.0, 3.0, 6001)
-    cost = np.square(Ensemble(scene, model.terms).residuals(grid[:, None])).sum((1, 2))
+    cost = np.square(Ensemble(problem, model.terms).residuals(grid[:, None])).sum((1, 2))
     density = cost ** (-known.freedom / 2 - 0.5)  # σ integrated out
     density /= density.sum()
     mean = float(density @ grid)
@@ -166,10 +166,10 @@ def test_calibrated_by_simulation(rng: np.random.Generator) -> None:
         truth = np.zeros(p)
         truth[kept] = rng.normal(0, 0.3 * size[kept])
         sigma = float(np.exp(rng.normal(-2, 0.5)))
-        scene = planted(at, MODEL.terms, truth, rng, sigma)
-        fitted = fit(scene, MODEL, start=truth, held="nothing")
+        problem = planted(at, MODEL.terms, truth, rng, sigma)
+        fitted = fit(problem, MODEL, start=truth, held="nothing")
         known = posterior(fitted)
-        draws = weighted(scene, fitted, known.draw(rng, DRAWS))
+        draws = weighted(problem, fitted, known.draw(rng, DRAWS))
         below = draws.weight @ (draws.theta[:, kept] < truth[kept])
         ranks[study] = below
         low, high = known.quantile(np.array([0.025, 0.975])).T

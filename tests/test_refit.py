@@ -57,7 +57,7 @@ def held_out(result: Result, predicted: np.ndarray) -> float:
     """mm rms, written again."""
     data = result.data
     rows = ~data.estimation & ~data.outlying
-    return float(np.sqrt(np.square((data.scene.data.position - predicted)[rows]).sum(1).mean()))
+    return float(np.sqrt(np.square((data.problem.data.position - predicted)[rows]).sum(1).mean()))
 
 
 def read(form: str, text: str) -> tuple[Robot, np.ndarray]:
@@ -81,7 +81,7 @@ def test_a_geometry_is_as_good_as_geometry_alone(form, puma) -> None:
     result, c = puma
     made = export(c, form)
     robot, target = read(form, made.text)
-    seen = held_out(result, forward(robot, result.data.scene.data.q, target))
+    seen = held_out(result, forward(robot, result.data.problem.data.q, target))
     geometric = next(r for r in result.ladder if r.names == ("geometric",))
     assert seen == pytest.approx(geometric.held_out.rms_mm, rel=1e-6)
     assert made.errors == (
@@ -97,7 +97,7 @@ def test_a_geometry_is_as_good_as_geometry_alone(form, puma) -> None:
     )
     beside = replace(c, refits=None)  # as version 0.1.0 left it: fitted beside what is left out
     robot, target = read(form, export(beside, form).text)
-    assert held_out(result, forward(robot, result.data.scene.data.q, target)) > 1.5 * seen
+    assert held_out(result, forward(robot, result.data.problem.data.q, target)) > 1.5 * seen
     assert "run the study again" in " ".join(export(beside, form).notes)
 
 
@@ -162,7 +162,7 @@ def test_an_arm_that_is_nominal_at_27_degrees(low, high, counted, tmp_path) -> N
     )  # not that of an arm that was frozen
     made = export(c, "urdf")
     robot, target = read("urdf", made.text)
-    seen = held_out(result, forward(robot, result.data.scene.data.q, target))
+    seen = held_out(result, forward(robot, result.data.problem.data.q, target))
     assert seen <= result.ladder[0].held_out.rms_mm or made.worse is not None
     nominal, geometric = result.ladder[:2]
     assert geometric.names == ("geometric",)
@@ -171,7 +171,7 @@ def test_an_arm_that_is_nominal_at_27_degrees(low, high, counted, tmp_path) -> N
     )  # chosen without the held-out rows
     assert seen == pytest.approx(best.held_out.rms_mm, rel=1e-6)
     assert made.errors[2] == pytest.approx(seen, rel=1e-6)
-    warm = result.data.scene.data.covariates["temperature_C"][result.data.used].mean()
+    warm = result.data.problem.data.covariates["temperature_C"][result.data.used].mean()
     assert f"{warm:.1f} °C, the mean of the campaign" in made.text
     assert f"thermal effects are counted from {counted} °C" in export(c, "json").notes
 
@@ -300,7 +300,7 @@ def test_a_registered_geometry_is_as_good_as_it_says(tmp_path) -> None:
     assert made.left_out
     arm, target = read("urdf", made.text)
     R, t = c.placement[0][0], c.placement[1][0]
-    seen = held_out(result, forward(arm, result.data.scene.data.q, target) @ R.T + t)
+    seen = held_out(result, forward(arm, result.data.problem.data.q, target) @ R.T + t)
     assert made.errors[2] == pytest.approx(seen, rel=1e-6)
     assert made.errors[1] == pytest.approx(result.ladder[0].held_out.rms_mm)
     assert made.errors[3] < made.errors[2] < made.errors[1]

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from modelsel.exceptions import DataError
 from modelsel.fitting.design import residuals
-from modelsel.fitting.problem import Scene, scene
+from modelsel.fitting.problem import Problem, make_problem
 from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load, read_robot
 from modelsel.robot.kinematics import Robot, pose
@@ -32,8 +32,8 @@ def site(
     groups: int = 1,
     sigma: float = SIGMA,
     orientation: bool = False,
-) -> tuple[Scene, list[np.ndarray], list[np.ndarray], np.ndarray]:
-    """(unregistered scene, R and t of every group, target rotations): m configurations, every
+) -> tuple[Problem, list[np.ndarray], list[np.ndarray], np.ndarray]:
+    """(unregistered problem, R and t of every group, target rotations): m configurations, every
     target at each."""
     robot = load(name) if isinstance(name, str) else name
     q = robot.draw(rng, m).repeat(targets, axis=0)
@@ -51,14 +51,14 @@ def site(
     data = measurements(
         q, position, target=[f"r{k}" for k in target], group=[f"day{g}" for g in group], **more
     )
-    return scene(robot, data, np.zeros((targets, 3))), R, t, turned
+    return make_problem(robot, data, np.zeros((targets, 3))), R, t, turned
 
 
-def everything(at: Scene) -> np.ndarray:
+def everything(at: Problem) -> np.ndarray:
     return np.ones(len(at), bool)
 
 
-def lengths(at: Scene) -> np.ndarray:
+def lengths(at: Problem) -> np.ndarray:
     return np.linalg.norm(residuals(at)[:, :3], axis=1)
 
 

@@ -21,7 +21,7 @@ from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.noise import Instrument, weigh
-from modelsel.fitting.problem import Scene
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.environment import tracker_step
@@ -31,7 +31,7 @@ from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import rpy
 from modelsel.study.checkpoint import Checkpoint
 from modelsel.uncertainty import sampler as engine
-from modelsel.uncertainty.log_posterior import TAIL, Target
+from modelsel.uncertainty.log_posterior import TAIL, LogPosterior
 from modelsel.uncertainty.mcmc import autocorrelation_time, r_hat, snooker
 from modelsel.uncertainty.nuisance import components, constants
 from modelsel.uncertainty.parameters import labels
@@ -49,7 +49,7 @@ NOTHING = Importance(1, 1.0, "")
 
 
 @pytest.fixture
-def scene(rng: np.random.Generator) -> Scene:
+def problem(rng: np.random.Generator) -> Problem:
     return planted(drawn(ARM, rng, 20), MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
 
 
@@ -60,11 +60,11 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engine, "AGREE", 1.2)
 
 
-def target(at: Scene, fitted: Fit, chosen: Sequence[int], **more: object) -> Target:
+def target(at: Problem, fitted: Fit, chosen: Sequence[int], **more: object) -> LogPosterior:
     noise = components(at)
     tail = (TAIL,) if more.get("tail") else ()
     names = (*(str(k) for k in chosen), *noise.names, *tail)
-    return Target(fitted, noise, tuple(chosen), names, ("1",) * len(names), **more)  # type: ignore[arg-type]
+    return LogPosterior(fitted, noise, tuple(chosen), names, ("1",) * len(names), **more)  # type: ignore[arg-type]
 
 
 def named(fitted: Fit) -> list[int]:
@@ -86,31 +86,31 @@ def close(chain: Sampling, errors: float = 4.0) -> None:
 
 @pytest.mark.parametrize("exact", [True, False])
 def test_emcee_agrees_with_the_closed_form(
-    scene: Scene, rng: np.random.Generator, exact: bool
+    problem: Problem, rng: np.random.Generator, exact: bool
 ) -> None:
     """Every coefficient on the exact chain; or some of many on the reduced data, the others
     integrated out."""
     few = Model((one(1, "tx"), one(2, "tx"), one(1, "rz"), one(2, "rz", sin(q(1)))))
-    fitted = fit(scene, few if exact else MODEL)
+    fitted = fit(problem, few if exact else MODEL)
     chosen = fitted.found.kept if exact else named(fitted)
-    chain = sample(target(scene, fitted, chosen, exact=exact), NOTHING, "", rng)
+    chain = sample(target(problem, fitted, chosen, exact=exact), NOTHING, "", rng)
     assert chain.converged
     assert chain.effective.min() > 2000
     assert 0.1 < chain.acceptance < 0.6
     close(chain)
 
 
-def test_integrated_coefficients_change_nothing(scene: Scene, rng: np.random.Generator) -> None:
-    fitted = fit(scene, MODEL)
-    close(sample(target(scene, fitted, named(fitted)), NOTHING, "", rng))
+def test_integrated_coefficients_change_nothing(problem: Problem, rng: np.random.Generator) -> None:
+    fitted = fit(problem, MODEL)
+    close(sample(target(problem, fitted, named(fitted)), NOTHING, "", rng))
 
 
-def test_linear_and_exact_densities_agree(scene: Scene, rng: np.random.Generator) -> None:
+def test_linear_and_exact_densities_agree(problem: Problem, rng: np.random.Generator) -> None:
     precision = np.zeros(len(MODEL.terms))
     precision[-1] = 1e8
-    for fitted in (fit(scene, MODEL), fit(scene, MODEL, precision=precision)):
+    for fitted in (fit(problem, MODEL), fit(problem, MODEL, precision=precision)):
         for chosen in (named(fitted), named(fitted)[:1]):
-            whole, reduced = (target(scene, fitted, chosen, exact=e) for e in (True, False))
+            whole, reduced = (target(problem, fitted, chosen, exact=e) for e in (True, False))
             walkers = rng.standard_normal((6, whole.size))  # as far as the closed form's draws
             a, b = whole.log_density(walkers), reduced.log_density(walkers)
             assert np.allclose(a - a[0], b - b[0], atol=1e-3)
@@ -129,7 +129,7 @@ def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) 
     noise = components(at, instrument)
     assert noise.names == ("noise along the beam", "noise across the beam")
     chosen = tuple(named(fitted))
-    whole = Target(
+    whole = LogPosterior(
         fitted, noise, chosen, (*map(str, chosen), *noise.names), ("1",) * (len(chosen) + 2)
     )
     X, r = design(at, MODEL.terms, fitted.at())
@@ -177,10 +177,10 @@ def test_tail_with_a_coefficient_integrated_out(rng: np.random.Generator, nu: fl
     % of a density."""
     model = Model((one(1, "tx"), one(2, "rz", sin(q(1)))))
     at = drawn(ARM, rng, 25)
-    scene = planted(at, model.terms, np.zeros(2), rng, 0.1)
-    fitted = fit(scene, model)
-    whole = target(scene, fitted, (1,), tail=True)
-    X, r = design(scene, model.terms, fitted.at())
+    problem = planted(at, model.terms, np.zeros(2), rng, 0.1)
+    fitted = fit(problem, model)
+    whole = target(problem, fitted, (1,), tail=True)
+    X, r = design(problem, model.terms, fitted.at())
     points, expected = np.zeros((3, 3)), []
     points[:, 2] = (1 / nu - whole.natural(np.zeros((1, 3)))[0, 2]) / 0.05
     points[:, 0], points[:, 1] = (0.0, 1.5, -1.0), (0.0, 1.0, -2.0)
@@ -213,11 +213,11 @@ def test_tail_is_found(rng: np.random.Generator) -> None:
         rng.normal(0, 0.1, (80, 3)) / np.sqrt(rng.chisquare(3, (80, 1)) / 3),
         rng.normal(0, 0.1, (80, 3)),
     ):
-        scene = replace(at, data=replace(at.data, position=at.data.position + noise))
-        fitted = fit(scene, MODEL)
+        problem = replace(at, data=replace(at.data, position=at.data.position + noise))
+        fitted = fit(problem, MODEL)
         tails.append(
             sample(
-                target(scene, fitted, named(fitted), tail=True),
+                target(problem, fitted, named(fitted), tail=True),
                 NOTHING,
                 "",
                 np.random.default_rng(1),
@@ -247,7 +247,7 @@ def test_the_moment_of_a_step_is_sampled(rng: np.random.Generator) -> None:
     assert chosen.names[-1] == "constant of tracker-step"
     assert "constant of tracker-step" in described(chosen)
     low, _, high = sample(chosen, NOTHING, "", rng).quantiles[-1]
-    progress = np.unique(data.scene.data.progress)
+    progress = np.unique(data.problem.data.progress)
     assert (
         progress[progress < 0.612].max() - 0.01
         < low
@@ -336,9 +336,9 @@ class Broken:
 
 
 @pytest.mark.parametrize("after", [1, 3, 7])
-def test_resumed_chain_is_the_unbroken_one(scene: Scene, after: int) -> None:
-    fitted = fit(scene, MODEL)
-    aim = target(scene, fitted, named(fitted), exact=False)
+def test_resumed_chain_is_the_unbroken_one(problem: Problem, after: int) -> None:
+    fitted = fit(problem, MODEL)
+    aim = target(problem, fitted, named(fitted), exact=False)
     whole, again = (sample(aim, NOTHING, "", np.random.default_rng(3)) for _ in range(2))
     assert np.array_equal(whole.chain, again.chain)
     keeper = Broken(after)
@@ -465,20 +465,20 @@ def test_interrupted_study_resumes(
     assert {p.name for p in (folder / "out").iterdir()} == set(WRITES)
     (folder / "out" / "result.json").unlink()
 
-    density, left = Target.log_density, [700]
+    density, left = LogPosterior.log_density, [700]
 
-    def stops(self: Target, walkers: Array) -> Array:
+    def stops(self: LogPosterior, walkers: Array) -> Array:
         left[0] -= 1
         if not left[0]:
             raise KeyboardInterrupt
         return density(self, walkers)
 
-    monkeypatch.setattr(Target, "log_density", stops)
+    monkeypatch.setattr(LogPosterior, "log_density", stops)
     status, output = invoke(monkeypatch, *command)
     assert status == 130
     assert "Traceback" not in output + capfd.readouterr().err
     assert f"modelsel {' '.join(command)} --resume" in output
-    monkeypatch.setattr(Target, "log_density", density)
+    monkeypatch.setattr(LogPosterior, "log_density", density)
     text = (folder / "study.toml").read_text()
     (folder / "study.toml").write_text(text.replace("seed = 4", "seed = 5"))
     status, output = invoke(monkeypatch, *command, "--resume")
@@ -529,10 +529,10 @@ def test_over_all_and_without(folder: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_chain_as_frame_and_arviz(
-    scene: Scene, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+    problem: Problem, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fitted = fit(scene, MODEL)
-    chain = sample(target(scene, fitted, named(fitted), exact=False), NOTHING, "", rng)
+    fitted = fit(problem, MODEL)
+    chain = sample(target(problem, fitted, named(fitted), exact=False), NOTHING, "", rng)
     frame = chain.to_dataframe()
     assert list(frame.columns) == list(chain.names)
     assert np.array_equal(frame.loc[(7, 3)], chain.chain[7, 3])
@@ -593,7 +593,7 @@ def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
         at, _floor = weigh(at, None, None)
     data = study_of(at)
     data.outlying[3] = True
-    data.scene.data.position[3] += 50.0
+    data.problem.data.position[3] += 50.0
     fitted = fit(data.training(), base)
     found = sampled(
         certainty(data, fitted, ("geometric",), 1),

@@ -146,7 +146,7 @@ def test_groups_that_saturate(rng) -> None:
 
 @seeds(1, 2)
 def test_subsets_of_mechanisms(rng) -> None:
-    """The paper's arm: every subset of four mechanisms on the geometric base, from the scene's own
+    """The paper's arm: every subset of four mechanisms on the geometric base, from the problem's own
     folds."""
     names = ("joint2-twist", "joint3-twist", "backlash:3", "wrist-coupling:6")
     some = [mechanism(n, load("puma760")) for n in names]

@@ -19,7 +19,7 @@ from modelsel.fitting.least_squares import Fit, fit
 from modelsel.mechanisms.causes import Named, q, sin
 from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.selection.cross_validation import by_unit, fold
-from modelsel.selection.evaluation import Data, rung
+from modelsel.selection.evaluation import Split, evaluate
 from modelsel.uncertainty.bootstrap import bootstrap, halves, signs
 from modelsel.uncertainty.parameters import (
     correlation,
@@ -43,31 +43,31 @@ TRUTH[-3:] = 2e-4, 1e-3, -5e-4
 
 
 @pytest.fixture
-def data(rng: np.random.Generator) -> Data:
+def data(rng: np.random.Generator) -> Split:
     """40 configurations, 10 held out, compliance and eccentricity planted, one outlier."""
     data = study_of(planted(drawn(ARM, rng, 40), MODEL.terms, TRUTH, rng, 0.1), held_out=10)
     data.outlying[4] = True
-    data.scene.data.position[4] += 30.0
+    data.problem.data.position[4] += 30.0
     return data
 
 
-def linear(data: Data, fitted: Fit) -> tuple[np.ndarray, np.ndarray, list[int]]:
+def linear(split: Split, fitted: Fit) -> tuple[np.ndarray, np.ndarray, list[int]]:
     """(X (m, 3, p), response (m, 3) as if fitted from nought, kept) of the training rows."""
-    X, r = design(data.training(), fitted.terms, fitted.at())
+    X, r = design(split.training(), fitted.terms, fitted.at())
     return X, r + X @ fitted.theta, list(fitted.found.kept)
 
 
 def judged(
-    data: Data, fitted: Fit, names: Sequence[str], rng: np.random.Generator
+    split: Split, fitted: Fit, names: Sequence[str], rng: np.random.Generator
 ) -> tuple[Significance, ...]:
-    return significance(data, fitted, names, resampled(data, fitted, rng), rng)
+    return significance(split, fitted, names, resampled(split, fitted, rng), rng)
 
 
-def test_nested_f_is_that_of_statsmodels(data: Data, rng: np.random.Generator) -> None:
-    fitted = fit(data.training(), MODEL, held="nothing")
-    X, y, kept = linear(data, fitted)
+def test_nested_f_is_that_of_statsmodels(split: Split, rng: np.random.Generator) -> None:
+    fitted = fit(split.training(), MODEL, held="nothing")
+    X, y, kept = linear(split, fitted)
     whole = sm.OLS(y.ravel(), X.reshape(-1, len(TRUTH))[:, kept]).fit()
-    boot, ruled = resampled(data, fitted, rng), set()
+    boot, ruled = resampled(split, fitted, rng), set()
     for own in ([kept[-1]], kept[-2:], *([k] for k in kept[:12])):
         less = sm.OLS(
             y.ravel(), X.reshape(-1, len(TRUTH))[:, [k for k in kept if k not in own]]
@@ -82,19 +82,19 @@ def test_nested_f_is_that_of_statsmodels(data: Data, rng: np.random.Generator) -
     assert ruled == {True, False}
 
 
-def test_what_is_lost_without_a_mechanism(data: Data, rng: np.random.Generator) -> None:
+def test_what_is_lost_without_a_mechanism(split: Split, rng: np.random.Generator) -> None:
     """Every column against fits of the smaller model, fold by fold and on held-out rows; the whole
     model's against its rung."""
-    whole = rung(data, MODEL, NAMES)
-    rows = {s.mechanism: s for s in judged(data, whole.fit, NAMES, rng)}
+    whole = evaluate(split, MODEL, NAMES)
+    rows = {s.mechanism: s for s in judged(split, whole.fit, NAMES, rng)}
     assert set(rows) == set(NAMES)
     for s in rows.values():
         assert s.cv_rms_mm == pytest.approx(whole.cv_rms_mm, rel=1e-6)
         assert s.held_out_rms_mm == pytest.approx(whole.held_out.rms_mm, rel=1e-6)
-    X, y, kept = linear(data, whole.fit)
+    X, y, kept = linear(split, whole.fit)
     left = [k for k in kept if k < len(TRUTH) - 2]
     prior = whole.fit.root[:, left]
-    folds, cv = data.training_folds(), np.zeros(len(X))
+    folds, cv = split.training_folds(), np.zeros(len(X))
     for k in range(5):
         inside = folds != k
         A = np.vstack([X[inside][:, :, left].reshape(-1, len(left)), prior])
@@ -107,7 +107,7 @@ def test_what_is_lost_without_a_mechanism(data: Data, rng: np.random.Generator) 
     A = np.vstack([X[:, :, left].reshape(-1, len(left)), prior])
     beta = np.linalg.lstsq(A, np.append(y.ravel(), np.zeros(len(prior))), rcond=1e-15)[0]
     away, far = design(
-        data.scene.take(~data.estimation & ~data.outlying), MODEL.terms, whole.fit.at()
+        split.problem.take(~split.estimation & ~split.outlying), MODEL.terms, whole.fit.at()
     )
     missed = far + away @ whole.fit.theta - away[:, :, left] @ beta
     assert ecc.held_out_rms_without_mm == pytest.approx(
@@ -115,12 +115,12 @@ def test_what_is_lost_without_a_mechanism(data: Data, rng: np.random.Generator) 
     )
     theta = whole.fit.theta.copy()
     theta[-2:] = 0
-    scene = data.scene.take(~data.outlying)
+    problem = split.problem.take(~split.outlying)
     moved = np.linalg.norm(
-        residuals(scene, MODEL.terms, theta) - whole.fit.residuals(scene), axis=1
+        residuals(problem, MODEL.terms, theta) - whole.fit.residuals(problem), axis=1
     )
     assert (ecc.mean_mm, ecc.max_mm) == pytest.approx((moved.mean(), moved.max()), rel=1e-9)
-    sizes = [s.mean_mm for s in judged(data, whole.fit, NAMES, rng)]
+    sizes = [s.mean_mm for s in judged(split, whole.fit, NAMES, rng)]
     assert sizes == sorted(sizes, reverse=True)
 
 
@@ -131,9 +131,9 @@ def test_stability_tells_effects_from_none(rng: np.random.Generator) -> None:
     )
     at, absent = drawn(ARM, rng, 30), []
     for _ in range(200):
-        scene = planted(at, model.terms, np.array([1.0, 1e-3, 1e-3, 0.0]), rng, 0.1)
-        fitted = fit(scene, model)
-        folded = fold(scene, model.terms, np.arange(30), fitted.at())
+        problem = planted(at, model.terms, np.array([1.0, 1e-3, 1e-3, 0.0]), rng, 0.1)
+        fitted = fit(problem, model)
+        folded = fold(problem, model.terms, np.arange(30), fitted.at())
         strong, none, nothing = stability(folded, fitted, [[2], [3], []], rng, 20)
         assert strong == 1.0
         assert nothing is None
@@ -141,18 +141,18 @@ def test_stability_tells_effects_from_none(rng: np.random.Generator) -> None:
     assert 0.03 < np.mean(np.array(absent, float)) < 0.07
 
 
-def test_stability_of_the_study_itself(data: Data, rng: np.random.Generator) -> None:
-    fitted = fit(data.training(), MODEL)
-    shares = {s.mechanism: s.stability for s in judged(data, fitted, NAMES, rng)}
+def test_stability_of_the_study_itself(split: Split, rng: np.random.Generator) -> None:
+    fitted = fit(split.training(), MODEL)
+    shares = {s.mechanism: s.stability for s in judged(split, fitted, NAMES, rng)}
     assert shares["gear-eccentricity:2"] == 1.0
     few = (
-        data.scene.data.block < 6
+        split.problem.data.block < 6
     )  # too few configurations for a half to carry the model: undefined, not nought
-    small = Data(
-        data.scene.take(few),
-        data.estimation[few],
+    small = Split(
+        split.problem.take(few),
+        split.estimation[few],
         np.zeros(int(few.sum()), bool),
-        data.folds[few],
+        split.folds[few],
         False,
     )
     tiny = fit(small.training(), Model((one(1, "tx"), one(1, "rz"))))
@@ -236,7 +236,7 @@ def test_three_answers_agree_or_are_flagged(rng: np.random.Generator) -> None:
     assert difference_notes(found) == ()
     assert np.allclose([p.bootstrap_error / p.standard_error for p in found], 1, atol=0.3)
     position = (
-        even.scene.data.position
+        even.problem.data.position
         + rng.normal(0, 0.5, (120, 3)) * np.square(at.data.covariates["current_A"])[:, None]
     )
     uneven = study_of(replace(at, data=replace(at.data, position=position)))
@@ -286,9 +286,9 @@ def test_shrunk_parameters_have_their_prior_in_the_bootstrap(rng: np.random.Gene
     at = drawn(ARM, rng, 60)
     free = fit(planted(at, model.terms, np.zeros(3), rng, 0.1), model)
     strong = np.array([0.0, 0.0, 1 / (free.factor[2] @ free.factor[2])])
-    scene = planted(at, model.terms, np.zeros(3), rng, 0.1)
-    fitted = fit(scene, model, precision=strong)
-    found = bootstrap(by_unit(scene, model.terms, scene.data.block, fitted.at()), fitted, rng)
+    problem = planted(at, model.terms, np.zeros(3), rng, 0.1)
+    fitted = fit(problem, model, precision=strong)
+    found = bootstrap(by_unit(problem, model.terms, problem.data.block, fitted.at()), fitted, rng)
     assert np.allclose(found.errors, posterior(fitted).spread, rtol=0.25)
 
 
@@ -296,8 +296,8 @@ def test_shrunk_parameters_have_their_prior_in_the_bootstrap(rng: np.random.Gene
 # -----------------------------------------------------------------------------------------------------------
 
 
-def test_correlation_is_that_of_draws(data: Data, rng: np.random.Generator) -> None:
-    fitted = fit(data.training(), MODEL)
+def test_correlation_is_that_of_draws(split: Split, rng: np.random.Generator) -> None:
+    fitted = fit(split.training(), MODEL)
     found = correlation(fitted)
     kept = list(fitted.found.kept)
     draws = posterior(fitted).draw(rng, 20_000).theta[:, kept]
@@ -345,9 +345,9 @@ def test_nothing_fitted_has_no_tables(rng: np.random.Generator) -> None:
     assert sampled(found, data, fitted, Request(bare, "default", None, False, BUILTIN), 3) is found
 
 
-def test_tables_are_the_same_again(data: Data) -> None:
-    fitted = fit(data.training(), MODEL)
-    found, again = (confidence(data, fitted, NAMES, 3).to_dict() for _ in range(2))
+def test_tables_are_the_same_again(split: Split) -> None:
+    fitted = fit(split.training(), MODEL)
+    found, again = (confidence(split, fitted, NAMES, 3).to_dict() for _ in range(2))
     assert found["sampling"] is None
     assert dumps(found) == dumps(again)
     assert [p["symbol"] for p in found["parameters"]] == found["correlation"]["symbols"]

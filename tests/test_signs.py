@@ -21,7 +21,7 @@ from modelsel.diagnosis.sentences import sentence
 from modelsel.diagnosis.stepwise import Effect
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import Scene
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import every, faults, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -51,7 +51,7 @@ def turned(joint: int, by: Array, q: Array) -> Array:
     return forward(ARM, moved, TOOL)
 
 
-def from_base(at: Scene) -> tuple[Scan, tuple[Candidate, ...], Array]:
+def from_base(at: Problem) -> tuple[Scan, tuple[Candidate, ...], Array]:
     fitted, found = fit(at, BASE), candidates(at, BASE, every(ARM))
     X, _ = stacked(at, BASE.terms, fitted.at())
     Q = basis(X[:, list(fitted.found.kept)])

@@ -12,7 +12,7 @@ from modelsel.exceptions import DataError
 from modelsel.fitting.design import Model
 from modelsel.fitting.identifiability import solve
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import Scene
+from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.selection.cross_validation import cross_validate, fold
@@ -28,7 +28,7 @@ def model(*names: str) -> Model:
     )
 
 
-def some_scene(rng: np.random.Generator, m: int = 240) -> Scene:
+def some_scene(rng: np.random.Generator, m: int = 240) -> Problem:
     which = model()
     theta = rng.normal(size=len(which.terms)) * np.array(
         [0.3 if t.unit.startswith("mm") else 3e-4 for t in which.terms]

@@ -36,13 +36,13 @@ def pinocchio(robot: Robot) -> object:
 def run() -> dict[str, float]:
     import pinocchio as pin
 
-    scene, model = arm_scene(M)
+    problem, model = arm_scene(M)
     terms, space = model.terms, Space()
-    parts = [part for _, part in scene.parts(STREAM)]
-    chain = pinocchio(scene.robot)
+    parts = [part for _, part in problem.parts(STREAM)]
+    chain = pinocchio(problem.robot)
     data, tool = chain.createData(), pin.SE3(np.eye(3), TOOL / 1e3)
     world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    q = scene.data.q[:PEER].copy()
+    q = problem.data.q[:PEER].copy()
     A, peer = np.empty((44, 3, M)), np.empty((PEER, 3, 43))
 
     def regressor() -> None:
@@ -76,9 +76,9 @@ def growth() -> list[tuple[int, float]]:
     """(configurations, seconds) of assembling."""
     out = []
     for m in (200, 2_000, 20_000, 200_000):
-        scene, model = arm_scene(m)
+        problem, model = arm_scene(m)
         start, space = time.process_time(), Space()
-        for _, part in scene.parts(STREAM):
+        for _, part in problem.parts(STREAM):
             assemble(part, model.terms, space=space)
         out.append((m, time.process_time() - start))
     return out

@@ -24,8 +24,8 @@ def run() -> dict[str, float]:
     from modelsel.fitting.batch import Ensemble
     from modelsel.uncertainty.posterior import posterior, weighted
 
-    scene, model = arm_scene(M)
-    fitted = fit(scene, model)
+    problem, model = arm_scene(M)
+    fitted = fit(problem, model)
     kept = list(fitted.found.kept)
     rng = np.random.default_rng(2)
 
@@ -33,10 +33,10 @@ def run() -> dict[str, float]:
     for _ in range(3):
         start = time.process_time()
         exact = posterior(fitted)
-        draws = weighted(scene, fitted, exact.draw(rng, 4000))
+        draws = weighted(problem, fitted, exact.draw(rng, 4000))
         best = max(best, draws.effective / (time.process_time() - start))
 
-    ensemble, d = Ensemble(scene, fitted.terms), len(kept) + 1
+    ensemble, d = Ensemble(problem, fitted.terms), len(kept) + 1
 
     def log_probability(x: np.ndarray) -> np.ndarray:
         theta = np.zeros((len(x), len(fitted.terms)))

@@ -10,7 +10,7 @@ import numpy as np
 
 from modelsel.fitting.design import assemble
 from modelsel.fitting.identifiability import identify, solve
-from modelsel.fitting.reduction import reduce_scene
+from modelsel.fitting.reduction import reduce_problem
 
 from .timing import arm_scene, interleaved
 
@@ -26,15 +26,15 @@ def gemm_rate() -> float:
 def run(m: int = M) -> dict[str, float]:
     from sklearn.linear_model import LinearRegression
 
-    scene, model = arm_scene(m)
+    problem, model = arm_scene(m)
     p = len(model.terms)
 
     def ours() -> None:
-        reduction = reduce_scene(scene, model.terms)
+        reduction = reduce_problem(problem, model.terms)
         solve(reduction, identify(reduction).kept)
 
     def sklearn() -> None:
-        block = assemble(scene, model.terms)
+        block = assemble(problem, model.terms)
         A, y = np.ascontiguousarray(block[:-1].reshape(p, -1).T), block[-1].ravel()
         LinearRegression(fit_intercept=False).fit(A, y)
 
@@ -57,19 +57,19 @@ def growth() -> list[tuple[int, float]]:
     """(configurations, seconds) of the streaming fit."""
     out = []
     for m in (200, 2_000, 20_000, 200_000):
-        scene, model = arm_scene(m)
+        problem, model = arm_scene(m)
         start = time.process_time()
-        reduce_scene(scene, model.terms)
+        reduce_problem(problem, model.terms)
         out.append((m, time.process_time() - start))
     return out
 
 
 def growth_parameters() -> list[tuple[int, float]]:
     """(parameters, seconds) of the streaming fit of 50,000 configurations."""
-    scene, model = arm_scene(50_000)
+    problem, model = arm_scene(50_000)
     out = []
     for p in (6, 12, 20, 30, 43):
         start = time.process_time()
-        reduce_scene(scene, model.terms[:p])
+        reduce_problem(problem, model.terms[:p])
         out.append((p, time.process_time() - start))
     return out

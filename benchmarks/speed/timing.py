@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from modelsel.fitting.design import Model
-from modelsel.fitting.problem import Scene, scene
+from modelsel.fitting.problem import Problem, make_problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
@@ -35,10 +35,12 @@ def interleaved(work: Mapping[str, Callable[[], object]], rounds: int = 5) -> di
     return {name: float(value) for name, value in best.items()}
 
 
-def arm_scene(m: int, noise: float = 0.1, seed: int = 1) -> tuple[Scene, Model]:
+def arm_scene(m: int, noise: float = 0.1, seed: int = 1) -> tuple[Problem, Model]:
     """The PUMA 760 at m random configurations with noise [mm], and its 39 geometric and 4 flexure
     terms (the test problem of every figure; 29 of the 43 are independent)."""
     arm, rng = load("puma760"), np.random.default_rng(seed)
     q = arm.draw(rng, m)
     data = measurements(q, forward(arm, q, TOOL) + rng.normal(0, noise, (m, 3)))
-    return scene(arm, data, TOOL[None]), Model(tuple(mechanism(name, arm) for name in FLEXURE))
+    return make_problem(arm, data, TOOL[None]), Model(
+        tuple(mechanism(name, arm) for name in FLEXURE)
+    )

@@ -10,7 +10,7 @@ import numpy as np
 
 from modelsel._typing import Array
 from modelsel.fitting.design import twist_of
-from modelsel.fitting.problem import Scene, scene
+from modelsel.fitting.problem import Problem, make_problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.terms import Mechanism, Term
 from modelsel.report.style import BLUE, ORANGE, QUIET, scaled, styled, svg
@@ -88,7 +88,7 @@ def values(terms: tuple[Term, ...]) -> Array:
     return np.array(out)
 
 
-def _scene(robot: Robot, q: Array, **covariates: Array) -> Scene:
+def _problem(robot: Robot, q: Array, **covariates: Array) -> Problem:
     everything = {
         "payload_kg": np.full(len(q), 5.0),
         "temperature_C": np.full(len(q), 30.0),
@@ -100,10 +100,10 @@ def _scene(robot: Robot, q: Array, **covariates: Array) -> Scene:
         configuration=list(range(len(q))),
         covariates=everything,
     )
-    return replace(scene(robot, data, np.array([TOOL])), tracker=TRACKER)
+    return replace(make_problem(robot, data, np.array([TOOL])), tracker=TRACKER)
 
 
-def sweep(robot: Robot, by: Driver) -> tuple[Scene, Array]:
+def sweep(robot: Robot, by: Driver) -> tuple[Problem, Array]:
     """(configurations along the driver, its values): a joint goes there and back; all else
     rests."""
     q, along = np.tile(REST, (POINTS, 1)), np.linspace(0, 1, POINTS)
@@ -111,24 +111,24 @@ def sweep(robot: Robot, by: Driver) -> tuple[Scene, Array]:
         q[:, by.joint - 1] += np.radians(np.linspace(0.5, 60, POINTS)) * np.where(
             np.arange(POINTS) % 2, 1, -1
         )
-        at = _scene(robot, q)
+        at = _problem(robot, q)
         return at, np.degrees(at.value(f"move{by.joint}") * at.value(f"approach{by.joint}"))
     if by.joint:
         q[:, by.joint - 1] = np.radians(150) * (1 - 2 * np.abs(2 * along - 1))
-        return _scene(robot, q), np.degrees(q[:, by.joint - 1])
+        return _problem(robot, q), np.degrees(q[:, by.joint - 1])
     if by.name == "progress":
-        return _scene(robot, q), along
+        return _problem(robot, q), along
     low, high = AT[by.name]
-    return _scene(robot, q, **{by.name: low + along * (high - low)}), low + along * (high - low)
+    return _problem(robot, q, **{by.name: low + along * (high - low)}), low + along * (high - low)
 
 
-def _postures(robot: Robot, by: Driver, along: Scene) -> Scene:
+def _postures(robot: Robot, by: Driver, along: Problem) -> Problem:
     """Three configurations to draw the arm in: on the way of a joint, or a fan where no joint is
     the driver."""
     if by.joint and not by.name.startswith("move"):
         there = np.degrees(along.data.q[: POINTS // 2, by.joint - 1])
         return along.take(np.array([np.abs(there - angle).argmin() for angle in DRAWN]))
-    return _scene(robot, FAN)
+    return _problem(robot, FAN)
 
 
 def _joints(robot: Robot, q: Array, twist: Array | None = None) -> Array:
@@ -146,7 +146,7 @@ def _seen(points: Array) -> Array:
     return np.stack([np.cos(a) * x + np.sin(a) * y, z * np.cos(e) + depth * np.sin(e)], -1)
 
 
-def displacement(at: Scene, terms: tuple[Term, ...], theta: Array) -> Array:
+def displacement(at: Problem, terms: tuple[Term, ...], theta: Array) -> Array:
     """(m, 3) mm: how far the exact chain moves the target."""
     tool, twist = np.array(TOOL), twist_of(at, terms, theta, slice(0, len(at)))
     return np.asarray(

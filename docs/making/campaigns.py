@@ -13,7 +13,7 @@ from modelsel.diagnosis.candidates import Candidate, candidates
 from modelsel.diagnosis.scan import Columns, Scan, basis, columns, scan, stacked
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import Fit, fit
-from modelsel.fitting.problem import Scene, scene
+from modelsel.fitting.problem import Problem, make_problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Term
@@ -32,12 +32,12 @@ def effect(name: str, *sizes: float) -> list[tuple[Term, float]]:
 
 def measured(
     m: int, effects: Sequence[tuple[Term, float]], seed: int, noise: float = NOISE
-) -> Scene:
+) -> Problem:
     """m configurations drawn within the limits, measured on the exact chain with geometric errors,
     the effects and noise."""
     rng = np.random.default_rng(seed)
     q = ROBOT.draw(rng, m)
-    at = scene(ROBOT, measurements(q, forward(ROBOT, q, np.array(TOOL))), np.array([TOOL]))
+    at = make_problem(ROBOT, measurements(q, forward(ROBOT, q, np.array(TOOL))), np.array([TOOL]))
     size = [0.3 if t.screws[0].axis[0] == "t" else 5e-4 for t in BASE.terms]
     built = np.random.default_rng([seed, 1]).normal(
         0, size
@@ -53,7 +53,7 @@ class View:
     """A campaign with a fitted model: every candidate, its columns, the scan beyond the model, what
     the model leaves."""
 
-    at: Scene
+    at: Problem
     fitted: Fit
     found: tuple[Candidate, ...]
     cols: Columns
@@ -61,7 +61,7 @@ class View:
     rest: Array
 
 
-def look(at: Scene, model: Model = BASE, cols: Columns | None = None) -> View:
+def look(at: Problem, model: Model = BASE, cols: Columns | None = None) -> View:
     """Fit a model and scan beyond it; `cols` are those of the base."""
     found, fitted = candidates(at, BASE, every(ROBOT)), fit(at, model)
     cols = columns(at, found, fitted.at()) if cols is None else cols

@@ -15,7 +15,7 @@ import numpy as np
 from modelsel._typing import Array
 from modelsel.diagnosis.scan import basis
 from modelsel.fitting.design import design
-from modelsel.fitting.problem import Scene, scene
+from modelsel.fitting.problem import Problem, make_problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import BUILTIN, Registry, Scanned, parts
 from modelsel.mechanisms.serialization import mechanism_card
@@ -58,18 +58,18 @@ def shown(stem: str, robot: Robot, registry: Registry = BUILTIN) -> Mechanism:
     )
 
 
-def drawn(robot: Robot) -> Scene:
+def drawn(robot: Robot) -> Problem:
     """Configurations drawn within the limits, every covariate varied, measured where the nominal
     model has them."""
     rng = np.random.default_rng(SEED)
     q = robot.draw(rng, COUNT)
     more = {"payload_kg": rng.uniform(0, 5, COUNT), "temperature_C": rng.uniform(15, 35, COUNT)}
     data = measurements(q, forward(robot, q, np.array(arm.TOOL)), covariates=more)
-    return replace(scene(robot, data, np.array([arm.TOOL])), tracker=arm.TRACKER)
+    return replace(make_problem(robot, data, np.array([arm.TOOL])), tracker=arm.TRACKER)
 
 
 def beyond(
-    at: Scene, robot: Robot, registry: Registry = BUILTIN
+    at: Problem, robot: Robot, registry: Registry = BUILTIN
 ) -> tuple[dict[str, float], dict[str, Array]]:
     """({name: share of its displacement that geometry absorbs}, {name: basis (3m, k) of what is
     left}) of every name a joint."""

@@ -19,12 +19,12 @@ from ..exceptions import DataError, suggest
 from ..fitting.design import Model, columns_of, field_of, twist_of
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Member
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Pose, Robot
-from ..selection.evaluation import Data
+from ..selection.evaluation import Split
 from .refitting import Refits, part_of
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class Calibration:
         """Names that the model's causes look at."""
         return frozenset[str]().union(*(m.names() for m in self.model.mechanisms))
 
-    def scene(self, data: Measurements, *, another_day: bool = True) -> Scene:
+    def problem(self, data: Measurements, *, another_day: bool = True) -> Problem:
         """These data bound to the calibrated set-up. On `another_day` drift stands at the middle of
         the campaign that was fitted. Raises DataError where a target, a group or a covariate is not
         known."""
@@ -104,7 +104,7 @@ class Calibration:
             groups=self.groups,
             progress=progress,
         )
-        bound = Scene(
+        bound = Problem(
             self.robot,
             here,
             self.tools,
@@ -175,7 +175,7 @@ def _matched(
 
 def calibrate(
     study: str,
-    data: Data,
+    split: Split,
     fitted: Fit,
     floor: Floor,
     held_out_rms_mm: float | None,
@@ -184,8 +184,8 @@ def calibrate(
 ) -> Calibration:
     """The calibration of a model fitted to the rows of a study that fit; its refits are another's
     to add."""
-    scene, some = data.scene, data.training()
-    names = {f"q{j}" for j in range(1, scene.robot.n + 1)} | set(scene.data.covariates)
+    problem, some = split.problem, split.training()
+    names = {f"q{j}" for j in range(1, problem.robot.n + 1)} | set(problem.data.covariates)
     names |= {n for m in fitted.model.mechanisms for n in m.names()} - {
         "target",
         "group",
@@ -205,14 +205,14 @@ def calibrate(
         factor = _triangle(factor[of_arm], kept)
     return Calibration(
         study,
-        scene.robot,
-        scene.data.targets,
-        scene.data.groups,
-        scene.tools,
-        scene.tool_rotations,
-        scene.placement,
+        problem.robot,
+        problem.data.targets,
+        problem.data.groups,
+        problem.tools,
+        problem.tool_rotations,
+        problem.placement,
         registered,
-        scene.tracker,
+        problem.tracker,
         _arm(fitted.model),
         fitted.theta[of_arm],
         factor,
@@ -242,29 +242,29 @@ def _triangle(factor: Array, kept: tuple[int, ...]) -> Array:
     return out
 
 
-def pose_of(scene: Scene, terms: tuple[Term, ...], theta: Array) -> Pose:
+def pose_of(problem: Problem, terms: tuple[Term, ...], theta: Array) -> Pose:
     """The exact chain of all rows at parameters theta, in frame 0."""
-    rows = slice(0, len(scene))
-    return scene.pose(rows, twist_of(scene, terms, theta, rows))
+    rows = slice(0, len(problem))
+    return problem.pose(rows, twist_of(problem, terms, theta, rows))
 
 
-def in_tracker(scene: Scene, points: Array) -> Array:
+def in_tracker(problem: Problem, points: Array) -> Array:
     """Points (m, 3) of frame 0 in the tracker's frame."""
-    R, t = scene.placement[0][scene.data.group], scene.placement[1][scene.data.group]
+    R, t = problem.placement[0][problem.data.group], problem.placement[1][problem.data.group]
     return np.asarray(np.einsum("mij,mj->mi", R, points) + t)
 
 
-def predict(calibration: Calibration, scene: Scene) -> Array:
+def predict(calibration: Calibration, problem: Problem) -> Array:
     """(m, 3) mm: where the calibrated robot has the target, in the tracker's frame."""
-    return in_tracker(scene, pose_of(scene, calibration.terms, calibration.theta).target.T)
+    return in_tracker(problem, pose_of(problem, calibration.terms, calibration.theta).target.T)
 
 
-def uncertainty(calibration: Calibration, scene: Scene) -> Array:
+def uncertainty(calibration: Calibration, problem: Problem) -> Array:
     """(m, 3, r) mm: columns whose products summed are the covariance of the predicted positions,
     noise left out."""
-    out = np.empty((len(scene), 3, calibration.factor.shape[1]))
-    for rows in scene.blocks(512):
-        at = scene.pose(rows, twist_of(scene, calibration.terms, calibration.theta, rows))
-        columns = columns_of(scene, field_of(scene, at, rows), calibration.terms, rows)[:, :3]
+    out = np.empty((len(problem), 3, calibration.factor.shape[1]))
+    for rows in problem.blocks(512):
+        at = problem.pose(rows, twist_of(problem, calibration.terms, calibration.theta, rows))
+        columns = columns_of(problem, field_of(problem, at, rows), calibration.terms, rows)[:, :3]
         out[rows] = np.einsum("pcm,pr->mcr", columns, calibration.factor)
     return out

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from .._typing import Array
 from ..exceptions import sentence_list
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import Source
@@ -90,18 +90,18 @@ class Commands:
         return out
 
 
-def commanded(at: Scene, q: Array) -> Scene:
-    """The scene at other joint readings, all else as it was: the direction and size of the moves
+def commanded(at: Problem, q: Array) -> Problem:
+    """The problem at other joint readings, all else as it was: the direction and size of the moves
     are those of the plan."""
     return at.anew(data=replace(at.data, q=q))
 
 
-def nominal(at: Scene) -> Array:
+def nominal(at: Problem) -> Array:
     """(m, 3) where the nominal robot has the target, in the tracker's frame."""
     return in_tracker(at, forward(at.robot, at.data.q, at.tool))
 
 
-def _error(c: Calibration, at: Scene, wanted: Array) -> tuple[Array, Array]:
+def _error(c: Calibration, at: Problem, wanted: Array) -> tuple[Array, Array]:
     """(what is missing (m, c), its derivative to the joints (m, c, n)) in frame 0: mm, and with
     orientations rad · LEVER_MM."""
     pose, R = pose_of(at, c.terms, c.theta), at.placement[0][at.data.group]
@@ -123,7 +123,7 @@ def compensate(c: Calibration, data: Measurements) -> Commands:
     """Corrected commands for planned ones: `data.q` nominal commands, `data.position` wanted
     positions (nan: where the nominal robot has the target), `data.rotation` wanted orientations
     where there are any. Raises DataError."""
-    start = c.scene(data)
+    start = c.problem(data)
     wanted = np.where(np.isnan(data.position), nominal(start), data.position)
     scale = np.array([LEVER_MM if j.prismatic else 1.0 for j in c.robot.joints])
     q, damping = data.q.copy(), np.full(len(data), 1e-9)

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._typing import Array
 from ..fitting.design import PLACE
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements, measurements
 from ..measurements.reader import RESERVED
 from ..mechanisms.causes import Cause, Combined, Member, Number
@@ -146,7 +146,7 @@ def carried(c: Calibration, group: int = 0) -> Carried:
     return Carried(robot, targets)
 
 
-def workspace(c: Calibration, target: int = 0, group: int = 0, m: int = TRIED) -> Scene:
+def workspace(c: Calibration, target: int = 0, group: int = 0, m: int = TRIED) -> Problem:
     """Configurations all over what the calibration has seen, evenly drawn, with every covariate and
     direction of approach."""
     rng = np.random.default_rng(0)
@@ -161,10 +161,10 @@ def workspace(c: Calibration, target: int = 0, group: int = 0, m: int = TRIED) -
         covariates={n: v for n, v in values.items() if not RESERVED.fullmatch(n)},
     )
     move = np.stack([values.get(f"move{j}", np.ones(m)) for j in range(1, c.robot.n + 1)], 1)
-    return c.scene(replace(data, move=move))
+    return c.problem(replace(data, move=move))
 
 
-def points(at: Scene, some: Sequence[Part]) -> Array:
+def points(at: Problem, some: Sequence[Part]) -> Array:
     """(m, 3) mm: the target in frame 0 with these screws in the chain."""
     return pose_of(at, tuple(p.term for p in some), np.array([p.value for p in some])).target.T
 

@@ -16,7 +16,7 @@ import numpy as np
 from .._typing import Array
 from ..exceptions import DataError
 from ..fitting.design import design
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..mechanisms.terms import Term
 
 FREE_MM = 10.0  # what a term that nothing is known of may move the target, rms: its prior
@@ -55,15 +55,17 @@ class Pool:
         return list(dict.fromkeys(place[t.screws] for t in some if not t.fixture))
 
 
-def pool(known: Scene, possible: Scene, terms: Sequence[Term], at: At, sigma: float) -> Pool:
+def pool(known: Problem, possible: Problem, terms: Sequence[Term], at: At, sigma: float) -> Pool:
     """Columns of the known rows and of every configuration of the possible ones, linearised at the
     fitted model; what the known rows say of features they share is projected out. Raises DataError
     where configurations have different numbers of rows."""
     distinct = tuple({t.screws: t for t in terms if not t.fixture}.values())
     features = tuple({t.screws: t for t in terms if t.fixture}.values())
 
-    def columns(some: Scene, of: Sequence[Term] = distinct) -> Array:
-        plain = some.anew(whiten=1.0, data=replace(some.data, rotation=None), tool_rotations=None)
+    def columns(problem: Problem, of: Sequence[Term] = distinct) -> Array:
+        plain = problem.anew(
+            whiten=1.0, data=replace(problem.data, rotation=None), tool_rotations=None
+        )
         return design(plain, of, at)[0]
 
     each = np.unique(possible.data.configuration, return_counts=True)[1]

@@ -21,7 +21,7 @@ from ..fitting.least_squares import Fit
 from ..measurements.reference_temperature import TEMPERATURE
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term
-from ..selection.evaluation import Data, Rung, errors, rung
+from ..selection.evaluation import Split, Evaluation, errors, evaluate
 
 PLACED = frozenset(
     ("target", "group", "feature")
@@ -107,20 +107,20 @@ def part_of(model: Model, keep: Callable[[Term], bool]) -> Model:
     return Model(tuple(m for m in own if m.terms))
 
 
-def refitted(data: Data, fitted: Fit, known: Sequence[Rung] = ()) -> Refits:
+def refitted(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> Refits:
     """The refits of a model that was fitted to a study's rows; models that stand among the `known`
     are not fitted again."""
     place = {t.screws: k for k, t in enumerate(t for t in fitted.terms if not t.fixture)}
     own = {frozenset(t.screws for t in r.fit.terms): r for r in known}
-    best: Rung | None = None
+    best: Evaluation | None = None
     alone = dict[str, Refit]()
     for form in WIDER:
         model = part_of(fitted.model, carries(fitted.model, form))
         if len(model.terms) == len(fitted.terms) and form != "nominal":
             break
         try:
-            made = own.get(frozenset(t.screws for t in model.terms)) or rung(
-                data, model, model.names, start=fitted
+            made = own.get(frozenset(t.screws for t in model.terms)) or evaluate(
+                split, model, model.names, start=fitted
             )
         except NotEstimable:
             continue
@@ -134,20 +134,20 @@ def refitted(data: Data, fitted: Fit, known: Sequence[Rung] = ()) -> Refits:
             best.estimation.rms_mm,
             best.held_out.rms_mm,
         )
-    left, side = fitted.residuals(data.scene), data.estimation
+    left, side = fitted.residuals(split.problem), split.estimation
     whole = (
-        errors(left[side], data.outlying[side]).rms_mm,
-        errors(left[~side], data.outlying[~side]).rms_mm,
+        errors(left[side], split.outlying[side]).rms_mm,
+        errors(left[~side], split.outlying[~side]).rms_mm,
     )
     warm = (
-        data.scene.data.covariates.get(TEMPERATURE)
+        split.problem.data.covariates.get(TEMPERATURE)
         if any(TEMPERATURE in m.names() for m in fitted.model.mechanisms)
         else None
     )
-    return Refits(alone, whole, None if warm is None else float(warm[data.used].mean()))
+    return Refits(alone, whole, None if warm is None else float(warm[split.used].mean()))
 
 
-def _crossed(made: Rung) -> float:
+def _crossed(made: Evaluation) -> float:
     return np.inf if made.cv_rms_mm is None or not np.isfinite(made.cv_rms_mm) else made.cv_rms_mm
 
 

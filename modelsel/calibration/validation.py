@@ -16,7 +16,7 @@ from ..diagnosis.mistaken_rows import slipped
 from ..exceptions import DataError, sentence_list
 from ..fitting.noise import Floor
 from ..fitting.noise_check import SMALLER, Lack, against, lack, likeliest
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..measurements.columns import SMALLEST
 from ..measurements.measurements import Measurements
 from ..robot.rigid import rotation_vector
@@ -61,8 +61,8 @@ class Verdict:
         return self.p <= SURE and self.factor >= NOTABLE
 
 
-def register(c: Calibration, at: Scene) -> tuple[Scene, tuple[float, float, float], Array]:
-    """(the scene with one placement and the targets' offsets found from the new data, how far they
+def register(c: Calibration, at: Problem) -> tuple[Problem, tuple[float, float, float], Array]:
+    """(the problem with one placement and the targets' offsets found from the new data, how far they
     moved (mm, rad, mm), the columns (m, 3, k) of what was left free). Robust; the calibrated chain
     stays as it is. Raises DataError."""
     if at.data.configurations < LEAST:
@@ -77,9 +77,9 @@ def register(c: Calibration, at: Scene) -> tuple[Scene, tuple[float, float, floa
 
 
 def _registered(
-    c: Calibration, start: Scene, at: Scene
-) -> tuple[Scene, tuple[float, float, float], Array]:
-    """`register` of the scene `start`, what the model's causes look at taken where the scene `at`
+    c: Calibration, start: Problem, at: Problem
+) -> tuple[Problem, tuple[float, float, float], Array]:
+    """`register` of the problem `start`, what the model's causes look at taken where the problem `at`
     has the tracker."""
     pose = pose_of(at, c.terms, c.theta)
     o, x = pose.target.T, start.data.position
@@ -200,9 +200,9 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
         one = replace(
             data, groups=c.groups[:1], group=np.zeros(len(data), np.intp)
         )  # its placement is found below
-        at, moved, free = register(c, _with_new(c, data).scene(one))
+        at, moved, free = register(c, _with_new(c, data).problem(one))
     else:
-        at = c.scene(data)
+        at = c.problem(data)
     residual = at.data.position - predict(c, at)
     sigma, freedom = reference(c)
     spread = uncertainty(c, at)

@@ -64,7 +64,7 @@ def compensate(
     data = read_measurements(targets, c.robot.prismatic, columns, positions=False, once=False)
     made, said = corrected(c, data), [*outside(c, data), *from_order(c, data)]
     if forward:
-        frame = commands_frame(c, data, data.q, predict(c, c.scene(data)), {})
+        frame = commands_frame(c, data, data.q, predict(c, c.problem(data)), {})
     else:
         refuse(c, made, data, (bound[0] / 1e3, bound[1]), targets.name)
         said += at_limits(made)

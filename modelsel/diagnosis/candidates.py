@@ -16,7 +16,7 @@ import numpy as np
 
 from .._typing import Array
 from ..fitting.design import Model
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..measurements.reference_temperature import TEMPERATURE
 from ..mechanisms.causes import Applied, Bump, Cause, Named, cos, q, sign, sin, torque
 from ..mechanisms.drives import WAVES, wave
@@ -80,17 +80,17 @@ class Candidate:
         return joint.join(each)
 
 
-def places(scene: Scene) -> tuple[tuple[int, str], ...]:
+def places(problem: Problem) -> tuple[tuple[int, str], ...]:
     """(frame, axis) where a screw can show: the target's rotations only where orientation is
     measured."""
-    n = scene.robot.n
-    last = AXES if scene.components == 6 else AXES[:3]
+    n = problem.robot.n
+    last = AXES if problem.components == 6 else AXES[:3]
     return tuple((f, a) for f in range(1, n + 1) for a in AXES) + tuple((n + 1, a) for a in last)
 
 
-def cell_causes(scene: Scene) -> tuple[tuple[Cause, ...], ...]:
+def cell_causes(problem: Problem) -> tuple[tuple[Cause, ...], ...]:
     """Causes of the map's columns: one function each, or a sine and cosine of unknown phase."""
-    robot, out = scene.robot, list[tuple[Cause, ...]]()
+    robot, out = problem.robot, list[tuple[Cause, ...]]()
     turning = [j for j in range(1, robot.n + 1) if not robot.joints[j - 1].prismatic]
     for j in range(1, robot.n + 1):
         out.append((q(j, robot.unit(j)),))
@@ -102,8 +102,8 @@ def cell_causes(scene: Scene) -> tuple[tuple[Cause, ...], ...]:
         along = q(j, "mm")
         out.append((along, along * along))
         out += (
-            [(warmth(scene.data.reference_celsius) * along, along)]
-            if TEMPERATURE in scene.data.covariates
+            [(warmth(problem.data.reference_celsius) * along, along)]
+            if TEMPERATURE in problem.data.covariates
             else []
         )
     for j, k in combinations(turning, 2):
@@ -118,12 +118,12 @@ def cell_causes(scene: Scene) -> tuple[tuple[Cause, ...], ...]:
     if (pair := arm_pair(robot)) is not None:
         out += [(far(pair),), (near(pair),), (sign(far(pair)),)]
     out += [(Named(f"approach{j}"),) for j in range(1, robot.n + 1)]
-    out += [(cause,) for cause in warming(scene)]
-    units = scene.names()
-    for name in scene.data.covariates:
+    out += [(cause,) for cause in warming(problem)]
+    units = problem.names()
+    for name in problem.data.covariates:
         out.append(
             (
-                warmth(scene.data.reference_celsius)
+                warmth(problem.data.reference_celsius)
                 if name == TEMPERATURE
                 else Named(name, units[name]),
             )
@@ -133,9 +133,9 @@ def cell_causes(scene: Scene) -> tuple[tuple[Cause, ...], ...]:
     return tuple(out)
 
 
-def crowded(scene: Scene) -> bool:
+def crowded(problem: Problem) -> bool:
     """Whether the whole error map would have more than CELLS cells."""
-    return len(places(scene)) * len(cell_causes(scene)) > CELLS
+    return len(places(problem)) * len(cell_causes(problem)) > CELLS
 
 
 def _beside(causes: Sequence[Cause]) -> Callable[[int], bool]:
@@ -157,10 +157,10 @@ def _cell(place: tuple[int, str], causes: Sequence[Cause], words: str) -> Mechan
     return Mechanism(f"{place[0]} {place[1]} {words}", terms)
 
 
-def warming(scene: Scene) -> tuple[Cause, ...]:
+def warming(problem: Problem) -> tuple[Cause, ...]:
     """Drift and exponential warm-up, by the clock where the file has one, else by the place in the
     order of motion."""
-    data = scene.data
+    data = problem.data
     if "time_s" not in data.covariates:
         clock: Cause = Named("progress")
         return (clock, *(Applied("exp", clock / -share) for share in WARMING))
@@ -188,13 +188,13 @@ def waves(robot: Robot) -> list[tuple[Mechanism, float]]:
     ]
 
 
-def pitches(scene: Scene) -> list[tuple[Mechanism, float]]:
+def pitches(problem: Problem) -> list[tuple[Mechanism, float]]:
     """(waves of a slide's own reading, half to 60 over the travel seen, weight in the prior): a
     screw's pitch, a rack's teeth, a scale's joints. The travel is no multiple of them, so eighths
     stand for all."""
     out = []
-    for j in (j for j, joint in enumerate(scene.robot.joints, 1) if joint.prismatic):
-        travel = float(np.ptp(scene.data.q[:, j - 1]))
+    for j in (j for j, joint in enumerate(problem.robot.joints, 1) if joint.prismatic):
+        travel = float(np.ptp(problem.data.q[:, j - 1]))
         for count in PITCHES if travel > 0 else ():
             angle = float(f"{2 * np.pi * count / travel:.6g}") * q(j, "mm")
             out.append(
@@ -213,13 +213,13 @@ def pitches(scene: Scene) -> list[tuple[Mechanism, float]]:
     return out
 
 
-def free_functions(scene: Scene) -> list[Mechanism]:
+def free_functions(problem: Problem) -> list[Mechanism]:
     """Cubic splines of every turning joint's own angle at its own rotation, knots 10, 4 and 2
     degrees apart, where the data are dense enough to carry them."""
     out = []
-    data = scene.data
+    data = problem.data
     first = np.unique(data.block, return_index=True)[1]
-    for j, joint in enumerate(scene.robot.joints, 1):
+    for j, joint in enumerate(problem.robot.joints, 1):
         values = np.sort(data.q[first, j - 1])
         if joint.prismatic or np.ptp(values) < np.radians(20.0):
             continue
@@ -251,13 +251,13 @@ def free_functions(scene: Scene) -> list[Mechanism]:
 
 
 def candidates(
-    scene: Scene, base: Model, mechanisms: Sequence[Mechanism], cells: bool = True
+    problem: Problem, base: Model, mechanisms: Sequence[Mechanism], cells: bool = True
 ) -> tuple[Candidate, ...]:
     """Every explanation the data could carry beyond the base, with priors that sum to one.
     `cells=False`: the given mechanisms alone."""
-    names, inside = scene.names(), {t.screws for t in base.terms}
+    names, inside = problem.names(), {t.screws for t in base.terms}
     fitting = _distinct(
-        scene,
+        problem,
         [
             m
             for m in mechanisms
@@ -270,20 +270,20 @@ def candidates(
     seen, one_sided = _taken(fitting)
     others: list[tuple[Mechanism, float]] = []
     if cells:
-        every_cause = [(causes, " & ".join(map(str, causes))) for causes in cell_causes(scene)]
-        some = crowded(scene)
+        every_cause = [(causes, " & ".join(map(str, causes))) for causes in cell_causes(problem)]
+        some = crowded(problem)
         beside = [_beside(causes) if some else lambda frame: True for causes, _ in every_cause]
         pool = [
             (_cell(place, causes, words), 1.0)
-            for place in places(scene)
+            for place in places(problem)
             for (causes, words), near in zip(every_cause, beside, strict=True)
             if near(place[0])
         ]
         for m, weight in [
             *pool,
-            *waves(scene.robot),
-            *pitches(scene),
-            *((f, ODD) for f in free_functions(scene)),
+            *waves(problem.robot),
+            *pitches(problem),
+            *((f, ODD) for f in free_functions(problem)),
         ]:
             key = frozenset(t.screws for t in m.terms)
             if key not in seen and not key <= inside:
@@ -323,13 +323,13 @@ def _taken(
     return set(by_screws) - set(one_sided), one_sided
 
 
-def _distinct(scene: Scene, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
+def _distinct(problem: Problem, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
     """Of a scanned mechanism's constants, those that differ on these rows: a step between the same
     two configurations is one."""
     seen: set[tuple[object, ...]] = set()
     out = []
     for m in mechanisms:
-        values = (np.asarray(scene.cause(s.cause)).tobytes() for t in m.terms for s in t.screws)
+        values = (np.asarray(problem.cause(s.cause)).tobytes() for t in m.terms for s in t.screws)
         key = (m.name, *((s.frame, s.axis) for t in m.terms for s in t.screws), *values)
         if key not in seen:
             seen.add(key)

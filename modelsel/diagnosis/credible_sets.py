@@ -32,7 +32,7 @@ class Entry:
 
 
 @dataclass(frozen=True, eq=False)
-class Named:
+class CredibleSet:
     """One effect named: its log evidence, the smallest set that holds CREDIBLE of the probability
     (at most LISTED listed, `more` not), the verdict, and the log probability of every candidate
     (G,)."""
@@ -47,7 +47,7 @@ class Named:
 
 def name(
     seen: Scan, candidates: tuple[Candidate, ...], response: Array, without: Index | None = None
-) -> Named:
+) -> CredibleSet:
     """Name what explains a response (N,) that the model's basis has been projected off; `without`
     leaves candidates out."""
     return _named(
@@ -67,7 +67,7 @@ def _named(
     known: Array,
     log_prior: Array,
     without: Index | None,
-) -> Named:
+) -> CredibleSet:
     if without is not None:
         log_prior = log_prior.copy()
         log_prior[without] = -np.inf
@@ -93,7 +93,7 @@ def _named(
     )
     together = sum(e.probability for e in entries if e.alike)
     verdict = "found" if together >= SURE else "cannot be told apart"
-    return Named(value, entries, max(count - len(shown), 0), verdict, relative, int(order[0]))
+    return CredibleSet(value, entries, max(count - len(shown), 0), verdict, relative, int(order[0]))
 
 
 def coefficients(seen: Scan, g: int, response: Array) -> Array:
@@ -111,7 +111,7 @@ def fitted_displacement(seen: Scan, g: int, response: Array) -> Array:
     return np.asarray(raw - seen.Q @ (seen.Q.T @ raw))
 
 
-def own_evidence(seen: Scan, named: Named, g: int, response: Array) -> float:
+def own_evidence(seen: Scan, named: CredibleSet, g: int, response: Array) -> float:
     """Log evidence of what moves the target as candidate g does: of the listed entries alike to it,
     and of itself. What else may be left in the response does not count for it."""
     mine = fitted_displacement(seen, g, response)
@@ -127,7 +127,7 @@ def own_evidence(seen: Scan, named: Named, g: int, response: Array) -> float:
 
 def name_again(
     seen: Scan, candidates: tuple[Candidate, ...], g: int, response: Array, without: Index
-) -> Named:
+) -> CredibleSet:
     """Candidate g named given all else: among the explanations that speak of the same effect. What
     may be left beside it in the response belongs to another finding; `without` leaves candidates
     out from the start."""
@@ -154,8 +154,8 @@ def name_again(
 
 
 def with_candidate(
-    named: Named, seen: Scan, candidates: tuple[Candidate, ...], g: int, response: Array
-) -> Named:
+    named: CredibleSet, seen: Scan, candidates: tuple[Candidate, ...], g: int, response: Array
+) -> CredibleSet:
     """The same with candidate g, which stands in the model, in the set: where a search that went in
     a circle stopped at a name that its own set does not hold, the data do not tell, and that is
     said."""

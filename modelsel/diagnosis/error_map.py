@@ -13,7 +13,7 @@ from ..mechanisms.causes import Bump, Cause
 from ..mechanisms.terms import Mechanism
 from ..robot.rigid import AXES
 from .candidates import Candidate
-from .stepwise import Extension
+from .stepwise import Diagnosis
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class ErrorMap:
     named: dict[tuple[int, int], Mechanism]
 
 
-def error_map(extension: Extension, found: Sequence[Candidate]) -> ErrorMap:
+def error_map(diagnosis: Diagnosis, found: Sequence[Candidate]) -> ErrorMap:
     """Every candidate that acts at one place with one cause (or one wave of unknown phase), seen
     from the base."""
     cells: dict[tuple[tuple[int, str], str], int] = {}
@@ -57,7 +57,7 @@ def error_map(extension: Extension, found: Sequence[Candidate]) -> ErrorMap:
     at = {key: k for keys in (rows, columns) for k, key in enumerate(keys)}
     for (place, name), k in cells.items():
         cell = at[place], at[name]
-        f[cell], p[cell] = extension.single_f[k], extension.map_p[k]
+        f[cell], p[cell] = diagnosis.single_f[k], diagnosis.map_p[k]
         if found[k].registered:
             named[cell] = found[k].mechanism
     names = tuple(f"{frame} {axis}" for frame, axis in rows)

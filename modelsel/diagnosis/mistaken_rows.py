@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .._typing import Array, Index
 from ..exceptions import DataError, NotEstimable
 from ..fitting.design import residuals
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..measurements.table import Where
 from ..setup.other_robots import better
 from ..setup.registration import register
@@ -21,7 +21,7 @@ from .outliers import MATCH, scale_of
 
 # times as near as a row comes by a slip, a row has to be off: chance does not come so near
 FAR = 20.0
-Residuals = Callable[[Scene], Array]
+Residuals = Callable[[Problem], Array]
 BAD = 3e-3  # of the reach: a mean residual from which slips are looked for before any fit,
 FACTOR = 4.0  # and are said where without them the positions fit so much better
 ROUNDS = 8
@@ -39,8 +39,8 @@ class Slip:
     scale: float = 1.0
 
 
-def _slips(scene: Scene) -> Iterator[Slip]:
-    q, x, turns = scene.data.q, scene.data.position, ~np.array(scene.robot.prismatic)
+def _slips(problem: Problem) -> Iterator[Slip]:
+    q, x, turns = problem.data.q, problem.data.position, ~np.array(problem.robot.prismatic)
     yield from (
         Slip(f"in {u.unit}, not millimetres", u.remedy, q, x * u.scale, u.scale) for u in SCALES
     )
@@ -57,28 +57,28 @@ def _slips(scene: Scene) -> Iterator[Slip]:
 
 
 def slipped(
-    scene: Scene,
+    problem: Problem,
     left: Residuals,
     rows: NDArray[np.bool_],
     usual: float | None = None,
     named: NDArray[np.bool_] | None = None,
 ) -> tuple[str, ...]:
     """A sentence for every slip that explains some of the `rows` (mask): how many, where, and how
-    well they fit without. `left`: residuals (m, c) of a scene under the model; near is what the
+    well they fit without. `left`: residuals (m, c) of a problem under the model; near is what the
     other rows leave, or some times the `usual` length [mm]. Rows that are `named` (mask) are said
     already."""
-    data = scene.data
+    data = problem.data
     points = np.ones(len(data), bool) if data.gauges is None else data.gauges.of("point")
     calm, rows = points & ~rows, points & rows & (True if named is None else ~named)
     if not rows.any() or not (calm.any() or usual):
         return ()
     near = MATCH * max(
-        scale_of(_length(left(scene.take(calm)))) if usual is None else usual / np.sqrt(3), 1e-6
+        scale_of(_length(left(problem.take(calm)))) if usual is None else usual / np.sqrt(3), 1e-6
     )
-    some = scene.take(rows)
+    some = problem.take(rows)
     before = _length(left(some))
     still, out = before > FAR * near, list[str]()
-    for slip in (*_slips(some), _stale(scene, rows)):
+    for slip in (*_slips(some), _stale(problem, rows)):
         changed = some.anew(data=replace(some.data, q=slip.q, position=slip.position))
         after = _length(left(changed))
         good = still & (after < near)
@@ -98,19 +98,21 @@ def _said(slip: Slip, where: Where, rows: Index, before: float, after: float) ->
     )
 
 
-def slipped_before(scene: Scene, registered: bool, per_group: bool = False) -> str | None:
-    """A sentence on the slip of some rows that explains what a scene's points leave at its
+def slipped_before(problem: Problem, registered: bool, per_group: bool = False) -> str | None:
+    """A sentence on the slip of some rows that explains what a problem's points leave at its
     placement and tools; None where they leave little, or no slip of less than half of the rows
     explains it. Where placement and tools were found from the rows (`registered`), they are found
     again with every guess."""
     points = (
-        np.ones(len(scene), bool) if scene.data.gauges is None else scene.data.gauges.of("point")
+        np.ones(len(problem), bool)
+        if problem.data.gauges is None
+        else problem.data.gauges.of("point")
     )
     if not points.any():
         return None
-    some = scene.take(points).plain_points()
+    some = problem.take(points).plain_points()
     given = _length(residuals(some))
-    if given.mean() < BAD * scene.reach_mm:
+    if given.mean() < BAD * problem.reach_mm:
         return None
     tried = [(*_settled(some, slip, registered, per_group), slip) for slip in _slips(some)]
     after, marked, slip = min(tried, key=lambda each: float(each[0].mean()))
@@ -126,40 +128,40 @@ def slipped_before(scene: Scene, registered: bool, per_group: bool = False) -> s
 
 
 def _settled(
-    some: Scene, slip: Slip, registered: bool, per_group: bool
+    problem: Problem, slip: Slip, registered: bool, per_group: bool
 ) -> tuple[Array, NDArray[np.bool_]]:
     """(what every row leaves, which rows have the slip) once no row changes sides any more."""
-    length = np.linalg.norm(some.data.position, axis=1)
+    length = np.linalg.norm(problem.data.position, axis=1)
     usual = float(np.median(length))
     marked = (np.abs(np.log(np.maximum(length * slip.scale, 1e-9) / max(usual, 1e-9))) < 1) & (
         slip.scale != 1.0
     )
     marked &= np.abs(np.log(np.maximum(length, 1e-9) / max(usual, 1e-9))) > 1
-    at = _with(some, slip, marked, registered, per_group)
+    at = _with(problem, slip, marked, registered, per_group)
     for _ in range(ROUNDS):
         plain, other = (
             _length(residuals(at.anew(data=replace(at.data, q=q, position=x))))
-            for q, x in ((some.data.q, some.data.position), (slip.q, slip.position))
+            for q, x in ((problem.data.q, problem.data.position), (slip.q, slip.position))
         )
         again = other < plain / 2
         if (again == marked).all():
             break
         marked = again
-        at = _with(some, slip, marked, registered, per_group)
+        at = _with(problem, slip, marked, registered, per_group)
     return _length(residuals(at)), marked
 
 
 def _with(
-    some: Scene, slip: Slip, marked: NDArray[np.bool_], registered: bool, per_group: bool
-) -> Scene:
-    """The scene without the slip in the marked rows, tracker and targets found again where they
+    problem: Problem, slip: Slip, marked: NDArray[np.bool_], registered: bool, per_group: bool
+) -> Problem:
+    """The problem without the slip in the marked rows, tracker and targets found again where they
     were found before."""
     rows = marked[:, None]
-    at = some.anew(
+    at = problem.anew(
         data=replace(
-            some.data,
-            q=np.where(rows, slip.q, some.data.q),
-            position=np.where(rows, slip.position, some.data.position),
+            problem.data,
+            q=np.where(rows, slip.q, problem.data.q),
+            position=np.where(rows, slip.position, problem.data.position),
         )
     )
     try:
@@ -170,14 +172,14 @@ def _with(
         return at
 
 
-def _stale(scene: Scene, rows: NDArray[np.bool_]) -> Slip:
+def _stale(problem: Problem, rows: NDArray[np.bool_]) -> Slip:
     """Of every row the readings of the one before: its position was not taken anew."""
-    q = np.roll(scene.data.q, 1, axis=0)
+    q = np.roll(problem.data.q, 1, axis=0)
     return Slip(
         "given with the position of the row before",
         "measure them again",
         q[rows],
-        scene.data.position[rows],
+        problem.data.position[rows],
     )
 
 

@@ -11,7 +11,7 @@ from .._typing import Array, Index
 from ..fitting.design import Model, design
 from ..fitting.identifiability import identify
 from ..fitting.least_squares import Fit, fit
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..fitting.reduction import reduce
 
 TRIM = 0.75  # share of the rows that the concentration steps fit
@@ -47,15 +47,15 @@ def _alike(size: Array, measured: Mask | None) -> Array:
     )
 
 
-def gross(scene: Scene, base: Model) -> Mask:
+def gross(problem: Problem, base: Model) -> Mask:
     """(m,) rows far off, whatever the base does not explain: concentration steps from the plain fit
     (Rousseeuw & Van Driessen 1999), then residuals in robust standard deviations, each divided by
     what its leverage makes of it."""
-    fitted = fit(scene, base)
-    X, r = design(scene, base.terms, fitted.at())
+    fitted = fit(problem, base)
+    X, r = design(problem, base.terms, fitted.at())
     X = X[:, :, list(fitted.representatives)]
-    seen = scene.measured
-    m, p, c = len(X), X.shape[2], scene.coordinates / len(X)
+    seen = problem.measured
+    m, p, c = len(X), X.shape[2], problem.coordinates / len(X)
     keep = max(int(TRIM * m), int(np.ceil(2 * p / c)) + 1)
     if keep >= m:
         return np.zeros(m, bool)
@@ -140,21 +140,21 @@ class Fault:
 
 
 def misplaced(
-    scene: Scene, outlying: Mask, fitted: Fit, rng: np.random.Generator
+    problem: Problem, outlying: Mask, fitted: Fit, rng: np.random.Generator
 ) -> tuple[Fault, ...]:
     """Outlying rows whose positions fit each other's joint readings or targets: swapped reflectors
     where they share a configuration, a wrong order of rows elsewhere. Chance: the same distances in
     random directions. Told where both that p and the posterior probability (`_probability`) are
     clear."""
-    gauges = scene.data.gauges
+    gauges = problem.data.gauges
     points = np.ones(len(outlying), bool) if gauges is None else gauges.of("point")
     at = np.flatnonzero(outlying & points)
     if not 2 <= len(at) <= MOST_ROWS:
         return ()
-    residual = fitted.residuals(scene)[:, :3]
+    residual = fitted.residuals(problem)[:, :3]
     scale = scale_of(np.linalg.norm(residual[~outlying & points], axis=1))
     near = MATCH * scale
-    measured = scene.data.position[at]
+    measured = problem.data.position[at]
     predicted = measured - residual[at]
     fits = _fits(measured, predicted, near)
     if fits.sum() < 2:
@@ -166,14 +166,14 @@ def misplaced(
     p = float((1 + (chance >= fits.sum()).sum()) / (DRAWS + 1))
     if p > CERTAIN:
         return ()
-    rows, data = at[fits], scene.data
+    rows, data = at[fits], problem.data
     every = _partner(measured, predicted)
     partner = every[fits]
     ratio = _log_ratio(
         np.linalg.norm(measured - predicted[every], axis=1),
         np.linalg.norm(residual[at], axis=1),
         scale,
-        scene.reach_mm,
+        problem.reach_mm,
     )
     together = data.configuration[rows] == data.configuration[at[partner]]
     out = []

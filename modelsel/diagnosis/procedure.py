@@ -16,55 +16,55 @@ from .._random import generator
 from .._typing import Index, Say
 from ..fitting.design import Model, whitened
 from ..fitting.least_squares import fit
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
-from ..selection.evaluation import Data, Errors, errors
+from ..selection.evaluation import Split, Errors, errors
 from ..selection.splits import assign
 from .candidates import Candidate, candidates
 from .outliers import GROSS, LEFT, MOST, far_off, gross
-from .stepwise import Extension, extend
+from .stepwise import Diagnosis, extend
 
 OUTLIER_ROUNDS = 3
 SCANNED = 2500  # rows: beyond it the columns of all candidates take a gigabyte and more
 
 
 def explain(
-    data: Data,
+    split: Split,
     base: Model,
     everything: tuple[Mechanism, ...],
     seed: int,
     cells: bool,
     say: Say = lambda _: None,
-) -> tuple[Data, Extension, tuple[Candidate, ...]]:
+) -> tuple[Split, Diagnosis, tuple[Candidate, ...]]:
     """Outliers, then names; where the extended model shows other outliers than the base did, once
     more with those.
 
     `everything`: mechanisms that may extend the base; `cells`: whether unregistered causes may,
     too. Of more than SCANNED rows a seeded choice of configurations is scanned, so that the scan's
     columns fit into memory; outliers are judged in all rows."""
-    if data.estimation.sum() > SCANNED:
+    if split.estimation.sum() > SCANNED:
         some, extension, found = explain(
-            replace(data, estimation=_chosen(data, seed)), base, everything, seed, cells, say
+            replace(split, estimation=_chosen(split, seed)), base, everything, seed, cells, say
         )
-        size, used = whitened(data.scene, extension.fit.residuals(data.scene)), some.used
-        seen = None if data.scene.measured is None else data.scene.measured[used]
-        outlying = data.estimation & far_off(
+        size, used = whitened(split.problem, extension.fit.residuals(split.problem)), some.used
+        seen = None if split.problem.measured is None else split.problem.measured[used]
+        outlying = split.estimation & far_off(
             size, size[used], LEFT if extension.effects else GROSS, seen
         )
         return (
             replace(
-                data,
-                outlying=outlying if outlying[data.estimation].mean() <= MOST else some.outlying,
+                split,
+                outlying=outlying if outlying[split.estimation].mean() <= MOST else some.outlying,
             ),
             extension,
             found,
         )
-    training = data.scene.take(data.estimation)
-    rows = np.flatnonzero(data.estimation)
+    training = split.problem.take(split.estimation)
+    rows = np.flatnonzero(split.estimation)
     outlying = gross(training, base)
     for _ in range(OUTLIER_ROUNDS):
-        data = replace(data, outlying=_mask(len(data.estimation), rows[outlying]))
-        kept = data.training()
+        split = replace(split, outlying=_mask(len(split.estimation), rows[outlying]))
+        kept = split.training()
         base_fit = fit(kept, base)
         found = candidates(kept, base, everything, cells=cells)
         say(f"naming: {len(found)} candidates")
@@ -73,7 +73,7 @@ def explain(
         if (
             outlying.any()
         ):  # an effect of a few rows looks like outliers: does it still, once it may be named?
-            everyone = replace(data, outlying=np.zeros(len(data.estimation), bool)).training()
+            everyone = replace(split, outlying=np.zeros(len(split.estimation), bool)).training()
             other = extend(
                 everyone, base, fit(everyone, base), found, generator(seed, "naming"), say
             )
@@ -82,25 +82,25 @@ def explain(
         if (again == outlying).all() or again.mean() > MOST:
             break
         outlying = again
-    return data, extension, found
+    return split, extension, found
 
 
-def _chosen(data: Data, seed: int) -> NDArray[np.bool_]:
+def _chosen(split: Split, seed: int) -> NDArray[np.bool_]:
     """Mask of about SCANNED estimation rows: configurations drawn by the seed, equal readings
     together."""
-    block = data.scene.data.block
-    drawn = generator(seed, "scan").permutation(np.unique(block[data.estimation]))
-    share = SCANNED / float(data.estimation.sum())
-    return np.asarray(data.estimation & np.isin(block, drawn[: max(20, int(share * len(drawn)))]))
+    block = split.problem.data.block
+    drawn = generator(seed, "scan").permutation(np.unique(block[split.estimation]))
+    share = SCANNED / float(split.estimation.sum())
+    return np.asarray(split.estimation & np.isin(block, drawn[: max(20, int(share * len(drawn)))]))
 
 
 def _left_over(
-    scene: Scene, extension: Extension, outlying: NDArray[np.bool_]
+    problem: Problem, diagnosis: Diagnosis, outlying: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     """Rows far off the extended model, in robust standard deviations of the rows that made it."""
-    size = whitened(scene, extension.fit.residuals(scene))
-    seen = None if scene.measured is None else scene.measured[~outlying]
-    return far_off(size, size[~outlying], LEFT if extension.effects else GROSS, seen)
+    size = whitened(problem, diagnosis.fit.residuals(problem))
+    seen = None if problem.measured is None else problem.measured[~outlying]
+    return far_off(size, size[~outlying], LEFT if diagnosis.effects else GROSS, seen)
 
 
 def _mask(m: int, rows: Index) -> NDArray[np.bool_]:
@@ -122,7 +122,7 @@ class Nested:
 
 def _one_fold(
     k: int,
-    data: Data,
+    split: Split,
     base: Model,
     everything: tuple[Mechanism, ...],
     seed: int,
@@ -130,45 +130,45 @@ def _one_fold(
     fold: Index,
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], list[str]]:
     inside = replace(
-        data, estimation=data.estimation & (fold != k), outlying=np.zeros(len(fold), bool)
+        split, estimation=split.estimation & (fold != k), outlying=np.zeros(len(fold), bool)
     )
     inside, extension, _ = explain(inside, base, everything, seed, cells)
     out = fold == k
-    scene = data.scene.take(out)
+    problem = split.problem.take(out)
     base_fit = fit(inside.training(), base)
     return (
         out,
-        base_fit.residuals(scene),
-        extension.fit.residuals(scene),
+        base_fit.residuals(problem),
+        extension.fit.residuals(problem),
         [e.candidate.label for e in extension.effects],
     )
 
 
 def nested(
-    data: Data, base: Model, everything: tuple[Mechanism, ...], seed: int, cells: bool, folds: int
+    split: Split, base: Model, everything: tuple[Mechanism, ...], seed: int, cells: bool, folds: int
 ) -> Nested:
     """Outliers, naming and fit redone without each fold of the estimation configurations, in
     parallel; the same figures whatever the number of workers."""
-    fold = np.full(len(data.estimation), -1, dtype=np.intp)
-    fold[data.estimation] = assign(
-        data.scene.data.take(data.estimation), folds, generator(seed, "nested")
+    fold = np.full(len(split.estimation), -1, dtype=np.intp)
+    fold[split.estimation] = assign(
+        split.problem.data.take(split.estimation), folds, generator(seed, "nested")
     )
     count = int(fold.max()) + 1
     work = partial(
-        _one_fold, data=data, base=base, everything=everything, seed=seed, cells=cells, fold=fold
+        _one_fold, data=split, base=base, everything=everything, seed=seed, cells=cells, fold=fold
     )
     with ProcessPoolExecutor(max_workers=min(count, os.cpu_count() or 1)) as pool:
         done = list(pool.map(work, range(count)))
-    before, after = (np.full((len(fold), data.scene.components), np.nan) for _ in range(2))
+    before, after = (np.full((len(fold), split.problem.components), np.nan) for _ in range(2))
     named: dict[str, int] = {}
     for out, b, a, names in done:
         before[out], after[out] = b, a
         for name in dict.fromkeys(names):
             named[name] = named.get(name, 0) + 1
-    rows = data.estimation
+    rows = split.estimation
     return Nested(
         count,
-        errors(before[rows], data.outlying[rows]),
-        errors(after[rows], data.outlying[rows]),
+        errors(before[rows], split.outlying[rows]),
+        errors(after[rows], split.outlying[rows]),
         dict(sorted(named.items(), key=lambda item: (-item[1], item[0]))),
     )

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..fitting.design import blocks
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..fitting.splines import spline, splines
 from ..mechanisms.terms import Term
 from .candidates import Candidate
@@ -103,7 +103,7 @@ class Columns:
 
 
 def columns(
-    scene: Scene, found: Sequence[Candidate], at: tuple[Sequence[Term], Array] | None = None
+    problem: Problem, found: Sequence[Candidate], at: tuple[Sequence[Term], Array] | None = None
 ) -> Columns:
     """Columns of every candidate, each screw's evaluated once. Rows are ordered block, component,
     configuration."""
@@ -113,10 +113,10 @@ def columns(
             terms.setdefault(t.screws, t)
     place = {screws: k for k, screws in enumerate(terms)}
     slices = [np.array([place[t.screws] for t in c.mechanism.terms], dtype=np.intp) for c in found]
-    parts = [flat(scene, rows, c) for rows, c, _ in blocks(scene, tuple(terms.values()), at)]
+    parts = [flat(problem, rows, c) for rows, c, _ in blocks(problem, tuple(terms.values()), at)]
     XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
     rms: dict[int, float] = {}  # by the cause's identity: a hundred places share one
-    most = np.array([_most(scene, t, rms) for t in terms.values()])
+    most = np.array([_most(problem, t, rms) for t in terms.values()])
     soft = np.array([spline(c.mechanism.terms[0]) is not None for c in found])
     grams = []
     for size, smooth in sorted({(len(s), bool(w)) for s, w in zip(slices, soft, strict=True)}):
@@ -157,18 +157,18 @@ def pieces(count: int, size: int) -> Iterator[slice]:
     return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
 
-def flat(scene: Scene, rows: slice, values: NDArray[Any]) -> NDArray[Any]:
+def flat(problem: Problem, rows: slice, values: NDArray[Any]) -> NDArray[Any]:
     """(k, N) measured coordinates of values (k, c, rows)."""
     every = values.reshape(len(values), values.shape[1] * values.shape[2])  # of no columns, too
-    return every if scene.measured is None else every[:, scene.measured[rows].T.reshape(-1)]
+    return every if problem.measured is None else every[:, problem.measured[rows].T.reshape(-1)]
 
 
-def _most(scene: Scene, term: Term, rms: dict[int, float]) -> float:
+def _most(problem: Problem, term: Term, rms: dict[int, float]) -> float:
     """Largest coefficient with which every screw of a term is small, root mean square over the
     rows; `rms` remembers."""
     for s in term.screws:
         if id(s.cause) not in rms:
-            value = np.atleast_1d(scene.cause(s.cause))
+            value = np.atleast_1d(problem.cause(s.cause))
             rms[id(s.cause)] = max(sqrt(float(value @ value) / len(value)), 1e-300)
     return min(SMALL[s.axis[0]] / rms[id(s.cause)] for s in term.screws)
 
@@ -207,12 +207,12 @@ def subset(cols: Columns, which: Index) -> Columns:
 
 
 def stacked(
-    scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None
+    problem: Problem, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None
 ) -> tuple[Array, Array]:
     """(columns (N, p), residual (N,)) whitened, in the row order of `columns`."""
     parts = [
-        (flat(scene, rows, c), flat(scene, rows, r[None])[0])
-        for rows, c, r in blocks(scene, terms, at)
+        (flat(problem, rows, c), flat(problem, rows, r[None])[0])
+        for rows, c, r in blocks(problem, terms, at)
     ]
     return np.concatenate([c for c, _ in parts], axis=1).T, np.concatenate([r for _, r in parts])
 

@@ -12,10 +12,10 @@ from .._typing import Array, Index
 from ..exceptions import NotEstimable
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit, prior_root
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
 from .candidates import Candidate
-from .credible_sets import Named, name, name_again, own_evidence, with_candidate
+from .credible_sets import CredibleSet, name, name_again, own_evidence, with_candidate
 from .evidence import familywise, null
 from .joint_curves import better, curves
 from .residual_tests import DRAWS as FLIPS
@@ -30,22 +30,22 @@ LARGE = 3e6  # candidates' numbers beyond which a study is large
 
 
 class Search:
-    """What the loop shares: the training scene, all candidates with their columns, the null of the
+    """What the loop shares: the training problem, all candidates with their columns, the null of the
     first scan."""
 
     def __init__(
         self,
-        scene: Scene,
+        problem: Problem,
         base: Model,
         found: tuple[Candidate, ...],
         rng: np.random.Generator,
         base_fit: Fit,
     ):
-        self.scene, self.base, self.found, self.rng = scene, base, found, rng
-        self.columns: Columns = columns(scene, found, base_fit.at())
+        self.problem, self.base, self.found, self.rng = problem, base, found, rng
+        self.columns: Columns = columns(problem, found, base_fit.at())
         self.log_prior = np.log([c.prior for c in found])
         self.curves = curves(found, self.columns, self.log_prior)
-        self.first = view(scene, self.columns, base, base_fit)
+        self.first = view(problem, self.columns, base, base_fit)
         self.dead = np.flatnonzero(
             self.first.seen.sizes == 0
         )  # the base has them: what a refit leaks of them is no cause
@@ -56,7 +56,9 @@ class Search:
 
     def fit(self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM) -> View:
         model = models(self.base, [self.found[g] for g in chosen])
-        return view(self.scene, self.columns, model, fit_shrunk(self.scene, model, start, step_mm))
+        return view(
+            self.problem, self.columns, model, fit_shrunk(self.problem, model, start, step_mm)
+        )
 
     def attempt(
         self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM
@@ -85,7 +87,7 @@ class Search:
         moved = view.A[:rows, own] @ view.fitted.theta[own]
         return np.asarray(moved - self.first.Q @ (self.first.Q.T @ moved))
 
-    def next(self, view: View, known: Sequence[int]) -> Named:
+    def next(self, view: View, known: Sequence[int]) -> CredibleSet:
         """What explains most of the rest; `known` candidates have had their turn (what the fit
         drops of theirs is no cause)."""
         return name(
@@ -118,11 +120,11 @@ class Search:
     def in_units(self, view: View) -> list[Index]:
         """Which coordinates (N,) change sign together, -1 where a row is the prior's: a partition
         of every kind that `units` asks for."""
-        scene, out = self.scene, []
-        for own in units(scene.data, view.fitted.residuals(scene)[:, :3], self.rng):
-            every = np.tile(own, (1, scene.components, 1))
+        problem, out = self.problem, []
+        for own in units(problem.data, view.fitted.residuals(problem)[:, :3], self.rng):
+            every = np.tile(own, (1, problem.components, 1))
             measured = np.concatenate(
-                [flat(scene, rows, every[:, :, rows])[0] for rows in scene.blocks()]
+                [flat(problem, rows, every[:, :, rows])[0] for rows in problem.blocks()]
             )
             out.append(np.append(measured, np.full(len(view.r) - len(measured), -1)))
         return out
@@ -148,7 +150,7 @@ class Search:
             )
         return nothing, p
 
-    def again(self, g: int, view: View) -> tuple[Named, float]:
+    def again(self, g: int, view: View) -> tuple[CredibleSet, float]:
         """Effect g given the others: (named again, the evidence for itself or its like)."""
         if g not in view.asked:
             seen, y = view.without(self.found[g])
@@ -211,7 +213,7 @@ class View:
     raw: Array
     r: Array
     seen: Scan
-    asked: dict[int, tuple[Named, float]] = field(
+    asked: dict[int, tuple[CredibleSet, float]] = field(
         default_factory=dict, repr=False
     )  # what `_Search.again` has answered
 
@@ -237,9 +239,9 @@ class View:
         return scan_without(self.seen, D), response
 
 
-def view(scene: Scene, columns: Columns, model: Model, fitted: Fit) -> View:
+def view(problem: Problem, columns: Columns, model: Model, fitted: Fit) -> View:
     """A fitted model's projections, and every candidate beyond it."""
-    A, r = stacked(scene, model.terms, fitted.at())
+    A, r = stacked(problem, model.terms, fitted.at())
     if fitted.precision is not None:
         root = prior_root(fitted.terms, fitted.precision)
         A, r = np.vstack([A, root]), np.concatenate([r, -root @ fitted.theta])

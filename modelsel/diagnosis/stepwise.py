@@ -16,10 +16,10 @@ import numpy as np
 from .._typing import Array
 from ..fitting.design import Model
 from ..fitting.least_squares import STEP_MM, Fit
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
 from .candidates import Candidate
-from .credible_sets import Named
+from .credible_sets import CredibleSet
 from .evidence import p_value, single_f
 from .state import BETTER, LEVEL, Search, View
 
@@ -33,7 +33,7 @@ class Effect:
     another one that undoes most of it, and the share of it that is left of both."""
 
     candidate: Candidate
-    named: Named
+    named: CredibleSet
     p: float
     estimate: Array = field(repr=False)
     standard_error: Array = field(repr=False)
@@ -41,7 +41,7 @@ class Effect:
 
 
 @dataclass(frozen=True, eq=False)
-class Extension:
+class Diagnosis:
     """The extended model: effects in the order they were found, its fit, the null evidences, what
     was tried on the way; `left` names the strongest of what remains, with its p-value, whatever it
     is (None without candidates); `held_back`: its p under equal normal noise, where that would have
@@ -54,7 +54,7 @@ class Extension:
     fit: Fit
     null: Array
     path: tuple[str, ...]
-    left: Named | None
+    left: CredibleSet | None
     left_p: float
     held_back: float | None
     bound: float
@@ -63,17 +63,17 @@ class Extension:
 
 
 def extend(
-    scene: Scene,
+    problem: Problem,
     base: Model,
     base_fit: Fit,
     found: tuple[Candidate, ...],
     rng: np.random.Generator,
     say: Callable[[str], None] = lambda _: None,
-) -> Extension:
-    """Extend the base on a training scene by what the candidates explain beyond chance, one named
+) -> Diagnosis:
+    """Extend the base on a training problem by what the candidates explain beyond chance, one named
     effect at a time."""
     if not found:
-        return Extension(
+        return Diagnosis(
             base,
             (),
             base,
@@ -87,7 +87,7 @@ def extend(
             np.zeros(0),
             np.zeros(0),
         )
-    search = Search(scene, base, found, rng, base_fit)
+    search = Search(problem, base, found, rng, base_fit)
     chosen: list[int] = []
     path: list[str] = []
     tried: set[frozenset[int]] = {frozenset()}
@@ -136,7 +136,7 @@ def extend(
     chosen = list(known)
     if chosen != before:  # what the dropped ones explained is left
         left, left_p, held_back = *_left(search, view, chosen), None
-    fitted = fit_shrunk(scene, view.model, view.fitted, held="all") if chosen else view.fitted
+    fitted = fit_shrunk(problem, view.model, view.fitted, held="all") if chosen else view.fitted
     place = {t.screws: k for k, t in enumerate(view.model.terms)}
     effects, undone = [], _undone(search, chosen, view)
     for g, p in known.items():
@@ -144,7 +144,7 @@ def extend(
         effects.append(
             Effect(found[g], one, p, fitted.theta[at], fitted.standard_errors[at], undone.get(g))
         )
-    return Extension(
+    return Diagnosis(
         base,
         tuple(effects),
         view.model,
@@ -160,7 +160,7 @@ def extend(
     )
 
 
-def _left(search: Search, view: View, chosen: Sequence[int]) -> tuple[Named, float]:
+def _left(search: Search, view: View, chosen: Sequence[int]) -> tuple[CredibleSet, float]:
     """The strongest of what a model leaves, and its p."""
     left = search.next(view, chosen)
     p = p_value(left.evidence, search.null)
@@ -212,7 +212,7 @@ def _proven(
 
 
 def _untried(
-    search: Search, left: Named, view: View, chosen: Sequence[int], tried: set[frozenset[int]]
+    search: Search, left: CredibleSet, view: View, chosen: Sequence[int], tried: set[frozenset[int]]
 ) -> int | None:
     """The most probable explanation beyond chance whose addition gives a model not seen before."""
     blocked = list(chosen)

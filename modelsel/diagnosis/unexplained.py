@@ -11,13 +11,13 @@ import numpy as np
 from .._typing import Array
 from ..fitting.noise import Floor
 from ..measurements.measurements import Measurements
-from ..selection.evaluation import Data, Rung
+from ..selection.evaluation import Split, Evaluation
 from .candidates import Candidate
 from .evidence import RATIOS
 from .residual_tests import LASTING, together
 from .sentences import display
 from .state import LEVEL
-from .stepwise import Extension
+from .stepwise import Diagnosis
 
 LENGTHS = (
     0.3,
@@ -91,7 +91,7 @@ POWER = 0.90
 
 
 def detection_limit(
-    extension: Extension, priors: Sequence[float], configurations: int, sigma: float
+    diagnosis: Diagnosis, priors: Sequence[float], configurations: int, sigma: float
 ) -> float | None:
     """Root mean square displacement per row [whitened units of sigma] beyond the model of a
     single-column effect that the scan would find with 90 %: the noncentrality at which its evidence
@@ -100,7 +100,7 @@ def detection_limit(
     from scipy.special import chndtr
 
     log_prior = float(np.log(np.median(priors)))
-    freedom = extension.fit.beyond
+    freedom = diagnosis.fit.beyond
     share = np.concatenate([np.linspace(0.0, 0.9, 4001)[1:], 1 - np.logspace(-1, -7, 1201)[1:]])
     best = np.max(
         [
@@ -109,9 +109,9 @@ def detection_limit(
         ],
         axis=0,
     )
-    if freedom <= 1 or not (best > extension.bound).any():
+    if freedom <= 1 or not (best > diagnosis.bound).any():
         return None
-    passing = share[np.argmax(best > extension.bound)]
+    passing = share[np.argmax(best > diagnosis.bound)]
     critical = passing / (1 - passing) * (freedom - 1)
     low, high = 0.0, 10 * critical + 100
     for _ in range(60):
@@ -124,35 +124,35 @@ ENOUGH = 10  # degrees of freedom of a floor before a model is held against it
 VERY_MANY = 1e9  # degrees of freedom of a floor that is stated
 
 
-def thinned(extension: Extension, data: Data) -> bool:
+def thinned(diagnosis: Diagnosis, split: Split) -> bool:
     """Whether naming has seen only some of the estimation rows."""
-    return extension.fit.rows < data.training().coordinates
+    return diagnosis.fit.rows < split.training().coordinates
 
 
-def rows_seen(extension: Extension, data: Data) -> int:
+def rows_seen(diagnosis: Diagnosis, split: Split) -> int:
     """How many rows naming has seen."""
-    training = data.training()
-    return extension.fit.rows * len(training) // training.coordinates
+    training = split.training()
+    return diagnosis.fit.rows * len(training) // training.coordinates
 
 
 def nothing_else(
-    extension: Extension, found: tuple[Candidate, ...], data: Data, chosen: Rung
+    diagnosis: Diagnosis, found: tuple[Candidate, ...], split: Split, chosen: Evaluation
 ) -> tuple[str, float | None]:
     """(sentence, limit in mm): what a further effect would have had to be to be found."""
-    if not found or extension.left is None:
+    if not found or diagnosis.left is None:
         return "No mechanism may extend the base in this study: nothing was searched.", None
-    sigma = estimated_floor(chosen, data).coordinate_mm
-    limit = detection_limit(extension, [c.prior for c in found], rows_seen(extension, data), sigma)
-    if extension.left_p <= LEVEL:
-        first = extension.left.entries[0]
+    sigma = estimated_floor(chosen, split).coordinate_mm
+    limit = detection_limit(diagnosis, [c.prior for c in found], rows_seen(diagnosis, split), sigma)
+    if diagnosis.left_p <= LEVEL:
+        first = diagnosis.left.entries[0]
         stopped = (
-            f"The search stopped after {len(extension.effects)} effects, but something systematic is left: chance alone "
-            f"would explain it with probability {extension.left_p:.2g}. It looks most like {first.candidate.label} "
+            f"The search stopped after {len(diagnosis.effects)} effects, but something systematic is left: chance alone "
+            f"would explain it with probability {diagnosis.left_p:.2g}. It looks most like {first.candidate.label} "
             f"(probability {first.probability:.2f})."
         )
         return stopped, limit
-    more = "else " if extension.effects else ""
-    left = f" The strongest of what is left would come by chance with probability {extension.left_p:.2g}."
+    more = "else " if diagnosis.effects else ""
+    left = f" The strongest of what is left would come by chance with probability {diagnosis.left_p:.2g}."
     if limit is None:
         return (
             f"Nothing {more}was found; the data are too few for any further effect to be found, however large.{left}",
@@ -164,25 +164,30 @@ def nothing_else(
     ), limit
 
 
-def estimated_floor(rung_: Rung, data: Data) -> Floor:
+def estimated_floor(rung_: Evaluation, split: Split) -> Floor:
     """One coordinate's standard deviation [mm] from the residuals of a fitted model."""
     fitted = rung_.fit
-    square = np.square(rung_.residual[data.used][:, :3])
+    square = np.square(rung_.residual[split.used][:, :3])
     mean = (
         square.mean()
-        if data.scene.measured is None
-        else square.sum() / data.scene.measured[data.used][:, :3].sum()
+        if split.problem.measured is None
+        else square.sum() / split.problem.measured[split.used][:, :3].sum()
     )
     return Floor(float(np.sqrt(mean * fitted.rows / fitted.freedom)), "estimated", fitted.freedom)
 
 
-def predictable_left(data: Data, last: Rung, rng: np.random.Generator) -> Predictable | None:
+def predictable_left(
+    split: Split, last: Evaluation, rng: np.random.Generator
+) -> Predictable | None:
     """Whether any smooth function of the configuration still predicts what the last rung leaves;
     where not every row is a point, of the rows of the kind and feature that has most."""
-    rows, gauges = data.used, data.scene.data.gauges
+    rows, gauges = split.used, split.problem.data.gauges
     if gauges is not None:
         code = gauges.kind * (len(gauges.features) + 1) + gauges.feature + 1
         rows = rows & (code == np.bincount(code[rows]).argmax())
     return predictable(
-        data.scene.data.take(rows), last.residual[rows][:, :3], data.scene.robot.prismatic, rng
+        split.problem.data.take(rows),
+        last.residual[rows][:, :3],
+        split.problem.robot.prismatic,
+        rng,
     )

@@ -19,7 +19,7 @@ from ..robot.kinematics import pose
 from ..robot.rigid import rotation_vector
 from .design import PLACE, fixture_values
 from .observation import predicted
-from .problem import Scene
+from .problem import Problem
 
 ROWS = 8192  # draws x configurations in one block: its arrays stay in cache
 Place = tuple[int, int]
@@ -28,9 +28,9 @@ Twist = Mapping[Place, Array]
 
 @dataclass(frozen=True, eq=False)
 class Ensemble:
-    """A scene and the terms of a model, made ready for many parameter values."""
+    """A problem and the terms of a model, made ready for many parameter values."""
 
-    scene: Scene
+    problem: Problem
     terms: Sequence[Term]
     _places: dict[Place, tuple[Index, Array]] = field(init=False, repr=False)
 
@@ -40,8 +40,8 @@ class Ensemble:
             for s in () if term.fixture else term.screws:
                 index, causes = found.setdefault((s.frame - 1, PLACE[s.axis]), ([], []))
                 index.append(k)
-                causes.append(np.asarray(self.scene.cause(s.cause), float))
-        m = len(self.scene)
+                causes.append(np.asarray(self.problem.cause(s.cause), float))
+        m = len(self.problem)
         object.__setattr__(
             self,
             "_places",
@@ -59,7 +59,7 @@ class Ensemble:
     @cached_property
     def _turns(self) -> tuple[tuple[Array, Array], ...]:
         """(cos, sin) (m,) of every joint reading."""
-        return tuple((np.cos(q), np.sin(q)) for q in self.scene.data.q.T)
+        return tuple((np.cos(q), np.sin(q)) for q in self.problem.data.q.T)
 
     def twist(self, theta: Array) -> dict[Place, Array]:
         """(frame, axis) -> entries (D, m), or (D, 1) where they are alike at every configuration,
@@ -72,8 +72,8 @@ class Ensemble:
     def residuals(self, theta: Array, more: Twist | None = None) -> Array:
         """Whitened exact residuals (D, c, m) at parameters theta (D, p); `more`: further entries
         (D, m) of some places."""
-        scene, D, m = self.scene, len(theta), len(self.scene)
-        out = np.empty((D, scene.components, m))
+        problem, D, m = self.problem, len(theta), len(self.problem)
+        out = np.empty((D, problem.components, m))
         step = max(1, ROWS // m)
         for start in range(0, D, step):
             draws = slice(start, min(start + step, D))
@@ -84,9 +84,9 @@ class Ensemble:
             if self._bare is not None:
                 left = self._read(left, theta[draws])
             out[draws] = (
-                left * scene.whiten
-                if isinstance(scene.whiten, float)
-                else np.einsum("mij,djm->dim", scene.whiten, left)
+                left * problem.whiten
+                if isinstance(problem.whiten, float)
+                else np.einsum("mij,djm->dim", problem.whiten, left)
             )
         return out
 
@@ -94,39 +94,39 @@ class Ensemble:
         """Measured minus predicted (D, c, m) of the rows as points."""
         if self._bare is not None:
             return self._bare._left(twist, D)
-        return self._positions(twist, D) if self.scene.components == 3 else self._poses(twist, D)
+        return self._positions(twist, D) if self.problem.components == 3 else self._poses(twist, D)
 
     @cached_property
     def _bare(self) -> Ensemble | None:
         """The same rows as points measured at nought, where not every row is a point."""
-        return None if self.scene.data.gauges is None else Ensemble(self.scene.bare, ())
+        return None if self.problem.data.gauges is None else Ensemble(self.problem.bare, ())
 
     @cached_property
     def _origin(self) -> Ensemble | None:
-        return None if self.scene.origin is None else Ensemble(self.scene.origin, self.terms)
+        return None if self.problem.origin is None else Ensemble(self.problem.origin, self.terms)
 
     def _read(self, left: Array, theta: Array) -> Array:
         """Measured minus predicted (D, c, m) of what the rows read, from the target's position with
         its sign turned."""
-        scene, gauges, start = self.scene, self.scene.data.gauges, None
+        problem, gauges, start = self.problem, self.problem.data.gauges, None
         assert gauges is not None
         if self._origin is not None:
             start = -self._origin._left(self._origin.twist(theta), len(theta))[:, :3]
         values = fixture_values(len(gauges.features), self.terms, theta)
-        left[:, :3] = scene.readings - predicted(
-            gauges, scene.fixtures, values, -left[:, :3], start
+        left[:, :3] = problem.readings - predicted(
+            gauges, problem.fixtures, values, -left[:, :3], start
         )
-        return left if scene.measured is None else left * scene.measured.T
+        return left if problem.measured is None else left * problem.measured.T
 
     def _positions(self, twist: Twist, D: int) -> Array:
         """Measured minus predicted (D, 3, m) [mm]."""
-        scene, robot = self.scene, self.scene.robot
+        problem, robot = self.problem, self.problem.robot
         n = robot.n
-        p = [scene.tool[:, a] + twist.get((n, a), np.zeros((1, 1))) for a in range(3)]
+        p = [problem.tool[:, a] + twist.get((n, a), np.zeros((1, 1))) for a in range(3)]
         p = _carry(robot.last, p)
         for k in range(n - 1, -1, -1):
             if robot.joints[k].prismatic:
-                p[2] = p[2] + scene.data.q[:, k]
+                p[2] = p[2] + problem.data.q[:, k]
             else:
                 p[0], p[1] = _turn(*self._turns[k], p[0], p[1])
             for a, (i, j) in (
@@ -141,31 +141,31 @@ class Ensemble:
                 if (k, a) in twist:
                     p[a] = p[a] + twist[k, a]
             p = _carry(robot.joints[k].before, p)
-        out = np.empty((D, 3, len(scene)))
-        R, t = scene.placement
-        group, measured = scene.data.group, scene.data.position
+        out = np.empty((D, 3, len(problem)))
+        R, t = problem.placement
+        group, measured = problem.data.group, problem.data.position
         for a in range(3):
             out[:, a] = measured[:, a] - t[group, a] - sum(R[group, a, b] * p[b] for b in range(3))
         return out
 
     def _poses(self, twist: Twist, D: int) -> Array:
         """Measured minus predicted (D, 6, m) [mm, rad], by the whole pose."""
-        scene, m = self.scene, len(self.scene)
-        whole = np.zeros((scene.robot.n + 1, 6, D, m))
+        problem, m = self.problem, len(self.problem)
+        whole = np.zeros((problem.robot.n + 1, 6, D, m))
         for (f, a), values in twist.items():
             whole[f, a] = values
-        data, rows = scene.data, np.tile(np.arange(m), D)
+        data, rows = problem.data, np.tile(np.arange(m), D)
         tool_rotation = (
-            None if scene.tool_rotations is None else scene.tool_rotations[data.target[rows]]
+            None if problem.tool_rotations is None else problem.tool_rotations[data.target[rows]]
         )
         at = pose(
-            scene.robot,
+            problem.robot,
             data.q[rows],
-            scene.tool[rows],
-            whole.reshape(scene.robot.n + 1, 6, D * m),
+            problem.tool[rows],
+            whole.reshape(problem.robot.n + 1, 6, D * m),
             tool_rotation,
         )
-        R, t = scene.placement[0][data.group], scene.placement[1][data.group]
+        R, t = problem.placement[0][data.group], problem.placement[1][data.group]
         out = np.empty((D, 6, m))
         out[:, :3] = (data.position - t).T - np.einsum(
             "mij,jdm->dim", R, at.target.reshape(3, D, m)

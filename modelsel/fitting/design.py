@@ -19,7 +19,7 @@ from ..robot._kernels import Frame, Space, screws_into
 from ..robot.kinematics import Pose, walk
 from ..robot.rigid import AXES, rotation_vector
 from .observation import gradients, predicted
-from .problem import Scene
+from .problem import Problem
 
 PLACE = {axis: a for a, axis in enumerate(AXES)}
 
@@ -44,13 +44,13 @@ class Model:
         return Model((*self.mechanisms, *(m for m in more if m not in self.mechanisms)))
 
 
-def twist_of(scene: Scene, terms: Sequence[Term], theta: Array, rows: slice) -> Array:
+def twist_of(problem: Problem, terms: Sequence[Term], theta: Array, rows: slice) -> Array:
     """Entries (n+1, 6, rows) of every frame's H at parameters theta (p,)."""
-    out = np.zeros((scene.robot.n + 1, 6, rows.stop - rows.start))
+    out = np.zeros((problem.robot.n + 1, 6, rows.stop - rows.start))
     for value, term in zip(theta, terms, strict=True):
         if value and not term.fixture:
             for s in term.screws:
-                out[s.frame - 1, PLACE[s.axis]] += value * _rows(scene.cause(s.cause), rows)
+                out[s.frame - 1, PLACE[s.axis]] += value * _rows(problem.cause(s.cause), rows)
     return out
 
 
@@ -58,40 +58,40 @@ def _rows(cause: Array | float, rows: slice) -> Array | float:
     return cause if isinstance(cause, float) else cause[rows]
 
 
-def whiten(scene: Scene, values: Array) -> Array:
+def whiten(problem: Problem, values: Array) -> Array:
     """Values (..., c, m) in units of their standard uncertainty; in place where one weight does."""
-    if isinstance(scene.whiten, float):
-        if scene.whiten != 1.0:
-            values *= scene.whiten
+    if isinstance(problem.whiten, float):
+        if problem.whiten != 1.0:
+            values *= problem.whiten
         return values
-    return np.asarray(np.einsum("mij,...jm->...im", scene.whiten, values))
+    return np.asarray(np.einsum("mij,...jm->...im", problem.whiten, values))
 
 
-def _start(scene: Scene, rows: slice) -> Frame:
+def _start(problem: Problem, rows: slice) -> Frame:
     """Frame 0 as the tracker sees it, at these rows."""
-    R, t = scene.placement
+    R, t = problem.placement
     if len(R) == 1:
         return R[0].T[:, :, None], t[0][:, None]
-    group = scene.data.group[rows]
+    group = problem.data.group[rows]
     return np.ascontiguousarray(R[group].transpose(2, 1, 0)), np.ascontiguousarray(t[group].T)
 
 
-def _tool(scene: Scene, rows: slice) -> Array:
-    return scene.tools[0] if len(scene.tools) == 1 else scene.tool[rows]
+def _tool(problem: Problem, rows: slice) -> Array:
+    return problem.tools[0] if len(problem.tools) == 1 else problem.tool[rows]
 
 
-def _residual(scene: Scene, at: Frame, rows: slice, out: Array) -> None:
+def _residual(problem: Problem, at: Frame, rows: slice, out: Array) -> None:
     """Measured minus predicted into out (c, rows): mm, and with orientations the rotation vector
     [rad], in the tracker's frame; `at` is the target's frame."""
-    data = scene.data
+    data = problem.data
     np.subtract(data.position[rows].T, at[1], out=out[:3])
-    if data.rotation is not None and scene.tool_rotations is not None:
-        predicted = np.einsum("jim,mjk->mik", at[0], scene.tool_rotations[data.target[rows]])
+    if data.rotation is not None and problem.tool_rotations is not None:
+        predicted = np.einsum("jim,mjk->mik", at[0], problem.tool_rotations[data.target[rows]])
         out[3:] = rotation_vector(np.einsum("mij,mkj->mik", data.rotation[rows], predicted)).T
 
 
 def assemble(
-    scene: Scene,
+    problem: Problem,
     terms: Sequence[Term],
     at: tuple[Sequence[Term], Array] | None = None,
     rows: slice | None = None,
@@ -100,11 +100,11 @@ def assemble(
     """[columns | residual] (p+1, c, rows) of some rows, not whitened, linearised at the fitted
     point `at` (terms, theta) or at the nominal model. With `space` the array is overwritten by the
     next call."""
-    rows, space = rows or slice(0, len(scene)), space or Space()
-    if scene.data.gauges is not None:
-        return _gauged(scene, terms, at, rows, space)
-    m, n, c, p = rows.stop - rows.start, scene.robot.n, scene.components, len(terms)
-    twist = None if at is None else twist_of(scene, *at, rows)
+    rows, space = rows or slice(0, len(problem)), space or Space()
+    if problem.data.gauges is not None:
+        return _gauged(problem, terms, at, rows, space)
+    m, n, c, p = rows.stop - rows.start, problem.robot.n, problem.components, len(terms)
+    twist = None if at is None else twist_of(problem, *at, rows)
     first, stop = space.once(
         "run", terms, _run
     )  # the screw field stands where these columns do: nothing is copied
@@ -115,15 +115,21 @@ def assemble(
     )
     into = field[:, :, :3], origins
     seen = walk(
-        scene.robot, scene.data.q[rows], _tool(scene, rows), into, twist, _start(scene, rows), space
+        problem.robot,
+        problem.data.q[rows],
+        _tool(problem, rows),
+        into,
+        twist,
+        _start(problem, rows),
+        space,
     )
-    _residual(scene, seen, rows, out[-1])
+    _residual(problem, seen, rows, out[-1])
     screws_into(field, origins, origins[-1], twist is not None, space)
-    _products(scene, field, terms[:first], rows, out[:first], space)
+    _products(problem, field, terms[:first], rows, out[:first], space)
     covered = min(p, first + 6 * n + 6)  # the field is read before it is overwritten
     others = space.array("others", max(covered - stop, 0), c, m)
-    _products(scene, field, terms[stop:covered], rows, others, space)
-    _products(scene, field, terms[covered:], rows, out[covered:p], space)
+    _products(problem, field, terms[stop:covered], rows, others, space)
+    _products(problem, field, terms[covered:], rows, out[covered:p], space)
     out[stop:covered] = others
     out[p] = out[-1]
     return out[: p + 1]
@@ -151,7 +157,7 @@ def _feature(screw: Screw) -> int:
 
 
 def _gauged(
-    scene: Scene,
+    problem: Problem,
     terms: Sequence[Term],
     at: tuple[Sequence[Term], Array] | None,
     rows: slice,
@@ -160,70 +166,73 @@ def _gauged(
     """`assemble` where not every row is a point: the target's own three rows of the design, turned
     into the row's by its gradient, less those of the configuration where a distance begins; the
     features' numbers beside them."""
-    gauges, own = scene.data.gauges, [k for k, t in enumerate(terms) if not t.fixture]
-    measured = scene.measured
+    gauges, own = problem.data.gauges, [k for k, t in enumerate(terms) if not t.fixture]
+    measured = problem.measured
     assert gauges is not None
     assert measured is not None
     gauges, arm = gauges.take(rows), tuple(terms[k] for k in own)
     values = fixture_values(len(gauges.features), *(((), np.zeros(0)) if at is None else at))
     point = None if at is None else _arm(*at)
-    block = assemble(scene.bare, arm, point, rows, space)
+    block = assemble(problem.bare, arm, point, rows, space)
     x, start = -block[-1, :3], None
     out = np.zeros((len(terms) + 1, *block.shape[1:]))
     out[-1] = block[-1]
-    other = None if scene.origin is None else assemble(scene.origin, arm, point, rows, Space())
+    other = None if problem.origin is None else assemble(problem.origin, arm, point, rows, Space())
     if other is not None:
         start = -other[-1, :3]
-    G, E = gradients(gauges, scene.fixtures, values, x, start)
+    G, E = gradients(gauges, problem.fixtures, values, x, start)
     out[own, :3] = np.einsum("ijm,pjm->pim", G, block[:-1, :3])
     out[own, 3:] = block[:-1, 3:]
     if other is not None:
         out[own, :3] -= np.einsum("ijm,pjm->pim", G * gauges.of("distance"), other[:-1, :3])
-    out[-1, :3] = scene.readings[:, rows] - predicted(gauges, scene.fixtures, values, x, start)
+    out[-1, :3] = problem.readings[:, rows] - predicted(gauges, problem.fixtures, values, x, start)
     for k, term in enumerate(terms):
         if term.fixture:
             for s in term.screws:
-                out[k, :3] += E[FIXTURE_AXES.index(s.axis)] * _rows(scene.cause(s.cause), rows)
+                out[k, :3] += E[FIXTURE_AXES.index(s.axis)] * _rows(problem.cause(s.cause), rows)
     out *= measured[rows].T
     return out
 
 
-def field_of(scene: Scene, at: Pose, rows: slice) -> Array:
+def field_of(problem: Problem, at: Pose, rows: slice) -> Array:
     """Screw field (n+1, 6, c, rows) of a pose in the tracker's frame: mm (and rad of the target
     frame) per unit screw."""
-    R = scene.placement[0][scene.data.group[rows]]
+    R = problem.placement[0][problem.data.group[rows]]
     moved: Array = np.einsum("mij,fajm->faim", R, at.displacement())
-    if scene.data.gauges is not None:
+    if problem.data.gauges is not None:
         G = (
-            directions(scene, at, rows) * ~scene.data.gauges.of("distance")[rows]
+            directions(problem, at, rows) * ~problem.data.gauges.of("distance")[rows]
         )  # which has no place of its own
         moved = np.einsum("ijm,fajm->faim", G, moved)
-    if scene.components == 3:
+    if problem.components == 3:
         return moved
     turned = np.zeros_like(moved)
     turned[:, 3:] = np.einsum("mij,fajm->faim", R, at.axes[:, 3:])
     return np.concatenate([moved, turned], axis=2)
 
 
-def directions(scene: Scene, at: Pose, rows: slice) -> Array:
+def directions(problem: Problem, at: Pose, rows: slice) -> Array:
     """(3, 3, rows) what the rows see of the target's displacement at a pose, in the tracker's
     frame."""
-    R, t = scene.placement[0][scene.data.group[rows]], scene.placement[1][scene.data.group[rows]]
-    gauges = scene.data.gauges
+    R, t = (
+        problem.placement[0][problem.data.group[rows]],
+        problem.placement[1][problem.data.group[rows]],
+    )
+    gauges = problem.data.gauges
     if gauges is None:
         return np.tile(np.eye(3)[:, :, None], (1, 1, len(R)))
     gauges = gauges.take(rows)
     x = np.einsum("mij,jm->im", R, at.target) + t.T
     G, _ = gradients(
-        gauges, scene.fixtures, np.zeros((len(gauges.features), len(FIXTURE_AXES))), x, None
+        gauges, problem.fixtures, np.zeros((len(gauges.features), len(FIXTURE_AXES))), x, None
     )
     return G
 
 
-def columns_of(scene: Scene, field: Array, terms: Sequence[Term], rows: slice) -> Array:
+def columns_of(problem: Problem, field: Array, terms: Sequence[Term], rows: slice) -> Array:
     """Columns (p, c, rows) of terms from a screw field."""
     out = np.empty((len(terms), *field.shape[2:]))
-    _products(scene, field, terms, rows, out, Space())
+    _products(problem, field, terms, rows, out, Space())
     return out
 
 
@@ -247,7 +256,7 @@ def _run(terms: Sequence[Term]) -> tuple[int, int]:
 
 
 def _products(
-    scene: Scene, field: Array, terms: Sequence[Term], rows: slice, out: Array, space: Space
+    problem: Problem, field: Array, terms: Sequence[Term], rows: slice, out: Array, space: Space
 ) -> None:
     """Columns of terms, screw field times cause, into out (len(terms), c, rows)."""
     scaled = space.array("scaled", *out.shape[1:])
@@ -258,28 +267,28 @@ def _products(
         first, *others = term.screws
         np.multiply(
             field[first.frame - 1, PLACE[first.axis]],
-            _rows(scene.cause(first.cause), rows),
+            _rows(problem.cause(first.cause), rows),
             out=column,
         )
         for s in others:
             np.multiply(
-                field[s.frame - 1, PLACE[s.axis]], _rows(scene.cause(s.cause), rows), out=scaled
+                field[s.frame - 1, PLACE[s.axis]], _rows(problem.cause(s.cause), rows), out=scaled
             )
             np.add(column, scaled, out=column)
 
 
-def residuals(scene: Scene, terms: Sequence[Term] = (), theta: Array | None = None) -> Array:
+def residuals(problem: Problem, terms: Sequence[Term] = (), theta: Array | None = None) -> Array:
     """Exact residuals (m, c) [mm, rad], not whitened, at parameters theta; the nominal model
     without."""
-    out, space = np.empty((len(scene), scene.components)), Space()
-    if scene.data.gauges is not None:
-        return _gauged_residuals(scene, terms, np.zeros(len(terms)) if theta is None else theta)
-    for rows, part in scene.parts():
-        every, frames, m = slice(0, len(part)), scene.robot.n + 1, len(part)
+    out, space = np.empty((len(problem), problem.components)), Space()
+    if problem.data.gauges is not None:
+        return _gauged_residuals(problem, terms, np.zeros(len(terms)) if theta is None else theta)
+    for rows, part in problem.parts():
+        every, frames, m = slice(0, len(part)), problem.robot.n + 1, len(part)
         twist = None if theta is None else twist_of(part, terms, theta, every)
         axes, origins = space.array("axes", frames, 6, 3, m), space.array("origins", frames, 3, m)
         seen = walk(
-            scene.robot,
+            problem.robot,
             part.data.q,
             _tool(part, every),
             (axes, origins),
@@ -291,41 +300,41 @@ def residuals(scene: Scene, terms: Sequence[Term] = (), theta: Array | None = No
     return out
 
 
-def _gauged_residuals(scene: Scene, terms: Sequence[Term], theta: Array) -> Array:
+def _gauged_residuals(problem: Problem, terms: Sequence[Term], theta: Array) -> Array:
     """`residuals` where not every row is a point."""
-    gauges, measured = scene.data.gauges, scene.measured
+    gauges, measured = problem.data.gauges, problem.measured
     assert gauges is not None
     assert measured is not None
     arm, own = _arm(terms, theta)
-    out = residuals(scene.bare, arm, own)
-    start = None if scene.origin is None else -residuals(scene.origin, arm, own)[:, :3].T
+    out = residuals(problem.bare, arm, own)
+    start = None if problem.origin is None else -residuals(problem.origin, arm, own)[:, :3].T
     values = fixture_values(len(gauges.features), terms, theta)
     out[:, :3] = (
-        scene.readings - predicted(gauges, scene.fixtures, values, -out[:, :3].T, start)
+        problem.readings - predicted(gauges, problem.fixtures, values, -out[:, :3].T, start)
     ).T
     return np.asarray(np.where(measured, out, 0.0))
 
 
-def whitened(scene: Scene, residual: Array) -> Array:
+def whitened(problem: Problem, residual: Array) -> Array:
     """Residuals (m, c) in units of their standard uncertainty, (m, c)."""
-    return np.asarray(whiten(scene, residual.T.copy()).T)
+    return np.asarray(whiten(problem, residual.T.copy()).T)
 
 
 def blocks(
-    scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None
+    problem: Problem, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None
 ) -> Iterator[tuple[slice, Array, Array]]:
     """(rows, whitened columns (p, c, rows), whitened residual (c, rows)), linearised at the fitted
     point `at` (terms, theta), or at the nominal model."""
-    for rows, part in scene.parts():
+    for rows, part in problem.parts():
         block = whiten(part, assemble(part, terms, at))
         yield rows, block[:-1], block[-1]
 
 
 def design(
-    scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None
+    problem: Problem, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None = None
 ) -> tuple[Array, Array]:
     """Whole design (m, c, p) and residual (m, c), whitened; for data that fit in memory."""
-    parts = [(columns, residual) for _, columns, residual in blocks(scene, terms, at)]
+    parts = [(columns, residual) for _, columns, residual in blocks(problem, terms, at)]
     return (
         np.concatenate([c for c, _ in parts], axis=2).transpose(2, 1, 0),
         np.concatenate([r for _, r in parts], axis=1).T,

@@ -13,7 +13,7 @@ from .._typing import Array
 from ..exceptions import sentence_list
 from ..mechanisms.causes import ONE, Number
 from ..mechanisms.terms import Term
-from .problem import Scene
+from .problem import Problem
 from .reduction import Reduction, Source, independent
 
 SHARE = 1e-4  # a smaller part of a combination is not worth a word
@@ -198,13 +198,13 @@ APART_MM = 1.0  # spread of readings that tells one size from another
 KNOWN = {"same-point": 2, "plane": 4}  # known features that do
 
 
-def sized(scene: Scene | Source) -> bool:
+def sized(problem: Problem | Source) -> bool:
     """Whether some row measures a length: a coordinate, a wire, a distance, a bar of known length,
     features at known places."""
     if (
-        isinstance(scene, Source)
-        or (gauges := scene.data.gauges) is None
-        or any(j.prismatic for j in scene.robot.joints)
+        isinstance(problem, Source)
+        or (gauges := problem.data.gauges) is None
+        or any(j.prismatic for j in problem.robot.joints)
     ):
         return True
     if gauges.of("distance").any() or any(
@@ -216,7 +216,7 @@ def sized(scene: Scene | Source) -> bool:
         for k, f in enumerate(gauges.features)
         if f.kind == "wire"
     ]
-    readings += [scene.data.position[gauges.of("point", "xyz"[a]), a] for a in range(3)]
+    readings += [problem.data.position[gauges.of("point", "xyz"[a]), a] for a in range(3)]
     if any(len(r) and np.ptp(r) > APART_MM for r in readings):
         return True
     return any(
@@ -229,11 +229,11 @@ def sized(scene: Scene | Source) -> bool:
     )
 
 
-def turned(scene: Scene | Source) -> bool:
+def turned(problem: Problem | Source) -> bool:
     """Whether touched points stand alone: no row is measured in a frame, no feature is known. Of
     wires and planes the columns say so themselves; touched points seem to tell, by as much as they
     miss each other on the nominal arm."""
-    if isinstance(scene, Source) or (gauges := scene.data.gauges) is None:
+    if isinstance(problem, Source) or (gauges := problem.data.gauges) is None:
         return False
     known = any(f.kind != "distance" and not {"tx", "tz"} & set(f.free) for f in gauges.features)
     return (
@@ -243,10 +243,10 @@ def turned(scene: Scene | Source) -> bool:
     )
 
 
-def as_drawn(found: Identified, scene: Scene | Source, terms: Sequence[Term]) -> Identified:
+def as_drawn(found: Identified, problem: Problem | Source, terms: Sequence[Term]) -> Identified:
     """Without the representatives that these data leave as drawn: the way the base looks, and the
     largest length of the arm where they measure none and every length is open."""
-    if turned(scene):
+    if turned(problem):
         base = [
             k
             for k in found.kept
@@ -255,16 +255,18 @@ def as_drawn(found: Identified, scene: Scene | Source, terms: Sequence[Term]) ->
         found = replace(
             found, kept=tuple(k for k in found.kept if k not in base), still=tuple(base)
         )
-    if sized(scene) or isinstance(scene, Source):
+    if sized(problem) or isinstance(problem, Source):
         return found
-    robot = scene.robot
+    robot = problem.robot
     lengths = {
         (f + 1, "xyz"[i]): v for f, fixed in enumerate(robot.fixed[:-1]) for i, v in fixed.offset
     }
     last = np.zeros(3)
     for i, v in robot.fixed[-1].offset:
         last[i] = v
-    lengths |= {(robot.n + 1, "xyz"[i]): float(v) for i, v in enumerate(last + scene.tools[0]) if v}
+    lengths |= {
+        (robot.n + 1, "xyz"[i]): float(v) for i, v in enumerate(last + problem.tools[0]) if v
+    }
     place = {
         (t.screws[0].frame, t.screws[0].axis[1:]): k
         for k, t in enumerate(terms)

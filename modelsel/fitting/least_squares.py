@@ -16,8 +16,8 @@ from ..mechanisms.terms import Term
 from .design import Model, residuals
 from .identifiability import Identified, as_drawn, identify, solve, without
 from .prior import WeakPrior, faint, fitted_terms, usual_sizes, weak_prior
-from .problem import Scene
-from .reduction import PROBE, Reduction, Source, reduce_scene
+from .problem import Problem
+from .reduction import PROBE, Reduction, Source, reduce_problem
 from .splines import penalty
 
 Held = Literal["nothing", "geometry", "all"]
@@ -136,9 +136,9 @@ class Fit:
         """The point to linearise other models at."""
         return self.terms, self.theta
 
-    def residuals(self, scene: Scene) -> Array:
-        """Exact residuals (m, c) [mm, rad] of a scene under this fit."""
-        return residuals(scene, self.terms, self.theta)
+    def residuals(self, problem: Problem) -> Array:
+        """Exact residuals (m, c) [mm, rad] of a problem under this fit."""
+        return residuals(problem, self.terms, self.theta)
 
 
 def _rows(root: Array, theta: Array) -> Array:
@@ -177,17 +177,17 @@ def cost(reduction: Reduction) -> float:
     return float(np.square(reduction.R[:, -1]).sum())
 
 
-def typical_weight(scene: Scene | Source) -> float:
+def typical_weight(problem: Problem | Source) -> float:
     """1/mm: of one coordinate of a typical row."""
     return (
-        scene.whiten
-        if isinstance(scene.whiten, float)
-        else float(np.median(np.diagonal(scene.whiten, 0, 1, 2)[:, :3]))
+        problem.whiten
+        if isinstance(problem.whiten, float)
+        else float(np.median(np.diagonal(problem.whiten, 0, 1, 2)[:, :3]))
     )
 
 
 def fit(
-    scene: Scene | Source,
+    problem: Problem | Source,
     model: Model,
     *,
     precision: Array | None = None,
@@ -196,7 +196,7 @@ def fit(
     step_mm: float = STEP_MM,
     held: Held = "geometry",
 ) -> Fit:
-    """Least squares of a model on a scene. precision (p,): prior 1/variance of each term in
+    """Least squares of a model on a problem. precision (p,): prior 1/variance of each term in
     whitened units, about zero, the terms of a free function correlated (`smooth`). `held`: what the
     prior of usual sizes holds where the data hardly determine it: the "geometry", "all"
     (mechanisms' terms, too, which must have no say in what they are named), or "nothing", where
@@ -207,20 +207,20 @@ def fit(
     fit goes on until that stays. `iterations=1` is one linear step. Raises NotEstimable where the
     data have no more coordinates than the model has estimable parameters, or the iteration does not
     settle."""
-    problem = _Problem(scene, model, precision, typical_weight(scene), held)
+    solver = _Solver(problem, model, precision, typical_weight(problem), held)
     if held == "nothing" or start is None or not start.any():
         theta = np.zeros(len(model.terms)) if start is None else start
-        state = problem.solve(
-            problem.state(theta, problem.at_nominal(), WeakPrior()), iterations, step_mm
+        state = solver.solve(
+            solver.state(theta, solver.at_nominal(), WeakPrior()), iterations, step_mm
         )
     else:
-        state = problem.state(start, problem.exact, WeakPrior())
+        state = solver.state(start, solver.exact, WeakPrior())
     for _ in range(ROUNDS if held != "nothing" else 0):
-        found, weak = problem.judge(state)
+        found, weak = solver.judge(state)
         if found.kept == state.found.kept and weak.like(state.weak) and state.step_mm < step_mm:
             break
-        state = problem.solve(problem.state(state.theta, found, weak), iterations, step_mm)
-    problem.refuse(state, iterations == ITERATIONS, step_mm)
+        state = solver.solve(solver.state(state.theta, found, weak), iterations, step_mm)
+    solver.refuse(state, iterations == ITERATIONS, step_mm)
     return Fit(
         model,
         state.theta,
@@ -252,10 +252,10 @@ class _State:
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class _Solver:
     """What stays the same in a fit; `weight` [1/mm] of one coordinate."""
 
-    scene: Scene | Source
+    problem: Problem | Source
     model: Model
     precision: Array | None
     weight: float
@@ -264,19 +264,19 @@ class _Problem:
     @cached_property
     def nominal(self) -> Reduction:
         """At the nominal chain."""
-        return reduce_scene(self.scene, self.model.terms)
+        return reduce_problem(self.problem, self.model.terms)
 
     @cached_property
     def exact(self) -> Identified:
         """What the data determine at the nominal chain, where dependences are exact."""
         root = prior_root(self.model.terms, self.precision)
         found = identify(with_prior(self.nominal, root, np.zeros(len(self.model.terms))))
-        return as_drawn(found, self.scene, self.model.terms)
+        return as_drawn(found, self.problem, self.model.terms)
 
     def at_nominal(self) -> Identified:
         """`exact`, less what hardly moves the target at its usual size: it waits until the rest has
         converged."""
-        least = UNSEEN_MM * self.weight * np.sqrt(len(self.scene))
+        least = UNSEEN_MM * self.weight * np.sqrt(len(self.problem))
         return without(
             self.exact, faint(self.exact.triangle, self.exact.kept, usual_sizes(self.model), least)
         )
@@ -296,11 +296,11 @@ class _Problem:
         self, theta: Array, found: Identified, weak: WeakPrior
     ) -> tuple[Reduction, Reduction]:
         """(the reduction at theta, the same with the prior's rows)."""
-        only = list(found.kept) if len(self.scene) > PROBE[1] else None
+        only = list(found.kept) if len(self.problem) > PROBE[1] else None
         here = (
             self.nominal
             if not theta.any()
-            else reduce_scene(self.scene, self.model.terms, (self.model.terms, theta), only)
+            else reduce_problem(self.problem, self.model.terms, (self.model.terms, theta), only)
         )
         return here, with_prior(here, prior_root(self.model.terms, self.precision, weak), theta)
 
@@ -330,13 +330,13 @@ class _Problem:
         Every constant parameter that moves a measured coordinate is fitted; of the other terms,
         those that no earlier one represents."""
         theta, terms, here = state.theta, self.model.terms, state.reduction
-        if len(self.scene) > PROBE[1]:  # it holds the kept terms alone
-            here = reduce_scene(self.scene, terms, (terms, theta))
+        if len(self.problem) > PROBE[1]:  # it holds the kept terms alone
+            here = reduce_problem(self.problem, terms, (terms, theta))
         full, found = with_prior(here, prior_root(terms, self.precision), theta), self.exact
         if (
             np.abs(theta) > FAR * usual_sizes(self.model)
         ).any():  # there other terms depend on one another
-            found = as_drawn(identify(full), self.scene, terms)
+            found = as_drawn(identify(full), self.problem, terms)
         found = fitted_terms(found, self.model)
         sigma = max(
             self.sigma(cost(state.reduction), state.found.kept, state.weak.count),

@@ -10,7 +10,7 @@ import numpy as np
 from .._typing import Array
 from ..exceptions import StudyError
 from ..measurements.measurements import SAME_READING, Measurements
-from .problem import Scene
+from .problem import Problem
 
 # standard deviation over median absolute deviation: a swapped reflector must not set the floor
 NORMAL = 1.4826
@@ -110,17 +110,17 @@ def from_target_pairs(data: Measurements) -> Floor | None:
 
 
 def weigh(
-    scene: Scene,
+    problem: Problem,
     instrument: Instrument | None,
     stated_mm: float | None,
     rotation_rad: float | None = None,
-) -> tuple[Scene, Floor | None]:
-    """The scene with its weights, and the floor where it is known before any fit (None: estimate it
+) -> tuple[Problem, Floor | None]:
+    """The problem with its weights, and the floor where it is known before any fit (None: estimate it
     from the residuals).
 
     Uncertainties in the data go first, then the stated floor, the instrument, repeats, target
     pairs."""
-    data = scene.data
+    data = problem.data
     blocks: Array | None = None
     if (
         instrument is not None
@@ -147,7 +147,7 @@ def weigh(
         )
     else:
         floor = from_repeats(data) or from_target_pairs(data)
-    at = instrument.at if instrument is not None else scene.tracker
+    at = instrument.at if instrument is not None else problem.tracker
     weight = 1.0 if floor is None else 1.0 / max(floor.coordinate_mm, 1e-9)
     if data.rotation is not None:
         whole = np.zeros((len(data), 6, 6))
@@ -157,4 +157,4 @@ def weigh(
             spread_r = np.full((len(data), 3), rotation_rad or 1e-3 / weight)
         whole[:, 3:, 3:] = np.einsum("mi,ij->mij", 1 / spread_r, np.eye(3))
         blocks = whole
-    return scene.anew(whiten=weight if blocks is None else blocks, tracker=at), floor
+    return problem.anew(whiten=weight if blocks is None else blocks, tracker=at), floor

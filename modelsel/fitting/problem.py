@@ -1,7 +1,7 @@
-"""Scene: a robot, what was measured on it, where the tracker stands and how well it measures, bound
+"""Problem: a robot, what was measured on it, where the tracker stands and how well it measures, bound
 together.
 
-A scene gives causes their state (named values per row) and the design its blocks of rows. Frozen;
+A problem gives causes their state (named values per row) and the design its blocks of rows. Frozen;
 `take` selects rows."""
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ BLOCK = 4096  # rows: the arrays of one block stay in cache
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Problem:
     """Residuals and columns live in the tracker's frame; G groups have a placement each, T targets
     an offset each."""
 
@@ -79,21 +79,21 @@ class Scene:
             return np.asarray(np.bincount(of, minlength=count) * self.components, dtype=np.intp)
         return np.bincount(of, self.measured.sum(1), minlength=count).astype(np.intp)
 
-    def plain_points(self) -> Scene:
+    def plain_points(self) -> Problem:
         """The same rows as points alone, unweighted: without orientations and what rows that are no
         points measure."""
         data = replace(self.data, rotation=None, sigma_rotation=None, gauges=None)
         return self.anew(data=data, tool_rotations=None, whiten=1.0)
 
     @cached_property
-    def bare(self) -> Scene:
+    def bare(self) -> Problem:
         """The same rows as points, measured at nought: what is left is minus the target's
         position."""
         data = replace(self.data, position=np.zeros((len(self), 3)), gauges=None)
         return replace(self, data=data, whiten=1.0)
 
     @cached_property
-    def origin(self) -> Scene | None:
+    def origin(self) -> Problem | None:
         """The same of the configurations where the rows' distances begin."""
         gauges = self.data.gauges
         if gauges is None or gauges.origin is None:
@@ -112,13 +112,13 @@ class Scene:
         """(m, 3) nominal target of every row."""
         return self.tools[self.data.target]
 
-    def anew(self, **changes: Any) -> Scene:
+    def anew(self, **changes: Any) -> Problem:
         """The same with some fields changed that causes look at: nothing evaluated before is
         remembered."""
         return replace(self, **changes, _values={}, _causes={})
 
-    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Scene:
-        """The scene of some rows; values already evaluated come along, so causes stay local in
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Problem:
+        """The problem of some rows; values already evaluated come along, so causes stay local in
         rows."""
         whiten = self.whiten if isinstance(self.whiten, float) else self.whiten[index]
         return replace(
@@ -138,9 +138,9 @@ class Scene:
         """Slices that cover the rows."""
         return (slice(start, min(start + size, len(self))) for start in range(0, len(self), size))
 
-    def parts(self, size: int = BLOCK) -> Iterator[tuple[slice, Scene]]:
-        """(rows, scene of these rows): causes are evaluated block by block, so that none is ever
-        held whole; a scene of one block is its own only part, and keeps what it has evaluated."""
+    def parts(self, size: int = BLOCK) -> Iterator[tuple[slice, Problem]]:
+        """(rows, problem of these rows): causes are evaluated block by block, so that none is ever
+        held whole; a problem of one block is its own only part, and keeps what it has evaluated."""
         for rows in self.blocks(size):
             yield rows, self if rows.stop - rows.start == len(self) else self.take(rows)
 
@@ -275,8 +275,8 @@ def unit_of(name: str) -> str:
     )
 
 
-def scene(robot: Robot, data: Measurements, tools: Array, groups: int = 1) -> Scene:
-    """A scene with the tracker's frame on frame 0 (no registration) and unit weights."""
+def make_problem(robot: Robot, data: Measurements, tools: Array, groups: int = 1) -> Problem:
+    """A problem with the tracker's frame on frame 0 (no registration) and unit weights."""
     placement = (np.tile(np.eye(3), (len(data.groups), 1, 1)), np.zeros((len(data.groups), 3)))
     rotations = np.tile(np.eye(3), (len(tools), 1, 1)) if data.rotation is not None else None
-    return Scene(robot, data, np.asarray(tools, float), placement, rotations)
+    return Problem(robot, data, np.asarray(tools, float), placement, rotations)

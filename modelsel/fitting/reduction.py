@@ -17,7 +17,7 @@ from .._typing import Array
 from ..mechanisms.terms import Term
 from ..robot._kernels import Space
 from .design import assemble, whiten
-from .problem import Scene
+from .problem import Problem
 
 TOLERANCE = 1e-11  # of a unit column: structural dependence leaves 1e-14, NIST's Filip 1e-9 or more
 DEPENDENT = 1e-9  # of a column, in any row: what is left of a dependent one beyond its combination
@@ -117,7 +117,7 @@ def _stack(triangle: Array, matrix: Array) -> None:
 
 class Source(ABC):
     """Configurations that nobody holds whole: they are asked for their reduction. `whiten` as a
-    scene's."""
+    problem's."""
 
     whiten: float
 
@@ -135,25 +135,25 @@ class Source(ABC):
         """As `reduce_scene`."""
 
 
-def reduce_scene(
-    scene: Scene | Source,
+def reduce_problem(
+    problem: Problem | Source,
     terms: Sequence[Term],
     at: tuple[Sequence[Term], Array] | None = None,
     only: Sequence[int] | None = None,
 ) -> Reduction:
-    """Of a scene's whitened design and residual, block by block; the whole matrix is never held,
+    """Of a problem's whitened design and residual, block by block; the whole matrix is never held,
     nothing allocated a block.
 
     Where there are many blocks, terms that depend exactly on earlier ones are left out of the
     factorisation and put back as the combinations they are; every block checks that they are, else
     all terms are factorised. `only`: the terms that are asked for; the other columns are nought.
     """
-    if isinstance(scene, Source):
-        return scene.reduced(terms, at, only)
+    if isinstance(problem, Source):
+        return problem.reduced(terms, at, only)
     weight, plain = (
-        (scene.whiten, replace(scene, whiten=1.0))
-        if isinstance(scene.whiten, float)
-        else (1.0, scene)
+        (problem.whiten, replace(problem, whiten=1.0))
+        if isinstance(problem.whiten, float)
+        else (1.0, problem)
     )
     p = len(terms)
     if only is not None:
@@ -162,14 +162,14 @@ def reduce_scene(
             .add(spread(_stream(plain, terms, at, [*only, p]), [*only, p], p + 1))
             .R
         )
-    elif len(scene) <= PROBE[1] or not p:
+    elif len(problem) <= PROBE[1] or not p:
         triangle = _stream(plain, terms, at, range(p + 1))
     else:
         try:
             triangle = _without_dependent(plain, terms, at)
         except _Disagrees:
             triangle = _stream(plain, terms, at, range(p + 1))
-    return Reduction(triangle * weight, scene.coordinates)
+    return Reduction(triangle * weight, problem.coordinates)
 
 
 class _Disagrees(ArithmeticError):
@@ -184,7 +184,7 @@ def spread(rows: Array, columns: Sequence[int], width: int) -> Array:
 
 
 def _stream(
-    scene: Scene,
+    problem: Problem,
     terms: Sequence[Term],
     at: tuple[Sequence[Term], Array] | None,
     picked: Sequence[int],
@@ -194,7 +194,7 @@ def _stream(
     """The triangle of the picked columns, the response among them. Raises _Disagrees where a
     mixture `check` (p,) of the terms exceeds `bound` in any row."""
     triangle, space, p = np.zeros((len(picked), len(picked)), order="F"), Space(), len(terms)
-    for _, part in scene.parts(STREAM):
+    for _, part in problem.parts(STREAM):
         block = whiten(part, assemble(part, terms, at, space=space)).reshape(p + 1, -1)
         if check is not None and np.abs(check @ block[:p]).max() > bound:
             raise _Disagrees
@@ -208,7 +208,7 @@ def _stream(
 
 
 def _without_dependent(
-    scene: Scene, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None
+    problem: Problem, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None
 ) -> Array:
     """The triangle of all terms from the independent ones' alone. Raises _Disagrees where a block
     does not agree.
@@ -217,8 +217,8 @@ def _without_dependent(
     the dependent terms lack of their combinations must stay at rounding in every row of every
     block."""
     p = len(terms)
-    probe = reduce_scene(
-        scene.take(np.linspace(0, len(scene) - 1, PROBE[0]).astype(np.intp)), terms, at
+    probe = reduce_problem(
+        problem.take(np.linspace(0, len(problem) - 1, PROBE[0]).astype(np.intp)), terms, at
     ).R[:p, :p]
     kept, scale = independent(probe)
     lost = [k for k in range(p) if k not in kept]
@@ -236,7 +236,7 @@ def _without_dependent(
     reach = np.abs(relation) @ np.abs(mixture[lost]) * scale[kept]
     bound = DEPENDENT * max(float(reach.max(initial=0.0)), 1.0) / np.sqrt(PROBE[0])
     picked = [*kept, p]
-    triangle = _stream(scene, terms, at, picked, mixture, bound)
+    triangle = _stream(problem, terms, at, picked, mixture, bound)
     back = np.concatenate(
         [triangle, np.pad(triangle[:-1, :-1] @ relation, ((0, 1), (0, 0)))], axis=1
     )

@@ -10,7 +10,7 @@ import numpy as np
 from .._typing import Array, Index
 from .design import Model
 from .least_squares import STEP_MM, Fit, Held, fit
-from .problem import Scene
+from .problem import Problem
 from .splines import spline, splines
 
 ROUNDS = 60
@@ -80,7 +80,7 @@ def variances(fitted: Fit, groups: Sequence[Index]) -> Array:
 
 
 def fit_shrunk(
-    scene: Scene,
+    problem: Problem,
     model: Model,
     start: Fit | None = None,
     step_mm: float = STEP_MM,
@@ -97,11 +97,11 @@ def fit_shrunk(
     theta = None if start is None else np.array([known.get(t.screws, 0.0) for t in model.terms])
     groups = wide_groups(model)
     if not groups:
-        return fit(scene, model, start=theta, step_mm=step_mm, held=held)
+        return fit(problem, model, start=theta, step_mm=step_mm, held=held)
     weight = (
-        scene.whiten
-        if isinstance(scene.whiten, float)
-        else float(np.median(np.diagonal(scene.whiten, 0, 1, 2)))
+        problem.whiten
+        if isinstance(problem.whiten, float)
+        else float(np.median(np.diagonal(problem.whiten, 0, 1, 2)))
     )
     before = (
         {}
@@ -112,12 +112,12 @@ def fit_shrunk(
     for g in groups:
         first = model.terms[g[0]].screws
         precision[g] = before.get(first, (0.1 * weight / START[first[0].axis[0]]) ** 2)
-    fitted = fit(scene, model, precision=precision, start=theta, step_mm=step_mm, held=held)
+    fitted = fit(problem, model, precision=precision, start=theta, step_mm=step_mm, held=held)
     for _ in range(2):
         new = variances(fitted, groups)
         settled = np.allclose(new, precision, rtol=0.1)
         precision = new
-        fitted = fit(scene, model, precision=new, start=fitted.theta, step_mm=step_mm, held=held)
+        fitted = fit(problem, model, precision=new, start=fitted.theta, step_mm=step_mm, held=held)
         if settled:
             break
     return fitted

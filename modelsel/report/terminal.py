@@ -43,7 +43,7 @@ def show(result: Result, console: Console) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    data, estimation = result.data.scene.data, result.data.estimation
+    data, estimation = result.data.problem.data, result.data.estimation
     console.print(
         Text.assemble(
             "\n",
@@ -283,7 +283,7 @@ def sentences(result: Result) -> list[str]:
             else "No smooth function of the configuration predicts what is left."
         )
     if result.data.outlying.any():
-        data = result.data.scene.data
+        data = result.data.problem.data
         rows = data.row[result.data.outlying]
         out.append(
             f"Outliers left out: {len(rows)} row{'s' * (len(rows) != 1)} ({data.where.listed(rows, 20)})."

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..fitting.design import directions, field_of, residuals
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..mechanisms.serialization import mechanism_card
 from .map_details import cells_dict
 from .panels import finding_panels
@@ -52,16 +52,16 @@ def thinned(estimation: NDArray[np.bool_], outlying: NDArray[np.bool_], most: in
     )
 
 
-def arm(scene: Scene) -> list[Any]:
+def arm(problem: Problem) -> list[Any]:
     """(n+2, 3) origins of the nominal chain, joint 1 to target, in the tracker's frame, at the
     configuration nearest to all."""
-    q = scene.data.q
+    q = problem.data.q
     middle = int(
         np.argmin(
             np.square((q - np.median(q, axis=0)) / np.maximum(np.std(q, axis=0), 1e-9)).sum(1)
         )
     )
-    one = scene.take(np.array([middle]))
+    one = problem.take(np.array([middle]))
     at, R, t = (
         one.pose(slice(None)),
         one.placement[0][one.data.group[0]],
@@ -74,16 +74,16 @@ def details(result: Result) -> dict[str, Any]:
     """The file's content as plain values."""
     data, base = result.data, tuple(result.study.model.base)
     rows = thinned(data.estimation, data.outlying)
-    scene = data.scene.take(rows)
-    every = slice(0, len(scene))
-    measured, at = scene.data, scene.pose(every)
-    field = field_of(scene, at, every)
+    problem = data.problem.take(rows)
+    every = slice(0, len(problem))
+    measured, at = problem.data, problem.pose(every)
+    field = field_of(problem, at, every)
     placed, seen = measured.position, field
     if (
         measured.gauges is not None
     ):  # drawn where the nominal arm has the target, a single number along its direction
-        G = directions(scene, at, every)
-        placed = np.where(np.isfinite(placed), placed, -residuals(scene.bare)[:, :3])
+        G = directions(problem, at, every)
+        placed = np.where(np.isfinite(placed), placed, -residuals(problem.bare)[:, :3])
         seen = field.copy()
         seen[:, :, :3] = np.einsum("jim,fajm->faim", G, field[:, :, :3])
 
@@ -94,21 +94,21 @@ def details(result: Result) -> dict[str, Any]:
             else np.asarray(np.einsum("jim,mj->mi", G, residual))
         )
 
-    turned = scene.components == 6
+    turned = problem.components == 6
     base_rung = next(r for r in result.ladder if r.names == base)
     return {
         "schema": 1,
         "data_sha256": result.provenance["data_sha256"],
         "study_sha256": result.provenance["study_sha256"],
         "rows": {
-            "of": len(data.scene),
+            "of": len(data.problem),
             "row": measured.row.tolist(),
             "estimation": data.estimation[rows].astype(int).tolist(),
             "outlying": data.outlying[rows].astype(int).tolist(),
             "q": rounded(measured.q, 5),
             "measured_mm": rounded(placed, 2),
         },
-        "places": data.scene.data.where.record(data.scene.data.row),
+        "places": data.problem.data.where.record(data.problem.data.row),
         "joints": [
             {
                 "unit": "mm" if j.prismatic else "rad",
@@ -116,7 +116,7 @@ def details(result: Result) -> dict[str, Any]:
             }
             for j in result.robot.joints
         ],
-        "arm_mm": arm(data.scene),
+        "arm_mm": arm(data.problem),
         "base": result.ladder.index(base_rung),
         "rungs": [
             {
@@ -125,9 +125,9 @@ def details(result: Result) -> dict[str, Any]:
             }
             for r in result.ladder
         ],
-        "map": cells_dict(result, base_rung, scene, seen),
+        "map": cells_dict(result, base_rung, problem, seen),
         "cards": {m.name: mechanism_card(m) for m in _mentioned(result)},
-        "findings": finding_panels(result, scene, field, rows),
+        "findings": finding_panels(result, problem, field, rows),
     }
 
 

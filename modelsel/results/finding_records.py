@@ -13,12 +13,12 @@ from ..diagnosis.candidates import Candidate, crowded
 from ..diagnosis.credible_sets import Entry
 from ..diagnosis.outliers import Fault
 from ..diagnosis.sentences import display, sentence
-from ..diagnosis.stepwise import Effect, Extension
-from ..fitting.problem import Scene
+from ..diagnosis.stepwise import Effect, Diagnosis
+from ..fitting.problem import Problem
 from ..mechanisms.causes import Bump
 from ..mechanisms.terms import Term
 from ..notices import Note
-from ..selection.evaluation import Data, Gain, Rung, surprise
+from ..selection.evaluation import Split, Gain, Evaluation, surprise
 
 PLAIN = ("payload_kg", "temperature_C", "time_s")
 CLEARLY, RARELY = (
@@ -51,17 +51,19 @@ class Finding:
         return f"their error grows by {display(-interval[1])} to {display(-interval[0])} rms with it (95 %)"
 
 
-def derived(names: frozenset[str], scene: Scene) -> bool:
+def derived(names: frozenset[str], problem: Problem) -> bool:
     """Whether a cause uses a name that is neither a joint reading nor a column of the data."""
-    plain = {f"q{j}" for j in range(1, scene.robot.n + 1)} | set(scene.data.covariates) | set(PLAIN)
+    plain = (
+        {f"q{j}" for j in range(1, problem.robot.n + 1)} | set(problem.data.covariates) | set(PLAIN)
+    )
     return bool(names - plain)
 
 
 def screws_of(
-    candidate: Candidate, scene: Scene, curve: dict[tuple[int, str], Array] | None = None
+    candidate: Candidate, problem: Problem, curve: dict[tuple[int, str], Array] | None = None
 ) -> list[dict[str, Any]]:
     """The contract's screws of an entry: each place and cause once; derived causes and free
-    functions with their values at the scene's rows (the estimation rows, in file order). Screws
+    functions with their values at the problem's rows (the estimation rows, in file order). Screws
     that move nothing on these data are left out."""
     out: dict[tuple[int, str, str], dict[str, Any]] = {}
     for term in candidate.mechanism.terms:
@@ -72,39 +74,41 @@ def screws_of(
             entry: dict[str, Any] = {"frame": s.frame, "axis": s.axis, "cause": str(s.cause)}
             if isinstance(s.cause, Bump):
                 fitted = (curve or {}).get((s.frame, s.axis))
-                entry["values"] = np.zeros(len(scene)) if fitted is None else fitted
-            elif derived(s.cause.names(), scene):
-                entry["values"] = np.broadcast_to(s.cause.of(scene), (len(scene),))
+                entry["values"] = np.zeros(len(problem)) if fitted is None else fitted
+            elif derived(s.cause.names(), problem):
+                entry["values"] = np.broadcast_to(s.cause.of(problem), (len(problem),))
             out[key] = entry
     return list(out.values())
 
 
-def curve_of(terms: Sequence[Term], estimate: Array, scene: Scene) -> dict[tuple[int, str], Array]:
-    """(frame, axis) -> fitted values of a free function at the scene's rows."""
+def curve_of(
+    terms: Sequence[Term], estimate: Array, problem: Problem
+) -> dict[tuple[int, str], Array]:
+    """(frame, axis) -> fitted values of a free function at the problem's rows."""
     out: dict[tuple[int, str], Array] = {}
     for term, value in zip(terms, estimate, strict=True):
         for s in term.screws:
             if isinstance(s.cause, Bump):
                 key = (s.frame, s.axis)
-                out[key] = out.get(key, np.zeros(len(scene))) + value * s.cause.of(scene)
+                out[key] = out.get(key, np.zeros(len(problem))) + value * s.cause.of(problem)
     return out
 
 
-def finding_dict(finding: Finding, scene: Scene) -> dict[str, Any]:
-    """The contract's finding; `scene` holds the estimation rows in file order."""
+def finding_dict(finding: Finding, problem: Problem) -> dict[str, Any]:
+    """The contract's finding; `problem` holds the estimation rows in file order."""
     effect = finding.effect
 
     def curve(entry: Entry) -> dict[tuple[int, str], Array]:
         estimate = effect.estimate if entry.candidate == effect.candidate else entry.estimate
-        return curve_of(entry.candidate.mechanism.terms, estimate, scene)
+        return curve_of(entry.candidate.mechanism.terms, estimate, problem)
 
     rows = {}
     if effect.candidate.mechanism.name.startswith("fault:"):
-        cause = scene.cause(effect.candidate.mechanism.terms[0].screws[0].cause)
+        cause = problem.cause(effect.candidate.mechanism.terms[0].screws[0].cause)
         rows = {
-            "rows": scene.data.row[np.broadcast_to(cause, (len(scene),)) > 0]
+            "rows": problem.data.row[np.broadcast_to(cause, (len(problem),)) > 0]
             if "bumped" in effect.candidate.mechanism.name
-            else scene.data.row
+            else problem.data.row
         }
     return {
         "sentence": finding.sentence,
@@ -115,7 +119,7 @@ def finding_dict(finding: Finding, scene: Scene) -> dict[str, Any]:
             {
                 "mechanism": e.candidate.registered_name,
                 "probability": e.probability,
-                "screws": screws_of(e.candidate, scene, curve(e)),
+                "screws": screws_of(e.candidate, problem, curve(e)),
                 "alike": e.alike,
             }
             for e in effect.named.entries
@@ -155,17 +159,17 @@ def fault_dict(fault: Fault) -> dict[str, Any]:
     }
 
 
-def uneven(extension: Extension) -> tuple[Note, ...]:
+def uneven(diagnosis: Diagnosis) -> tuple[Note, ...]:
     """What independent normal noise would have named and the residual's own signs do not."""
-    if extension.held_back is None or extension.left is None:
+    if diagnosis.held_back is None or diagnosis.left is None:
         return ()
-    first = extension.left.entries[0].candidate.label
+    first = diagnosis.left.entries[0].candidate.label
     return (
         Note(
             "uneven-noise",
             f"{first} is not named: if the noise were normal, independent and alike everywhere, chance "
-            f"would explain it with probability {extension.held_back:.2g}, but the residuals as they are, with the signs of "
-            f"whole postures (or groups) changed, do as well with probability {extension.left_p:.2g}. Rows of one posture "
+            f"would explain it with probability {diagnosis.held_back:.2g}, but the residuals as they are, with the signs of "
+            f"whole postures (or groups) changed, do as well with probability {diagnosis.left_p:.2g}. Rows of one posture "
             "may share an error, a few rows may be loud, the noise may be larger in one direction, or errors may last from "
             "one configuration to the next.",
         ),
@@ -185,14 +189,14 @@ def opposed(findings: Sequence[Finding]) -> tuple[Note, ...]:
     )
 
 
-def surprised(data: Data, chosen: Rung) -> tuple[Note, ...]:
+def surprised(split: Split, chosen: Evaluation) -> tuple[Note, ...]:
     """Held-out configurations that err clearly more than cross-validation within the estimation
     rows promises."""
-    held, block = ~data.estimation & ~data.outlying, data.scene.data.block
+    held, block = ~split.estimation & ~split.outlying, split.problem.data.block
     if chosen.crossed is None:
         return ()
     seen = np.linalg.norm(chosen.residual[held][:, :3], axis=1)
-    times, p = surprise(chosen.crossed, block[data.used], seen, block[held])
+    times, p = surprise(chosen.crossed, block[split.used], seen, block[held])
     if times < CLEARLY or p > RARELY:
         return ()
     return (
@@ -211,14 +215,14 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.square(values).mean()))
 
 
-def beside(scene: Scene) -> tuple[Note, ...]:
+def beside(problem: Problem) -> tuple[Note, ...]:
     """Where the arm has so many joints that the error map is not whole."""
-    if not crowded(scene):
+    if not crowded(problem):
         return ()
     return (
         Note(
             "map-of-neighbours",
-            f"With {scene.robot.n} joints the whole error map is too large: causes nobody registered "
+            f"With {problem.robot.n} joints the whole error map is too large: causes nobody registered "
             "were looked for only at the places of the joints they look at, and next to these.",
         ),
     )

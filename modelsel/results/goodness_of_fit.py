@@ -15,12 +15,12 @@ from ..fitting.design import fixture_values, whitened
 from ..fitting.least_squares import Fit
 from ..fitting.noise import LACKING, MEDIAN, Floor
 from ..fitting.observation import LENGTH
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..measurements.measurements import SAME_READING, Measurements
 from ..mechanisms.causes import Member
 from ..notices import Note
 from ..robot.rigid import turn
-from ..selection.evaluation import Data, Rung
+from ..selection.evaluation import Split, Evaluation
 from .finding_records import CLEARLY, RARELY
 
 
@@ -38,7 +38,7 @@ class LackOfFit:
     high_mm: float
 
 
-def lack_of_fit(chosen: Rung, floor: Floor | None, data: Data) -> LackOfFit | None:
+def lack_of_fit(chosen: Evaluation, floor: Floor | None, split: Split) -> LackOfFit | None:
     """Whether a model leaves more on the rows that fit than a floor that is known without it; None
     where it is estimated from the residuals. Of repeats: the classical test of lack of fit against
     the pure error of these rows; of target pairs, whose floor rests on a median, on MEDIAN of their
@@ -47,7 +47,7 @@ def lack_of_fit(chosen: Rung, floor: Floor | None, data: Data) -> LackOfFit | No
 
     if floor is None or floor.source == "estimated":
         return None
-    training = data.training()
+    training = split.training()
     seen = (
         np.ones((len(training), 3), bool) if training.measured is None else training.measured[:, :3]
     )
@@ -76,11 +76,13 @@ def lack_of_fit(chosen: Rung, floor: Floor | None, data: Data) -> LackOfFit | No
     return LackOfFit(f, float(fdtrc(freedom, known, f)), float(sigma), *unexplained.tolist())
 
 
-def pure_error(scene: Scene) -> tuple[float, float]:
+def pure_error(problem: Problem) -> tuple[float, float]:
     """(sum of squares, degrees of freedom) of whitened positions at equal readings of one target,
     about their means."""
-    data = scene.data
-    position = whitened(scene, np.pad(data.position, ((0, 0), (0, scene.components - 3))))[:, :3]
+    data = problem.data
+    position = whitened(problem, np.pad(data.position, ((0, 0), (0, problem.components - 3))))[
+        :, :3
+    ]
     key = np.unique(data.block * len(data.targets) + data.target, return_inverse=True)[1].reshape(
         -1
     )
@@ -155,9 +157,9 @@ class Placed:
     fitted: tuple[str, ...]
 
 
-def features(scene: Scene, fitted: Fit) -> tuple[Placed, ...]:
-    """Every feature that has a place, of a scene with rows that are no points."""
-    gauges = scene.data.gauges
+def features(problem: Problem, fitted: Fit) -> tuple[Placed, ...]:
+    """Every feature that has a place, of a problem with rows that are no points."""
+    gauges = problem.data.gauges
     if gauges is None:
         return ()
     values = fixture_values(len(gauges.features), fitted.terms, fitted.theta)
@@ -165,12 +167,12 @@ def features(scene: Scene, fitted: Fit) -> tuple[Placed, ...]:
     for k, f in enumerate(gauges.features):
         if f.kind == "distance":
             continue
-        place, normal = scene.fixtures.centre[k] + values[k, :3], None
+        place, normal = problem.fixtures.centre[k] + values[k, :3], None
         if f.kind == "plane":
             local = turn(0, values[k, 3]) @ turn(1, values[k, 4]) @ np.array([0.0, 0.0, 1.0])
-            normal = local @ scene.fixtures.axes[k]
-            place = scene.fixtures.centre[k] + values[k, 2] * normal
-        length = float(scene.fixtures.length[k] + values[k, LENGTH])
+            normal = local @ problem.fixtures.axes[k]
+            place = problem.fixtures.centre[k] + values[k, 2] * normal
+        length = float(problem.fixtures.length[k] + values[k, LENGTH])
         symbols = tuple(
             t.symbol
             for t in fitted.terms

@@ -15,9 +15,9 @@ import numpy as np
 from .._typing import Array
 from ..diagnosis.scan import basis
 from ..fitting.design import PLACE, blocks, field_of
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..mechanisms.causes import Applied, Cause, Combined, Named, Number
-from ..selection.evaluation import Rung
+from ..selection.evaluation import Evaluation
 
 if TYPE_CHECKING:
     from .result import Result
@@ -44,7 +44,7 @@ def wave(causes: tuple[Cause, ...]) -> tuple[Cause, float] | None:
     return angle, 1.0
 
 
-def column_dict(causes: tuple[Cause, ...], scene: Scene) -> dict[str, Any]:
+def column_dict(causes: tuple[Cause, ...], problem: Problem) -> dict[str, Any]:
     """One column of the map: a wave by its angle and count (the joint's own readings are in the
     rows), else its values."""
     found = wave(causes)
@@ -53,7 +53,7 @@ def column_dict(causes: tuple[Cause, ...], scene: Scene) -> dict[str, Any]:
         joint = next(
             (
                 j
-                for j in range(1, scene.robot.n + 1)
+                for j in range(1, problem.robot.n + 1)
                 if isinstance(angle, Named) and angle.name == f"q{j}"
             ),
             None,
@@ -62,26 +62,28 @@ def column_dict(causes: tuple[Cause, ...], scene: Scene) -> dict[str, Any]:
             "wave": count,
             "angle": str(angle),
             "joint": joint,
-            "values": None if joint else [_values(angle, scene)],
+            "values": None if joint else [_values(angle, problem)],
         }
     return {
         "wave": None,
         "angle": None,
         "joint": None,
-        "values": [_values(c, scene) for c in causes],
+        "values": [_values(c, problem) for c in causes],
         "unit": causes[0].unit,
     }
 
 
-def _values(cause: Cause, scene: Scene) -> list[Any]:
-    values = np.broadcast_to(np.asarray(scene.cause(cause), float), (len(scene),))
+def _values(cause: Cause, problem: Problem) -> list[Any]:
+    values = np.broadcast_to(np.asarray(problem.cause(cause), float), (len(problem),))
     biggest = float(np.abs(values).max(initial=0))
     digits = int(np.clip(5 - np.ceil(np.log10(biggest)) if biggest > 0 else 0, 0, 9))
     out: list[Any] = (np.round(values, digits) + 0.0).tolist()
     return out
 
 
-def cells_dict(result: Result, base_rung: Rung, scene: Scene, field: Array) -> dict[str, Any]:
+def cells_dict(
+    result: Result, base_rung: Evaluation, problem: Problem, field: Array
+) -> dict[str, Any]:
     """Places with their displacement (m, 3) at the drawn rows, causes, slopes by cell, the
     registered names of cells."""
     whole = result.error_map
@@ -89,7 +91,7 @@ def cells_dict(result: Result, base_rung: Rung, scene: Scene, field: Array) -> d
     for frame, axis in whole.where:
         d = field[frame - 1, PLACE[axis]]
         turning = (
-            scene.components == 6 and float(np.abs(d[:3]).max()) < 1e-6
+            problem.components == 6 and float(np.abs(d[:3]).max()) < 1e-6
         )  # the target's own rotations turn, they do not move
         part = d[3:] if turning else d[:3]
         places.append(
@@ -102,7 +104,7 @@ def cells_dict(result: Result, base_rung: Rung, scene: Scene, field: Array) -> d
         )
     return {
         "places": places,
-        "columns": [column_dict(causes, scene) for causes in whole.why],
+        "columns": [column_dict(causes, problem) for causes in whole.why],
         "slopes": _slopes(result, base_rung) if whole.where else [],
         "named": [
             [i, j, m.name] for (i, j), m in sorted(whole.named.items(), key=lambda item: item[0])
@@ -110,14 +112,14 @@ def cells_dict(result: Result, base_rung: Rung, scene: Scene, field: Array) -> d
     }
 
 
-def _slopes(result: Result, base_rung: Rung) -> list[Any]:
+def _slopes(result: Result, base_rung: Evaluation) -> list[Any]:
     """(P, C) nested: each cell's least-squares slopes alone beyond the base, six digits; None where
     no cell is."""
     data, whole = result.data, result.error_map
     used = np.flatnonzero(data.used)
     if len(used) > MOST:
         used = used[np.linspace(0, len(used) - 1, MOST).astype(int)]
-    some, every = data.scene.take(used), slice(0, len(used))
+    some, every = data.problem.take(used), slice(0, len(used))
     fitted, white = base_rung.fit, some.whiten
     _, columns, residual = next(blocks(some, fitted.terms, fitted.at()))  # MOST rows are one block
     Q, r = (

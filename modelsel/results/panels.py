@@ -17,7 +17,7 @@ import numpy as np
 from .._typing import Array, Index
 from ..diagnosis.sentences import what
 from ..fitting.design import PLACE, columns_of
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named
 from ..mechanisms.terms import Term
 from .map_details import wave
@@ -106,7 +106,7 @@ def _along(group: _Group, x: Array) -> Array:
 
 
 def _panel(
-    group: _Group, scene: Scene, field: Array, residual: Array
+    group: _Group, problem: Problem, field: Array, residual: Array
 ) -> tuple[float, dict[str, Any]] | None:
     """(rms displacement in mm, the panel) of one group; None where it moves nothing here."""
     d = np.sum([field[f - 1, PLACE[axis]] for f, axis in group.places], axis=0)
@@ -117,7 +117,7 @@ def _panel(
     if len(good) < 2:
         return None
     good = good[np.unique(np.linspace(0, len(good) - 1, min(len(good), POINTS)).astype(int))]
-    x = np.broadcast_to(np.asarray(scene.cause(group.variable), float), (len(scene),))[good]
+    x = np.broadcast_to(np.asarray(problem.cause(group.variable), float), (len(problem),))[good]
     fitted, against = _along(group, x), str(group.variable)
     left = (d * r).sum(1)[good] / lever[good] ** 2
     grid = np.linspace(x.min(), x.max(), CURVE) if np.ptp(x) > 0 else np.array([x[0], x[0] + 1.0])
@@ -166,11 +166,13 @@ def _points(
 
 
 def _whole(
-    terms: Sequence[Term], estimate: Array, scene: Scene, field: Array, residual: Array
+    terms: Sequence[Term], estimate: Array, problem: Problem, field: Array, residual: Array
 ) -> dict[str, Any] | None:
     """The displacement along the effect's own direction against what the effect says, in mm: for
     what acts in many places."""
-    moved = np.tensordot(estimate, columns_of(scene, field, terms, slice(0, len(scene))), 1)[:3].T
+    moved = np.tensordot(estimate, columns_of(problem, field, terms, slice(0, len(problem))), 1)[
+        :3
+    ].T
     size = np.linalg.norm(moved, axis=1)
     good = np.flatnonzero(size > 0.02 * size.max(initial=0))
     if len(good) < 2:
@@ -191,13 +193,13 @@ def _whole(
     }
 
 
-def _finding(finding: Finding, scene: Scene, field: Array, residual: Array) -> dict[str, Any]:
+def _finding(finding: Finding, problem: Problem, field: Array, residual: Array) -> dict[str, Any]:
     terms, estimate = finding.effect.candidate.mechanism.terms, finding.effect.estimate
-    groups = _groups(terms, estimate, scene.names())
-    panels = [p for g in groups or [] if (p := _panel(g, scene, field, residual)) is not None]
+    groups = _groups(terms, estimate, problem.names())
+    panels = [p for g in groups or [] if (p := _panel(g, problem, field, residual)) is not None]
     panels.sort(key=lambda pair: -pair[0])
     shown = [p for _, p in panels[:PANELS]]
-    if not shown and (one := _whole(terms, estimate, scene, field, residual)) is not None:
+    if not shown and (one := _whole(terms, estimate, problem, field, residual)) is not None:
         shown = [one]
     return {
         "label": finding.effect.candidate.label,
@@ -208,7 +210,9 @@ def _finding(finding: Finding, scene: Scene, field: Array, residual: Array) -> d
     }
 
 
-def finding_panels(result: Result, scene: Scene, field: Array, rows: Index) -> list[dict[str, Any]]:
+def finding_panels(
+    result: Result, problem: Problem, field: Array, rows: Index
+) -> list[dict[str, Any]]:
     """One entry per finding of result.json, faults of single rows first (these have nothing to draw
     against a cause)."""
     residual = result.chosen.residual[rows]
@@ -223,5 +227,5 @@ def finding_panels(result: Result, scene: Scene, field: Array, rows: Index) -> l
             }
             for f in result.faults
         ),
-        *(_finding(f, scene, field, residual) for f in result.findings),
+        *(_finding(f, problem, field, residual) for f in result.findings),
     ]

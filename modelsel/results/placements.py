@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..robot.rigid import to_rpy
 
 SHOWN = 6  # groups, targets
 
 
-def standing(scene: Scene, per_group: bool) -> dict[str, Any]:
+def standing(problem: Problem, per_group: bool) -> dict[str, Any]:
     """Frame 0 (the nominal robot's base) in the tracker's frame, by group or once: position [mm]
     and roll, pitch, yaw [deg], with R = Rz(yaw) Ry(pitch) Rx(roll); every target in the flange
     frame [mm]."""
-    R, t = scene.placement
-    groups = scene.data.groups if per_group else ("all",)
+    R, t = problem.placement
+    groups = problem.data.groups if per_group else ("all",)
     return {
         "base_in_tracker": [
             {
@@ -31,7 +31,7 @@ def standing(scene: Scene, per_group: bool) -> dict[str, Any]:
         ],
         "target_on_flange": [
             {"target": name, "position_mm": tool.tolist()}
-            for name, tool in zip(scene.data.targets, scene.tools, strict=True)
+            for name, tool in zip(problem.data.targets, problem.tools, strict=True)
         ],
     }
 

@@ -6,25 +6,25 @@ from dataclasses import asdict
 from typing import Any
 
 from ..selection.comparison import Comparison
-from ..selection.evaluation import Rung
+from ..selection.evaluation import Evaluation
 
 
-def rung_dict(rung: Rung) -> dict[str, Any]:
+def rung_dict(evaluation: Evaluation) -> dict[str, Any]:
     """One rung of the ladder or row of the table."""
     return {
-        "mechanisms": list(rung.names),
-        "parameters": rung.parameters,
-        "rank": rung.rank,
-        "estimation": asdict(rung.estimation),
-        "held_out": asdict(rung.held_out),
-        "cv_rms_mm": rung.cv_rms_mm,
-        "cv_mean_mm": rung.cv_mean_mm,
-        "aicc": rung.aicc,
-        "bic": rung.bic,
-        "aic": rung.aic,
-        "gcv": rung.gcv,
-        "ebic": rung.ebic,
-        "log_predictive_density": rung.log_density,
+        "mechanisms": list(evaluation.names),
+        "parameters": evaluation.parameters,
+        "rank": evaluation.rank,
+        "estimation": asdict(evaluation.estimation),
+        "held_out": asdict(evaluation.held_out),
+        "cv_rms_mm": evaluation.cv_rms_mm,
+        "cv_mean_mm": evaluation.cv_mean_mm,
+        "aicc": evaluation.aicc,
+        "bic": evaluation.bic,
+        "aic": evaluation.aic,
+        "gcv": evaluation.gcv,
+        "ebic": evaluation.ebic,
+        "log_predictive_density": evaluation.log_density,
     }
 
 

@@ -14,14 +14,14 @@ from ..config.study_file import Study
 from ..diagnosis.error_map import ErrorMap
 from ..diagnosis.outliers import Fault
 from ..diagnosis.procedure import Nested
-from ..diagnosis.stepwise import Extension
+from ..diagnosis.stepwise import Diagnosis
 from ..diagnosis.unexplained import Predictable
 from ..fitting.identifiability import Unidentifiable
 from ..fitting.noise import Floor
 from ..notices import HOPELESS, Note
 from ..robot.kinematics import Robot
 from ..selection.comparison import Comparison
-from ..selection.evaluation import Data, Gain, Rung, turned
+from ..selection.evaluation import Split, Gain, Evaluation, turned
 from ..uncertainty.summary import Confidence
 from .finding_records import Finding, fault_dict, finding_dict, screws_of
 from .goodness_of_fit import Placed, features, lack_of_fit, noise_dict
@@ -43,15 +43,15 @@ class Result(Views):
 
     study: Study
     robot: Robot
-    data: Data
+    data: Split
     floor: Floor
-    ladder: tuple[Rung, ...]
+    ladder: tuple[Evaluation, ...]
     comparison: Comparison | None
-    chosen: Rung
+    chosen: Evaluation
     gain: Gain
     findings: tuple[Finding, ...]
     faults: tuple[Fault, ...]
-    extension: Extension = field(repr=False)
+    extension: Diagnosis = field(repr=False)
     error_map: ErrorMap = field(repr=False)
     nothing_else: tuple[str, float | None]
     predictable: Predictable | None
@@ -64,14 +64,14 @@ class Result(Views):
     @property
     def features(self) -> tuple[Placed, ...]:
         """Where the chosen model has the features that rows share."""
-        return features(self.data.scene, self.chosen.fit)
+        return features(self.data.problem, self.chosen.fit)
 
     @property
     def standing(self) -> dict[str, Any] | None:
         """Where registration found the base and the targets (`standing`); None where the study
         gives them."""
         return (
-            standing(self.data.scene, self.study.robot.register_ == "per group")
+            standing(self.data.problem, self.study.robot.register_ == "per group")
             if self.study.robot.register_
             else None
         )
@@ -87,7 +87,7 @@ class Result(Views):
 
     def to_dict(self) -> dict[str, Any]:
         """The contract's result."""
-        data = self.data.scene.data
+        data = self.data.problem.data
         estimation = self.data.estimation
         lack = lack_of_fit(self.chosen, self.floor, self.data)
         extending = (
@@ -128,7 +128,7 @@ class Result(Views):
             "candidates": candidates_dict(self.comparison),
             "findings": [
                 *(fault_dict(f) for f in self.faults),
-                *(finding_dict(f, self.data.scene.take(estimation)) for f in self.findings),
+                *(finding_dict(f, self.data.problem.take(estimation)) for f in self.findings),
             ],
             "nothing_else": {
                 "sentence": self.nothing_else[0],
@@ -153,7 +153,7 @@ class Result(Views):
                     s
                     for c in extending
                     if not c.registered
-                    for s in screws_of(c, self.data.scene.take(estimation))
+                    for s in screws_of(c, self.data.problem.take(estimation))
                 ],
             },
             "path": list(self.extension.path),
@@ -196,7 +196,7 @@ class Result(Views):
         data = self.data
         base = next(r for r in self.ladder if r.names == tuple(self.study.model.base))
         columns: dict[str, NDArray[Any]] = {
-            "row": data.scene.data.row,
+            "row": data.problem.data.row,
             "estimation": data.estimation,
             "outlier": data.outlying,
         }

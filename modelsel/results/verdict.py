@@ -8,7 +8,7 @@ from math import degrees
 
 from ..exceptions import sentence_list
 from ..fitting.noise import Floor
-from ..selection.evaluation import Gain, Rung
+from ..selection.evaluation import Gain, Evaluation
 from .cautions import of_those_asked
 
 SHOWN = 6  # names in a sentence
@@ -30,8 +30,8 @@ NUMBERS = (
 
 
 def verdict(
-    nominal: Rung,
-    chosen: Rung,
+    nominal: Evaluation,
+    chosen: Evaluation,
     gain: Gain,
     floor: Floor,
     named: Sequence[tuple[str, str]],
@@ -67,7 +67,7 @@ def _angle(value: float) -> str:
     return f"{value * 1e3:.3g} mrad" if value < 0.1 else f"{degrees(value):.3g}°"
 
 
-def _gained(nominal: Rung, chosen: Rung, gain: Gain, floor: Floor) -> str:
+def _gained(nominal: Evaluation, chosen: Evaluation, gain: Gain, floor: Floor) -> str:
     noise = f"noise of {floor.coordinate_mm:.3g} mm per coordinate ({floor.source}) would leave {_left_by(floor):.3g} mm"
     before, after = gain.held_out_rms_before_mm, gain.held_out_rms_after_mm
     if before is None or after is None:

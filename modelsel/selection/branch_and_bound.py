@@ -47,7 +47,7 @@ class Certified:
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class _Bounding:
     """Orthonormal columns of the groups beyond the base: Gram A (p, p), products b (p,), |y|²
     there, the group of a column."""
 
@@ -96,7 +96,7 @@ class _Problem:
 
 def _problem(
     total: Reduction, base: Sequence[int], groups: Sequence[Sequence[int]], sigma: float | None
-) -> _Problem:
+) -> _Bounding:
     """Beyond the base; a group's columns that its other columns or the base span are left out, and
     a group that moves the target as an earlier one does is left to that."""
     b = len(base)
@@ -120,7 +120,7 @@ def _problem(
         bases.append(Q[:, :0] if twin else Q)
         of += [g] * bases[-1].shape[1]
     Q, y = np.concatenate([*bases, np.zeros((len(inner), 0))], axis=1), inner[:, -1]
-    return _Problem(
+    return _Bounding(
         Q.T @ Q,
         Q.T @ y,
         float(y @ y),
@@ -132,7 +132,7 @@ def _problem(
     )
 
 
-def _stepwise(problem: _Problem, members: Mask) -> Mask:
+def _stepwise(problem: _Bounding, members: Mask) -> Mask:
     """A subset that no group added, dropped or exchanged makes better, from a given one (splicing;
     Zhu et al. 2020)."""
     real = np.flatnonzero(np.bincount(problem.of, minlength=problem.groups)).tolist()
@@ -206,7 +206,7 @@ class _Node:
     open: Mask
 
 
-def _bounded(problem: _Problem, node: _Node, best: Mask) -> tuple[float, Mask, int]:
+def _bounded(problem: _Bounding, node: _Node, best: Mask) -> tuple[float, Mask, int]:
     """(a bound from below on the BIC of every subset of a node, a subset worth trying, the group to
     branch on or −1)."""
     n, everything = problem.rows, node.inside | node.open

@@ -30,7 +30,7 @@ from .cross_validation import (
     folds,
     held_out_residuals,
 )
-from .evaluation import Data, Rung, described, errors_of
+from .evaluation import Split, Evaluation, described, errors_of
 from .subsets import Subsets, all_subsets, some_subsets
 
 MOST = 12  # mechanisms in the table of all subsets, unless the study asks for more
@@ -44,7 +44,7 @@ class Comparison:
     one-standard-error choice."""
 
     compared: int
-    best: tuple[Rung, ...]
+    best: tuple[Evaluation, ...]
     choice: tuple[str, ...]
     considered: tuple[str, ...]
     set_aside: tuple[str, ...]
@@ -52,7 +52,7 @@ class Comparison:
 
 
 def compare(
-    data: Data,
+    split: Split,
     base: Model,
     base_fit: Fit,
     candidates: Sequence[Mechanism],
@@ -64,13 +64,13 @@ def compare(
     more than WALKED the best by BIC, certified or not, and what stands round it. Every criterion is
     that of the rungs, of a known σ where the study states it. `scanned`: of how many groups the
     candidates are the strongest; EBIC counts these."""
-    sigma = 1.0 if data.known_sigma else None
-    training, folds_of = data.training(), data.training_folds()
+    sigma = 1.0 if split.known_sigma else None
+    training, folds_of = split.training(), split.training_folds()
     everything = base + tuple(candidates)
     terms = everything.terms
     used = sorted({*base_fit.found.kept, *range(len(base.terms), len(terms))})
     folded = fold(training, terms, folds_of, base_fit.at(), used)
-    steps = steps_from(data, everything, base_fit, folded)
+    steps = steps_from(split, everything, base_fit, folded)
     folded, held = _with_prior(folded, everything, steps.to(everything) or steps.to(base))
     place = {t.screws: k for k, t in enumerate(terms)}
     kept_base = list(base_fit.found.kept)
@@ -128,7 +128,7 @@ def compare(
     rows.sort(key=lambda s: float(total[s]))
     some = [tuple(candidates[chosen[g]] for g in np.flatnonzero(subsets.members[s])) for s in rows]
     rungs = measured(
-        data,
+        split,
         [(*base_names, *(m.name for m in each)) for each in some],
         [steps.to(base + each) for each in some],
     )
@@ -231,21 +231,21 @@ def columns_of(terms: Model, model: Model) -> list[int]:
 
 
 def measured(
-    data: Data, models: Sequence[tuple[str, ...]], steps: Sequence[Step | None]
-) -> list[Rung | None]:
+    split: Split, models: Sequence[tuple[str, ...]], steps: Sequence[Step | None]
+) -> list[Evaluation | None]:
     """A rung (without its residuals) of every step, in the given names; None for a step that cannot
     be made."""
-    training, folds_of = data.training(), data.training_folds()
+    training, folds_of = split.training(), split.training_folds()
     some = [step for step in steps if step is not None]
     folded = folds(
         training, [(s.model.terms, (s.model.terms, s.theta), s.found.kept) for s in some], folds_of
     )
     fits = [step.fit(block.total) for step, block in zip(some, folded, strict=True)]
     crossed = [_crossed(block, fitted) for block, fitted in zip(folded, fits, strict=True)]
-    sizes, left = _lengths(data, fits, crossed, folds_of)
+    sizes, left = _lengths(split, fits, crossed, folds_of)
     out = iter(zip(fits, crossed, sizes, left, strict=True))
     return [
-        None if step is None else _rung(data, names, *next(out))
+        None if step is None else _rung(split, names, *next(out))
         for names, step in zip(models, steps, strict=True)
     ]
 
@@ -269,9 +269,9 @@ class Steps:
             return None
 
 
-def steps_from(data: Data, whole: Model, base_fit: Fit, folded: Folded) -> Steps:
+def steps_from(split: Split, whole: Model, base_fit: Fit, folded: Folded) -> Steps:
     """From a base's fit; `folded`: the whole model's terms there."""
-    return Steps(whole, base_fit, folded.total, typical_weight(data.training()))
+    return Steps(whole, base_fit, folded.total, typical_weight(split.training()))
 
 
 def _crossed(folded: Folded, fitted: Fit) -> CrossValidation | None:
@@ -282,17 +282,17 @@ def _crossed(folded: Folded, fitted: Fit) -> CrossValidation | None:
 
 
 def _lengths(
-    data: Data, fits: Sequence[Fit], crossed: Sequence[CrossValidation | None], folds_of: Index
+    split: Split, fits: Sequence[Fit], crossed: Sequence[CrossValidation | None], folds_of: Index
 ) -> tuple[Array, Array]:
     """Lengths [mm] of every model's residuals (models, m), and of those that fits without the row's
     fold leave (models, rows that fit)."""
     sizes, left = (
-        np.empty((len(fits), len(data.scene))),
-        np.full((len(fits), int(data.used.sum())), np.nan),
+        np.empty((len(fits), len(split.problem))),
+        np.full((len(fits), int(split.used.sum())), np.nan),
     )
-    place = np.cumsum(data.used) - 1
-    for rows, part in data.scene.parts():
-        used = data.used[rows]
+    place = np.cumsum(split.used) - 1
+    for rows, part in split.problem.parts():
+        used = split.used[rows]
         seen, at = part.take(used), place[rows][used]
         for fitted, cv, size, mine in zip(fits, crossed, sizes, left, strict=True):
             size[rows] = np.linalg.norm(fitted.residuals(part)[:, :3], axis=1)
@@ -305,13 +305,13 @@ def _lengths(
 
 
 def _rung(
-    data: Data,
+    split: Split,
     names: tuple[str, ...],
     fitted: Fit,
     cv: CrossValidation | None,
     size: Array,
     left: Array,
-) -> Rung:
-    ours, held = data.estimation, ~data.estimation
-    both = errors_of(size[ours], data.outlying[ours]), errors_of(size[held], data.outlying[held])
-    return described(data, names, fitted, both, cv, left, np.zeros((0, data.scene.components)))
+) -> Evaluation:
+    ours, held = split.estimation, ~split.estimation
+    both = errors_of(size[ours], split.outlying[ours]), errors_of(size[held], split.outlying[held])
+    return described(split, names, fitted, both, cv, left, np.zeros((0, split.problem.components)))

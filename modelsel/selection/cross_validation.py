@@ -19,7 +19,7 @@ from .._typing import Array, Index
 from ..exceptions import NotEstimable
 from ..fitting.design import assemble, blocks, whiten
 from ..fitting.identifiability import identify, solve
-from ..fitting.problem import BLOCK, Scene
+from ..fitting.problem import BLOCK, Problem
 from ..fitting.reduction import STREAM, Reduction, spread
 from ..mechanisms.terms import Term
 from ..robot._kernels import Space
@@ -72,26 +72,28 @@ Point = tuple[
 
 
 def fold(
-    scene: Scene,
+    problem: Problem,
     terms: Sequence[Term],
     fold_of: Index,
     at: tuple[Sequence[Term], Array] | None = None,
     only: Sequence[int] | None = None,
 ) -> Folded:
-    """A scene's whitened design and residual, reduced fold by fold, block of rows by block of rows.
+    """A problem's whitened design and residual, reduced fold by fold, block of rows by block of rows.
     `only`: the terms that are asked for; of many rows the other columns are nought."""
-    return folds(scene, [(terms, at, only)], fold_of)[0]
+    return folds(problem, [(terms, at, only)], fold_of)[0]
 
 
-def folds(scene: Scene, points: Sequence[Point], fold_of: Index) -> list[Folded]:
+def folds(problem: Problem, points: Sequence[Point], fold_of: Index) -> list[Folded]:
     """`fold` of several models, each at its own point, in one pass: a block's causes are evaluated
     once for all of them."""
     count = int(fold_of.max()) + 1
-    rows_of = scene.counted(fold_of, count)
-    if len(scene) <= BLOCK:
+    rows_of = problem.counted(fold_of, count)
+    if len(problem) <= BLOCK:
         out = []
         for terms, at, _ in points:
-            stacked = whiten(scene, assemble(scene, terms, at)).transpose(2, 1, 0)  # (rows, c, p+1)
+            stacked = whiten(problem, assemble(problem, terms, at)).transpose(
+                2, 1, 0
+            )  # (rows, c, p+1)
             out.append(
                 pad(
                     [stacked[fold_of == k].reshape(-1, len(terms) + 1) for k in range(count)],
@@ -105,8 +107,8 @@ def folds(scene: Scene, points: Sequence[Point], fold_of: Index) -> list[Folded]
     found = [[Reduction.empty(len(some) - 1)] * count for some in picked]
     spaces = [Space() for _ in points]
     order = np.argsort(fold_of, kind="stable")
-    for rows in (order[start : start + STREAM] for start in range(0, len(scene), STREAM)):
-        part, (own, first) = scene.take(rows), np.unique(fold_of[rows], return_index=True)
+    for rows in (order[start : start + STREAM] for start in range(0, len(problem), STREAM)):
+        part, (own, first) = problem.take(rows), np.unique(fold_of[rows], return_index=True)
         for (terms, at, _), some, into, space in zip(points, picked, found, spaces, strict=True):
             block = whiten(part, assemble(part, terms, at, space=space))[some]
             for k, start, stop in zip(own, first, [*first[1:], len(rows)], strict=True):
@@ -118,21 +120,24 @@ def folds(scene: Scene, points: Sequence[Point], fold_of: Index) -> list[Folded]
 
 
 def by_unit(
-    scene: Scene, terms: Sequence[Term], unit: Index, at: tuple[Sequence[Term], Array] | None = None
+    problem: Problem,
+    terms: Sequence[Term],
+    unit: Index,
+    at: tuple[Sequence[Term], Array] | None = None,
 ) -> Iterator[Folded]:
     """A fold per unit (m,), a configuration or a group, in order, a block of rows at a time: of any
     number of rows only one block is held."""
     unit = np.unique(unit, return_inverse=True)[1].reshape(-1)
     order = np.argsort(unit, kind="stable")
-    edges = np.append(np.flatnonzero(np.diff(unit[order], prepend=-1)), len(scene))
-    c, p1, k = scene.components, len(terms) + 1, 0
+    edges = np.append(np.flatnonzero(np.diff(unit[order], prepend=-1)), len(problem))
+    c, p1, k = problem.components, len(terms) + 1, 0
     while k < len(edges) - 1:
         end = max(int(np.searchsorted(edges, edges[k] + BLOCK, side="right")) - 1, k + 1)
         rows, height = order[edges[k] : edges[end]], np.diff(edges[k : end + 1])
-        if len(rows) == len(scene):
-            block = whiten(scene, assemble(scene, terms, at))[:, :, rows]
+        if len(rows) == len(problem):
+            block = whiten(problem, assemble(problem, terms, at))[:, :, rows]
         else:
-            part = scene.take(rows)
+            part = problem.take(rows)
             block = whiten(part, assemble(part, terms, at))
         out = np.zeros((end - k, height.max(), c, p1))
         which = unit[rows] - k
@@ -141,7 +146,9 @@ def by_unit(
         )
         out = out.reshape(end - k, -1, p1)
         tall = [b[: h * c] for b, h in zip(out, height, strict=True)] if out.shape[1] > p1 else None
-        seen = height * c if scene.measured is None else scene.take(rows).counted(which, end - k)
+        seen = (
+            height * c if problem.measured is None else problem.take(rows).counted(which, end - k)
+        )
         yield Folded(out, seen) if tall is None else pad(tall, seen)
         k = end
 
@@ -232,7 +239,7 @@ def _density(gram: Array, quadratic: Array, rss: float, rows: Index, rank: int) 
 
 
 def held_out_residuals(
-    scene: Scene,
+    problem: Problem,
     terms: Sequence[Term],
     fold_of: Index,
     without: Array,
@@ -240,8 +247,8 @@ def held_out_residuals(
 ) -> Array:
     """(m, 3) mm: every row's residual under the fit that has not seen its fold (linear about `at`),
     not whitened."""
-    out = np.empty((len(scene), 3))
-    for rows, columns, residual in blocks(replace(scene, whiten=1.0), terms, at):
+    out = np.empty((len(problem), 3))
+    for rows, columns, residual in blocks(replace(problem, whiten=1.0), terms, at):
         delta: NDArray[np.float64] = without[fold_of[rows]]
         out[rows] = (residual[:3] - np.einsum("pcm,mp->cm", columns[:, :3], delta)).T
     return out

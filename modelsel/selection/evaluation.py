@@ -13,18 +13,18 @@ from .._typing import Array, Index
 from ..exceptions import NotEstimable
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
 from .criteria import aic, aicc, bic, gcv
 from .cross_validation import CrossValidation, cross_validate, fold, held_out_residuals
 
 
 @dataclass(frozen=True, eq=False)
-class Data:
-    """One scene, split: `estimation` and `held_out` row masks, `outlying` rows, folds of the
+class Split:
+    """One problem, split: `estimation` and `held_out` row masks, `outlying` rows, folds of the
     estimation rows."""
 
-    scene: Scene
+    problem: Problem
     estimation: NDArray[np.bool_]
     outlying: NDArray[np.bool_]
     folds: Index  # (m,) −1 where a row is not used to fit
@@ -35,9 +35,9 @@ class Data:
         """Rows that fit: estimation without outliers."""
         return self.estimation & ~self.outlying
 
-    def training(self) -> Scene:
-        """The scene of the rows that fit."""
-        return self.scene.take(self.used)
+    def training(self) -> Problem:
+        """The problem of the rows that fit."""
+        return self.problem.take(self.used)
 
     def training_folds(self) -> Index:
         """Folds of the rows that fit, numbered without gaps."""
@@ -47,7 +47,7 @@ class Data:
 
 
 @dataclass(frozen=True, eq=False)
-class Rung:
+class Evaluation:
     """One model, measured: exact fit, errors on both sides of the split, cross-validation,
     criteria."""
 
@@ -73,20 +73,20 @@ class Rung:
     )  # (k,) lengths [mm] of the used rows, cross-validated
 
 
-def rung(
-    data: Data,
+def evaluate(
+    split: Split,
     model: Model,
     names: Sequence[str],
     fitted: Fit | None = None,
     start: Fit | None = None,
-) -> Rung:
+) -> Evaluation:
     """Fit a model on the estimation rows, exactly (from the `start` of a similar one), and measure
     it everywhere; or take its fit."""
-    training, folds_of = data.training(), data.training_folds()
+    training, folds_of = split.training(), split.training_folds()
     if fitted is None:
         fitted = fit_shrunk(training, model, start, held="all")
-    residual = fitted.residuals(data.scene)
-    held, left, cv = ~data.estimation, np.linalg.norm(residual[data.used][:, :3], axis=1), None
+    residual = fitted.residuals(split.problem)
+    held, left, cv = ~split.estimation, np.linalg.norm(residual[split.used][:, :3], axis=1), None
     if fitted.theta.size:
         try:
             folded = fold(training, model.terms, folds_of, fitted.at(), fitted.found.kept)
@@ -97,21 +97,21 @@ def rung(
         except NotEstimable:
             pass
     both = (
-        errors(residual[data.estimation], data.outlying[data.estimation]),
-        errors(residual[held], data.outlying[held]),
+        errors(residual[split.estimation], split.outlying[split.estimation]),
+        errors(residual[held], split.outlying[held]),
     )
-    return described(data, tuple(names), fitted, both, cv, left, residual)
+    return described(split, tuple(names), fitted, both, cv, left, residual)
 
 
 def described(
-    data: Data,
+    split: Split,
     names: tuple[str, ...],
     fitted: Fit,
     both: tuple[Errors, Errors],
     cv: CrossValidation | None,
     left: Array,
     residual: Array,
-) -> Rung:
+) -> Evaluation:
     """A rung in figures: errors on either side of the split, cross-validation (None: not estimable
     without some fold) with the lengths `left` [mm] under the fits without each row's fold,
     criteria."""
@@ -121,8 +121,8 @@ def described(
     elif fitted.theta.size:
         left, note = np.full(1, np.nan), "not estimable without one of the folds"
     mean, rms = float(left.mean()), float(np.sqrt(np.square(left).mean()))
-    sigma, rank = 1.0 if data.known_sigma else None, n - fitted.freedom
-    return Rung(
+    sigma, rank = 1.0 if split.known_sigma else None, n - fitted.freedom
+    return Evaluation(
         names,
         len(fitted.theta),
         fitted.rank,
@@ -137,7 +137,7 @@ def described(
         aic=finite(float(aic(fitted.rss, n, rank, sigma))),
         gcv=finite(float(gcv(fitted.rss, n, rank))),
         log_density=density,
-        crossed=left if len(left) == data.used.sum() else None,
+        crossed=left if len(left) == split.used.sum() else None,
     )
 
 
@@ -146,18 +146,18 @@ def finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def turned(data: Data, nominal: Rung, chosen: Rung) -> tuple[float, float] | None:
+def turned(split: Split, nominal: Evaluation, chosen: Evaluation) -> tuple[float, float] | None:
     """Root mean square angles [rad] of orientation that the nominal and the chosen model leave: on
     held-out rows, without any on those that estimate, outliers left out; None where no orientation
     was measured."""
     if chosen.residual.shape[1] < 6:
         return None
     rows = (
-        ~data.outlying
-        if data.scene.measured is None
-        else ~data.outlying & data.scene.measured[:, 3]
+        ~split.outlying
+        if split.problem.measured is None
+        else ~split.outlying & split.problem.measured[:, 3]
     )
-    rows = rows & ~data.estimation if (rows & ~data.estimation).any() else rows
+    rows = rows & ~split.estimation if (rows & ~split.estimation).any() else rows
     before, after = (
         float(np.sqrt(np.square(r.residual[rows][:, 3:]).sum(1).mean())) if rows.any() else 0.0
         for r in (nominal, chosen)

@@ -1,7 +1,7 @@
 """Configurations that come in pieces, in any order and on any machine: what stays is one triangle a
 fold.
 
-Associative: `add` a scene of some configurations, `merge` what other machines have seen; the
+Associative: `add` a problem of some configurations, `merge` what other machines have seen; the
 answers of cross-validation and of the search over subsets are those of all rows at once."""
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from .._typing import Array, Index
 from ..exceptions import DataError, StudyError
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit, fit
-from ..fitting.problem import Scene, scene
-from ..fitting.reduction import Reduction, Source, merged, reduce_scene
+from ..fitting.problem import Problem, make_problem
+from ..fitting.reduction import Reduction, Source, merged, reduce_problem
 from ..measurements.measurements import SAME_READING, Measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import row_groups
@@ -65,12 +65,12 @@ class Stream:
             tuple(terms), tuple(Reduction.empty(len(terms)) for _ in range(folds)), at, by
         )
 
-    def add(self, configurations: Scene) -> Stream:
-        """With the configurations of a scene."""
+    def add(self, configurations: Problem) -> Stream:
+        """With the configurations of a problem."""
         which = fold_of(configurations.data, len(self.folds), self.by)
         point = None if self.at is None else (self.terms, self.at)
         new = tuple(
-            old.merge(reduce_scene(configurations.take(which == k), self.terms, point))
+            old.merge(reduce_problem(configurations.take(which == k), self.terms, point))
             if (which == k).any()
             else old
             for k, old in enumerate(self.folds)
@@ -141,7 +141,7 @@ class Parts(Source):
     def __len__(self) -> int:
         return sum(part.rows for part in self.parts)
 
-    def scene(self, part: Part) -> Scene:
+    def problem(self, part: Part) -> Problem:
         """A piece, read."""
         data = read_measurements(part.path, self.robot.prismatic, group=part.group)
         if data.gauges is not None:
@@ -151,7 +151,7 @@ class Parts(Source):
                 column="kind",
                 remedy="Make it a study, or leave these rows out.",
             )
-        return scene(self.robot, data, np.tile(np.array(self.tool), (len(data.targets), 1)))
+        return make_problem(self.robot, data, np.tile(np.array(self.tool), (len(data.targets), 1)))
 
     def alone(self) -> Parts:
         """Without the map: what travels to a worker."""
@@ -184,13 +184,13 @@ def _reduced(
     only: Sequence[int] | None,
     part: Part,
 ) -> Reduction:
-    return reduce_scene(source.scene(part), terms, at, only)
+    return reduce_problem(source.problem(part), terms, at, only)
 
 
 def _streamed(
     source: Parts, terms: tuple[Term, ...], theta: Array, folds: int, part: Part
 ) -> Stream:
-    return Stream.empty(terms, folds, theta).add(source.scene(part))
+    return Stream.empty(terms, folds, theta).add(source.problem(part))
 
 
 def _check(source: Parts, model: Model) -> None:

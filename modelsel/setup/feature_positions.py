@@ -14,7 +14,7 @@ from .._typing import Array, Index
 from ..exceptions import DataError
 from ..fitting.design import residuals
 from ..fitting.observation import Fixtures
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..measurements.features import Feature
 from ..measurements.measurements import Measurements
 from ..robot.rigid import align_z
@@ -25,13 +25,13 @@ SCALE_MM = 5.0  # what a nominal arm is off by: residuals beyond count less
 LEAST = {"wire": 4, "ball-bar": 4, "plane": 4, "same-point": 1, "distance": 1}
 
 
-def place(scene: Scene, use: NDArray[np.bool_]) -> Scene:
-    """The scene with its features placed from the rows `use` (mask), those that are known as they
+def place(problem: Problem, use: NDArray[np.bool_]) -> Problem:
+    """The problem with its features placed from the rows `use` (mask), those that are known as they
     are known. Raises DataError where the rows do not say where one is."""
-    gauges = scene.data.gauges
+    gauges = problem.data.gauges
     if gauges is None:
-        return scene
-    x = -residuals(scene.bare)[:, :3]
+        return problem
+    x = -residuals(problem.bare)[:, :3]
     found = Fixtures.unknown(len(gauges.features))
     for k, feature in enumerate(gauges.features):
         if feature.kind == "distance":
@@ -42,7 +42,7 @@ def place(scene: Scene, use: NDArray[np.bool_]) -> Scene:
         found.centre[k], found.axes[k], found.length[k] = _found(
             feature, x[rows], gauges.length[rows]
         )
-    return scene.anew(fixtures=found)
+    return problem.anew(fixtures=found)
 
 
 def unseen(data: Measurements, use: NDArray[np.bool_]) -> Index:

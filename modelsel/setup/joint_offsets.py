@@ -16,7 +16,7 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import sentence_list
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..robot.kinematics import Pose, Robot, pose
 from ..robot.rigid import nearest_rotation, transform
 from .placement import COARSE, LOSS, NORMAL, ROUNDS, STATED_MM, USUAL_MM, cross, descend, kabsch
@@ -63,15 +63,15 @@ class Arm:
             ),
         )
 
-    def walked(self, some: Scene) -> tuple[Pose, Array]:
+    def walked(self, problem: Problem) -> tuple[Pose, Array]:
         """(the chain at the rows' readings, (m, 3) measured minus predicted positions)."""
-        robot = self.robot(some.robot)
-        at = pose(robot, some.data.q + self.zeros, self.tool)
-        return at, some.data.position - at.target.T @ self.R.T - self.t
+        robot = self.robot(problem.robot)
+        at = pose(robot, problem.data.q + self.zeros, self.tool)
+        return at, problem.data.position - at.target.T @ self.R.T - self.t
 
-    def left(self, some: Scene) -> float:
+    def left(self, problem: Problem) -> float:
         """Median distance that is left [mm]."""
-        return float(np.median(np.linalg.norm(self.walked(some)[1], axis=1)))
+        return float(np.median(np.linalg.norm(self.walked(problem)[1], axis=1)))
 
     def right_angle(self) -> bool:
         """Whether only zeros are off, by right angles."""
@@ -80,32 +80,32 @@ class Arm:
             and not self.links.any()
         )
 
-    def scene(self, some: Scene) -> Scene:
+    def problem(self, problem: Problem) -> Problem:
         """The rows with this arm and set-up as the nominal ones."""
-        G, T = len(some.placement[0]), len(some.tools)
-        return some.anew(
-            robot=self.robot(some.robot),
-            data=replace(some.data, q=some.data.q + self.zeros),
+        G, T = len(problem.placement[0]), len(problem.tools)
+        return problem.anew(
+            robot=self.robot(problem.robot),
+            data=replace(problem.data, q=problem.data.q + self.zeros),
             placement=(np.tile(self.R, (G, 1, 1)), np.tile(self.t, (G, 1))),
             tools=np.tile(self.tool, (T, 1)),
         )
 
 
-def start(some: Scene) -> Arm:
-    """The set-up of a scene of one target and one placement, the nominal arm."""
-    n = some.robot.n
-    R, t = some.placement
-    g, k = some.data.group[0], some.data.target[0]
-    return Arm(R[g], t[g], some.tools[k], np.zeros(n), np.zeros((n, 3)))
+def start(problem: Problem) -> Arm:
+    """The set-up of a problem of one target and one placement, the nominal arm."""
+    n = problem.robot.n
+    R, t = problem.placement
+    g, k = problem.data.group[0], problem.data.target[0]
+    return Arm(R[g], t[g], problem.tools[k], np.zeros(n), np.zeros((n, 3)))
 
 
-def _columns(some: Scene, arm: Arm, at: Pose) -> Array:
+def _columns(problem: Problem, arm: Arm, at: Pose) -> Array:
     """(m, 3, 9 + 4 n) change of the predicted positions per unit of turn and shift (about the
     middle), tool, zeros and links."""
-    n, y = some.robot.n, at.target.T @ arm.R.T
+    n, y = problem.robot.n, at.target.T @ arm.R.T
     field = at.displacement()
     zeros = np.stack(
-        [field[j, 2 if slides else 5] for j, slides in enumerate(some.robot.prismatic)]
+        [field[j, 2 if slides else 5] for j, slides in enumerate(problem.robot.prismatic)]
     )
     own = np.concatenate(
         [at.axes[n, :3], zeros, at.axes[:n, :3].reshape(3 * n, 3, -1)]
@@ -116,11 +116,11 @@ def _columns(some: Scene, arm: Arm, at: Pose) -> Array:
     )
 
 
-def _moved(some: Scene, arm: Arm, step: Array) -> Arm:
+def _moved(problem: Problem, arm: Arm, step: Array) -> Arm:
     from scipy.spatial.transform import Rotation
 
-    n = some.robot.n
-    y = arm.walked(some)[0].target.T @ arm.R.T
+    n = problem.robot.n
+    y = arm.walked(problem)[0].target.T @ arm.R.T
     W, middle = Rotation.from_rotvec(step[:3]).as_matrix(), np.median(y, axis=0)
     return Arm(
         nearest_rotation(W @ arm.R),
@@ -131,21 +131,21 @@ def _moved(some: Scene, arm: Arm, step: Array) -> Arm:
     )
 
 
-def adjusted(some: Scene, arm: Arm, free: Sequence[int], set_up: bool) -> Arm:
+def adjusted(problem: Problem, arm: Arm, free: Sequence[int], set_up: bool) -> Arm:
     """The nearest minimum over the numbers `free` of the arm (0 … n-1 zeros, n … 4n-1 links) and,
     where `set_up`, the placement and target."""
-    n, usual = some.robot.n, some.tools[some.data.target[0]]
+    n, usual = problem.robot.n, problem.tools[problem.data.target[0]]
     use = np.array([*(range(9) if set_up else ()), *(9 + k for k in free)], dtype=np.intp)
     sd = np.concatenate(
         [
             np.full(3, STATED_MM if usual.any() else USUAL_MM),
-            np.where(some.robot.prismatic, LENGTH_MM, ZERO),
+            np.where(problem.robot.prismatic, LENGTH_MM, ZERO),
             np.full(3 * n, LENGTH_MM),
         ]
     )
     before = np.inf
     for _ in range(TIMES):
-        median = max(arm.left(some), 1e-6)
+        median = max(arm.left(problem), 1e-6)
         if median > 0.95 * before:
             break
         before, scale, weight = (
@@ -158,12 +158,12 @@ def adjusted(some: Scene, arm: Arm, free: Sequence[int], set_up: bool) -> Arm:
             return np.concatenate([np.zeros(6), a.tool - usual, a.zeros, a.links.ravel()])
 
         def cost(a: Arm, scale: float = scale, weight: Array = weight) -> float:
-            square = np.square(a.walked(some)[1]).sum(1)
+            square = np.square(a.walked(problem)[1]).sum(1)
             return float((square / (1 + square / scale**2)).sum() + weight @ away(a) ** 2)
 
         def equations(a: Arm, scale: float = scale, weight: Array = weight) -> tuple[Array, Array]:
-            at, rest = a.walked(some)
-            J = _columns(some, a, at)[:, :, use]
+            at, rest = a.walked(problem)
+            J = _columns(problem, a, at)[:, :, use]
             w = 1 / (1 + np.square(rest).sum(1) / scale**2) ** 2
             H = np.einsum("m,mik,mil->kl", w, J, J, optimize=True) + np.diag(weight[use])
             return H, np.einsum("m,mik,mi->k", w, J, rest) - weight[use] * away(a)[use]
@@ -171,114 +171,118 @@ def adjusted(some: Scene, arm: Arm, free: Sequence[int], set_up: bool) -> Arm:
         def moved(a: Arm, step: Array) -> Arm:
             whole = np.zeros(9 + 4 * n)
             whole[use] = step
-            return _moved(some, a, whole)
+            return _moved(problem, a, whole)
 
         arm = descend(arm, cost, equations, moved, COARSE)
     return arm
 
 
-def _placed(some: Scene, arm: Arm) -> Arm:
+def _placed(problem: Problem, arm: Arm) -> Arm:
     """With the rigid fit of the placement, reweighted."""
-    y = arm.walked(some)[0].target.T
+    y = arm.walked(problem)[0].target.T
     weight = np.ones(len(y))
     for _ in range(ROUNDS):
-        R, t = kabsch(some.data.position, y, weight)
-        size = np.linalg.norm(some.data.position - y @ R.T - t, axis=1)
+        R, t = kabsch(problem.data.position, y, weight)
+        size = np.linalg.norm(problem.data.position - y @ R.T - t, axis=1)
         weight = 1 / (1 + (size / max(LOSS * float(np.median(size)), 1e-6)) ** 2) ** 2
     return replace(arm, R=R, t=t)
 
 
-def of_joint(some: Scene, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
+def of_joint(problem: Problem, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
     """Every turning joint's zero off by any angle, as it fits best."""
-    nominal, angles = start(some), np.arange(1, 36) * STEP
-    for j, slides in enumerate(some.robot.prismatic):
+    nominal, angles = start(problem), np.arange(1, 36) * STEP
+    for j, slides in enumerate(problem.robot.prismatic):
         if slides:
-            yield from _named(some, adjusted(some, nominal, [j], set_up))
+            yield from _named(problem, adjusted(problem, nominal, [j], set_up))
             continue
-        tried = [replace(nominal, zeros=angle * np.eye(some.robot.n)[j]) for angle in angles]
+        tried = [replace(nominal, zeros=angle * np.eye(problem.robot.n)[j]) for angle in angles]
         if set_up:
             score = linear(
-                some, [Mistake("", "", np.eye(some.robot.n), a.zeros, np.eye(3)) for a in tried]
+                problem,
+                [Mistake("", "", np.eye(problem.robot.n), a.zeros, np.eye(3)) for a in tried],
             )[0]
         else:
-            score = np.array([a.left(some) for a in tried])
+            score = np.array([a.left(problem) for a in tried])
         first = [tried[k] for k in np.argsort(score, kind="stable")[:PEAKS]]
-        ends = [adjusted(some, _placed(some, a) if set_up else a, [j], set_up) for a in first]
+        ends = [adjusted(problem, _placed(problem, a) if set_up else a, [j], set_up) for a in first]
         yield from _named(
-            some, min([adjusted(some, nominal, [j], set_up), *ends], key=lambda a: a.left(some))
+            problem,
+            min([adjusted(problem, nominal, [j], set_up), *ends], key=lambda a: a.left(problem)),
         )
 
 
-def of_links(some: Scene, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
+def of_links(problem: Problem, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
     """Every link's a b c off by any length."""
-    n, nominal = some.robot.n, start(some)
+    n, nominal = problem.robot.n, start(problem)
     for j in range(1 if set_up else 0, n):
-        yield from _named(some, adjusted(some, nominal, [n + 3 * j + a for a in range(3)], set_up))
+        yield from _named(
+            problem, adjusted(problem, nominal, [n + 3 * j + a for a in range(3)], set_up)
+        )
 
 
 def several(
-    some: Scene, good: float, first: Sequence[Arm], links: bool = True
+    problem: Problem, good: float, first: Sequence[Arm], links: bool = True
 ) -> Iterator[tuple[Mistake, Arm]]:
     """Several of them at once that leave no more than `good` [mm]: zeros, those of joints that
     rest, then, with `links`, links too; from the best of those that were tried `first`, always the
     one more that leaves least."""
-    n = some.robot.n
+    n = problem.robot.n
     zeros, frames = (
         [[j] for j in range(n)],
         [[n + 3 * j + a for a in range(3)] for j in range(1, n)],
     )
     for groups in (zeros, [*zeros, *frames]) if links else (zeros,):
-        begun = [a for a in first if groups is not zeros or not a.links.any()] or [start(some)]
+        begun = [a for a in first if groups is not zeros or not a.links.any()] or [start(problem)]
         ends = [
-            _extended(some, good, arm, groups)
-            for arm in sorted(begun, key=lambda a: a.left(some))[:PEAKS]
+            _extended(problem, good, arm, groups)
+            for arm in sorted(begun, key=lambda a: a.left(problem))[:PEAKS]
         ]
         if groups is zeros:
-            ends += _resting(some)
-        best = min(ends, key=lambda a: a.left(some))
-        if best.left(some) <= good:
-            yield from _named(some, best)
+            ends += _resting(problem)
+        best = min(ends, key=lambda a: a.left(problem))
+        if best.left(problem) <= good:
+            yield from _named(problem, best)
             return
 
 
-def _extended(some: Scene, good: float, arm: Arm, groups: Sequence[list[int]]) -> Arm:
+def _extended(problem: Problem, good: float, arm: Arm, groups: Sequence[list[int]]) -> Arm:
     wrong = np.concatenate([arm.zeros, arm.links.ravel()])
     taken = [g for g in groups if wrong[g].any()]
     before = np.inf
-    while len(taken) < PARTS and good < arm.left(some) < FALL * before:
-        before = arm.left(some)
+    while len(taken) < PARTS and good < arm.left(problem) < FALL * before:
+        before = arm.left(problem)
         more = [
-            (adjusted(some, arm, [k for each in [*taken, g] for k in each], True), g)
+            (adjusted(problem, arm, [k for each in [*taken, g] for k in each], True), g)
             for g in groups
             if g not in taken and (len(g) == 1 or sum(len(each) > 1 for each in taken) < FRAMES)
         ]
-        arm, chosen = min(more, key=lambda each: each[0].left(some))
+        arm, chosen = min(more, key=lambda each: each[0].left(problem))
         taken.append(chosen)
     return arm
 
 
-def _resting(some: Scene) -> list[Arm]:
+def _resting(problem: Problem) -> list[Arm]:
     """The joints that rest between others that move, all turned anyhow: readings that were not
     recorded."""
-    moves = np.flatnonzero(np.ptp(some.data.q, axis=0) >= RESTS)
+    moves = np.flatnonzero(np.ptp(problem.data.q, axis=0) >= RESTS)
     rest = (
-        [j for j in range(moves[0], moves[-1]) if j not in moves and not some.robot.prismatic[j]]
+        [j for j in range(moves[0], moves[-1]) if j not in moves and not problem.robot.prismatic[j]]
         if len(moves)
         else []
     )
     if not 2 <= len(rest) <= MOST_REST:
         return []
-    n, nominal = some.robot.n, start(some)
+    n, nominal = problem.robot.n, start(problem)
     turns = [
         replace(nominal, zeros=np.eye(n)[rest].T @ np.array(angles))
         for angles in product(THIRDS, repeat=len(rest))
     ]
-    return [adjusted(some, _placed(some, arm), rest, True) for arm in turns]
+    return [adjusted(problem, _placed(problem, arm), rest, True) for arm in turns]
 
 
-def _named(some: Scene, arm: Arm) -> Iterator[tuple[Mistake, Arm]]:
+def _named(problem: Problem, arm: Arm) -> Iterator[tuple[Mistake, Arm]]:
     """In words, without what is no mistake; not at all where nothing is."""
-    robot, words, wrong = some.robot, list[str](), list[int]()
+    robot, words, wrong = problem.robot, list[str](), list[int]()
     for j, zero in enumerate(arm.zeros):
         off = zero if robot.prismatic[j] else np.degrees((zero + np.pi) % (2 * np.pi) - np.pi)
         if abs(off) < (LINK_MM if robot.prismatic[j] else DEGREES):
@@ -300,7 +304,7 @@ def _named(some: Scene, arm: Arm) -> Iterator[tuple[Mistake, Arm]]:
             words.append(f"the nominal arm's {' and '.join(far)}")
             links += 1
     looks = [
-        *_looks(some, wrong),
+        *_looks(problem, wrong),
         *([WHOSE if len(words) > 1 else "check the robot file"] if links else []),
     ]
     if words:
@@ -317,9 +321,9 @@ def _named(some: Scene, arm: Arm) -> Iterator[tuple[Mistake, Arm]]:
         )
 
 
-def _looks(some: Scene, wrong: Sequence[int]) -> Iterator[str]:
+def _looks(problem: Problem, wrong: Sequence[int]) -> Iterator[str]:
     """Where to look for the zeros of joints (counted from 0) that are off."""
-    rests = [j for j in wrong if float(np.ptp(some.data.q[:, j])) < RESTS]
+    rests = [j for j in wrong if float(np.ptp(problem.data.q[:, j])) < RESTS]
     for joints, verbs, one in (
         (rests, ("rests", "rest"), False),
         ([j for j in wrong if j not in rests], ("is", "are"), True),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .._typing import Array
 from ..exceptions import DataError, NotEstimable
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..robot.rigid import from_quaternion, nearest_rotation, rotation_vector, to_quaternion
 from .registration import register
 
@@ -26,12 +26,12 @@ INVERTED = "inverted (the turn from target to tracker, not from tracker to targe
 ORDERS = (((3, 0, 1, 2), "x, y, z, w", "qx qy qz qw"), ((1, 2, 3, 0), "z, w, x, y", "qz qw qx qy"))
 
 
-def orientation_mistake(scene: Scene, use: NDArray[np.bool_], registered: bool) -> str | None:
+def orientation_mistake(problem: Problem, use: NDArray[np.bool_], registered: bool) -> str | None:
     """A sentence that says which mistake in the quaternions explains what the orientations of the
     rows `use` (mask) leave, with the median angle before and after; None where they leave little,
     or no mistake explains it. The orientation of the target on the flange is free, and the
     tracker's where it is `registered`."""
-    data = scene.data
+    data = problem.data
     if data.rotation is None:
         return None
     rows = np.flatnonzero(use if data.gauges is None else use & data.gauges.of("point"))
@@ -44,7 +44,7 @@ def orientation_mistake(scene: Scene, use: NDArray[np.bool_], registered: bool) 
     )
     if len(np.unique(data.block[rows])) < LEAST:
         return None
-    some = scene.take(rows)
+    some = problem.take(rows)
     flange = some.pose(slice(None)).axes[-1, :3].transpose(2, 1, 0)
     seen = np.asarray(some.data.rotation)
     for placed in (
@@ -70,15 +70,15 @@ def orientation_mistake(scene: Scene, use: NDArray[np.bool_], registered: bool) 
     return None
 
 
-def _by_positions(some: Scene) -> Array | None:
+def _by_positions(problem: Problem) -> Array | None:
     """The tracker's rotation (3, 3) from positions alone, which no mistaken quaternion has touched:
     with a free one the inverse and the other orders are the same motion (a map of quaternions with
     determinant -1); None where positions do not tell it."""
-    bare = some.plain_points()
+    bare = problem.plain_points()
     try:
         return np.asarray(
             register(bare, np.ones(len(bare), bool), per_group=False).placement[0][
-                some.data.group[0]
+                problem.data.group[0]
             ]
         )
     except (DataError, NotEstimable):

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..exceptions import DataError, NotEstimable
 from ..fitting.design import residuals
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..robot.kinematics import pose
 from .joint_offsets import Arm, of_joint, of_links, several
 from .other_robots import better
@@ -55,21 +55,21 @@ NEAR = 0.1  # of the logarithm of a scale, for a unit to be tried
 
 
 def mistake(
-    scene: Scene,
+    problem: Problem,
     use: NDArray[np.bool_],
     registered: bool,
     per_group: bool = False,
     links: bool = True,
 ) -> str | None:
     """A sentence that says which simple mistake of the set-up explains what the rows `use` (mask)
-    of a scene leave at its placement and tools, with the median distance before and after; None
+    of a problem leave at its placement and tools, with the median distance before and after; None
     where they leave little, or no mistake explains it. `registered`: placement and tools were found
     from the rows; else they are what the study says. `links`: whether links may be what is off."""
-    some = _sample(scene, use, per_group)
-    reach = scene.reach_mm
+    some = _sample(problem, use, per_group)
+    reach = problem.reach_mm
     if some is None or (before := _left(some)) < BAD * reach:
         return None
-    singles, also = tuple(of_joints(scene.robot)), ""
+    singles, also = tuple(of_joints(problem.robot)), ""
     if registered:
         some = _registered(some, False) or some
         before = _left(some)
@@ -100,29 +100,30 @@ def mistake(
 
 
 def _stated(
-    some: Scene, singles: Sequence[Mistake], limit: float, far: bool, links: bool
+    problem: Problem, singles: Sequence[Mistake], limit: float, far: bool, links: bool
 ) -> list[tuple[Mistake, float]]:
     """What explains the positions where the study says the frame and the target."""
     simple = [
-        (m, _explained(_changed(some, m))) for m in (*singles, *of_positions(some.robot.n, True))
+        (m, _explained(_changed(problem, m)))
+        for m in (*singles, *of_positions(problem.robot.n, True))
     ]
-    found = _best([*(_tool(some) if far else []), *simple], limit)
+    found = _best([*(_tool(problem) if far else []), *simple], limit)
     found = found or _best(
-        [(m, _sure(some, arm)) for m, arm in _offsets(some, False, links)], limit
+        [(m, _sure(problem, arm)) for m, arm in _offsets(problem, False, links)], limit
     )
     if (
         not found
         and far
-        and (placed := _registered(some)) is not None
+        and (placed := _registered(problem)) is not None
         and (left := _explained(placed)) <= limit
     ):
         return [(REGISTER, left)]
     return found
 
 
-def _offsets(some: Scene, set_up: bool, links: bool) -> list[tuple[Mistake, Arm]]:
+def _offsets(problem: Problem, set_up: bool, links: bool) -> list[tuple[Mistake, Arm]]:
     """One joint's zero or, with `links`, one link off, each as it fits best."""
-    return [*of_joint(some, set_up), *(of_links(some, set_up) if links else ())]
+    return [*of_joint(problem, set_up), *(of_links(problem, set_up) if links else ())]
 
 
 def _sentence(before: float, found: Sequence[tuple[Mistake, float]], also: str = "") -> str:
@@ -138,10 +139,10 @@ def _mm(value: float) -> str:
     return f"{value:.0f} mm" if value >= 100 else f"{value:.2g} mm"
 
 
-def _sample(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene | None:
+def _sample(problem: Problem, use: NDArray[np.bool_], per_group: bool) -> Problem | None:
     """At most ROWS measured positions of one target, and of one group where each has its placement;
     None where too few."""
-    data = scene.data
+    data = problem.data
     rows = np.flatnonzero(use if data.gauges is None else use & data.gauges.of("point"))
     for index in (data.target, *([data.group] if per_group else [])):
         if len(rows):
@@ -153,17 +154,17 @@ def _sample(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene | No
     )
     if len(np.unique(data.block[rows])) < LEAST:
         return None
-    return scene.take(rows).plain_points()
+    return problem.take(rows).plain_points()
 
 
-def _left(some: Scene) -> float:
-    return float(np.median(np.linalg.norm(residuals(some), axis=1)))
+def _left(problem: Problem) -> float:
+    return float(np.median(np.linalg.norm(residuals(problem), axis=1)))
 
 
-def _explained(some: Scene) -> float:
+def _explained(problem: Problem) -> float:
     """What is left, infinite where it is much of what the positions spread: positions that hardly
     move fit anything."""
-    x, left = some.data.position, _left(some)
+    x, left = problem.data.position, _left(problem)
     return (
         left
         if left <= GOOD * float(np.median(np.linalg.norm(x - np.median(x, axis=0), axis=1)))
@@ -171,10 +172,10 @@ def _explained(some: Scene) -> float:
     )
 
 
-def _registered(some: Scene, sure: bool = True) -> Scene | None:
+def _registered(problem: Problem, sure: bool = True) -> Problem | None:
     """Placed anew, the target anywhere near the flange; None where the rows do not tell it (`sure`:
     hardly)."""
-    bare, use = some.anew(tools=np.zeros_like(some.tools)), np.ones(len(some), bool)
+    bare, use = problem.anew(tools=np.zeros_like(problem.tools)), np.ones(len(problem), bool)
     try:
         found = register(bare, use, per_group=False)
     except (DataError, NotEstimable):
@@ -187,17 +188,19 @@ def _registered(some: Scene, sure: bool = True) -> Scene | None:
     )
 
 
-def _sure(some: Scene, arm: Arm) -> float:
+def _sure(problem: Problem, arm: Arm) -> float:
     """`_explained` of an arm that is not nominal, infinite where the rows do not tell its
     set-up."""
-    at = arm.scene(some)
+    at = arm.problem(problem)
     weak = undetermined(at, np.ones(len(at), bool), False, np.zeros_like(at.tools))
     return np.inf if "registration-weak" in {n.code for n in weak} else _explained(at)
 
 
-def _changed(some: Scene, m: Mistake) -> Scene:
-    data = replace(some.data, q=some.data.q @ m.A.T + m.c, position=some.data.position @ m.B.T)
-    return some.anew(data=data)
+def _changed(problem: Problem, m: Mistake) -> Problem:
+    data = replace(
+        problem.data, q=problem.data.q @ m.A.T + m.c, position=problem.data.position @ m.B.T
+    )
+    return problem.anew(data=data)
 
 
 def _best(tried: Sequence[tuple[Mistake, float]], limit: float) -> list[tuple[Mistake, float]]:
@@ -211,30 +214,32 @@ def _best(tried: Sequence[tuple[Mistake, float]], limit: float) -> list[tuple[Mi
     ]
 
 
-def _tool(some: Scene) -> list[tuple[Mistake, float]]:
+def _tool(problem: Problem) -> list[tuple[Mistake, float]]:
     """The target elsewhere on the flange: where most rows have it (median)."""
-    R, t = some.placement
-    at = pose(some.robot, some.data.q, np.zeros(3))
-    base = np.einsum("mji,mj->mi", R[some.data.group], some.data.position - t[some.data.group])
+    R, t = problem.placement
+    at = pose(problem.robot, problem.data.q, np.zeros(3))
+    base = np.einsum(
+        "mji,mj->mi", R[problem.data.group], problem.data.position - t[problem.data.group]
+    )
     offset = np.median(np.einsum("aim,mi->ma", at.axes[-1, :3], base - at.target.T), axis=0)
-    moved = some.anew(tools=np.tile(offset, (len(some.tools), 1)))
-    name = some.data.targets[some.data.target[0]]
-    called = f"target {name}" if len(some.tools) > 1 else "the target"
+    moved = problem.anew(tools=np.tile(offset, (len(problem.tools), 1)))
+    name = problem.data.targets[problem.data.target[0]]
+    called = f"target {name}" if len(problem.tools) > 1 else "the target"
     words = f"{called} sits at {', '.join(f'{v:.1f}' for v in offset)} mm on the flange"
     return [(replace(NOTHING, words=words, look="check tool_mm in the study"), _explained(moved))]
 
 
-def _tried(some: Scene, singles: Sequence[Mistake], count: int) -> list[tuple[Mistake, float]]:
+def _tried(problem: Problem, singles: Sequence[Mistake], count: int) -> list[tuple[Mistake, float]]:
     """Up to `count` mistakes at once, with what is left once registered; of what does best in the
     linear solution alone."""
-    n = some.robot.n
+    n = problem.robot.n
     nothing = replace(NOTHING, A=np.eye(n), c=np.zeros(n), parts=0)
     joints = (
         [nothing, *singles]
         if count == 1
         else [*singles, *(a.then(b) for a, b in combinations(singles, 2)), *senses(n)]
     )
-    score, factor = linear(some, joints)
+    score, factor = linear(problem, joints)
     order = np.lexsort(
         (score, np.where(score <= ALIKE * score.min(), [m.parts for m in joints], np.inf))
     )
@@ -250,6 +255,6 @@ def _tried(some: Scene, singles: Sequence[Mistake], count: int) -> list[tuple[Mi
                 )
                 if factor[k] * scale > 0 and abs(np.log(factor[k] / scale)) < NEAR
             ]
-        placed = ((m, _registered(_changed(some, m))) for m in more)
+        placed = ((m, _registered(_changed(problem, m))) for m in more)
         out += [(m, _explained(at)) for m, at in placed if at is not None]
     return out

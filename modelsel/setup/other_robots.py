@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .._typing import Index
 from ..exceptions import DataError, NotEstimable
 from ..fitting.design import residuals
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..robot.kinematics import Robot
 from .registration import register
 
@@ -29,32 +29,32 @@ def better(before: float, after: float) -> str:
     return f"{before / after:.0f} times better" if before < 1e4 * after else "far better"
 
 
-def left_of(some: Scene) -> float:
+def left_of(problem: Problem) -> float:
     """Median distance [mm] of the positions from the nominal arm, tracker and targets found from
     them; infinite where these cannot be found."""
     try:
-        at = register(some, np.ones(len(some), bool), per_group=False)
+        at = register(problem, np.ones(len(problem), bool), per_group=False)
     except (DataError, NotEstimable):
         return float("inf")
     return float(np.median(np.linalg.norm(residuals(at)[:, :3], axis=1)))
 
 
-def sample(scene: Scene, use: NDArray[np.bool_]) -> Scene | None:
+def sample(problem: Problem, use: NDArray[np.bool_]) -> Problem | None:
     """At most ROWS measured positions of one target and one group, spread over the rows `use`
     (mask); None where too few."""
-    rows = _rows(scene, use)
+    rows = _rows(problem, use)
     rows = (
         rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), ROWS)).astype(int))]
         if len(rows)
         else rows
     )
-    if len(np.unique(scene.data.block[rows])) < LEAST:
+    if len(np.unique(problem.data.block[rows])) < LEAST:
         return None
-    return scene.take(rows).plain_points()
+    return problem.take(rows).plain_points()
 
 
-def _rows(scene: Scene, use: NDArray[np.bool_]) -> Index:
-    data = scene.data
+def _rows(problem: Problem, use: NDArray[np.bool_]) -> Index:
+    data = problem.data
     rows = np.flatnonzero(use if data.gauges is None else use & data.gauges.of("point"))
     for index in (data.target, data.group):
         rows = rows[index[rows] == np.bincount(index[rows]).argmax()] if len(rows) else rows
@@ -62,18 +62,18 @@ def _rows(scene: Scene, use: NDArray[np.bool_]) -> Index:
 
 
 def other_robot(
-    scene: Scene,
+    problem: Problem,
     use: NDArray[np.bool_],
     robots: Callable[[], Mapping[str, Robot]],
     always: bool = False,
 ) -> str | None:
-    """A sentence that says which of other `robots` fits the rows `use` (mask) of a scene better
+    """A sentence that says which of other `robots` fits the rows `use` (mask) of a problem better
     than its own, with the median distance before and after, tracker and target found for each; None
     where its own leaves little (unless `always`), or no other fits."""
-    some = sample(scene, use)
+    some = sample(problem, use)
     if some is None:
         return None
-    own, reach = scene.robot, scene.reach_mm
+    own, reach = problem.robot, problem.reach_mm
     before = left_of(some)
     if before < BAD * reach and not always:
         return None
@@ -94,15 +94,15 @@ def other_robot(
 
 
 def shifted_rows(
-    scene: Scene, use: NDArray[np.bool_], shifts: Iterable[int] = SHIFTS
+    problem: Problem, use: NDArray[np.bool_], shifts: Iterable[int] = SHIFTS
 ) -> str | None:
     """A sentence that says by how many rows positions and readings stand apart; None where no shift
     fits better."""
-    rows = _rows(scene, use)
-    if len(np.unique(scene.data.block[rows])) < LEAST:
+    rows = _rows(problem, use)
+    if len(np.unique(problem.data.block[rows])) < LEAST:
         return None
-    whole = scene.take(rows[:MOST]).plain_points()
-    reach = scene.reach_mm
+    whole = problem.take(rows[:MOST]).plain_points()
+    reach = problem.reach_mm
     if (
         float(np.median(np.linalg.norm(residuals(whole), axis=1))) < BAD * reach
         or (before := left_of(whole)) < BAD * reach

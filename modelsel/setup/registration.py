@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..exceptions import DataError, NotEstimable, sentence_list
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..notices import Note
 from .placement import GROSS, NORMAL, Placed, Sight, lengths, middle, robust, settled, spread
 from .starting_values import THIN, about_lines, starts
@@ -35,12 +35,12 @@ DOUBT = 0.035  # from which it is said,
 OPEN_MM = 100.0  # and that of a target's place from which it is
 
 
-def register(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
-    """The scene with placement(s) and tools found from the rows `use` (mask). Raises DataError with
+def register(problem: Problem, use: NDArray[np.bool_], per_group: bool) -> Problem:
+    """The problem with placement(s) and tools found from the rows `use` (mask). Raises DataError with
     too few rows, NotEstimable where the rows do not tell how the tracker stands."""
-    if scene.data.gauges is not None:
-        return _by_points(scene, use & scene.data.gauges.of("point"), per_group)
-    some = scene.take(use)
+    if problem.data.gauges is not None:
+        return _by_points(problem, use & problem.data.gauges.of("point"), per_group)
+    some = problem.take(use)
     group, count = _groups(some, per_group)
     for g in range(count):
         seen = len(np.unique(some.data.configuration[group == g]))
@@ -53,8 +53,8 @@ def register(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
     sight = _sight(some, group, count)
     R, t = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
     tools, turned = (
-        scene.tools.copy(),
-        None if scene.tool_rotations is None else scene.tool_rotations.copy(),
+        problem.tools.copy(),
+        None if problem.tool_rotations is None else problem.tool_rotations.copy(),
     )
     for part, groups, targets in _parts(sight):
         at, good = _found(part)
@@ -70,16 +70,18 @@ def register(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
         R[groups], t[groups], tools[targets] = at.R, at.t, at.tools
         if turned is not None:
             turned[targets] = at.turned
-    rows = np.arange(count) if per_group else np.zeros(len(scene.data.groups), np.intp)
-    return scene.anew(placement=(R[rows], t[rows]), tools=tools, tool_rotations=turned)
+    rows = np.arange(count) if per_group else np.zeros(len(problem.data.groups), np.intp)
+    return problem.anew(placement=(R[rows], t[rows]), tools=tools, tool_rotations=turned)
 
 
 def undetermined(
-    scene: Scene, use: NDArray[np.bool_], per_group: bool, usual: Array
+    problem: Problem, use: NDArray[np.bool_], per_group: bool, usual: Array
 ) -> tuple[Note, ...]:
-    """What the rows `use` (mask) of a registered scene tell poorly: a placement's turn, a target's
+    """What the rows `use` (mask) of a registered problem tell poorly: a placement's turn, a target's
     place; `usual` (T, 3) where the targets were expected."""
-    some = scene.take(use if scene.data.gauges is None else use & scene.data.gauges.of("point"))
+    some = problem.take(
+        use if problem.data.gauges is None else use & problem.data.gauges.of("point")
+    )
     group, count = _groups(some, per_group)
     notes: list[Note] = []
     whole = replace(_sight(some, group, count), usual=usual)
@@ -110,19 +112,21 @@ def undetermined(
     return tuple(notes)
 
 
-def _groups(some: Scene, per_group: bool) -> tuple[Index, int]:
+def _groups(problem: Problem, per_group: bool) -> tuple[Index, int]:
     return (
-        (some.data.group, len(some.data.groups)) if per_group else (np.zeros(len(some), np.intp), 1)
+        (problem.data.group, len(problem.data.groups))
+        if per_group
+        else (np.zeros(len(problem), np.intp), 1)
     )
 
 
-def _where(some: Scene, g: int, per_group: bool) -> str:
-    return f"group {some.data.groups[g]}" if per_group else "the data"
+def _where(problem: Problem, g: int, per_group: bool) -> str:
+    return f"group {problem.data.groups[g]}" if per_group else "the data"
 
 
-def _by_points(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
+def _by_points(problem: Problem, use: NDArray[np.bool_], per_group: bool) -> Problem:
     """The same where not every row is a point: from the points alone."""
-    some = scene.take(use)
+    some = problem.take(use)
     seen = some.data.configurations
     if seen < LEAST:
         raise DataError(
@@ -132,19 +136,26 @@ def _by_points(scene: Scene, use: NDArray[np.bool_], per_group: bool) -> Scene:
     found = register(
         replace(some, data=replace(some.data, gauges=None)), np.ones(len(some), bool), per_group
     )
-    return scene.anew(
+    return problem.anew(
         placement=found.placement, tools=found.tools, tool_rotations=found.tool_rotations
     )
 
 
-def _sight(some: Scene, group: Index, count: int) -> Sight:
-    bare = some.anew(tools=np.zeros_like(some.tools)).pose(slice(None))
+def _sight(problem: Problem, group: Index, count: int) -> Sight:
+    bare = problem.anew(tools=np.zeros_like(problem.tools)).pose(slice(None))
     flange = np.ascontiguousarray(
         bare.axes[-1, :3].transpose(2, 1, 0)
     )  # (m, 3, 3): columns are the flange's axes
-    seen = None if some.tool_rotations is None else np.asarray(some.data.rotation)
+    seen = None if problem.tool_rotations is None else np.asarray(problem.data.rotation)
     return Sight(
-        some.data.position, bare.target.T, flange, group, some.data.target, count, some.tools, seen
+        problem.data.position,
+        bare.target.T,
+        flange,
+        group,
+        problem.data.target,
+        count,
+        problem.tools,
+        seen,
     )
 
 

@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from .._typing import Array
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..robot.kinematics import Robot, pose
 
 REWEIGHT = 8
@@ -189,18 +189,18 @@ def senses(n: int) -> Iterator[Mistake]:
             )
 
 
-def linear(some: Scene, joints: Sequence[Mistake]) -> tuple[Array, Array]:
+def linear(problem: Problem, joints: Sequence[Mistake]) -> tuple[Array, Array]:
     """((H,) median distance that the best affine map from the tracker to frame 0 and the best
     target leave of the readings as each of H mistakes has them, over the mapped positions' own: a
     map may shrink the world; (H,) the map's scale, negative where it mirrors). Cauchy weights."""
-    x = some.data.position - np.median(some.data.position, axis=0)
-    span, m = max(float(np.abs(x).max()), 1e-6), len(some)
+    x = problem.data.position - np.median(problem.data.position, axis=0)
+    span, m = max(float(np.abs(x).max()), 1e-6), len(problem)
     row = np.concatenate([x / span, np.ones((m, 1))], 1)
     left, scale = np.empty(len(joints)), np.empty(len(joints))
     for start in range(0, len(joints), TOGETHER):
         part = joints[start : start + TOGETHER]
         at = pose(
-            some.robot, np.concatenate([some.data.q @ k.A.T + k.c for k in part]), np.zeros(3)
+            problem.robot, np.concatenate([problem.data.q @ k.A.T + k.c for k in part]), np.zeros(3)
         )
         flange = np.concatenate(
             [at.target[:, None], at.axes[-1, :3].transpose(1, 0, 2)], 1

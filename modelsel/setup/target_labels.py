@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..exceptions import DataError, NotEstimable, sentence_list
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..robot.kinematics import pose
 from .other_robots import better
 from .registration import register
@@ -24,17 +24,17 @@ BAD = 3e-3
 
 
 def labels_mistake(
-    scene: Scene, use: NDArray[np.bool_], registered: bool, per_group: bool = False
+    problem: Problem, use: NDArray[np.bool_], registered: bool, per_group: bool = False
 ) -> str | None:
     """A sentence that says in which of the rows `use` (mask) targets have each other's names, with
     the mean distance before and after; None where the names are as the positions have them. Where
     the targets were found from the rows (`registered`), they are found again with every new
     guess."""
-    data = scene.data
+    data = problem.data
     use = use if data.gauges is None else use & data.gauges.of("point")
     if len(np.unique(data.target[use])) < 2:
         return None
-    some = scene.take(use).plain_points()
+    some = problem.take(use).plain_points()
     given = some.data.target
     before, found = _mean(some, given), (np.inf, given)
     for start in _starts(some, before):
@@ -59,27 +59,29 @@ def labels_mistake(
     )
 
 
-def _starts(some: Scene, before: float) -> Iterator[Index]:
+def _starts(problem: Problem, before: float) -> Iterator[Index]:
     """The names as given; where they leave much, those of two targets changed from the middle of
     the file on."""
-    given = some.data.target
+    given = problem.data.target
     yield given
-    if before > BAD * some.reach_mm and len(np.unique(given)) == 2:
-        late = some.data.row > np.median(some.data.row)
+    if before > BAD * problem.reach_mm and len(np.unique(given)) == 2:
+        late = problem.data.row > np.median(problem.data.row)
         yield np.where(late, np.unique(given).sum() - given, given)
 
 
-def _settled(some: Scene, label: Index, registered: bool, per_group: bool) -> tuple[float, Index]:
+def _settled(
+    problem: Problem, label: Index, registered: bool, per_group: bool
+) -> tuple[float, Index]:
     """(mean distance [mm], names (m,)) where every row takes the name that it fits best, until none
     changes any more."""
-    present, given = np.unique(label), some.data.target
-    at = some if (label == given).all() else _placed(some, label, registered, per_group)
+    present, given = np.unique(label), problem.data.target
+    at = problem if (label == given).all() else _placed(problem, label, registered, per_group)
     best = _mean(at, label)
     for _ in range(ROUNDS):
         again = present[_distances(at)[:, present].argmin(1)]
         if (again == label).all():
             break
-        other = _placed(some, again, registered, per_group)
+        other = _placed(problem, again, registered, per_group)
         left = _mean(other, again)
         if left >= best:
             break
@@ -87,30 +89,30 @@ def _settled(some: Scene, label: Index, registered: bool, per_group: bool) -> tu
     return best, label
 
 
-def _placed(some: Scene, label: Index, registered: bool, per_group: bool) -> Scene:
-    """The scene under other names, its targets found again where they were found before."""
-    other = some.anew(data=replace(some.data, target=label))
+def _placed(problem: Problem, label: Index, registered: bool, per_group: bool) -> Problem:
+    """The problem under other names, its targets found again where they were found before."""
+    other = problem.anew(data=replace(problem.data, target=label))
     try:
-        return register(other, np.ones(len(some), bool), per_group) if registered else other
+        return register(other, np.ones(len(problem), bool), per_group) if registered else other
     except (DataError, NotEstimable):
         return other
 
 
-def _mean(some: Scene, label: Index) -> float:
-    return float(_distances(some)[np.arange(len(label)), label].mean())
+def _mean(problem: Problem, label: Index) -> float:
+    return float(_distances(problem)[np.arange(len(label)), label].mean())
 
 
-def _distances(some: Scene) -> Array:
+def _distances(problem: Problem) -> Array:
     """(m, T) mm from every measured position to where each target would be."""
-    out = np.empty((len(some), len(some.tools)))
-    for rows in some.blocks():
-        at = pose(some.robot, some.data.q[rows], np.zeros(3))
-        flange, group = at.axes[-1, :3].transpose(2, 1, 0), some.data.group[rows]
+    out = np.empty((len(problem), len(problem.tools)))
+    for rows in problem.blocks():
+        at = pose(problem.robot, problem.data.q[rows], np.zeros(3))
+        flange, group = at.axes[-1, :3].transpose(2, 1, 0), problem.data.group[rows]
         base = np.einsum(
             "mji,mj->mi",
-            some.placement[0][group],
-            some.data.position[rows] - some.placement[1][group],
+            problem.placement[0][group],
+            problem.data.position[rows] - problem.placement[1][group],
         )
-        place = at.target.T[:, None] + np.einsum("mij,tj->mti", flange, some.tools)
+        place = at.target.T[:, None] + np.einsum("mij,tj->mti", flange, problem.tools)
         out[rows] = np.linalg.norm(base[:, None] - place, axis=2)
     return out

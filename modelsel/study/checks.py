@@ -18,13 +18,13 @@ from ..fitting.design import whitened
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
 from ..fitting.noise_check import Lack, against, lack, likeliest
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..measurements.columns import SMALLEST
 from ..mechanisms.causes import ONE
 from ..notices import ALARMS, HOPELESS, MISTAKEN, NOISE, OTHER, ROWS, SAME_ROWS, Note, alarms
 from ..robot.files import builtin_names, load
 from ..robot.kinematics import Robot
-from ..selection.evaluation import Data, Rung, turned
+from ..selection.evaluation import Split, Evaluation, turned
 from ..setup.measured_orientations import orientation_mistake
 from ..setup.mistakes import mistake
 from ..setup.other_robots import other_robot, shifted_rows
@@ -44,9 +44,9 @@ FAINT = 2.0  # times the noise, from which it does not
 
 
 def setup_notes(
-    bound: Scene, use: NDArray[np.bool_], registered: bool, per_group: bool
+    bound: Problem, use: NDArray[np.bool_], registered: bool, per_group: bool
 ) -> tuple[Note, ...]:
-    """What simple mistake explains how the positions of the rows `use` (mask) lie, of a scene at
+    """What simple mistake explains how the positions of the rows `use` (mask) lie, of a problem at
     its placement and tools."""
     other = other_robot(
         bound, use, builtin
@@ -88,32 +88,32 @@ def builtin() -> dict[str, Robot]:
 
 
 def believed(
-    data: Data, floor: Floor | None, fitted: Fit
-) -> tuple[Data, Floor | None, tuple[Note, ...]]:
+    split: Split, floor: Floor | None, fitted: Fit
+) -> tuple[Split, Floor | None, tuple[Note, ...]]:
     """(the data, the floor, what is said) once a fitted model shows what is left: a floor that
     cannot be true is no longer known, and is estimated (None) instead. Said is what is far off;
     what is a little off, the chosen model's lack of fit says."""
-    some = data.training()
+    some = split.training()
     found = _lack(some, fitted.residuals(some), floor, slice(0, 3), fitted.rows - fitted.freedom)
     if floor is None or found is None:
-        return data, floor, ()
+        return split, floor, ()
     asked, left = found
     if np.isfinite(floor.freedom) and asked.refuted and asked.factor > 1:
-        return replace(data, known_sigma=False), None, (_unlike(floor, asked, left),)
+        return replace(split, known_sigma=False), None, (_unlike(floor, asked, left),)
     if np.isfinite(floor.freedom) or not asked.far:
-        return data, floor, ()
-    note = _stated(data, floor, asked, left)
+        return split, floor, ()
+    note = _stated(split, floor, asked, left)
     return (
-        (replace(data, known_sigma=False), None, (note,))
+        (replace(split, known_sigma=False), None, (note,))
         if asked.refuted
-        else (data, floor, (note,))
+        else (split, floor, (note,))
     )
 
 
-def turns_believed(data: Data, fitted: Fit) -> tuple[Note, ...]:
+def turns_believed(split: Split, fitted: Fit) -> tuple[Note, ...]:
     """What is said of stated uncertainties of orientations once a fitted model shows what is
     left."""
-    some = data.training()
+    some = split.training()
     spread = some.data.sigma_rotation
     if spread is None:
         return ()
@@ -133,11 +133,11 @@ def turns_believed(data: Data, fitted: Fit) -> tuple[Note, ...]:
 
 
 def _lack(
-    some: Scene, residual: Array, floor: Floor | None, part: slice, used: float
+    problem: Problem, residual: Array, floor: Floor | None, part: slice, used: float
 ) -> tuple[Lack, float] | None:
     """(what is left against a floor, its root mean square [mm or rad] of one coordinate), of the
     coordinates `part`; the model has `used` so many degrees of freedom of all."""
-    seen = np.ones(residual.shape, bool) if some.measured is None else some.measured
+    seen = np.ones(residual.shape, bool) if problem.measured is None else problem.measured
     count = int(seen[:, part].sum())
     freedom = count * (1 - used / int(seen.sum()))
     if floor is None or freedom < 1:
@@ -147,15 +147,15 @@ def _lack(
     if np.isinf(floor.freedom):  # stated, row by row
         factor = float(
             np.sqrt(
-                np.where(seen, np.square(whitened(some, residual)), 0.0)[:, part].sum() / freedom
+                np.where(seen, np.square(whitened(problem, residual)), 0.0)[:, part].sum() / freedom
             )
         )
     return lack(floor, factor, freedom), left
 
 
-def _stated(data: Data, floor: Floor, asked: Lack, left: float) -> Note:
+def _stated(split: Split, floor: Floor, asked: Lack, left: float) -> Note:
     """Of a floor that the study, its file or the instrument's figures state."""
-    measured = data.scene.data
+    measured = split.problem.data
     where = (
         "[noise] range_mm, range_ppm, angle_urad"
         if floor.source == "instrument"
@@ -201,8 +201,8 @@ def unsaid(faults: Sequence[Fault], notes: Sequence[Note]) -> tuple[Fault, ...]:
 
 
 def outcome(
-    data: Data,
-    chosen: Rung,
+    split: Split,
+    chosen: Evaluation,
     floor: Floor,
     limit: float | None,
     notes: tuple[Note, ...],
@@ -216,15 +216,15 @@ def outcome(
     where nothing was registered. Rows of `faults` are said already."""
     codes = {n.code for n in notes}
     more = list(notes)
-    named = np.isin(data.scene.data.row, [row for f in faults for row in f.rows])
-    if ROWS not in codes and (data.outlying & data.estimation).mean() < 1:
+    named = np.isin(split.problem.data.row, [row for f in faults for row in f.rows])
+    if ROWS not in codes and (split.outlying & split.estimation).mean() < 1:
         more += [
             Note(ROWS, said)
-            for said in slipped(data.scene, chosen.fit.residuals, data.outlying, named=named)
+            for said in slipped(split.problem, chosen.fit.residuals, split.outlying, named=named)
         ]
-    if not codes & {MISTAKEN, OTHER} and (said := _beyond(data, chosen.fit)) is not None:
+    if not codes & {MISTAKEN, OTHER} and (said := _beyond(split, chosen.fit)) is not None:
         more.append(Note("beyond-tolerance", said))
-    if (said := _hopeless(data, chosen, floor, more, per_group)) is not None:
+    if (said := _hopeless(split, chosen, floor, more, per_group)) is not None:
         return (*more, Note(HOPELESS, said))
     left, noise = (
         chosen.estimation.rms_mm or 0.0,
@@ -242,7 +242,7 @@ def outcome(
     return tuple(more)
 
 
-def _beyond(data: Data, fitted: Fit) -> str | None:
+def _beyond(split: Split, fitted: Fit) -> str | None:
     """A sentence on geometric parameters that no maker's tolerance allows, with the built-in robot
     that fits better, if any."""
     some = []
@@ -257,7 +257,7 @@ def _beyond(data: Data, fitted: Fit) -> str | None:
             len(term.screws) == 1
             and not term.fixture
             and screw.cause == ONE
-            and 1 < screw.frame <= data.scene.robot.n
+            and 1 < screw.frame <= split.problem.robot.n
         )
         limit = TOLERANCE.get(term.unit, np.inf)
         if own and abs(value) - SURE * error > limit:
@@ -270,7 +270,7 @@ def _beyond(data: Data, fitted: Fit) -> str | None:
         for _, symbol, value, error, unit in some[:LISTED]
     ]
     more = f" and {len(some) - LISTED} more" if len(some) > LISTED else ""
-    other = other_robot(data.scene, data.used, builtin, always=True)
+    other = other_robot(split.problem, split.used, builtin, always=True)
     return f"{', '.join(words)}{more}: beyond what makers' tolerances allow (1 to 5 mm, 1°). " + (
         other or "Check the robot's name or file, and where the joints' zeros are."
     )
@@ -283,16 +283,16 @@ def _with_unit(value: float, error: float, unit: str) -> str:
 
 
 def _hopeless(
-    data: Data, chosen: Rung, floor: Floor, notes: Sequence[Note], per_group: bool | None
+    split: Split, chosen: Evaluation, floor: Floor, notes: Sequence[Note], per_group: bool | None
 ) -> str | None:
     """A sentence that the fit is hopeless, with how much is left, against what, and the likeliest
     reasons; None where not."""
-    scene = data.scene
-    reach = scene.reach_mm
+    problem = split.problem
+    reach = problem.reach_mm
     left = max(chosen.estimation.rms_mm or 0.0, chosen.held_out.rms_mm or 0.0)
     noise = floor.coordinate_mm * float(np.sqrt(floor.coordinates))
     known = floor.source != "estimated"
-    angle = (turned(data, chosen, chosen) or (0.0, 0.0))[1]
+    angle = (turned(split, chosen, chosen) or (0.0, 0.0))[1]
     far = (
         left > HOPELESS_TIMES * THOUSANDTH * reach
         or known
@@ -320,7 +320,7 @@ def _hopeless(
             "a tracker's frame that is not the robot's base ([robot] register = true)"
             if per_group is None
             else 'a tracker moved between groups (register = "per group")'
-            if not per_group and len(scene.data.groups) > 1
+            if not per_group and len(problem.data.groups) > 1
             else "a tracker or target moved during the campaign"
         )
     )

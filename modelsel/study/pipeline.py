@@ -18,7 +18,7 @@ from ..diagnosis.error_map import error_map
 from ..diagnosis.outliers import GROSS, far_off, misplaced
 from ..diagnosis.procedure import explain, nested
 from ..diagnosis.state import models
-from ..diagnosis.stepwise import Extension
+from ..diagnosis.stepwise import Diagnosis
 from ..diagnosis.unexplained import (
     estimated_floor,
     nothing_else,
@@ -40,7 +40,7 @@ from ..results.goodness_of_fit import lack_of_fit, lacking
 from ..results.result import Result
 from ..robot.kinematics import Robot
 from ..selection.comparison import MOST, Comparison, compare
-from ..selection.evaluation import Data, Gain, Resampled, Rung, errors, paired, rung
+from ..selection.evaluation import Split, Gain, Resampled, Evaluation, errors, paired, evaluate
 from ..uncertainty.sampler import Keeper
 from ..uncertainty.summary import Request, confidence, sampled
 from .checks import believed, outcome, told_with, turns_believed, unsaid
@@ -108,7 +108,7 @@ def analyse(
 
 def _analysed(
     question: Question,
-    data: Data,
+    split: Split,
     floor: Floor | None,
     notes: tuple[Note, ...],
     say: Say,
@@ -116,25 +116,25 @@ def _analysed(
 ) -> Result:
     """The study of data that are registered, weighed and split."""
     study, plan = question.study, question.plan
-    measured = data.scene.data  # without the rows that nothing can be said of
+    measured = split.problem.data  # without the rows that nothing can be said of
     base, base_names = question.model(study.model.base, measured), tuple(study.model.base)
-    data = _weighed(question, data, base)
+    split = _weighed(question, split, base)
     say("looking for outliers")
-    data, extension, found = explain(
-        data, base, question.everything, study.seed, question.cells, say
+    split, extension, found = explain(
+        split, base, question.everything, study.seed, question.cells, say
     )
-    data, floor, doubts = believed(data, floor, extension.fit)
+    split, floor, doubts = believed(split, floor, extension.fit)
     nominal, base_rung = (
-        rung(data, question.model((), measured), ("nominal",)),
-        rung(data, base, base_names),
+        evaluate(split, question.model((), measured), ("nominal",)),
+        evaluate(split, base, base_names),
     )
-    if thinned(extension, data):
+    if thinned(extension, split):
         notes = (
             *notes,
             Note(
                 "scan-of-some",
-                f"What is wrong was looked for in {rows_seen(extension, data)} of "
-                f"the {int(data.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
+                f"What is wrong was looked for in {rows_seen(extension, split)} of "
+                f"the {int(split.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
                 "all rows.",
             ),
         )
@@ -142,9 +142,9 @@ def _analysed(
         *notes,
         *restricted(study.model.candidates),
         *doubts,
-        *turns_believed(data, extension.fit),
+        *turns_believed(split, extension.fit),
         *uneven(extension),
-        *(beside(data.scene) if question.cells else ()),
+        *(beside(split.problem) if question.cells else ()),
     )
     say("comparing all subsets of the candidates")
     offered, aside = strongest(
@@ -154,15 +154,15 @@ def _analysed(
         study.comparison.mechanisms or MOST,
     )
     comparison = (
-        compare(data, base, base_rung.fit, offered, base_names, aside, len(found))
+        compare(split, base, base_rung.fit, offered, base_names, aside, len(found))
         if offered
         else None
     )
     say("measuring the gain")
-    steps = _steps(data, base_rung, extension)
+    steps = _steps(split, base_rung, extension)
     rungs = [
         nominal,
-        *_ladder(question, data, measured, base_rung, best_constants(found, extension.single_f)),
+        *_ladder(question, split, measured, base_rung, best_constants(found, extension.single_f)),
     ]
     rungs += [
         r
@@ -175,17 +175,17 @@ def _analysed(
         chosen,
     ]
 
-    data = replace(
-        data,
-        outlying=data.outlying | held_out_outliers(data, [r for r in rungs if r is not nominal]),
+    split = replace(
+        split,
+        outlying=split.outlying | held_out_outliers(split, [r for r in rungs if r is not nominal]),
     )
     faults = unsaid(
-        misplaced(data.scene, data.outlying, chosen.fit, generator(study.seed, "null")), notes
+        misplaced(split.problem, split.outlying, chosen.fit, generator(study.seed, "null")), notes
     )
-    held = ~data.estimation & ~data.outlying
+    held = ~split.estimation & ~split.outlying
     drawn = Resampled.of(measured.block[held], generator(study.seed, "gain"))
 
-    def gained(before: Rung, after: Rung) -> Gain:
+    def gained(before: Evaluation, after: Evaluation) -> Gain:
         return paired(before.residual[held][:, :3], after.residual[held][:, :3], drawn)
 
     findings = tuple(
@@ -197,22 +197,22 @@ def _analysed(
         *_of_table(comparison, chosen),
         *worse_than_nominal(base_names, gained(nominal, base_rung)),
         *opposed(findings),
-        *surprised(data, chosen),
+        *surprised(split, chosen),
     )
     if not doubts:  # else that is said, and by how much
         notes = (
             *notes,
             *lacking(
-                lack_of_fit(chosen, floor, data), floor is not None and np.isinf(floor.freedom)
+                lack_of_fit(chosen, floor, split), floor is not None and np.isinf(floor.freedom)
             ),
         )
     within = None
     if study.split.nested_folds:
         say(f"the whole procedure again in {study.split.nested_folds} folds")
         within = nested(
-            data, base, question.everything, study.seed, question.cells, study.split.nested_folds
+            split, base, question.everything, study.seed, question.cells, study.split.nested_folds
         )
-    ladder = tuple(remeasured(r, data) for r in rungs)
+    ladder = tuple(remeasured(r, split) for r in rungs)
     if lost := [
         " + ".join(r.names) for r in ladder if r.cv_rms_mm is None or not np.isfinite(r.cv_rms_mm)
     ]:
@@ -225,14 +225,14 @@ def _analysed(
             ),
         )
     say("weighing every mechanism of the chosen model")
-    sure = confidence(data, chosen.fit, chosen.names, study.seed)
+    sure = confidence(split, chosen.fit, chosen.names, study.seed)
     noise, nothing = (
-        per_row(floor or estimated_floor(chosen, data), data),
-        nothing_else(extension, found, data, steps[-1]),
+        per_row(floor or estimated_floor(chosen, split), split),
+        nothing_else(extension, found, split, steps[-1]),
     )
     notes = outcome(
-        data,
-        remeasured(chosen, data),
+        split,
+        remeasured(chosen, split),
         noise,
         nothing[1],
         notes,
@@ -243,18 +243,18 @@ def _analysed(
     return Result(
         study,
         question.robot,
-        data,
+        split,
         noise,
         ladder,
         comparison,
-        remeasured(chosen, data),
+        remeasured(chosen, split),
         gained(nominal, chosen),
         findings,
         faults,
         extension,
         error_map(extension, found),
         nothing,
-        predictable_left(data, steps[-1], generator(study.seed, "flips")),
+        predictable_left(split, steps[-1], generator(study.seed, "flips")),
         within,
         untold,
         notes,
@@ -263,7 +263,7 @@ def _analysed(
     )
 
 
-def _of_table(comparison: Comparison | None, chosen: Rung) -> tuple[Note, ...]:
+def _of_table(comparison: Comparison | None, chosen: Evaluation) -> tuple[Note, ...]:
     """Where the table of subsets chooses otherwise, and where its best is not proven."""
     out: list[Note] = []
     if comparison is not None and set(comparison.choice) != set(chosen.names):
@@ -293,7 +293,7 @@ def with_sampling(
     question: Question, result: Result, say: Say = lambda _: None, keeper: Keeper | None = None
 ) -> Result:
     """A result with its chosen model's posterior sampled."""
-    plan, study, measured = question.plan, question.study, result.data.scene.data
+    plan, study, measured = question.plan, question.study, result.data.problem.data
     request = Request(
         question.model(study.model.base, measured),
         study.sampling.over,
@@ -307,16 +307,16 @@ def with_sampling(
     return replace(result, confidence=found)
 
 
-def _weighed(question: Question, data: Data, base: Model) -> Data:
+def _weighed(question: Question, split: Split, base: Model) -> Split:
     """With orientations of unstated uncertainty: rotational rows weighed by their own residuals,
     nominal then base."""
-    if data.scene.data.rotation is not None:
-        for model in (question.model((), data.scene.data), base):
-            data = reweigh_rotation(data, question.plan, rung(data, model, ()).residual)
-    return data
+    if split.problem.data.rotation is not None:
+        for model in (question.model((), split.problem.data), base):
+            split = reweigh_rotation(split, question.plan, evaluate(split, model, ()).residual)
+    return split
 
 
-def _same(r: Rung) -> tuple[tuple[str, ...], frozenset[tuple[Screw, ...]]]:
+def _same(r: Evaluation) -> tuple[tuple[str, ...], frozenset[tuple[Screw, ...]]]:
     """What makes two rungs one: their names and what these stand for."""
     return r.names, frozenset(t.screws for t in r.fit.terms)
 
@@ -339,30 +339,32 @@ def best_constants(
 
 def _ladder(
     question: Question,
-    data: Data,
+    split: Split,
     measured: Measurements,
-    base_rung: Rung,
+    base_rung: Evaluation,
     best: Mapping[str, Mechanism],
-) -> list[Rung]:
+) -> list[Evaluation]:
     """The study's own rungs, or the base."""
     return [
         base_rung
         if tuple(names) == base_rung.names
-        else rung(data, question.model(names, measured, best), names)
+        else evaluate(split, question.model(names, measured, best), names)
         for names in question.study.model.ladder or [list(base_rung.names)]
     ]
 
 
-def _steps(data: Data, base_rung: Rung, extension: Extension) -> list[Rung]:
+def _steps(split: Split, base_rung: Evaluation, diagnosis: Diagnosis) -> list[Evaluation]:
     """From the base, a rung to every effect, in the order they were found."""
     steps = [base_rung]
-    for k in range(1, len(extension.effects) + 1):
-        so_far = [e.candidate for e in extension.effects[:k]]
+    for k in range(1, len(diagnosis.effects) + 1):
+        so_far = [e.candidate for e in diagnosis.effects[:k]]
         names = (*base_rung.names, *(c.label for c in so_far))
         last = (
-            extension.fit if k == len(extension.effects) and not thinned(extension, data) else None
+            diagnosis.fit if k == len(diagnosis.effects) and not thinned(diagnosis, split) else None
         )
-        steps.append(rung(data, models(extension.base, so_far), names, last, start=steps[-1].fit))
+        steps.append(
+            evaluate(split, models(diagnosis.base, so_far), names, last, start=steps[-1].fit)
+        )
     return steps
 
 
@@ -379,31 +381,31 @@ def provenance(study: Study, data_sha256: str) -> dict[str, str]:
     }
 
 
-def held_out_outliers(data: Data, rungs: Sequence[Rung]) -> NDArray[np.bool_]:
+def held_out_outliers(split: Split, rungs: Sequence[Evaluation]) -> NDArray[np.bool_]:
     """Held-out rows beyond 8 robust standard deviations of the estimation residuals in every rung
     from the base on."""
-    out = ~data.estimation
+    out = ~split.estimation
     for r in rungs:
-        size = whitened(data.scene, r.residual)
+        size = whitened(split.problem, r.residual)
         out = out & far_off(
             size,
-            size[data.used],
+            size[split.used],
             GROSS,
-            None if data.scene.measured is None else data.scene.measured[data.used],
+            None if split.problem.measured is None else split.problem.measured[split.used],
         )
     return np.asarray(out)
 
 
-def remeasured(r: Rung, data: Data) -> Rung:
+def remeasured(r: Evaluation, split: Split) -> Evaluation:
     """A rung with its errors taken again, the outlying rows left out."""
     return replace(
         r,
-        estimation=errors(r.residual[data.estimation], data.outlying[data.estimation]),
-        held_out=errors(r.residual[~data.estimation], data.outlying[~data.estimation]),
+        estimation=errors(r.residual[split.estimation], split.outlying[split.estimation]),
+        held_out=errors(r.residual[~split.estimation], split.outlying[~split.estimation]),
     )
 
 
-def per_row(floor: Floor, data: Data) -> Floor:
+def per_row(floor: Floor, split: Split) -> Floor:
     """With the number of coordinates that a row has."""
-    seen = data.scene.measured
+    seen = split.problem.measured
     return floor if seen is None else replace(floor, coordinates=float(seen[:, :3].sum(1).mean()))

@@ -186,7 +186,7 @@ def plan(
     known = result.data.training()
     terms: list[Term] = [*fitted.terms, *(t for r in sets for some in r.terms for t in some)]
     sigma = result.floor.coordinate_mm
-    p = pool(known, c.scene(possible), terms, fitted.at(), sigma)
+    p = pool(known, c.problem(possible), terms, fitted.at(), sigma)
     looked = [distinct(p, r) for r in sets]
     sets, twins = (
         [r for r, _ in looked if r is not None],
@@ -257,7 +257,7 @@ def plan_next(
     readings; without one, drawn within the joint ranges that were measured, with `limits` the robot
     file's, with `joints` such as {"q2_deg": (-90, 45)} one's own), chosen as `plan` says. Raises
     DataError or StudyError."""
-    c, seed, data = calibration_of(result), result.study.seed, result.data.scene.data
+    c, seed, data = calibration_of(result), result.study.seed, result.data.problem.data
     if pool is not None:
         possible, within = (
             sided(read_measurements(pool, c.robot.prismatic, positions=False), seed),

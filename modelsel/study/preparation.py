@@ -1,4 +1,4 @@
-"""From a study and its measurements to one scene, registered, weighed, split and folded."""
+"""From a study and its measurements to one problem, registered, weighed, split and folded."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .._typing import Array
 from ..exceptions import DataError, NotEstimable, StudyError, sentence_list, suggest
 from ..fitting.design import residuals
 from ..fitting.noise import Floor, Instrument, weigh
-from ..fitting.problem import scene
+from ..fitting.problem import make_problem
 from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
 from ..notices import Note
 from ..robot.kinematics import Robot
-from ..selection.evaluation import Data
+from ..selection.evaluation import Split
 from ..selection.splits import assign, choose
 from ..setup.feature_positions import place, unseen
 from ..setup.registration import register, undetermined
@@ -108,8 +108,8 @@ def split(
 
 def prepare(
     robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.object_] | None = None
-) -> tuple[Data, Floor | None, tuple[Note, ...]]:
-    """The scene with its split and folds, the noise floor where it is known, and what is to be
+) -> tuple[Split, Floor | None, tuple[Note, ...]]:
+    """The problem with its split and folds, the noise floor where it is known, and what is to be
     said.
 
     Raises StudyError, DataError or NotEstimable.
@@ -127,7 +127,7 @@ def prepare(
         )
     data, estimation, more = _seen(*_known_targets(data, estimation, plan, notes), plan)
     notes += more
-    bound = replace(scene(robot, data, tools_of(data, plan.tools)), tracker=plan.tracker)
+    bound = replace(make_problem(robot, data, tools_of(data, plan.tools)), tracker=plan.tracker)
     if plan.register:
         expected = bound.tools
         bound = register(bound, estimation, plan.per_group)
@@ -193,7 +193,7 @@ def prepare(
             )
         )
     known = floor is not None and floor.source == "stated"
-    return Data(bound, estimation, np.zeros(len(data), bool), fold, known), floor, tuple(notes)
+    return Split(bound, estimation, np.zeros(len(data), bool), fold, known), floor, tuple(notes)
 
 
 def _known_targets(
@@ -306,14 +306,14 @@ def _rescaled(data: Measurements, own: Array, strange: NDArray[np.bool_]) -> Mea
     return replace(data, progress=progress)
 
 
-def reweigh_rotation(data: Data, plan: Plan, residual: Array) -> Data:
+def reweigh_rotation(split: Split, plan: Plan, residual: Array) -> Split:
     """With orientations: whichever of position and rotation has no stated uncertainty is weighed by
     its own residuals."""
-    measured, seen = data.scene.data, data.scene.measured
+    measured, seen = split.problem.data, split.problem.measured
     known = plan.stated_mm is not None or plan.instrument is not None or measured.sigma is not None
     if measured.rotation is None or known and measured.sigma_rotation is not None:
-        return data
-    used = residual[data.used]
+        return split
+    used = residual[split.used]
 
     def spread(part: slice) -> float:
         square = np.square(used[:, part])
@@ -321,11 +321,11 @@ def reweigh_rotation(data: Data, plan: Plan, residual: Array) -> Data:
             np.sqrt(
                 square.mean()
                 if seen is None
-                else square.sum() / max(seen[data.used][:, part].sum(), 1)
+                else square.sum() / max(seen[split.used][:, part].sum(), 1)
             )
         )
 
     position = plan.stated_mm if known else spread(slice(0, 3))
     turning = spread(slice(3, 6))
-    bound, _ = weigh(data.scene, plan.instrument, position, turning)
-    return replace(data, scene=bound)
+    bound, _ = weigh(split.problem, plan.instrument, position, turning)
+    return replace(split, problem=bound)

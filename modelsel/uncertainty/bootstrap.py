@@ -52,7 +52,7 @@ class Bootstrap:
 def bootstrap(parts: Iterable[Folded], fitted: Fit, rng: np.random.Generator) -> Bootstrap:
     """Of every parameter.
 
-    `parts`: the training scene at the optimum, a fold per unit, some at a time (`by_unit`). Shrunk
+    `parts`: the training problem at the optimum, a fold per unit, some at a time (`by_unit`). Shrunk
     coefficients are drawn from their prior, as if each were one more configuration, so that their
     errors compare with those of the posterior."""
     kept = list(fitted.found.kept)

@@ -20,7 +20,7 @@ import numpy as np
 from .._typing import Array, Index
 from ..diagnosis.evidence import RATIOS
 from ..fitting.design import design
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..mechanisms.terms import Screw, Term
 from ..robot.rigid import AXES
 from .nuisance import GRID, Constant
@@ -86,7 +86,7 @@ class Conditional:
 
 
 def conditionals(
-    scene: Scene,
+    problem: Problem,
     at: tuple[Sequence[Term], Array],
     sampled: Sequence[int],
     constants: Sequence[Constant],
@@ -115,7 +115,10 @@ def conditionals(
         before = beyond(X[:, index])
         response = beyond(left) + before @ at[1][index]
         grid = np.stack(
-            [before + beyond(change) for change in _changes(scene, at, constant, index, X.shape[0])]
+            [
+                before + beyond(change)
+                for change in _changes(problem, at, constant, index, X.shape[0])
+            ]
         )
         others = beyond(X[:, [sampled[i] for i in rest]])
         prior, ratio = _prior(
@@ -145,7 +148,7 @@ def conditionals(
 
 
 def _changes(
-    scene: Scene,
+    problem: Problem,
     at: tuple[Sequence[Term], Array],
     constant: Constant,
     index: Sequence[int],
@@ -155,8 +158,8 @@ def _changes(
     model's."""
     places = sorted({place for place, k, _ in constant.tables if k in index})
     terms = [Term(AXES[axis], (Screw(frame + 1, AXES[axis]),)) for frame, axis in places]
-    unit = design(scene, terms, at)[0].transpose(2, 1, 0)  # (places, c, m)
-    seen = slice(None) if scene.measured is None else scene.measured.T.reshape(-1)
+    unit = design(problem, terms, at)[0].transpose(2, 1, 0)  # (places, c, m)
+    seen = slice(None) if problem.measured is None else problem.measured.T.reshape(-1)
     for n in range(GRID):
         out = np.zeros((rows, len(index)))
         for place, k, table in constant.tables:

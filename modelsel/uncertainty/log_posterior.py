@@ -43,7 +43,7 @@ SCORING = 5  # steps of expectation-maximisation; each leaves about 2/(ν + 5) o
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
+class LogPosterior:
     """A density of d numbers: coefficients (term indices `sampled`), log scales, tail (if `tail`),
     constants; `exact` tells whether the chain is evaluated, or its QR-reduced linear form."""
 
@@ -72,7 +72,7 @@ class Target:
 
     @cached_property
     def _ensemble(self) -> Ensemble:
-        return Ensemble(self.noise.scene, self.fitted.terms)
+        return Ensemble(self.noise.problem, self.fitted.terms)
 
     @cached_property
     def _tangent(self) -> tuple[Array, Array]:
@@ -81,7 +81,7 @@ class Target:
         from ..fitting.design import design
 
         fitted = self.fitted
-        X, left = design(self.noise.scene, fitted.terms, fitted.at())
+        X, left = design(self.noise.problem, fitted.terms, fitted.at())
         return (
             np.vstack(
                 [X.transpose(1, 0, 2).reshape(-1, len(fitted.theta))[self._rows], fitted.root]
@@ -106,20 +106,20 @@ class Target:
     @cached_property
     def _rows(self) -> NDArray[np.bool_] | slice:
         """Which of the rows (coordinate, configuration) are measured."""
-        seen = self.noise.scene.measured
+        seen = self.noise.problem.measured
         return slice(None) if seen is None else seen.T.reshape(-1)
 
     @cached_property
     def _of(self) -> NDArray[np.intp]:
         """(N,) component of every measured row."""
-        return np.repeat(self.noise.of, len(self.noise.scene))[self._rows]
+        return np.repeat(self.noise.of, len(self.noise.problem))[self._rows]
 
     @cached_property
     def _grams(self) -> Array:
         """(T + 1, r_β, r_β) QᵀQ of each component's rows, and of the prior's."""
-        Q, m = self._basis[0], len(self.noise.scene)
+        Q, m = self._basis[0], len(self.noise.problem)
         N = len(self._of)
-        if self.noise.scene.measured is not None:
+        if self.noise.problem.measured is not None:
             own = [Q[:N][self._of == t] for t in range(self.noise.count)]
             return np.stack([*(part.T @ part for part in own), Q[N:].T @ Q[N:]])
         part = Q[:N].reshape(len(self.noise.of), m, -1)
@@ -148,7 +148,7 @@ class Target:
     def _conditionals(self) -> tuple[Conditional, ...]:
         """Of the constants that bear on a sampled coefficient."""
         return conditionals(
-            self.noise.scene,
+            self.noise.problem,
             self.fitted.at(),
             self.sampled,
             self.constants,
@@ -278,7 +278,7 @@ class Target:
     def _marginal(self, e: Array, log_s: Array, nu: Array | None) -> Array:
         """β integrated out of residuals e (W, N + k) at log scales (W, T) and degrees of freedom
         (W,)."""
-        noise, m, W = self.noise, len(self.noise.scene), len(e)
+        noise, m, W = self.noise, len(self.noise.problem), len(e)
         c, N = len(noise.of), len(self._of)
         Q, h, _ = self._basis
         of = np.concatenate([self._of, np.zeros(e.shape[1] - N, dtype=np.intp)])

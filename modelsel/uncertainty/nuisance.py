@@ -14,7 +14,7 @@ import numpy as np
 from .._typing import Array, Index
 from ..fitting.design import PLACE, Model
 from ..fitting.noise import Instrument
-from ..fitting.problem import Scene
+from ..fitting.problem import Problem
 from ..mechanisms.registry import Registry, Scanned
 from ..mechanisms.terms import Mechanism, Screw
 from ..robot.kinematics import Robot
@@ -24,10 +24,10 @@ SINGLE = "noise scale"
 
 @dataclass(frozen=True, eq=False)
 class Components:
-    """A scene whose whitened coordinates each belong to one component: `of` (c,) its number per
+    """A problem whose whitened coordinates each belong to one component: `of` (c,) its number per
     coordinate, names and units of the T scales, `factor` (T,) what a scale of 1 is in that unit."""
 
-    scene: Scene
+    problem: Problem
     of: Index
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -40,32 +40,32 @@ class Components:
 
 
 def components(
-    scene: Scene, instrument: Instrument | None = None, stated: bool = False
+    problem: Problem, instrument: Instrument | None = None, stated: bool = False
 ) -> Components:
-    """Of a weighed scene. Per-coordinate uncertainties in the data: a scale per axis of the
+    """Of a weighed problem. Per-coordinate uncertainties in the data: a scale per axis of the
     tracker's frame; an instrument (where no floor is `stated`): one along the beam, one across;
     orientations: one of their own; else one scale in mm."""
-    six = scene.components == 6
+    six = problem.components == 6
     if (
-        scene.data.gauges is not None
+        problem.data.gauges is not None
     ):  # the coordinates of different kinds are not alike: one scale for all that is in mm
         six_of = np.array([0, 0, 0, 1, 1, 1] if six else [0, 0, 0], dtype=np.intp)
         own = ("noise of position", "noise of orientation") if six else (SINGLE,)
-        plain = isinstance(scene.whiten, float) and not six
+        plain = isinstance(problem.whiten, float) and not six
         return Components(
-            scene,
+            problem,
             six_of,
             own,
             ("mm",) if plain else ("of the stated",) * len(own),
-            np.array([1 / float(scene.whiten)])
-            if isinstance(scene.whiten, float) and plain
+            np.array([1 / float(problem.whiten)])
+            if isinstance(problem.whiten, float) and plain
             else np.ones(len(own)),
         )
     rest, rest_names = ([3, 3, 3], ["noise of orientation"]) if six else ([], [])
-    if scene.data.sigma is not None:
+    if problem.data.sigma is not None:
         of, names = [0, 1, 2, *rest], ["noise in x", "noise in y", "noise in z", *rest_names]
     elif instrument is not None and not stated:
-        scene = along_beam(scene, instrument)
+        problem = along_beam(problem, instrument)
         of, names = (
             [0, 1, 1, *(k - 1 for k in rest)],
             ["noise along the beam", "noise across the beam", *rest_names],
@@ -73,13 +73,17 @@ def components(
     elif six:
         of, names = [0, 0, 0, 1, 1, 1], ["noise of position", *rest_names]
     else:
-        if isinstance(scene.whiten, float):
+        if isinstance(problem.whiten, float):
             return Components(
-                scene, np.zeros(3, dtype=np.intp), (SINGLE,), ("mm",), np.array([1 / scene.whiten])
+                problem,
+                np.zeros(3, dtype=np.intp),
+                (SINGLE,),
+                ("mm",),
+                np.array([1 / problem.whiten]),
             )
         of, names = [0, 0, 0], [SINGLE]
     return Components(
-        scene,
+        problem,
         np.array(of, dtype=np.intp),
         tuple(names),
         ("of the stated",) * len(names),
@@ -87,28 +91,28 @@ def components(
     )
 
 
-def along_beam(scene: Scene, instrument: Instrument) -> Scene:
+def along_beam(problem: Problem, instrument: Instrument) -> Problem:
     """The same weights, each row's first whitened coordinate along the beam and the others across
     it: an orthogonal turn of the whitened coordinates, which no least-squares fit feels."""
-    if isinstance(scene.whiten, float):
+    if isinstance(problem.whiten, float):
         raise TypeError("an instrument's weights are a block per row")
-    line = scene.data.position - np.array(instrument.at)
+    line = problem.data.position - np.array(instrument.at)
     u = line / np.linalg.norm(line, axis=1)[:, None]
     least = np.argmin(np.abs(u), axis=1)
     v = np.cross(u, np.eye(3)[least])
     v /= np.linalg.norm(v, axis=1)[:, None]
     basis = np.stack([u, v, np.cross(u, v)], axis=1)  # rows: along, across, across
-    position = scene.whiten[:, :3, :3]
+    position = problem.whiten[:, :3, :3]
     spread = np.linalg.inv(np.einsum("mji,mjk->mik", position, position))  # covariance of a row
     sigma = np.sqrt(np.einsum("mai,mij,maj->ma", basis, spread, basis))
-    whiten = scene.whiten.copy()
+    whiten = problem.whiten.copy()
     whiten[:, :3, :3] = basis / sigma[:, :, None]
-    return scene.anew(whiten=whiten)
+    return problem.anew(whiten=whiten)
 
 
 def single(of: Components) -> Components:
     """With one scale for all."""
-    return Components(of.scene, np.zeros_like(of.of), (SINGLE,), of.units[:1], of.factor[:1])
+    return Components(of.problem, np.zeros_like(of.of), (SINGLE,), of.units[:1], of.factor[:1])
 
 
 # Inner constants of scanned mechanisms, taken as continuous: the moment at which a tracker was
@@ -146,7 +150,7 @@ class Constant:
         return below, at - below
 
 
-def constants(scene: Scene, model: Model, registry: Registry) -> tuple[Constant, ...]:
+def constants(problem: Problem, model: Model, registry: Registry) -> tuple[Constant, ...]:
     """One for each mechanism of a model that the registry scans over a range of real numbers;
     numbered where a mechanism is in the model several times, as the labels of its coefficients
     are."""
@@ -156,11 +160,11 @@ def constants(scene: Scene, model: Model, registry: Registry) -> tuple[Constant,
         stem, *joint = m.name.split(":")
         entry = registry.get(stem)
         if isinstance(entry, Scanned) and entry.range is not None:
-            held = _held(entry, scene.robot, joint, m)
+            held = _held(entry, problem.robot, joint, m)
             if held is not None:
                 low, high = entry.range
                 built = [
-                    entry.build(scene.robot, *map(int, joint), float(v))
+                    entry.build(problem.robot, *map(int, joint), float(v))
                     for v in np.linspace(low, high, GRID)
                 ]
                 out.append(
@@ -170,7 +174,7 @@ def constants(scene: Scene, model: Model, registry: Registry) -> tuple[Constant,
                         low,
                         high,
                         held,
-                        _tables(scene, m, built, place),
+                        _tables(problem, m, built, place),
                     )
                 )
     several = [[o for o in out if o.mechanism == c.mechanism] for c in out]
@@ -194,16 +198,19 @@ def _held(entry: Scanned, robot: Robot, joint: Sequence[str], m: Mechanism) -> f
 
 
 def _tables(
-    scene: Scene, m: Mechanism, built: Sequence[Mechanism], place: dict[tuple[Screw, ...], int]
+    problem: Problem, m: Mechanism, built: Sequence[Mechanism], place: dict[tuple[Screw, ...], int]
 ) -> tuple[tuple[tuple[int, int], int, Array], ...]:
-    rows = len(scene)
+    rows = len(problem)
     out = []
     for i, term in enumerate(m.terms):
         for j, screw in enumerate(term.screws):
-            base = np.broadcast_to(screw.cause.of(scene), (rows,))
+            base = np.broadcast_to(screw.cause.of(problem), (rows,))
             table = (
                 np.stack(
-                    [np.broadcast_to(b.terms[i].screws[j].cause.of(scene), (rows,)) for b in built]
+                    [
+                        np.broadcast_to(b.terms[i].screws[j].cause.of(problem), (rows,))
+                        for b in built
+                    ]
                 )
                 - base
             )

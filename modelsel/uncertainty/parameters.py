@@ -15,7 +15,7 @@ from ..fitting.least_squares import Fit
 from ..mechanisms.causes import Bump
 from ..notices import Note
 from ..selection.cross_validation import by_unit
-from ..selection.evaluation import Data
+from ..selection.evaluation import Split
 from .bootstrap import Bootstrap, bootstrap
 from .posterior import Draws
 from .sampler import Sampling
@@ -47,7 +47,7 @@ class Parameter:
     differ: bool
 
 
-def parameters(data: Data, fitted: Fit, boot: Bootstrap) -> tuple[Parameter, ...]:
+def parameters(split: Split, fitted: Fit, boot: Bootstrap) -> tuple[Parameter, ...]:
     """Every estimable parameter of a fit, in the model's order; the posterior's answers come later
     (`with_posterior`).
 
@@ -61,7 +61,7 @@ def parameters(data: Data, fitted: Fit, boot: Bootstrap) -> tuple[Parameter, ...
         boot.errors, fitted.standard_errors
     )
     low, high = fitted.theta - half, fitted.theta + half
-    mean, worst = displacement(data, fitted)
+    mean, worst = displacement(split, fitted)
     error, names, owner = fitted.standard_errors, labels(fitted.model), owners(fitted.model)
     out = []
     for k in fitted.found.kept:
@@ -86,10 +86,10 @@ def parameters(data: Data, fitted: Fit, boot: Bootstrap) -> tuple[Parameter, ...
     return tuple(out)
 
 
-def resampled(data: Data, fitted: Fit, rng: np.random.Generator) -> Bootstrap:
+def resampled(split: Split, fitted: Fit, rng: np.random.Generator) -> Bootstrap:
     """The bootstrap of the training rows; whole groups are its units where what is left goes
     together within them."""
-    training = data.training()
+    training = split.training()
     residual = fitted.residuals(training)
     grouped = together(training.data, residual[:, :3], rng) <= LASTING
     unit = training.data.group if grouped else training.data.block
@@ -106,17 +106,17 @@ def _differ(errors: Sequence[float], configurations: float) -> bool:
     )
 
 
-def displacement(data: Data, fitted: Fit) -> tuple[Array, Array]:
+def displacement(split: Split, fitted: Fit) -> tuple[Array, Array]:
     """(mean, worst) (p,) displacement [mm] of the target that each parameter causes, over all
     measured configurations, held out or not: the workspace as it was measured. Linear about the
     optimum."""
-    scene = data.scene.take(~data.outlying)
+    problem = split.problem.take(~split.outlying)
     total, worst = np.zeros(len(fitted.theta)), np.zeros(len(fitted.theta))
-    for _, columns, _ in blocks(replace(scene, whiten=1.0), fitted.terms, fitted.at()):
+    for _, columns, _ in blocks(replace(problem, whiten=1.0), fitted.terms, fitted.at()):
         size = np.linalg.norm(columns[:, :3], axis=1) * np.abs(fitted.theta)[:, None]
         total += size.sum(1)
         worst = np.maximum(worst, size.max(1))
-    return total / len(scene), worst
+    return total / len(problem), worst
 
 
 def with_posterior(

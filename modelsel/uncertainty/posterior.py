@@ -18,8 +18,8 @@ import numpy as np
 from .._typing import Array
 from ..fitting.batch import Ensemble
 from ..fitting.least_squares import Fit
-from ..fitting.problem import Scene
-from ..fitting.reduction import reduce_scene
+from ..fitting.problem import Problem
+from ..fitting.reduction import reduce_problem
 
 DRAWS = (400, 4000)  # fewest and most
 WORK = 1_000_000  # draws x configurations to stay within
@@ -97,31 +97,31 @@ def posterior(fitted: Fit) -> Posterior:
     )
 
 
-def weighted(scene: Scene, fitted: Fit, draws: Draws) -> Draws:
+def weighted(problem: Problem, fitted: Fit, draws: Draws) -> Draws:
     """The draws with importance weights: the exact chain's posterior over the linear one, on the
-    fit's own scene. How far the chain departs from its tangent is worked out on at most CURVED
+    fit's own problem. How far the chain departs from its tangent is worked out on at most CURVED
     rows, evenly spread, that stand for all: thinning can only make the weights less even. The prior
     is in both, and alike."""
     some = (
-        scene
-        if len(scene) <= CURVED
-        else scene.take(np.linspace(0, len(scene) - 1, CURVED).astype(np.intp))
+        problem
+        if len(problem) <= CURVED
+        else problem.take(np.linspace(0, len(problem) - 1, CURVED).astype(np.intp))
     )
     ensemble, cost = Ensemble(some, fitted.terms), np.empty(len(draws.theta))
     step = max(1, WORK // (10 * len(some)))
     for start in range(0, len(cost), step):
         part = slice(start, start + step)
         cost[part] = np.square(ensemble.residuals(draws.theta[part])).sum((1, 2))
-    R = reduce_scene(some, fitted.terms, fitted.at(), fitted.found.kept).R
+    R = reduce_problem(some, fitted.terms, fitted.at(), fitted.found.kept).R
     linear = np.square(R[:, -1] - (draws.theta - fitted.theta) @ R[:, :-1].T).sum(1)
-    log_weight = (linear - cost) / (2 * np.square(draws.sigma)) * (len(scene) / len(some))
+    log_weight = (linear - cost) / (2 * np.square(draws.sigma)) * (len(problem) / len(some))
     weight = np.exp(log_weight - log_weight.max())
     return Draws(draws.theta, draws.sigma, np.asarray(weight / weight.sum()))
 
 
-def draws_for(scene: Scene) -> int:
-    """How many draws a scene of this size gets: bounded work, whatever its size."""
-    return int(np.clip(WORK // len(scene), *DRAWS))
+def draws_for(problem: Problem) -> int:
+    """How many draws a problem of this size gets: bounded work, whatever its size."""
+    return int(np.clip(WORK // len(problem), *DRAWS))
 
 
 @dataclass(frozen=True)

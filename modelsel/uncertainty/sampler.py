@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from .._typing import Array
-from .log_posterior import Target
+from .log_posterior import LogPosterior
 from .mcmc import autocorrelation_time, moves, r_hat
 from .posterior import Importance
 
@@ -172,7 +172,7 @@ def next_check(check: int, need: float) -> int:
 
 
 def sample(
-    target: Target,
+    log_posterior: LogPosterior,
     importance: Importance,
     what: str,
     rng: np.random.Generator,
@@ -182,9 +182,9 @@ def sample(
 ) -> Sampling:
     """Run emcee on a target until it has converged, or for MOST_STEPS. An interruption keeps the
     chunks that are done."""
-    thin = max(n for n in THINNED if n == 1 or 6 * n <= target.size)
-    done = None if keeper is None else keeper.load(target.names)
-    walker = _Walk(target, rng, thin, done)
+    thin = max(n for n in THINNED if n == 1 or 6 * n <= log_posterior.size)
+    done = None if keeper is None else keeper.load(log_posterior.names)
+    walker = _Walk(log_posterior, rng, thin, done)
     tau: Array | None = None
     check = min(FIRST, MOST_STEPS)
     while True:
@@ -192,12 +192,12 @@ def sample(
             while walker.steps < check:
                 walker.run(min(100 * thin, check - walker.steps))
                 if keeper is not None:
-                    keeper.keep(target.names, walker.state())
+                    keeper.keep(log_posterior.names, walker.state())
         except KeyboardInterrupt:
             if keeper is not None and walker.steps:
-                keeper.keep(target.names, walker.state(), now=True)
+                keeper.keep(log_posterior.names, walker.state(), now=True)
             raise
-        chain = target.values(
+        chain = log_posterior.values(
             walker.chain[: check // thin]
         )  # a resumed chain is judged where the unbroken one was
         before, tau = tau, _times(chain, thin)
@@ -212,7 +212,13 @@ def sample(
             agree = r_hat(chain[_burn(tau, thin, len(chain)) :])
             if check == MOST_STEPS or agree.max() < AGREE:
                 return _finished(
-                    target, walker, tau, agree, bool(long and agree.max() < AGREE), importance, what
+                    log_posterior,
+                    walker,
+                    tau,
+                    agree,
+                    bool(long and agree.max() < AGREE),
+                    importance,
+                    what,
                 )
         check = next_check(check, need)
 
@@ -232,7 +238,7 @@ def _burn(tau: Array, thin: int, stored: int) -> int:
 
 
 def _finished(
-    target: Target,
+    log_posterior: LogPosterior,
     walker: _Walk,
     tau: Array,
     agree: Array,
@@ -240,10 +246,10 @@ def _finished(
     importance: Importance,
     what: str,
 ) -> Sampling:
-    chain = target.values(walker.chain[_burn(tau, walker.thin, len(walker.chain)) :])
+    chain = log_posterior.values(walker.chain[_burn(tau, walker.thin, len(walker.chain)) :])
     return Sampling(
-        target.names,
-        target.units,
+        log_posterior.names,
+        log_posterior.units,
         chain,
         walker.thin,
         walker.steps,
@@ -251,7 +257,7 @@ def _finished(
         agree,
         float(walker.accepted.mean()) * walker.thin / walker.steps,
         converged,
-        target.closed_form(PROBABILITIES),
+        log_posterior.closed_form(PROBABILITIES),
         importance,
         what,
     )
@@ -260,11 +266,13 @@ def _finished(
 class _Walk:
     """emcee's ensemble and what it has done so far."""
 
-    def __init__(self, target: Target, rng: np.random.Generator, thin: int, done: State | None):
+    def __init__(
+        self, log_posterior: LogPosterior, rng: np.random.Generator, thin: int, done: State | None
+    ):
         import emcee
 
-        walkers = max(WALKERS, 2 * -(-PER_NAME * target.size // 2))
-        start = target.start(rng, walkers)
+        walkers = max(WALKERS, 2 * -(-PER_NAME * log_posterior.size // 2))
+        start = log_posterior.start(rng, walkers)
         seed = int(rng.integers(2**32))
         if done is None:
             # emcee draws from a legacy RandomState; its own `random_state` setter fails silently on
@@ -284,10 +292,14 @@ class _Walk:
             )
         self.thin = thin
         self.sampler = emcee.EnsembleSampler(
-            walkers, target.size, target.log_density, moves=moves(target.ranges), vectorize=True
+            walkers,
+            log_posterior.size,
+            log_posterior.log_density,
+            moves=moves(log_posterior.ranges),
+            vectorize=True,
         )
         self.sampler.log_prob_fn = (
-            target.log_density
+            log_posterior.log_density
         )  # bare: emcee's wrapper prints a traceback, on Ctrl-C too
 
     @property

@@ -17,13 +17,13 @@ from ..fitting.batch import Ensemble
 from ..fitting.design import Model
 from ..fitting.identifiability import identify, solve
 from ..fitting.least_squares import Fit, with_prior
-from ..fitting.reduction import Reduction, reduce_scene
+from ..fitting.reduction import Reduction, reduce_problem
 from ..fitting.splines import spline
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Mechanism
 from ..selection.criteria import log_evidence
 from ..selection.cross_validation import Folded, cross_validate, fold
-from ..selection.evaluation import Data
+from ..selection.evaluation import Split
 from .bootstrap import Bootstrap, halves
 
 HALVES = 100
@@ -56,7 +56,7 @@ class Significance:
 
 
 def significance(
-    data: Data, fitted: Fit, names: Sequence[str], boot: Bootstrap, rng: np.random.Generator
+    split: Split, fitted: Fit, names: Sequence[str], boot: Bootstrap, rng: np.random.Generator
 ) -> tuple[Significance, ...]:
     """Of every mechanism of a fitted model, by what matters in mm. `names`: what the report calls
     the model's last mechanisms."""
@@ -67,14 +67,14 @@ def significance(
         for m in model.mechanisms
         if m.name != SETUP and set(_terms(model, m)) & set(fitted.found.kept)
     ]
-    without = _Without(data, fitted)
-    moved = _displaced(data, fitted, [_terms(model, m) for m in judged])
+    without = _Without(split, fitted)
+    moved = _displaced(split, fitted, [_terms(model, m) for m in judged])
     stable = stability(without.bundled(), fitted, [_own(model, m, fitted) for m in judged], rng)
     cv, held = without.rms([])
     out = []
     for m, (mean, worst), share in zip(judged, moved, stable, strict=True):
         own = _own(model, m, fitted)
-        f, p, evidence = nested(fitted, own, boot, 1.0 if data.known_sigma else None)
+        f, p, evidence = nested(fitted, own, boot, 1.0 if split.known_sigma else None)
         cv_without, held_without = without.rms(own) if own else (None, None)
         terms = _terms(model, m)
         symbols = tuple(model.terms[k].symbol for k in terms if k in fitted.found.kept)
@@ -115,22 +115,22 @@ def _own(model: Model, m: Mechanism, fitted: Fit) -> list[int]:
 
 
 def _displaced(
-    data: Data, fitted: Fit, groups: Sequence[Sequence[int]]
+    split: Split, fitted: Fit, groups: Sequence[Sequence[int]]
 ) -> list[tuple[float, float]]:
     """(mean, worst) displacement [mm] of the target that each group of terms causes on the exact
     chain, over all measured configurations."""
-    scene = replace(data.scene.take(~data.outlying), whiten=1.0)
+    problem = replace(split.problem.take(~split.outlying), whiten=1.0)
     theta = np.tile(fitted.theta, (1 + len(groups), 1))
     for row, group in zip(theta[1:], groups, strict=True):
         row[list(group)] = 0.0
     total, worst = np.zeros(len(groups)), np.zeros(len(groups))
-    for _, part in scene.parts():
+    for _, part in problem.parts():
         ensemble = Ensemble(part, fitted.terms)
         full = ensemble.residuals(theta[:1])[0, :3]
         for g, row in enumerate(theta[1:]):
             size = np.linalg.norm(ensemble.residuals(row[None])[0, :3] - full, axis=0)
             total[g], worst[g] = total[g] + size.sum(), max(worst[g], size.max())
-    return [(float(t / len(scene)), float(w)) for t, w in zip(total, worst, strict=True)]
+    return [(float(t / len(problem)), float(w)) for t, w in zip(total, worst, strict=True)]
 
 
 def nested(
@@ -175,9 +175,9 @@ class _Without:
     """Cross-validated and held-out errors of the model without some terms, from triangles made
     once: no row is seen twice."""
 
-    def __init__(self, data: Data, fitted: Fit):
-        self.fitted, self.training = fitted, data.training()
-        kept, folds = fitted.found.kept, data.training_folds()
+    def __init__(self, split: Split, fitted: Fit):
+        self.fitted, self.training = fitted, split.training()
+        kept, folds = fitted.found.kept, split.training_folds()
         self.folded = fold(self.training, fitted.terms, folds, fitted.at(), kept)
         weight = self.training.whiten
         self.plain = (
@@ -185,7 +185,7 @@ class _Without:
             if isinstance(weight, float)
             else fold(replace(self.training, whiten=1.0), fitted.terms, folds, fitted.at(), kept)
         )
-        held = data.scene.take(~data.estimation & ~data.outlying)
+        held = split.problem.take(~split.estimation & ~split.outlying)
         self.held = len(held)
         position = (
             1.0
@@ -193,7 +193,7 @@ class _Without:
             else np.broadcast_to(np.diag([1.0, 1, 1, 0, 0, 0]), (len(held), 6, 6))
         )
         self.held_R = (
-            reduce_scene(replace(held, whiten=position), fitted.terms, fitted.at(), kept).R
+            reduce_problem(replace(held, whiten=position), fitted.terms, fitted.at(), kept).R
             if self.held
             else None
         )

@@ -17,8 +17,8 @@ from ..fitting.least_squares import Fit
 from ..fitting.noise import Instrument
 from ..mechanisms.registry import Registry
 from ..notices import Note
-from ..selection.evaluation import Data
-from .log_posterior import TAIL, Target
+from ..selection.evaluation import Split
+from .log_posterior import TAIL, LogPosterior
 from .nuisance import components, constants, single
 from .parameters import (
     Correlation,
@@ -92,16 +92,16 @@ class Confidence:
         }
 
 
-def confidence(data: Data, fitted: Fit, names: Sequence[str], seed: int) -> Confidence:
+def confidence(split: Split, fitted: Fit, names: Sequence[str], seed: int) -> Confidence:
     """What needs no sampling; cheap. `names`: what the report calls the mechanisms of the model.
     Empty where it has no estimable parameter."""
     if not fitted.rank:
         return Confidence((), Correlation((), np.zeros((0, 0)), (), ()), ())
-    boot = resampled(data, fitted, generator(seed, "bootstrap"))
+    boot = resampled(split, fitted, generator(seed, "bootstrap"))
     return Confidence(
-        parameters(data, fitted, boot),
+        parameters(split, fitted, boot),
         correlation(fitted),
-        significance(data, fitted, names, boot, generator(seed, "halves")),
+        significance(split, fitted, names, boot, generator(seed, "halves")),
         lasting=boot.grouped,
     )
 
@@ -120,7 +120,7 @@ class Request:
 
 def sampled(
     found: Confidence,
-    data: Data,
+    split: Split,
     fitted: Fit,
     request: Request,
     seed: int,
@@ -131,17 +131,17 @@ def sampled(
     freedom left."""
     if not fitted.rank or fitted.freedom < 1:
         return found
-    training, rng = data.training(), generator(seed, "sampling")
+    training, rng = split.training(), generator(seed, "sampling")
     known = posterior(fitted)
     draws = weighted(training, fitted, known.draw(rng, draws_for(training)))
-    target = target_of(data, fitted, request)
+    target = target_of(split, fitted, request)
     chain = sample(target, importance(draws), described(target), rng, say=say, keeper=keeper)
     return replace(
         found, sampling=chain, parameters=with_posterior(found.parameters, fitted, draws, chain)
     )
 
 
-def target_of(data: Data, fitted: Fit, request: Request) -> Target:
+def target_of(split: Split, fitted: Fit, request: Request) -> LogPosterior:
     """What is sampled: by default the coefficients of the named effects, every noise scale, the
     tail and inner constants, with the other coefficients integrated out; over "all", and where
     nothing is named, every coefficient and the scales under normal noise (a Student-t takes what is
@@ -149,13 +149,13 @@ def target_of(data: Data, fitted: Fit, request: Request) -> Target:
     MOST coefficients, those that move the target most; free functions are always integrated out.
     Where the rows are too many for the chain to be evaluated at every step, the QR-reduced linear
     form stands in for it, with normal noise of one scale."""
-    training = data.training()
+    training = split.training()
     inside = free(fitted.model)
     base = {t.screws for t in request.base.terms}
     plain = [k for k in fitted.found.kept if not inside[k]]
     named = [k for k in plain if fitted.terms[k].screws not in base]
     wanted = plain if request.over == "all" or not named else named
-    mean, _ = displacement(data, fitted)
+    mean, _ = displacement(split, fitted)
     most = MOST[request.over]
     chosen = tuple(sorted(sorted(wanted, key=lambda k: -mean[k])[:most]))
     dear = POSE if training.components == 6 else 1
@@ -168,7 +168,7 @@ def target_of(data: Data, fitted: Fit, request: Request) -> Target:
     )  # rows have three numbers each
     inner = constants(training, fitted.model, request.registry) if tail else ()
     names = labels(fitted.model)
-    return Target(
+    return LogPosterior(
         fitted,
         noise,
         chosen,
@@ -190,14 +190,17 @@ def target_of(data: Data, fitted: Fit, request: Request) -> Target:
     )
 
 
-def described(target: Target) -> str:
+def described(log_posterior: LogPosterior) -> str:
     """What was sampled and what was not, in a sentence or two."""
-    k, rest = len(target.sampled), target.fitted.found.rank - len(target.sampled)
+    k, rest = (
+        len(log_posterior.sampled),
+        log_posterior.fitted.found.rank - len(log_posterior.sampled),
+    )
     parts = [
         f"{k} coefficient{'s' * (k != 1)}",
-        *target.noise.names,
-        *((TAIL,) if target.tail else ()),
-        *(c.name for c in target.constants),
+        *log_posterior.noise.names,
+        *((TAIL,) if log_posterior.tail else ()),
+        *(c.name for c in log_posterior.constants),
     ]
     what = sentence_list(parts)
     gone = (
@@ -205,9 +208,9 @@ def described(target: Target) -> str:
         if rest
         else ""
     )
-    if target.exact:
+    if log_posterior.exact:
         return f"emcee samples {what} on the exact chain{gone}."
     return (
-        f"emcee samples {what} on the chain linear about the optimum, reduced by QR{gone}: {len(target.noise.scene):,} rows "
+        f"emcee samples {what} on the chain linear about the optimum, reduced by QR{gone}: {len(log_posterior.noise.problem):,} rows "
         "are too many to evaluate the chain itself at every step, and the importance weights say what that costs."
     )

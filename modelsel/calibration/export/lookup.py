@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 
 from ..._typing import Array
-from ...fitting.problem import Scene
+from ...fitting.problem import Problem
 from ...robot.rigid import AXES
 from ..calibration import Calibration
 from ..constant_part import Part
@@ -43,7 +43,7 @@ class _Given:
         return self.values[name]
 
 
-def tables(c: Calibration, varying: Sequence[Part], at: Scene) -> tuple[list[Table], list[Part]]:
+def tables(c: Calibration, varying: Sequence[Part], at: Problem) -> tuple[list[Table], list[Part]]:
     """(a table for every axis and set of at most two names, the parts that hang on more). Each
     covers what was seen of a name, and what the configurations `at` make of it: torques grow beyond
     what was seen where joints combine anew."""
@@ -131,8 +131,8 @@ def write_tables(made: Sequence[Table]) -> str:
     return stream.getvalue()
 
 
-def read_table(text: str, at: Scene) -> list[tuple[int, str, Array]]:
-    """(frame, axis, correction (m,)) of every table in a file at the rows of a scene, by linear
+def read_table(text: str, at: Problem) -> list[tuple[int, str, Array]]:
+    """(frame, axis, correction (m,)) of every table in a file at the rows of a problem, by linear
     interpolation."""
     own: dict[str, list[dict[str, str]]] = {}
     for row in csv.DictReader(io.StringIO(text)):

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..._typing import Array
 from ...fitting.design import PLACE
-from ...fitting.problem import Scene
+from ...fitting.problem import Problem
 from ...measurements.reader import RESERVED
 from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
 from ..calibration import Calibration, in_tracker, pose_of
@@ -116,7 +116,7 @@ def to_python(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     text = module_of(data_of(c))
     there = data_in(text)
 
-    def run(t: int, at: Scene) -> Array:
+    def run(t: int, at: Problem) -> Array:
         return predicted(there, at.data.q, c.targets[t], {n: at.value(n) for n in there["needs"]})[
             1
         ]
