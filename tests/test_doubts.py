@@ -25,7 +25,7 @@ from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.results.finding_records import Finding, fault_dict, opposed
 from modelsel.results.goodness_of_fit import LackOfFit, lack_of_fit, lacking
 from modelsel.robot.kinematics import forward
-from modelsel.selection.evaluation import Split, Gain, evaluate
+from modelsel.selection.evaluation import Gain, Split, evaluate
 from modelsel.uncertainty.parameters import resampled
 from modelsel.uncertainty.significance import nested, significance
 

@@ -26,8 +26,8 @@ from hidden_oracle import critical_p, detection, held_by, naming_limit
 from modelsel.diagnosis import state as search
 from modelsel.diagnosis.candidates import Candidate, candidates
 from modelsel.diagnosis.scan import Scan, basis, columns, scan, stacked
-from modelsel.diagnosis.stepwise import Effect as Found
 from modelsel.diagnosis.stepwise import Diagnosis, extend
+from modelsel.diagnosis.stepwise import Effect as Found
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem, make_problem

@@ -21,7 +21,7 @@ from ..fitting.least_squares import Fit
 from ..measurements.reference_temperature import TEMPERATURE
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term
-from ..selection.evaluation import Split, Evaluation, errors, evaluate
+from ..selection.evaluation import Evaluation, Split, errors, evaluate
 
 PLACED = frozenset(
     ("target", "group", "feature")

@@ -18,7 +18,7 @@ from ..fitting.design import Model, whitened
 from ..fitting.least_squares import fit
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
-from ..selection.evaluation import Split, Errors, errors
+from ..selection.evaluation import Errors, Split, errors
 from ..selection.splits import assign
 from .candidates import Candidate, candidates
 from .outliers import GROSS, LEFT, MOST, far_off, gross
@@ -155,7 +155,7 @@ def nested(
     )
     count = int(fold.max()) + 1
     work = partial(
-        _one_fold, data=split, base=base, everything=everything, seed=seed, cells=cells, fold=fold
+        _one_fold, split=split, base=base, everything=everything, seed=seed, cells=cells, fold=fold
     )
     with ProcessPoolExecutor(max_workers=min(count, os.cpu_count() or 1)) as pool:
         done = list(pool.map(work, range(count)))

@@ -11,7 +11,7 @@ import numpy as np
 from .._typing import Array
 from ..fitting.noise import Floor
 from ..measurements.measurements import Measurements
-from ..selection.evaluation import Split, Evaluation
+from ..selection.evaluation import Evaluation, Split
 from .candidates import Candidate
 from .evidence import RATIOS
 from .residual_tests import LASTING, together

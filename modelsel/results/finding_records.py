@@ -13,12 +13,12 @@ from ..diagnosis.candidates import Candidate, crowded
 from ..diagnosis.credible_sets import Entry
 from ..diagnosis.outliers import Fault
 from ..diagnosis.sentences import display, sentence
-from ..diagnosis.stepwise import Effect, Diagnosis
+from ..diagnosis.stepwise import Diagnosis, Effect
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Bump
 from ..mechanisms.terms import Term
 from ..notices import Note
-from ..selection.evaluation import Split, Gain, Evaluation, surprise
+from ..selection.evaluation import Evaluation, Gain, Split, surprise
 
 PLAIN = ("payload_kg", "temperature_C", "time_s")
 CLEARLY, RARELY = (

@@ -20,7 +20,7 @@ from ..measurements.measurements import SAME_READING, Measurements
 from ..mechanisms.causes import Member
 from ..notices import Note
 from ..robot.rigid import turn
-from ..selection.evaluation import Split, Evaluation
+from ..selection.evaluation import Evaluation, Split
 from .finding_records import CLEARLY, RARELY
 
 

@@ -21,7 +21,7 @@ from ..fitting.noise import Floor
 from ..notices import HOPELESS, Note
 from ..robot.kinematics import Robot
 from ..selection.comparison import Comparison
-from ..selection.evaluation import Split, Gain, Evaluation, turned
+from ..selection.evaluation import Evaluation, Gain, Split, turned
 from ..uncertainty.summary import Confidence
 from .finding_records import Finding, fault_dict, finding_dict, screws_of
 from .goodness_of_fit import Placed, features, lack_of_fit, noise_dict

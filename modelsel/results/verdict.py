@@ -8,7 +8,7 @@ from math import degrees
 
 from ..exceptions import sentence_list
 from ..fitting.noise import Floor
-from ..selection.evaluation import Gain, Evaluation
+from ..selection.evaluation import Evaluation, Gain
 from .cautions import of_those_asked
 
 SHOWN = 6  # names in a sentence

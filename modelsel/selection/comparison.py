@@ -30,7 +30,7 @@ from .cross_validation import (
     folds,
     held_out_residuals,
 )
-from .evaluation import Split, Evaluation, described, errors_of
+from .evaluation import Evaluation, Split, described, errors_of
 from .subsets import Subsets, all_subsets, some_subsets
 
 MOST = 12  # mechanisms in the table of all subsets, unless the study asks for more

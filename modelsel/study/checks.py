@@ -24,7 +24,7 @@ from ..mechanisms.causes import ONE
 from ..notices import ALARMS, HOPELESS, MISTAKEN, NOISE, OTHER, ROWS, SAME_ROWS, Note, alarms
 from ..robot.files import builtin_names, load
 from ..robot.kinematics import Robot
-from ..selection.evaluation import Split, Evaluation, turned
+from ..selection.evaluation import Evaluation, Split, turned
 from ..setup.measured_orientations import orientation_mistake
 from ..setup.mistakes import mistake
 from ..setup.other_robots import other_robot, shifted_rows

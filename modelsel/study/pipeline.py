@@ -40,7 +40,7 @@ from ..results.goodness_of_fit import lack_of_fit, lacking
 from ..results.result import Result
 from ..robot.kinematics import Robot
 from ..selection.comparison import MOST, Comparison, compare
-from ..selection.evaluation import Split, Gain, Resampled, Evaluation, errors, paired, evaluate
+from ..selection.evaluation import Evaluation, Gain, Resampled, Split, errors, evaluate, paired
 from ..uncertainty.sampler import Keeper
 from ..uncertainty.summary import Request, confidence, sampled
 from .checks import believed, outcome, told_with, turns_believed, unsaid
