@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    pass
-
-Index = NDArray[np.intp]
-Say = Callable[[str], None]
-
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Say = Callable[[str], None]  # told what is being done, for a progress line
+
 # mm, degrees, kg in a file: no arm and no room is larger; beyond it the arithmetic overflows
 LARGEST = 1e9

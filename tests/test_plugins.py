@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from modelsel.cli.main.plugin_template import skeleton, table, tried
 
 from modelsel import read_study, run, simulate_study
 from modelsel.calibration.storage import load_calibration
 from modelsel.cli.main import main
+from modelsel.cli.plugin_template import skeleton, table, tried
 from modelsel.config.study_file import ModelTable
 from modelsel.exceptions import StudyError
 from modelsel.mechanisms.causes import Named, Number, q

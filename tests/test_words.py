@@ -9,9 +9,9 @@ import sys
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from modelsel.cli.main.compensate import _sentence
 
 from modelsel.calibration.compensation import Commands
+from modelsel.cli.compensate import _sentence
 from modelsel.cli.main import main
 from modelsel.diagnosis.sentences import amount, quantity
 from modelsel.mechanisms.causes import Bump

@@ -1,1 +1,1 @@
-"""calibration."""
+"""Using the result: predict, correct, compensate, export, validate, plan."""

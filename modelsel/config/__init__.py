@@ -1,1 +1,1 @@
-"""config."""
+"""What is asked: study and fleet files."""

@@ -1,1 +1,1 @@
-"""diagnosis."""
+"""Naming the cause: scan, evidence, credible sets, stepwise search, outliers."""

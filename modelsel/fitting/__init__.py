@@ -1,1 +1,1 @@
-"""Weights, least squares on the exact chain, the tracker's frame."""
+"""One model: design matrix, least squares, identifiability, noise."""

@@ -1,1 +1,1 @@
-"""measurements."""
+"""What was measured: reading and checking measurement files."""

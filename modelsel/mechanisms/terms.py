@@ -113,6 +113,17 @@ class Mechanism:
     contrary: str = ""
 
     @property
+    def stem(self) -> str:
+        """The registered name without its joint: "backlash" of "backlash:3"."""
+        return self.name.partition(":")[0]
+
+    @property
+    def joint(self) -> int | None:
+        """The joint of a registered name that has one: 3 of "backlash:3"."""
+        joint = self.name.partition(":")[2]
+        return int(joint) if joint.isdigit() else None
+
+    @property
     def signs(self) -> tuple[int, ...]:
         """The sign that naming asks of each term, 0 for either."""
         return tuple(0 if self.contrary else t.sign for t in self.terms)

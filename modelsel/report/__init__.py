@@ -1,1 +1,1 @@
-"""report."""
+"""Terminal, PDF and HTML reports."""

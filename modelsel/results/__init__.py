@@ -1,1 +1,1 @@
-"""results."""
+"""What a study says: records, verdicts, tables, storage."""

@@ -1,1 +1,1 @@
-"""robot."""
+"""The nominal arm: kinematics, gravity, robot files."""

@@ -1,1 +1,1 @@
-"""selection."""
+"""Which of several models: splits, cross-validation, criteria, subsets."""

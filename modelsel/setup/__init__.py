@@ -1,1 +1,1 @@
-"""setup."""
+"""Where tracker, targets and features stand, and mistakes in the set-up."""

@@ -1,1 +1,1 @@
-"""uncertainty."""
+"""How sure: bootstrap, posterior sampling, significance."""

@@ -1,1 +1,1 @@
-"""figures."""
+"""The figures of the reports."""
