@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from modelsel.cli.main import COMMANDS, doctor, main
+from modelsel.cli import doctor
+from modelsel.cli.main import COMMANDS, main
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"
 
