@@ -14,12 +14,17 @@ from builders import drawn, planted
 from modelsel.calibration.calibration import (
     Calibration,
     calibrate,
-    in_tracker,
     predict,
-    uncertainty,
+    propagate_uncertainty,
+    to_tracker_frame,
 )
-from modelsel.calibration.refitting import refitted
-from modelsel.calibration.storage import NAME, calibration_text, load_calibration, loads
+from modelsel.calibration.refitting import refit_forms
+from modelsel.calibration.storage import (
+    CALIBRATION_FILE,
+    calibration_text,
+    load_calibration,
+    parse_calibration,
+)
 from modelsel.config.study_file import read_study
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.design import Model, residuals
@@ -29,7 +34,7 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import Bump, Member, Named, Number, cos, q, sign, sin
 from modelsel.mechanisms.registry import every, mechanism
-from modelsel.mechanisms.serialization import cause_of, cause_record
+from modelsel.mechanisms.serialization import cause_from_record, cause_record
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.results.storage import calibration_of, save
 from modelsel.robot.files import load
@@ -53,7 +58,7 @@ def test_study_comes_back_exactly(result, tmp_path) -> None:
     assert (
         calibration_text(load_calibration(tmp_path / "result.json"))
         == calibration_text(stored)
-        == (tmp_path / NAME).read_text()
+        == (tmp_path / CALIBRATION_FILE).read_text()
     )
     se = result.chosen.fit.standard_errors
     assert (
@@ -119,12 +124,12 @@ def wide(rng: np.random.Generator) -> tuple[Calibration, Problem]:
     every_row = np.ones(len(at), bool)
     data = Split(at, every_row, ~every_row, np.zeros(len(at), np.intp), True)
     made = calibrate("wide", data, found, Floor(0.02, "stated"), None, True, {})
-    return replace(made, refits=refitted(data, found)), at
+    return replace(made, refits=refit_forms(data, found)), at
 
 
 def test_everything_a_model_can_hold_comes_back(rng) -> None:
     made, at = wide(rng)
-    stored = loads(calibration_text(made))
+    stored = parse_calibration(calibration_text(made))
     assert stored.model == made.model
     assert calibration_text(stored) == calibration_text(made)
     wanted = at.data.position - residuals(at, made.terms, made.theta)
@@ -132,14 +137,14 @@ def test_everything_a_model_can_hold_comes_back(rng) -> None:
     shifted = stored.problem(at.data)  # another day: the drift stands at the campaign's middle
     assert np.abs(predict(stored, shifted) - wanted).max() > 1e-4
     assert "torque2" in stored.ranges
-    assert in_tracker(shifted, np.zeros((len(at), 3)))[0].tolist() == [1, 2, 3]
+    assert to_tracker_frame(shifted, np.zeros((len(at), 3)))[0].tolist() == [1, 2, 3]
 
 
 def test_uncertainty_is_the_spread_of_refits(rng) -> None:
     """Closed form: parameters drawn from the covariance scatter the prediction by what
     `uncertainty` says."""
     made, at = wide(rng)
-    spread = np.sqrt(np.square(uncertainty(made, at.take(np.arange(5)))).sum(2))
+    spread = np.sqrt(np.square(propagate_uncertainty(made, at.take(np.arange(5)))).sum(2))
     draws = []
     for _ in range(400):
         theta = made.theta + made.factor @ rng.standard_normal(made.factor.shape[1])
@@ -151,7 +156,7 @@ def test_every_registered_cause_is_structure() -> None:
     robot = load("puma760")
     causes = {s.cause for m in every(robot) for t in m.terms for s in t.screws}
     causes |= {Member("group", 3), Number(2.5, "mm") * sin(q(1))}
-    assert all(cause_of(json.loads(json.dumps(cause_record(c)))) == c for c in causes)
+    assert all(cause_from_record(json.loads(json.dumps(cause_record(c)))) == c for c in causes)
 
 
 @pytest.mark.parametrize(
@@ -167,7 +172,7 @@ def test_every_registered_cause_is_structure() -> None:
 )
 def test_no_cause(record) -> None:
     with pytest.raises(ValueError, match=r"not a cause|finite|could not"):
-        cause_of(record)
+        cause_from_record(record)
 
 
 def test_refusals(rng) -> None:
@@ -181,7 +186,7 @@ def test_refusals(rng) -> None:
         (text.replace("0.02,", "null,", 1), "damaged"),
     ):
         with pytest.raises(StudyError, match=says):
-            loads(broken)
+            parse_calibration(broken)
     plain = measurements(at.data.q, at.data.position, target=["c"] * 150, group=["mon"] * 150)
     with pytest.raises(DataError, match='target "c" was not calibrated'):
         made.problem(plain)

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 from modelsel._typing import Array
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.noise import Floor, from_target_pairs
 from modelsel.fitting.noise_check import lack, likeliest
@@ -342,7 +342,7 @@ def test_mistaken_quaternions_are_said(name, rng, tmp_path) -> None:
 def test_check_says_it_too(rng, tmp_path) -> None:
     data = turned(rng)
     data.assign(qw=-data.qw).to_csv(tmp_path / "d.csv", index=False)
-    ran = CliRunner().invoke(main, ["check", str(tmp_path / "d.csv"), "--robot", "ur5"])
+    ran = CliRunner().invoke(run_command_line, ["check", str(tmp_path / "d.csv"), "--robot", "ur5"])
     assert ran.exit_code == 0, ran.output
     assert "Check the orientations: The orientations fit " in ran.output
 
@@ -613,10 +613,12 @@ def calibrated(folder: Path, data: pd.DataFrame, more: str = "") -> Path:
 def validated(folder: Path, data: pd.DataFrame, *more: str) -> tuple[int, dict[str, object], str]:
     data.to_csv(folder / "new.csv", index=False)
     ran = CliRunner().invoke(
-        main, ["validate", str(folder), str(folder / "new.csv"), "--json", *more]
+        run_command_line, ["validate", str(folder), str(folder / "new.csv"), "--json", *more]
     )
     assert ran.exit_code in (0, 5), ran.output
-    plain = CliRunner().invoke(main, ["validate", str(folder), str(folder / "new.csv"), *more])
+    plain = CliRunner().invoke(
+        run_command_line, ["validate", str(folder), str(folder / "new.csv"), *more]
+    )
     return ran.exit_code, json.loads(ran.output), plain.output
 
 
@@ -678,7 +680,7 @@ def test_validate_finds_a_new_target_where_it_registers(rng, tmp_path) -> None:
     assert found["registered"]["target_mm"] < 0.2
     only = new[new.target == "C"]
     assert validated(folder, only, "--register")[1]["drifted"] is False
-    ran = CliRunner().invoke(main, ["validate", str(folder), str(folder / "new.csv")])
+    ran = CliRunner().invoke(run_command_line, ["validate", str(folder), str(folder / "new.csv")])
     assert ran.exit_code == 3
     assert "--register" in ran.output
 

@@ -291,7 +291,7 @@ SOUND = {
     },
     "door": {
         "__init__.py": "from modelsel.fitting.least_squares import f",
-        "__main__.py": "from .cli.main import main",
+        "__main__.py": "from .cli.main import run_command_line",
     },
     "late": {
         "fitting/least_squares.py": "import scipy.linalg, richer\ndef f():\n    import pandas\n    from scipy import stats"

@@ -29,8 +29,8 @@ from .refitting import Refits, part_of
 
 if TYPE_CHECKING:
     import pandas as pd
-DIGITS = 10  # of the covariance factor; everything else is written in full
-MIDDLE = 0.5  # of the campaign: where a drift is taken on data of another day
+FACTOR_DIGITS = 10  # of the covariance factor; everything else is written in full
+MID_CAMPAIGN = 0.5  # of the campaign: where a drift is taken on data of another day
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -82,20 +82,22 @@ class Calibration:
                 "the file has rows that are no points, and a calibration is held against points alone.",
                 remedy="Leave out the rows of other kinds, or make a study of the file.",
             )
-        target = _matched(data.target, data.targets, self.targets, "target", len(self.targets) > 1)
+        target = _match_names(
+            data.target, data.targets, self.targets, "target", len(self.targets) > 1
+        )
         many = any(
             isinstance(s.cause, Member) and s.cause.kind == "group"
             for t in self.terms
             for s in t.screws
         )
-        group = _matched(
+        group = _match_names(
             data.group,
             data.groups,
             self.groups,
             "group",
             many or float(np.ptp(self.placement[1], axis=0).max(initial=0.0)) > 0,
         )
-        progress = np.full(len(data), MIDDLE) if another_day else data.progress
+        progress = np.full(len(data), MID_CAMPAIGN) if another_day else data.progress
         here = replace(
             data,
             target=target,
@@ -158,7 +160,7 @@ class Calibration:
         return f"<p>{escape(repr(self))}</p>{self.to_frame().to_html(index=False, max_rows=60)}"
 
 
-def _matched(
+def _match_names(
     index: Index, names: tuple[str, ...], known: tuple[str, ...], what: str, told: bool
 ) -> Index:
     """Rows' indices among the `known` names; where all of these are alike (not `told` apart),
@@ -196,13 +198,13 @@ def calibrate(
         for name in sorted(names)
     }
     whole = fitted.factor * (fitted.sigma if np.isfinite(fitted.sigma) else 1.0)
-    factor = np.array([float(f"{v:.{DIGITS}g}") for v in whole.ravel()]).reshape(whole.shape)
+    factor = np.array([float(f"{v:.{FACTOR_DIGITS}g}") for v in whole.ravel()]).reshape(whole.shape)
     of_arm = [
         k for k, t in enumerate(fitted.terms) if not t.fixture
     ]  # anchors and planes are no part of it
     kept = tuple(i for i, k in enumerate(of_arm) if k in fitted.found.kept)
     if len(of_arm) < len(fitted.terms):
-        factor = _triangle(factor[of_arm], kept)
+        factor = _triangularise(factor[of_arm], kept)
     return Calibration(
         study,
         problem.robot,
@@ -213,7 +215,7 @@ def calibrate(
         problem.placement,
         registered,
         problem.tracker,
-        _arm(fitted.model),
+        _remove_fixtures(fitted.model),
         fitted.theta[of_arm],
         factor,
         kept,
@@ -224,7 +226,7 @@ def calibrate(
     )
 
 
-def _arm(model: Model) -> Model:
+def _remove_fixtures(model: Model) -> Model:
     """Without the terms that move features of the set-up."""
     return (
         model
@@ -233,7 +235,7 @@ def _arm(model: Model) -> Model:
     )
 
 
-def _triangle(factor: Array, kept: tuple[int, ...]) -> Array:
+def _triangularise(factor: Array, kept: tuple[int, ...]) -> Array:
     """(p, len(kept)) factor of the same covariance, a row of the kept ones nought before its own
     column, as the file has it."""
     out = np.zeros((len(factor), len(kept)))
@@ -242,13 +244,13 @@ def _triangle(factor: Array, kept: tuple[int, ...]) -> Array:
     return out
 
 
-def pose_of(problem: Problem, terms: tuple[Term, ...], theta: Array) -> Pose:
+def compute_pose(problem: Problem, terms: tuple[Term, ...], theta: Array) -> Pose:
     """The exact chain of all rows at parameters theta, in frame 0."""
     rows = slice(0, len(problem))
     return problem.pose(rows, twist_of(problem, terms, theta, rows))
 
 
-def in_tracker(problem: Problem, points: Array) -> Array:
+def to_tracker_frame(problem: Problem, points: Array) -> Array:
     """Points (m, 3) of frame 0 in the tracker's frame."""
     R, t = problem.placement[0][problem.data.group], problem.placement[1][problem.data.group]
     return np.asarray(np.einsum("mij,mj->mi", R, points) + t)
@@ -256,10 +258,12 @@ def in_tracker(problem: Problem, points: Array) -> Array:
 
 def predict(calibration: Calibration, problem: Problem) -> Array:
     """(m, 3) mm: where the calibrated robot has the target, in the tracker's frame."""
-    return in_tracker(problem, pose_of(problem, calibration.terms, calibration.theta).target.T)
+    return to_tracker_frame(
+        problem, compute_pose(problem, calibration.terms, calibration.theta).target.T
+    )
 
 
-def uncertainty(calibration: Calibration, problem: Problem) -> Array:
+def propagate_uncertainty(calibration: Calibration, problem: Problem) -> Array:
     """(m, 3, r) mm: columns whose products summed are the covariance of the predicted positions,
     noise left out."""
     out = np.empty((len(problem), 3, calibration.factor.shape[1]))

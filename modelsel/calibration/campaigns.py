@@ -20,23 +20,23 @@ from ..fitting.reduction import reduce
 from ..mechanisms.geometry import setup
 from ..mechanisms.terms import Term
 from .calibration import Calibration
-from .constant_part import workspace
+from .constant_part import sample_workspace
 from .mechanism_changes import (
-    LEVEL,
-    SEEN,
+    POWER_QUANTILE,
+    SIGNIFICANCE,
     MechanismChange,
     Motions,
-    mechanisms,
-    quantile,
-    told,
-    two_sided,
+    compare_mechanisms,
+    describe_change,
+    two_sided_p,
+    two_sided_quantile,
 )
 
-SAME_MM = 1e-6  # two nominal robots alike to this are one
+MAX_DIFFERENCE_MM = 1e-6  # two nominal robots alike to this are one
 CONFIGURATIONS = 300
-WORTH = 9.0  # χ² that a term must explain to be said
-LISTED = 6
-ALIKE = 2.0  # and by how much less another may, and still do as well
+MIN_CHI2 = 9.0  # χ² that a term must explain to be said
+MAX_LISTED = 6
+MAX_CHI2_LOSS = 2.0  # and by how much less another may, and still do as well
 
 
 @dataclass(frozen=True)
@@ -85,10 +85,10 @@ class Comparison:
     @property
     def moved(self) -> tuple[Change, ...]:
         """The changes beyond chance."""
-        return tuple(c for c in self.changes if c.p <= LEVEL)
+        return tuple(c for c in self.changes if c.p <= SIGNIFICANCE)
 
 
-def holm(p: Array) -> Array:
+def correct_holm(p: Array) -> Array:
     """p-values (k,) corrected for their number, step down (Holm 1979)."""
     order = np.argsort(p, kind="stable")
     stepped = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
@@ -97,11 +97,11 @@ def holm(p: Array) -> Array:
     return out
 
 
-def same_robot(a: Calibration, b: Calibration) -> None:
+def require_same_robot(a: Calibration, b: Calibration) -> None:
     """Refuses two nominal robots that differ. Raises StudyError."""
     ja, jb = a.robot.joints, b.robot.joints
     if len(ja) != len(jb) or any(
-        np.abs(x.before - y.before).max() > SAME_MM or x.prismatic != y.prismatic
+        np.abs(x.before - y.before).max() > MAX_DIFFERENCE_MM or x.prismatic != y.prismatic
         for x, y in zip(ja, jb, strict=True)
     ):
         raise StudyError(
@@ -109,9 +109,9 @@ def same_robot(a: Calibration, b: Calibration) -> None:
         )
 
 
-def compare(a: Calibration, b: Calibration) -> Comparison:
+def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
     """Campaign b against campaign a, on configurations that both have seen. Raises StudyError."""
-    same_robot(a, b)
+    require_same_robot(a, b)
     both = {
         name: (max(pair[0], b.ranges[name][0]), min(pair[1], b.ranges[name][1]))
         for name, pair in a.ranges.items()
@@ -121,7 +121,9 @@ def compare(a: Calibration, b: Calibration) -> Comparison:
         name: (low, max(high, low))
         for name, (low, high) in {**b.ranges, **a.ranges, **both}.items()
     }
-    at = workspace(replace(a, ranges=ranges, model=a.model + b.model.mechanisms), m=CONFIGURATIONS)
+    at = sample_workspace(
+        replace(a, ranges=ranges, model=a.model + b.model.mechanisms), m=CONFIGURATIONS
+    )
     placing = setup(a.robot, 1, 1, True, False).terms if a.registered or b.registered else ()
     terms = tuple(dict.fromkeys([*placing, *(t for c in (a, b) for t in c.terms)]))
     place = {t.screws: k for k, t in reversed(list(enumerate(terms)))}
@@ -145,7 +147,7 @@ def compare(a: Calibration, b: Calibration) -> Comparison:
         for i, k in enumerate(kept)
         if spread[i] > 0 and terms[k] not in placing and _in_both(a, b, terms[k])
     ]
-    p = holm(np.array([two_sided((after[i] - before[i]) / spread[i]) for i in tested]))
+    p = correct_holm(np.array([two_sided_p((after[i] - before[i]) / spread[i]) for i in tested]))
     size = np.sqrt(np.square(X).sum(1).mean(0))
     owner = {
         t.screws: m.name for c in (b, a) for m in reversed(c.model.mechanisms) for t in m.terms
@@ -166,13 +168,13 @@ def compare(a: Calibration, b: Calibration) -> Comparison:
     ]
     changes.sort(key=lambda c: (c.p, -abs(c.after - c.before) / c.standard_error))
     explained: list[Explanation] = []
-    if len(p) and p.min() <= LEVEL:
+    if len(p) and p.min() <= SIGNIFICANCE:
         open_ = [
             k
             for k, t in enumerate(terms)
             if t not in placing and t.screws in owner and _in_both(a, b, t)
         ]
-        for k, by, error, alike in _fewest(
+        for k, by, error, alike in _select_fewest_terms(
             (after - before)[tested], F[tested], relation[np.ix_(open_, tested)]
         ):
             t = terms[open_[k]]
@@ -193,11 +195,11 @@ def compare(a: Calibration, b: Calibration) -> Comparison:
             )
     each = [np.linalg.norm(relation.T[tested] @ f, axis=1) for f in factors]
     surer = float(np.median(each[1] / np.maximum(each[0], 1e-300))) if tested else 1.0
-    named = mechanisms(
+    named = compare_mechanisms(
         Motions((a, b), terms, theta, factors, X, surer), {e.mechanism for e in explained}
     )
     least = (
-        (quantile(LEVEL / max(len(tested), 1)) + SEEN)
+        (two_sided_quantile(SIGNIFICANCE / max(len(tested), 1)) + POWER_QUANTILE)
         * spread[tested]
         * size[np.array(kept, dtype=np.intp)[tested]]
     )
@@ -210,7 +212,9 @@ def compare(a: Calibration, b: Calibration) -> Comparison:
     )
 
 
-def _fewest(d: Array, F: Array, directions: Array) -> list[tuple[int, float, float, list[int]]]:
+def _select_fewest_terms(
+    d: Array, F: Array, directions: Array
+) -> list[tuple[int, float, float, list[int]]]:
     """(term, its change, standard error, terms that would do as well), one after the other, until
     what is left of the difference d (k,) with covariance F Fᵀ is chance: generalised least squares
     on the `directions` (terms, k) of single terms."""
@@ -223,14 +227,16 @@ def _fewest(d: Array, F: Array, directions: Array) -> list[tuple[int, float, flo
     V = V[:, :] / np.where(size > 0, size, 1.0)
     Q, chosen, alike = np.zeros((len(d), 0)), list[int](), list[list[int]]()
     left = z
-    while len(chosen) < len(d) and chdtrc(len(d) - len(chosen), float(left @ left)) < LEVEL:
+    while len(chosen) < len(d) and chdtrc(len(d) - len(chosen), float(left @ left)) < SIGNIFICANCE:
         free = V - Q @ (Q.T @ V)
         norm = np.linalg.norm(free, axis=0)
         gain = np.where(norm > 1e-6, (free.T @ left) ** 2 / np.maximum(norm, 1e-6) ** 2, -1.0)
         best = int(np.argmax(gain))
-        if gain[best] < WORTH:
+        if gain[best] < MIN_CHI2:
             break
-        alike.append([j for j in np.flatnonzero(gain > gain[best] - ALIKE).tolist() if j != best])
+        alike.append(
+            [j for j in np.flatnonzero(gain > gain[best] - MAX_CHI2_LOSS).tolist() if j != best]
+        )
         chosen.append(best)
         Q = np.column_stack([Q, free[:, best] / norm[best]])
         left = z - Q @ (Q.T @ z)
@@ -249,12 +255,12 @@ def _in_both(a: Calibration, b: Calibration, term: Term) -> bool:
     return all(term.screws in {t.screws for t in c.terms} for c in (a, b))
 
 
-def sentences(found: Comparison) -> list[str]:
+def describe_comparison(found: Comparison) -> list[str]:
     """What changed, in words; what did not, too, and how large a change would have been seen (with
     90 %)."""
-    out = [told(m) for m in found.mechanisms]
+    out = [describe_change(m) for m in found.mechanisms]
     for e in found.explained_by:
-        also = f" (or as well: {', '.join(e.alike[:LISTED])})" if e.alike else ""
+        also = f" (or as well: {', '.join(e.alike[:MAX_LISTED])})" if e.alike else ""
         out.append(
             f"{e.symbol} of {e.mechanism}{also} changed by {e.by:.3g} ± {e.standard_error:.2g} {e.unit}: "
             f"{e.moves_mm:.3g} mm rms at the target."
@@ -268,7 +274,7 @@ def sentences(found: Comparison) -> list[str]:
             f"These are the fewest terms that explain the difference of the parameters ({counted})."
         )
     elif found.moved:
-        names = ", ".join(f"{c.symbol} of {c.mechanism}" for c in found.moved[:LISTED])
+        names = ", ".join(f"{c.symbol} of {c.mechanism}" for c in found.moved[:MAX_LISTED])
         out.append(f"{names} changed beyond chance, but no few terms explain it ({counted}).")
     else:
         other = (

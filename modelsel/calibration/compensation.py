@@ -24,20 +24,28 @@ from ..measurements.reader import read_measurements
 from ..measurements.table import Source
 from ..robot.kinematics import forward
 from ..robot.rigid import rotation_vector
-from .calibration import Calibration, in_tracker, pose_of, uncertainty
+from .calibration import Calibration, compute_pose, propagate_uncertainty, to_tracker_frame
 
 if TYPE_CHECKING:
     import pandas as pd
 
-ITERATIONS = 60
+MAX_ITERATIONS = 60
 REACHED_MM = 1e-3  # 1 µm
 SETTLED_MM = 1e-7
 # what a radian of a wanted orientation weighs against a mm, and a slide's mm against a radian
 LEVER_MM = 100.0
-BOUND = (10e-3, 20.0)  # rad, mm: what a correction may change before it is more likely a mistake
-EDGE = 0.01  # of a range: further beyond it is said
-AT_LIMIT = 1e-9  # rad, mm: a command at the limit, as it comes back from degrees
-READ_IN = {"rad": 1.0, "deg": 180 / np.pi, "mm": 1.0, "m": 1e-3}  # units of readings, in rad or mm
+MAX_CORRECTION = (
+    10e-3,
+    20.0,
+)  # rad, mm: what a correction may change before it is more likely a mistake
+RANGE_TOLERANCE = 0.01  # of a range: further beyond it is said
+LIMIT_TOLERANCE = 1e-9  # rad, mm: a command at the limit, as it comes back from degrees
+UNITS_PER_READING = {
+    "rad": 1.0,
+    "deg": 180 / np.pi,
+    "mm": 1.0,
+    "m": 1e-3,
+}  # units of readings, in rad or mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,21 +98,21 @@ class Commands:
         return out
 
 
-def commanded(at: Problem, q: Array) -> Problem:
+def replace_readings(at: Problem, q: Array) -> Problem:
     """The problem at other joint readings, all else as it was: the direction and size of the moves
     are those of the plan."""
     return at.anew(data=replace(at.data, q=q))
 
 
-def nominal(at: Problem) -> Array:
+def predict_nominal(at: Problem) -> Array:
     """(m, 3) where the nominal robot has the target, in the tracker's frame."""
-    return in_tracker(at, forward(at.robot, at.data.q, at.tool))
+    return to_tracker_frame(at, forward(at.robot, at.data.q, at.tool))
 
 
-def _error(c: Calibration, at: Problem, wanted: Array) -> tuple[Array, Array]:
+def _pose_error(c: Calibration, at: Problem, wanted: Array) -> tuple[Array, Array]:
     """(what is missing (m, c), its derivative to the joints (m, c, n)) in frame 0: mm, and with
     orientations rad · LEVER_MM."""
-    pose, R = pose_of(at, c.terms, c.theta), at.placement[0][at.data.group]
+    pose, R = compute_pose(at, c.terms, c.theta), at.placement[0][at.data.group]
     inside = np.einsum("mji,mj->mi", R, wanted - at.placement[1][at.data.group])
     joint = [2 if j.prismatic else 5 for j in at.robot.joints]
     J = pose.displacement()[range(at.robot.n), joint].transpose(2, 1, 0)
@@ -119,17 +127,17 @@ def _error(c: Calibration, at: Problem, wanted: Array) -> tuple[Array, Array]:
     )
 
 
-def compensate(c: Calibration, data: Measurements) -> Commands:
+def compensate_commands(c: Calibration, data: Measurements) -> Commands:
     """Corrected commands for planned ones: `data.q` nominal commands, `data.position` wanted
     positions (nan: where the nominal robot has the target), `data.rotation` wanted orientations
     where there are any. Raises DataError."""
     start = c.problem(data)
-    wanted = np.where(np.isnan(data.position), nominal(start), data.position)
+    wanted = np.where(np.isnan(data.position), predict_nominal(start), data.position)
     scale = np.array([LEVER_MM if j.prismatic else 1.0 for j in c.robot.joints])
     q, damping = data.q.copy(), np.full(len(data), 1e-9)
-    error, J = _error(c, start, wanted)
+    error, J = _pose_error(c, start, wanted)
     before, size = error, np.linalg.norm(error, axis=1)
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         going = (size > SETTLED_MM) & (damping < 1e6)
         if not going.any():
             break
@@ -140,7 +148,7 @@ def compensate(c: Calibration, data: Measurements) -> Commands:
         step = Js.transpose(0, 2, 1) @ np.linalg.solve(damped, error[going, :, None])
         trial = q.copy()
         trial[going] += step[:, :, 0] * scale
-        e, slope = _error(c, commanded(start, trial), wanted)
+        e, slope = _pose_error(c, replace_readings(start, trial), wanted)
         new = np.linalg.norm(e, axis=1)
         better = going & (new < size)
         error = np.where(better[:, None], e, error)
@@ -149,7 +157,7 @@ def compensate(c: Calibration, data: Measurements) -> Commands:
             better, np.maximum(damping / 10, 1e-12), np.where(going, damping * 10, damping)
         )
     left, turned = np.linalg.norm(error[:, :3], axis=1), data.rotation is not None
-    model = np.sqrt(np.square(uncertainty(c, commanded(start, q))).sum((1, 2)))
+    model = np.sqrt(np.square(propagate_uncertainty(c, replace_readings(start, q))).sum((1, 2)))
     return Commands(
         q,
         q - data.q,
@@ -160,17 +168,19 @@ def compensate(c: Calibration, data: Measurements) -> Commands:
         np.sqrt(left**2 + model**2 + 3 * c.floor.coordinate_mm**2),
         np.linalg.norm(before[:, 3:], axis=1) / LEVER_MM if turned else None,
         np.linalg.norm(error[:, 3:], axis=1) / LEVER_MM if turned else None,
-        past_limits(c, q),
+        find_past_limits(c, q),
     )
 
 
-def past_limits(c: Calibration, q: Array) -> NDArray[np.bool_]:
+def find_past_limits(c: Calibration, q: Array) -> NDArray[np.bool_]:
     """(m, n) readings beyond their joint's limits; none where these are not known."""
     low, high = np.array([j.limits or (-np.inf, np.inf) for j in c.robot.joints]).T
-    return np.asarray((q < low - AT_LIMIT) | (q > high + AT_LIMIT))
+    return np.asarray((q < low - LIMIT_TOLERANCE) | (q > high + LIMIT_TOLERANCE))
 
 
-def correct(c: Calibration, targets: Source, *, bound: tuple[float, float] = BOUND) -> pd.DataFrame:
+def correct(
+    c: Calibration, targets: Source, *, bound: tuple[float, float] = MAX_CORRECTION
+) -> pd.DataFrame:
     """Corrected commands of a file or DataFrame of planned ones (q1_rad … or _deg, wanted x_mm y_mm
     z_mm or none, and what the model looks at), with the error before, and what is left and expected
     after. Warns of what the calibration has never seen and of rows that are not reached. `bound`:
@@ -178,13 +188,15 @@ def correct(c: Calibration, targets: Source, *, bound: tuple[float, float] = BOU
     from warnings import warn
 
     data = read_measurements(targets, c.robot.prismatic, positions=False, once=False)
-    made = compensate(c, data)
-    refuse(c, made, data, bound, Path(targets).name if isinstance(targets, (str, PathLike)) else "")
+    made = compensate_commands(c, data)
+    refuse_large_changes(
+        c, made, data, bound, Path(targets).name if isinstance(targets, (str, PathLike)) else ""
+    )
     missed = int((~made.reached).sum())
     for said in (
-        *outside(c, data),
-        *from_order(c, data),
-        *at_limits(made),
+        *describe_extrapolation(c, data),
+        *describe_order_dependence(c, data),
+        *describe_limit_violations(made),
         *(
             [f"{missed} of {len(data)} rows are not reached: see {made.where_left}."]
             if missed
@@ -192,10 +204,10 @@ def correct(c: Calibration, targets: Source, *, bound: tuple[float, float] = BOU
         ),
     ):
         warn(said, stacklevel=2)
-    return commands_frame(c, data, made.q, made.wanted, made.figures())
+    return build_commands_table(c, data, made.q, made.wanted, made.figures())
 
 
-def commands_frame(
+def build_commands_table(
     c: Calibration, data: Measurements, q: Array, x: Array, more: Mapping[str, Array]
 ) -> pd.DataFrame:
     """Commands q (m, n) and positions x (m, 3) as a table in the form of a measurements file, the
@@ -204,7 +216,7 @@ def commands_frame(
 
     units = data.units or [c.robot.unit(j) for j in range(1, c.robot.n + 1)]
     columns: dict[str, object] = {
-        f"q{j}_{unit}": q[:, j - 1] * READ_IN[unit] for j, unit in enumerate(units, 1)
+        f"q{j}_{unit}": q[:, j - 1] * UNITS_PER_READING[unit] for j, unit in enumerate(units, 1)
     }
     columns |= dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
     columns["target"] = np.array(data.targets)[data.target]
@@ -214,7 +226,7 @@ def commands_frame(
     return pd.DataFrame(columns | dict(more))
 
 
-def refuse(
+def refuse_large_changes(
     c: Calibration, made: Commands, data: Measurements, bound: tuple[float, float], file: str
 ) -> None:
     """Raises DataError with the first row that would be changed by more than the bound (rad, mm);
@@ -246,7 +258,7 @@ def refuse(
     )
 
 
-def outside(c: Calibration, data: Measurements) -> list[str]:
+def describe_extrapolation(c: Calibration, data: Measurements) -> list[str]:
     """What is asked of beyond what the calibration has seen, in words: joint readings and the
     covariates its model looks at."""
     n, out = c.robot.n, []
@@ -257,10 +269,10 @@ def outside(c: Calibration, data: Measurements) -> list[str]:
         if name not in c.ranges:
             continue
         low, high = c.ranges[name]
-        slack = EDGE * (high - low)
+        slack = RANGE_TOLERANCE * (high - low)
         beyond = int(((seen < low - slack) | (seen > high + slack)).sum())
         if beyond:
-            factor, unit = _shown(c, name)
+            factor, unit = _reading_unit(c, name)
             known = f"{low * factor:.4g} to {high * factor:.4g}{unit}"
             out.append(
                 f"{name}: {beyond} of {len(data)} rows lie beyond the {known} that the calibration has seen; there the "
@@ -268,7 +280,7 @@ def outside(c: Calibration, data: Measurements) -> list[str]:
             )
     out += [
         f"joint {j}: {count} of {len(data)} rows lie beyond its limits."
-        for j, count in enumerate(past_limits(c, data.q).sum(0).tolist(), 1)
+        for j, count in enumerate(find_past_limits(c, data.q).sum(0).tolist(), 1)
         if count
     ]
     unknown = sorted(
@@ -284,7 +296,7 @@ def outside(c: Calibration, data: Measurements) -> list[str]:
     return out
 
 
-def from_order(c: Calibration, data: Measurements) -> list[str]:
+def describe_order_dependence(c: Calibration, data: Measurements) -> list[str]:
     """That the model looks at motions which nobody gave but the order of the targets, in words."""
     own, out = any(n.code == "approach-from-order" for n in data.notes), []
     for stem, what in (("approach", "directions of approach"), ("move", "sizes of the moves")):
@@ -302,7 +314,7 @@ def from_order(c: Calibration, data: Measurements) -> list[str]:
     return out
 
 
-def at_limits(made: Commands) -> list[str]:
+def describe_limit_violations(made: Commands) -> list[str]:
     """Which corrected commands no joint can take, in words."""
     return [
         f"joint {j}: {count} of {len(made.q)} corrected commands lie beyond its limits."
@@ -311,7 +323,7 @@ def at_limits(made: Commands) -> list[str]:
     ]
 
 
-def _shown(c: Calibration, name: str) -> tuple[float, str]:
+def _reading_unit(c: Calibration, name: str) -> tuple[float, str]:
     """(factor, unit) in which people read a value: degrees and mm for joints."""
     if name not in {f"q{j}" for j in range(1, c.robot.n + 1)}:
         return 1.0, ""

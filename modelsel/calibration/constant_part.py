@@ -17,10 +17,10 @@ from ..mechanisms.causes import Cause, Combined, Member, Number
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..robot.rigid import transform, turn
-from .calibration import Calibration, pose_of
-from .refitting import carries, part_of
+from .calibration import Calibration, compute_pose
+from .refitting import part_of, select_carried
 
-TRIED = 400  # configurations that a round trip is measured at
+SAMPLED_CONFIGURATIONS = 400  # configurations that a round trip is measured at
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
+class ConstantChain:
     """The constant part: every joint's transform with its errors in it, and where each target sits
     on the flange (4, 4)."""
 
@@ -43,30 +43,33 @@ class Carried:
     targets: Mapping[str, Array]
 
 
-def enough(c: Calibration, form: str) -> str:
+def resolve_form(c: Calibration, form: str) -> str:
     """ "whole" where a form ("geometry", "table", "whole") carries all terms, else the form."""
-    return "whole" if all(map(carries(c.model, form), c.terms)) else form
+    return "whole" if all(map(select_carried(c.model, form), c.terms)) else form
 
 
-def alone(c: Calibration, form: str) -> Calibration:
+def restrict_to_form(c: Calibration, form: str) -> Calibration:
     """The calibration of what a form ("geometry", "table", "whole") carries: as refitted without
     the rest, or, where there is no refit, as estimated with it."""
-    if enough(c, form) == "whole":
+    if resolve_form(c, form) == "whole":
         return c
-    found, keep = None if c.refits is None else c.refits.alone.get(form), carries(c.model, form)
+    found, keep = (
+        None if c.refits is None else c.refits.alone.get(form),
+        select_carried(c.model, form),
+    )
     some = [k for k, t in enumerate(c.terms) if keep(t)] if found is None else list(found.terms)
-    return _some(c, some, c.theta[some] if found is None else found.theta)
+    return _select_terms(c, some, c.theta[some] if found is None else found.theta)
 
 
-def missing(c: Calibration, form: str) -> list[Part]:
+def list_left_out(c: Calibration, form: str) -> list[Part]:
     """What a form cannot carry, for the first target and group."""
-    keep = carries(c.model, form)
+    keep = select_carried(c.model, form)
     some = [k for k, t in enumerate(c.terms) if not keep(t)]
-    constant, varying = parts(_some(c, some, c.theta[some]))
+    constant, varying = split_parts(_select_terms(c, some, c.theta[some]))
     return constant + varying
 
 
-def _some(c: Calibration, some: Sequence[int], theta: Array) -> Calibration:
+def _select_terms(c: Calibration, some: Sequence[int], theta: Array) -> Calibration:
     """The calibration of some of its terms, at other estimates."""
     screws = {c.terms[k].screws for k in some}
     return replace(
@@ -78,12 +81,12 @@ def _some(c: Calibration, some: Sequence[int], theta: Array) -> Calibration:
     )
 
 
-def fixed(cause: Cause, target: int, group: int) -> Cause:
+def fix_members(cause: Cause, target: int, group: int) -> Cause:
     """The cause for one target and group: a constant, where nothing else is in it, is a Number."""
     if isinstance(cause, Member):
         return Number(float(cause.index == (target if cause.kind == "target" else group)))
     if isinstance(cause, Combined):
-        a, b = fixed(cause.left, target, group), fixed(cause.right, target, group)
+        a, b = fix_members(cause.left, target, group), fix_members(cause.right, target, group)
         if isinstance(a, Number) and isinstance(b, Number):
             value = {"+": a.number + b.number, "-": a.number - b.number, "*": a.number * b.number}
             return Number(a.number / b.number if cause.operator == "/" else value[cause.operator])
@@ -91,7 +94,7 @@ def fixed(cause: Cause, target: int, group: int) -> Cause:
     return cause
 
 
-def parts(c: Calibration, target: int = 0, group: int = 0) -> tuple[list[Part], list[Part]]:
+def split_parts(c: Calibration, target: int = 0, group: int = 0) -> tuple[list[Part], list[Part]]:
     """(the constant screws, those that vary with the state) of every term that is not nought, for
     one target and group."""
     owner = {t.screws: m.name for m in reversed(c.model.mechanisms) for t in m.terms}
@@ -101,7 +104,7 @@ def parts(c: Calibration, target: int = 0, group: int = 0) -> tuple[list[Part], 
     ):
         if not value:
             continue
-        screws = [Screw(s.frame, s.axis, fixed(s.cause, target, group)) for s in term.screws]
+        screws = [Screw(s.frame, s.axis, fix_members(s.cause, target, group)) for s in term.screws]
         for out, some in (
             (constant, [s for s in screws if isinstance(s.cause, Number)]),
             (varying, [s for s in screws if not isinstance(s.cause, Number)]),
@@ -113,27 +116,29 @@ def parts(c: Calibration, target: int = 0, group: int = 0) -> tuple[list[Part], 
     return constant, varying
 
 
-def constants(c: Calibration, target: int = 0, group: int = 0) -> Array:
+def constant_entries(c: Calibration, target: int = 0, group: int = 0) -> Array:
     """(n+1, 6) constant entries of every H for one target and group."""
     out = np.zeros((c.robot.n + 1, 6))
-    for one in parts(c, target, group)[0]:
+    for one in split_parts(c, target, group)[0]:
         for s in one.term.screws:
             assert isinstance(s.cause, Number)
             out[s.frame - 1, PLACE[s.axis]] += one.value * s.cause.number
     return out
 
 
-def screw(entries: Array) -> Array:
+def frame_transform(entries: Array) -> Array:
     """H = Trans(a, b, c) Rx(α) Ry(β) Rz(γ), (4, 4)."""
     return transform(turn(0, entries[3]) @ turn(1, entries[4]) @ turn(2, entries[5]), entries[:3])
 
 
-def carried(c: Calibration, group: int = 0) -> Carried:
+def build_constant_chain(c: Calibration, group: int = 0) -> ConstantChain:
     """The chain with its constant errors in it."""
-    H = constants(c, 0, group)
-    joints = tuple(replace(j, before=j.before @ screw(H[k])) for k, j in enumerate(c.robot.joints))
+    H = constant_entries(c, 0, group)
+    joints = tuple(
+        replace(j, before=j.before @ frame_transform(H[k])) for k, j in enumerate(c.robot.joints)
+    )
     targets = {
-        name: transform(None, c.tools[t]) @ screw(constants(c, t, group)[-1])
+        name: transform(None, c.tools[t]) @ frame_transform(constant_entries(c, t, group)[-1])
         for t, name in enumerate(c.targets)
     }
     robot = Robot(
@@ -143,10 +148,12 @@ def carried(c: Calibration, group: int = 0) -> Carried:
         c.robot.last,
         c.robot.gravity,
     )
-    return Carried(robot, targets)
+    return ConstantChain(robot, targets)
 
 
-def workspace(c: Calibration, target: int = 0, group: int = 0, m: int = TRIED) -> Problem:
+def sample_workspace(
+    c: Calibration, target: int = 0, group: int = 0, m: int = SAMPLED_CONFIGURATIONS
+) -> Problem:
     """Configurations all over what the calibration has seen, evenly drawn, with every covariate and
     direction of approach."""
     rng = np.random.default_rng(0)
@@ -164,12 +171,12 @@ def workspace(c: Calibration, target: int = 0, group: int = 0, m: int = TRIED) -
     return c.problem(replace(data, move=move))
 
 
-def points(at: Problem, some: Sequence[Part]) -> Array:
+def compute_points(at: Problem, some: Sequence[Part]) -> Array:
     """(m, 3) mm: the target in frame 0 with these screws in the chain."""
-    return pose_of(at, tuple(p.term for p in some), np.array([p.value for p in some])).target.T
+    return compute_pose(at, tuple(p.term for p in some), np.array([p.value for p in some])).target.T
 
 
-def rms_and_most(difference: Array) -> tuple[float, float]:
+def rms_and_max(difference: Array) -> tuple[float, float]:
     """(root mean square, largest) length of rows (m, 3)."""
     size = np.linalg.norm(difference, axis=1)
     return float(np.sqrt(np.square(size).mean())), float(size.max())

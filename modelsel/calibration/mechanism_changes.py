@@ -18,11 +18,13 @@ from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term
 from .calibration import Calibration
 
-LEVEL = 0.05
-GEOMETRY = ("geometric", SETUP)
-RENAMED = 0.95  # cosine of two motions that are one under two names
-SEEN = 1.28  # standard errors beyond the level's own: a change so large is seen with 90 %
-NAMED = 5.4  # standard errors from which a search among thousands names an effect with 90 %
+SIGNIFICANCE = 0.05
+GEOMETRY_NAMES = ("geometric", SETUP)
+MIN_COSINE = 0.95  # cosine of two motions that are one under two names
+POWER_QUANTILE = 1.28  # standard errors beyond the level's own: a change so large is seen with 90 %
+NAMING_THRESHOLD = (
+    5.4  # standard errors from which a search among thousands names an effect with 90 %
+)
 
 
 @dataclass(frozen=True)
@@ -40,14 +42,14 @@ class MechanismChange:
     seen_mm: float
 
 
-def two_sided(z: float) -> float:
+def two_sided_p(z: float) -> float:
     """How often chance goes beyond z, to either side."""
     from scipy.special import ndtr
 
     return float(2 * ndtr(-abs(z)))
 
 
-def quantile(p: float) -> float:
+def two_sided_quantile(p: float) -> float:
     """The z beyond which, to either side, chance goes with probability p."""
     from scipy.special import ndtri
 
@@ -76,7 +78,7 @@ class Motions:
             t.screws
             for c in self.campaigns
             for m in c.model.mechanisms
-            if m.name in GEOMETRY
+            if m.name in GEOMETRY_NAMES
             for t in m.terms
         }
         own = X[:, [k for k, t in enumerate(self.terms) if t.screws in geometry]]
@@ -92,7 +94,7 @@ class Motions:
         return {
             m.name: [place[t.screws] for t in m.terms]
             for m in self.campaigns[k].model.mechanisms
-            if m.name not in GEOMETRY
+            if m.name not in GEOMETRY_NAMES
         }
 
     def whole(self, k: int, own: list[int]) -> Array:
@@ -112,7 +114,7 @@ class Motions:
         return np.asarray(self.beyond[:, own] @ self.theta[k, own])
 
 
-def mechanisms(found: Motions, moved: set[str]) -> tuple[MechanismChange, ...]:
+def compare_mechanisms(found: Motions, moved: set[str]) -> tuple[MechanismChange, ...]:
     """What is named in one campaign alone, and what is in both under two names or with terms that
     `moved`: every mechanism but the geometry. One that went and one that came and moves the target
     alike are one motion under two names."""
@@ -123,7 +125,7 @@ def mechanisms(found: Motions, moved: set[str]) -> tuple[MechanismChange, ...]:
         like = [
             n
             for n in came
-            if _cosine(found.whole(0, before[name]), found.whole(1, after[n])) > RENAMED
+            if _cosine(found.whole(0, before[name]), found.whole(1, after[n])) > MIN_COSINE
         ]
         if like:
             went.remove(name)
@@ -135,21 +137,28 @@ def mechanisms(found: Motions, moved: set[str]) -> tuple[MechanismChange, ...]:
         along = sum((x / (np.linalg.norm(x) or 1.0) for x in m), np.zeros(len(m[0])))
         (x, sx), (y, sy) = found.size(0, before[first], along), found.size(1, after[second], along)
         error = float(np.hypot(sx, sy)) or 1e-300
-        p = min(len(pairs) * two_sided((y - x) / error), 1.0)
+        p = min(len(pairs) * two_sided_p((y - x) / error), 1.0)
         what = (
             ("grew" if y > x else "shrank")
-            if p <= LEVEL
+            if p <= SIGNIFICANCE
             else "changed"
             if first in moved
             else "did not change"
         )
         out.append(
-            MechanismChange(called, what, x, y, p, (quantile(LEVEL / len(pairs)) + SEEN) * error)
+            MechanismChange(
+                called,
+                what,
+                x,
+                y,
+                p,
+                (two_sided_quantile(SIGNIFICANCE / len(pairs)) + POWER_QUANTILE) * error,
+            )
         )
     for k, names, own, certain in ((0, went, before, "went"), (1, came, after, "came")):
         for name in names:
             size, error = found.size(k, own[name], found.motion(k, own[name]))
-            seen = NAMED * error * (found.surer if k == 0 else 1 / found.surer)
+            seen = NAMING_THRESHOLD * error * (found.surer if k == 0 else 1 / found.surer)
             what = certain if size > seen else f"may have {'gone' if k == 0 else 'come'}"
             out.append(
                 MechanismChange(name, what, size if k == 0 else 0.0, size if k else 0.0, None, seen)
@@ -162,7 +171,7 @@ def _cosine(a: Array, b: Array) -> float:
     return float(a @ b) / size if size else 0.0
 
 
-def told(m: MechanismChange) -> str:
+def describe_change(m: MechanismChange) -> str:
     """One mechanism in words that go no further than the evidence."""
     if m.p is None:
         here, there = ("first", "second") if m.before_mm else ("second", "first")

@@ -23,11 +23,15 @@ from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term
 from ..selection.evaluation import Evaluation, Split, errors, evaluate
 
-PLACED = frozenset(
+PLACEMENT_NAMES = frozenset(
     ("target", "group", "feature")
 )  # names that are fixed where a robot description is written
-TABLED = 2  # values of the state that a table may hang on
-WIDER = ("nominal", "geometry", "table")  # each carries what the one before it does, and more
+MAX_TABLE_NAMES = 2  # values of the state that a table may hang on
+NESTED_FORMS = (
+    "nominal",
+    "geometry",
+    "table",
+)  # each carries what the one before it does, and more
 ERRORS = {"estimation_rms_mm": Maybe(float), "held_out_rms_mm": Maybe(float)}
 REFITS = {
     "whole": ERRORS,
@@ -79,23 +83,23 @@ class Refits:
         return None
 
 
-def constant(term: Term) -> bool:
+def is_constant(term: Term) -> bool:
     """Whether a term is part of the geometry: it does not change with the state."""
-    return all(s.cause.names() <= PLACED for s in term.screws)
+    return all(s.cause.names() <= PLACEMENT_NAMES for s in term.screws)
 
 
-def tabled(term: Term) -> bool:
+def is_tabled(term: Term) -> bool:
     """Whether a table can hold a term: each of its screws hangs on two values at most."""
-    return all(len(s.cause.names() - PLACED) <= TABLED for s in term.screws)
+    return all(len(s.cause.names() - PLACEMENT_NAMES) <= MAX_TABLE_NAMES for s in term.screws)
 
 
-def carries(model: Model, form: str) -> Callable[[Term], bool]:
+def select_carried(model: Model, form: str) -> Callable[[Term], bool]:
     """Whether "nominal", "geometry", "table" or "whole" carries a term of a model."""
     setting = {t.screws for m in model.mechanisms if m.name == SETUP for t in m.terms}
     rules: dict[str, Callable[[Term], bool]] = {
         "nominal": lambda t: t.screws in setting,
-        "geometry": constant,
-        "table": tabled,
+        "geometry": is_constant,
+        "table": is_tabled,
         "whole": lambda t: True,
     }
     return rules[form]
@@ -107,15 +111,15 @@ def part_of(model: Model, keep: Callable[[Term], bool]) -> Model:
     return Model(tuple(m for m in own if m.terms))
 
 
-def refitted(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> Refits:
+def refit_forms(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> Refits:
     """The refits of a model that was fitted to a study's rows; models that stand among the `known`
     are not fitted again."""
     place = {t.screws: k for k, t in enumerate(t for t in fitted.terms if not t.fixture)}
     own = {frozenset(t.screws for t in r.fit.terms): r for r in known}
     best: Evaluation | None = None
     alone = dict[str, Refit]()
-    for form in WIDER:
-        model = part_of(fitted.model, carries(fitted.model, form))
+    for form in NESTED_FORMS:
+        model = part_of(fitted.model, select_carried(fitted.model, form))
         if len(model.terms) == len(fitted.terms) and form != "nominal":
             break
         try:
@@ -124,7 +128,11 @@ def refitted(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> Ref
             )
         except NotEstimable:
             continue
-        best = made if best is None or _crossed(made) <= _crossed(best) else best
+        best = (
+            made
+            if best is None or _cross_validation_error(made) <= _cross_validation_error(best)
+            else best
+        )
         some = [k for k, t in enumerate(best.fit.terms) if not t.fixture]
         places = np.array([place[best.fit.terms[k].screws] for k in some], dtype=np.intp)
         order = np.argsort(places)
@@ -147,7 +155,7 @@ def refitted(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> Ref
     return Refits(alone, whole, None if warm is None else float(warm[split.used].mean()))
 
 
-def _crossed(made: Evaluation) -> float:
+def _cross_validation_error(made: Evaluation) -> float:
     return np.inf if made.cv_rms_mm is None or not np.isfinite(made.cv_rms_mm) else made.cv_rms_mm
 
 
@@ -182,12 +190,12 @@ def refits_of(record: Mapping[str, Any], model: Model) -> Refits:
     for form, r in record["alone"].items():
         places = [e["term"] for e in r["estimates"]]
         if (
-            form not in WIDER
+            form not in NESTED_FORMS
             or places != sorted(set(places))
             or not set(places) <= set(range(len(terms)))
         ):
             raise ValueError(f"what its refits carry alone ({form}) is not of its terms")
-        keep = carries(model, form)
+        keep = select_carried(model, form)
         if any(
             terms[e["term"]].symbol != e["symbol"] or not keep(terms[e["term"]])
             for e in r["estimates"]

@@ -15,7 +15,7 @@ from .._typing import Array
 from ..exceptions import StudyError
 from ..fitting.design import Model
 from ..fitting.noise import Floor
-from ..mechanisms.serialization import TERM, mechanism_of, mechanism_record, members
+from ..mechanisms.serialization import TERM, find_members, mechanism_from_record, mechanism_record
 from ..robot.files import JOINT, ROTATION, TRANSFORM, numbers, robot_of, robot_record, rotation
 from .calibration import Calibration
 from .refitting import REFITS, refits_of, refits_record
@@ -23,10 +23,10 @@ from .refitting import REFITS, refits_of, refits_record
 if TYPE_CHECKING:
     pass
 
-SAME = 1e-6  # relative: two numbers of a file that say the same
+RELATIVE_TOLERANCE = 1e-6  # relative: two numbers of a file that say the same
 
 
-def contradiction(r: Mapping[str, Any], model: Model, standard_errors: Array) -> str | None:
+def find_contradiction(r: Mapping[str, Any], model: Model, standard_errors: Array) -> str | None:
     """What in a record of a calibration contradicts the rest of it, or its `model` and the
     `standard_errors` of its covariance factor; None where nothing does."""
     joints, floor = len(r["robot"]["joints"]), r["noise_floor"]
@@ -39,7 +39,10 @@ def contradiction(r: Mapping[str, Any], model: Model, standard_errors: Array) ->
     checks = (
         (
             np.allclose(
-                [e["standard_error"] for e in r["estimates"]], standard_errors, rtol=SAME, atol=0
+                [e["standard_error"] for e in r["estimates"]],
+                standard_errors,
+                rtol=RELATIVE_TOLERANCE,
+                atol=0,
             ),
             "its standard errors are not those of its covariance_factor",
         ),
@@ -48,7 +51,7 @@ def contradiction(r: Mapping[str, Any], model: Model, standard_errors: Array) ->
             "a screw is at a frame that its robot does not have",
         ),
         (
-            all(0 <= m.index < len(names[m.kind]) for s in screws for m in members(s.cause)),
+            all(0 <= m.index < len(names[m.kind]) for s in screws for m in find_members(s.cause)),
             "a cause names a target or group that it does not have",
         ),
         (
@@ -73,8 +76,8 @@ def contradiction(r: Mapping[str, Any], model: Model, standard_errors: Array) ->
     return next((what for holds, what in checks if not holds), None)
 
 
-SCHEMA = 1
-NAME = "calibration.json"
+SCHEMA_VERSION = 1
+CALIBRATION_FILE = "calibration.json"
 
 
 # -- the file
@@ -88,7 +91,7 @@ def calibration_text(c: Calibration) -> str:
 
 def _record(c: Calibration) -> dict[str, Any]:
     return {
-        "schema": SCHEMA,
+        "schema": SCHEMA_VERSION,
         "kind": "calibration",
         "study": c.study,
         "robot": robot_record(c.robot),
@@ -143,7 +146,7 @@ def _record(c: Calibration) -> dict[str, Any]:
 
 def _restored(r: Mapping[str, Any]) -> Calibration:
     """The calibration of a record of its shape. Raises ValueError where its parts do not agree."""
-    model = Model(tuple(mechanism_of(m) for m in r["mechanisms"]))
+    model = Model(tuple(mechanism_from_record(m) for m in r["mechanisms"]))
     estimates, rows, robot = r["estimates"], r["covariance_factor"]["rows"], robot_of(r["robot"])
     if [(e["symbol"], e["unit"]) for e in estimates] != [(t.symbol, t.unit) for t in model.terms]:
         raise ValueError("its estimates are not those of its terms")
@@ -189,12 +192,12 @@ def _restored(r: Mapping[str, Any]) -> Calibration:
         dict(r["provenance"]),
         refits_of(r["refits"], model) if "refits" in r else None,
     )
-    if (what := contradiction(r, model, c.standard_errors)) is not None:
+    if (what := find_contradiction(r, model, c.standard_errors)) is not None:
         raise ValueError(what)
     return c
 
 
-def loads(text: str, where: str = NAME) -> Calibration:
+def parse_calibration(text: str, where: str = CALIBRATION_FILE) -> Calibration:
     """The calibration of a file's text. Raises StudyError."""
     try:
         record = strict(text)
@@ -204,9 +207,9 @@ def loads(text: str, where: str = NAME) -> Calibration:
         raise StudyError(
             f"{where}: not a calibration; `modelsel study` writes one beside its result.json."
         )
-    if record.get("schema") is True or record.get("schema") != SCHEMA:
+    if record.get("schema") is True or record.get("schema") != SCHEMA_VERSION:
         raise StudyError(
-            f"{where}: schema {str(record.get('schema'))[:40]}, but this modelsel reads schema {SCHEMA}. Run the "
+            f"{where}: schema {str(record.get('schema'))[:40]}, but this modelsel reads schema {SCHEMA_VERSION}. Run the "
             "study again."
         )
     try:
@@ -222,9 +225,9 @@ def load_calibration(path: Path | str) -> Calibration:
     StudyError."""
     path = Path(path)
     path = (
-        path / NAME
+        path / CALIBRATION_FILE
         if path.is_dir()
-        else path.with_name(NAME)
+        else path.with_name(CALIBRATION_FILE)
         if path.name == "result.json"
         else path
     )
@@ -236,7 +239,7 @@ def load_calibration(path: Path | str) -> Calibration:
         ) from None
     except ValueError as error:
         raise StudyError(f"{path.name}: cannot be read: {error}. Run the study again.") from None
-    return loads(text, path.name)
+    return parse_calibration(text, path.name)
 
 
 # Causes, terms, mechanisms and robots as plain JSON values, and back: structure as structure,

@@ -21,18 +21,18 @@ from ..measurements.columns import SMALLEST
 from ..measurements.measurements import Measurements
 from ..robot.rigid import rotation_vector
 from ..setup.placement import kabsch
-from .calibration import Calibration, pose_of, predict, uncertainty
+from .calibration import Calibration, compute_pose, predict, propagate_uncertainty
 
-SURE = 0.01  # p below which a calibration is called drifted
-NOTABLE = 1.1  # and the factor above which it is
+MAX_P = 0.01  # p below which a calibration is called drifted
+MIN_FACTOR = 1.1  # and the factor above which it is
 ROUNDS = 12
-LISTED = 10
-LEAST = 4  # configurations that a placement needs
-CLEARLY, ENOUGH = 1.5, 5
-STATED = "floor_mm or sx_mm, sy_mm, sz_mm of its study"
+MAX_LISTED = 10
+MIN_CONFIGURATIONS = 4  # configurations that a placement needs
+MIN_HALF_RATIO, MIN_HALF_ROWS = 1.5, 5
+STATED_KEYS = "floor_mm or sx_mm, sy_mm, sz_mm of its study"
 # times what the study's own held-out configurations showed, from which a stated uncertainty is not
 # believed
-TOO_LARGE = 3.0
+MAX_OVERSTATEMENT = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,30 +58,32 @@ class Verdict:
     @property
     def drifted(self) -> bool:
         """Whether the data contradict the calibration."""
-        return self.p <= SURE and self.factor >= NOTABLE
+        return self.p <= MAX_P and self.factor >= MIN_FACTOR
 
 
-def register(c: Calibration, at: Problem) -> tuple[Problem, tuple[float, float, float], Array]:
+def register_again(
+    c: Calibration, at: Problem
+) -> tuple[Problem, tuple[float, float, float], Array]:
     """(the problem with one placement and the targets' offsets found from the new data, how far they
     moved (mm, rad, mm), the columns (m, 3, k) of what was left free). Robust; the calibrated chain
     stays as it is. Raises DataError."""
-    if at.data.configurations < LEAST:
+    if at.data.configurations < MIN_CONFIGURATIONS:
         raise DataError(
-            f"the file has {at.data.configurations} configurations, and --register needs {LEAST}.",
+            f"the file has {at.data.configurations} configurations, and --register needs {MIN_CONFIGURATIONS}.",
             remedy="Measure more.",
         )
-    found = _registered(c, at, at)
+    found = _register_at(c, at, at)
     return (
-        _registered(c, at, found[0]) if "range_mm" in c.needs() else found
+        _register_at(c, at, found[0]) if "range_mm" in c.needs() else found
     )  # the beam is as long as where it now stands
 
 
-def _registered(
+def _register_at(
     c: Calibration, start: Problem, at: Problem
 ) -> tuple[Problem, tuple[float, float, float], Array]:
     """`register` of the problem `start`, what the model's causes look at taken where the problem `at`
     has the tracker."""
-    pose = pose_of(at, c.terms, c.theta)
+    pose = compute_pose(at, c.terms, c.theta)
     o, x = pose.target.T, start.data.position
     axes = pose.axes[-1, :3].transpose(2, 1, 0)  # of the target's frame, as columns
     seen, which = np.unique(start.data.target, return_inverse=True)
@@ -127,42 +129,44 @@ def _setup_columns(R: Array, p: Array, axes: Array, which: Index) -> Array:
     return out
 
 
-def reference(c: Calibration) -> tuple[float, float]:
+def expected_noise(c: Calibration) -> tuple[float, float]:
     """(standard deviation [mm] of one coordinate that new data should show, its degrees of
     freedom): the noise floor, or what the study's own held-out configurations showed where that is
     more, or where it contradicts a stated floor."""
     floor = c.floor.coordinate_mm
     held = 0.0 if c.held_out_rms_mm is None else c.held_out_rms_mm / np.sqrt(3)
-    return max(held if _overstated(c) else floor, held, SMALLEST), c.floor.freedom
+    return max(held if _is_overstated(c) else floor, held, SMALLEST), c.floor.freedom
 
 
-def _overstated(c: Calibration) -> bool:
+def _is_overstated(c: Calibration) -> bool:
     """Whether the study's own held-out configurations contradict its stated noise."""
     held = 0.0 if c.held_out_rms_mm is None else c.held_out_rms_mm / np.sqrt(3)
-    return held > 0 and np.isinf(c.floor.freedom) and c.floor.coordinate_mm > TOO_LARGE * held
+    return (
+        held > 0 and np.isinf(c.floor.freedom) and c.floor.coordinate_mm > MAX_OVERSTATEMENT * held
+    )
 
 
-def _doubts(c: Calibration, data: Measurements, residual: Array, found: Lack) -> list[str]:
+def _list_doubts(c: Calibration, data: Measurements, residual: Array, found: Lack) -> list[str]:
     """What is mistaken in the uncertainties that the calibration or the data state; `found`: errors
     over those expected."""
     out, left = [], float(np.sqrt(np.square(residual).mean()))
-    if _overstated(c) and c.held_out_rms_mm is not None:
+    if _is_overstated(c) and c.held_out_rms_mm is not None:
         held = c.held_out_rms_mm / np.sqrt(3)
         ratio = c.floor.coordinate_mm / held
         out.append(
             f"The calibration's stated uncertainty of one coordinate ({c.floor.coordinate_mm:.3g} mm) is {ratio:.3g} times"
             f" what its own held-out configurations showed ({held:.3g} mm), which is expected here instead. "
-            f"{likeliest(ratio, STATED)}"
+            f"{likeliest(ratio, STATED_KEYS)}"
         )
     elif found.far and found.factor < 1:
         out.append(
-            f"{against('The calibration', reference(c)[0], left, found, model='new data leave')} "
-            f"{likeliest(1 / found.factor, STATED)}"
+            f"{against('The calibration', expected_noise(c)[0], left, found, model='new data leave')} "
+            f"{likeliest(1 / found.factor, STATED_KEYS)}"
         )
     if data.sigma is not None:
         own = Floor(float(np.sqrt(np.square(data.sigma).mean())), "stated")
         asked = lack(own, float(np.sqrt(np.square(residual / data.sigma).mean())), residual.size)
-        if asked.far and (asked.factor < 1 or found.factor < NOTABLE):
+        if asked.far and (asked.factor < 1 or found.factor < MIN_FACTOR):
             said = against(
                 "sx_mm, sy_mm, sz_mm of the new data",
                 own.coordinate_mm,
@@ -176,7 +180,7 @@ def _doubts(c: Calibration, data: Measurements, residual: Array, found: Lack) ->
     return out
 
 
-def _with_new(c: Calibration, data: Measurements) -> Calibration:
+def _add_new_targets(c: Calibration, data: Measurements) -> Calibration:
     """With the targets of the data that were not calibrated, at the mean of those that were: where
     they sit is found anew."""
     new = (
@@ -200,12 +204,12 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
         one = replace(
             data, groups=c.groups[:1], group=np.zeros(len(data), np.intp)
         )  # its placement is found below
-        at, moved, free = register(c, _with_new(c, data).problem(one))
+        at, moved, free = register_again(c, _add_new_targets(c, data).problem(one))
     else:
         at = c.problem(data)
     residual = at.data.position - predict(c, at)
-    sigma, freedom = reference(c)
-    spread = uncertainty(c, at)
+    sigma, freedom = expected_noise(c)
+    spread = propagate_uncertainty(c, at)
     r, W, S = (
         residual.ravel() / sigma,
         spread.reshape(residual.size, -1) / sigma,
@@ -226,8 +230,8 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
     beyond = np.flatnonzero(chdtrc(3, size**2) < 0.05 / len(size))
     worst = tuple(beyond[np.argsort(-size[beyond], kind="stable")].tolist())
     found = lack(replace(c.floor, freedom=freedom), float(np.sqrt(T / count)), count)
-    doubts = _doubts(c, data, residual, found)
-    if not free_setup and p <= SURE:
+    doubts = _list_doubts(c, data, residual, found)
+    if not free_setup and p <= MAX_P:
         rows = np.isin(np.arange(len(size)), beyond)
         doubts += slipped(
             at, lambda other: other.data.position - predict(c, other), rows, float(expected)
@@ -251,7 +255,7 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
     )
 
 
-def sentences(data: Measurements, found: Verdict) -> list[str]:
+def describe_verdict(data: Measurements, found: Verdict) -> list[str]:
     """The verdict in one sentence, then what belongs to it."""
     about = (
         f"{found.rms_mm:.3f} mm rms where {found.expected_rms_mm:.3f} mm are expected, a factor of {found.factor:.2f} "
@@ -268,7 +272,7 @@ def sentences(data: Measurements, found: Verdict) -> list[str]:
         else ""
     )
     out = [
-        f"The calibration has drifted: {about}; {shown}{_where(data, found)}.{anew}"
+        f"The calibration has drifted: {about}; {shown}{_locate_errors(data, found)}.{anew}"
         if found.drifted
         else f"No drift can be told, since the stated uncertainty is far above the errors: {about}."
         if found.small
@@ -277,9 +281,9 @@ def sentences(data: Measurements, found: Verdict) -> list[str]:
     if found.worst:
         lines = ", ".join(
             f"{data.where.named(int(data.row[k]))} ({found.size[k]:.1f} sd)"
-            for k in found.worst[:LISTED]
+            for k in found.worst[:MAX_LISTED]
         )
-        out.append(f"Beyond noise: {lines}{' …' if len(found.worst) > LISTED else ''}.")
+        out.append(f"Beyond noise: {lines}{' …' if len(found.worst) > MAX_LISTED else ''}.")
     if found.moved is not None:
         shift, turn, offset = found.moved
         if found.new_targets:
@@ -294,13 +298,13 @@ def sentences(data: Measurements, found: Verdict) -> list[str]:
     return out
 
 
-def _where(data: Measurements, found: Verdict) -> str:
+def _locate_errors(data: Measurements, found: Verdict) -> str:
     """Where the errors are: the joint whose lower or upper half holds clearly more of them."""
-    square, best = found.size**2, (CLEARLY, "")
+    square, best = found.size**2, (MIN_HALF_RATIO, "")
     for j, column in enumerate(data.q.T):
         middle = float(np.median(column))
         above = column > middle
-        if min(above.sum(), (~above).sum()) < ENOUGH:
+        if min(above.sum(), (~above).sum()) < MIN_HALF_ROWS:
             continue
         high, low = float(square[above].mean()), float(square[~above].mean())
         for value, word in ((high / low, "above"), (low / high, "below")):

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exceptions import CHECK_FAILED
-from ._options import mapped, print_json
+from ._options import column_option, print_json
 
 if TYPE_CHECKING:
     from ..calibration.compensation import Commands
 
 
-@click.command()
+@click.command("compensate")
 @click.argument("result", type=click.Path(path_type=Path))
 @click.argument("targets", type=click.Path(path_type=Path))
 @click.option(
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 @click.option(
     "--forward", is_flag=True, help="Change no command: say where the real target is at each."
 )
-@mapped
+@column_option
 @click.option("--json", "as_json", is_flag=True)
-def compensate(
+def compensate_command(
     result: Path,
     targets: Path,
     out: Path,
@@ -55,20 +55,29 @@ def compensate(
     and what the model needs as well. Commands are written in the units that they were given in."""
     from .._files import write_frame
     from ..calibration.calibration import predict
-    from ..calibration.compensation import at_limits, commands_frame, from_order, outside, refuse
-    from ..calibration.compensation import compensate as corrected
+    from ..calibration.compensation import (
+        build_commands_table,
+        describe_extrapolation,
+        describe_limit_violations,
+        describe_order_dependence,
+        refuse_large_changes,
+    )
+    from ..calibration.compensation import compensate_commands as corrected
     from ..calibration.storage import load_calibration
     from ..measurements.reader import read_measurements
 
     c = load_calibration(result)
     data = read_measurements(targets, c.robot.prismatic, columns, positions=False, once=False)
-    made, said = corrected(c, data), [*outside(c, data), *from_order(c, data)]
+    made, said = (
+        corrected(c, data),
+        [*describe_extrapolation(c, data), *describe_order_dependence(c, data)],
+    )
     if forward:
-        frame = commands_frame(c, data, data.q, predict(c, c.problem(data)), {})
+        frame = build_commands_table(c, data, data.q, predict(c, c.problem(data)), {})
     else:
-        refuse(c, made, data, (bound[0] / 1e3, bound[1]), targets.name)
-        said += at_limits(made)
-        frame = commands_frame(c, data, made.q, made.wanted, made.figures())
+        refuse_large_changes(c, made, data, (bound[0] / 1e3, bound[1]), targets.name)
+        said += describe_limit_violations(made)
+        frame = build_commands_table(c, data, made.q, made.wanted, made.figures())
     write_frame(frame, out, "%.10g")
     if as_json:
         print_json(

@@ -14,14 +14,14 @@ ROUNDING_MM = 1e-6  # below it a difference is the computer's
 EXACT_MM = 1e-3  # 1 µm: what a form can carry must come back
 
 
-@click.command()
+@click.command("export")
 @click.argument("result", type=click.Path(path_type=Path))
 @click.option("--format", "form", type=click.Choice(FORMS), required=True, help="What to write.")
 @click.option(
     "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The file."
 )
 @click.option("--json", "as_json", is_flag=True)
-def export(result: Path, form: str, out: Path, as_json: bool) -> None:
+def export_command(result: Path, form: str, out: Path, as_json: bool) -> None:
     """Write a stored calibration (a study's folder, its result.json or calibration.json) in another
     form.
 

@@ -10,7 +10,7 @@ from ..exceptions import CHECK_FAILED
 from ._options import print_json
 
 
-@click.command()
+@click.command("mechanisms")
 @click.argument("name", required=False)
 @click.option(
     "--robot",
@@ -22,7 +22,7 @@ from ._options import print_json
 )
 @click.option("--test", help="Try a module's mechanisms (a name or a file) against the laws.")
 @click.option("--json", "as_json", is_flag=True)
-def mechanisms(
+def mechanisms_command(
     name: str | None, robot: str | None, new: str | None, test: str | None, as_json: bool
 ) -> None:
     """The registry of error mechanisms: equations, units, where each acts; and to begin and try
@@ -38,9 +38,9 @@ def mechanisms(
 def _begin(name: str) -> None:
     from .._files import write_beside
     from ..exceptions import StudyError
-    from .plugin_template import skeleton
+    from .plugin_template import render_plugin
 
-    folder, texts = Path(name), skeleton(name)
+    folder, texts = Path(name), render_plugin(name)
     if folder.exists():
         raise StudyError(f"{folder}: is there already; nothing was written.")
     for file, text in texts.items():
@@ -53,9 +53,11 @@ def _begin(name: str) -> None:
 
 def _try(where: str, robot: str | None, as_json: bool) -> None:
     from ..robot.files import builtin_names, load
-    from .plugin_template import table, tried
+    from .plugin_template import load_plugin, try_mechanisms
 
-    found = tried(table(where), [load(n) for n in ([robot] if robot else builtin_names())])
+    found = try_mechanisms(
+        load_plugin(where), [load(n) for n in ([robot] if robot else builtin_names())]
+    )
     wrong = [(m, r, what) for m, r, what in found if what]
     if as_json:
         print_json(

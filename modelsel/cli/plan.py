@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from ._options import print_json, progress
+from ._options import make_progress, print_json
 
 PURPOSES = ("rivals", "d", "a", "o1", "o2", "o3", "o4", "o5")
 
 
-@click.command()
+@click.command("plan")
 @click.argument("study", type=click.Path(path_type=Path))
 @click.option(
     "--pool",
@@ -55,7 +55,7 @@ PURPOSES = ("rivals", "d", "a", "o1", "o2", "o3", "o4", "o5")
     help="CSV file for the chosen configurations.",
 )
 @click.option("--json", "as_json", is_flag=True)
-def plan(
+def plan_command(
     study: Path,
     pool_file: Path | None,
     limits: bool,
@@ -69,7 +69,7 @@ def plan(
     """What to measure next: what best tells a study's rival explanations apart, or determines its
     parameters."""
     from .._files import csv_bytes, write_beside
-    from ..calibration.experiment_design import more_needed
+    from ..calibration.experiment_design import count_more_needed
     from ..config.study_file import read_study
     from ..mechanisms.registry import with_plugins
     from ..study.planning import plan_next, sentences
@@ -83,10 +83,10 @@ def plan(
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
     registry, _ = with_plugins(robot=robot_of(read, path.parent))
-    result = run(read, path.parent, registry=registry, say=progress(), sampling=False)
+    result = run(read, path.parent, registry=registry, say=make_progress(), sampling=False)
     found = plan_next(result, count, pool=pool_file, purpose=purpose, limits=limits, joints=own)
     table, known, limit = found.to_frame(), found.configurations, result.nothing_else[1]
-    more = None if size is None or limit is None else more_needed(limit, known, size)
+    more = None if size is None or limit is None else count_more_needed(limit, known, size)
     if out is not None:
         write_beside(out, csv_bytes(table, "%.6f"))
     if as_json:

@@ -17,7 +17,7 @@ import numpy as np
 from ..exceptions import StudyError
 from ..mechanisms.registry import Registry, parts, unsound
 from ..robot.kinematics import Robot
-from ..testing import broken
+from ..testing import find_broken_laws
 
 PYPROJECT = """[build-system]
 requires = ["hatchling"]
@@ -38,8 +38,8 @@ include = ["{module}.py"]
 """
 
 MODULE = '''"""A mechanism of my own for modelsel: one joint is turned by another."""
-from modelsel.wrong.causes import q, sin
-from modelsel.wrong.screws import Mechanism, Screw, Term
+from modelsel.mechanisms.causes import q, sin
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 
 
 def build(robot):
@@ -66,7 +66,7 @@ A mechanism for modelsel. Edit `{module}.py`, then:
 """
 
 
-def skeleton(name: str) -> dict[str, str]:
+def render_plugin(name: str) -> dict[str, str]:
     """File name -> text of a new package. Raises StudyError for a name that cannot be one."""
     if not re.fullmatch("[a-z][a-z0-9_-]{0,99}", name) or iskeyword(name):
         raise StudyError(
@@ -80,7 +80,7 @@ def skeleton(name: str) -> dict[str, str]:
     }
 
 
-def table(where: str) -> Registry:
+def load_plugin(where: str) -> Registry:
     """The mechanisms of a module, by its name ("hosepack", "hosepack:mechanisms") or file. Raises
     StudyError."""
     name, _, function = (
@@ -111,7 +111,7 @@ def _of_file(path: Path) -> ModuleType:
     return module
 
 
-def tried(
+def try_mechanisms(
     entries: Registry, robots: Sequence[Robot], seed: int = 0
 ) -> list[tuple[str, str, list[str]]]:
     """(mechanism, robot, what it breaks) of every part of every entry on every robot it applies to;
@@ -125,7 +125,7 @@ def tried(
                 found.append((name, robot.name, [wrong]))
                 continue
             found += [
-                (m.name, robot.name, broken(m, robot, np.random.default_rng([seed, k])))
+                (m.name, robot.name, find_broken_laws(m, robot, np.random.default_rng([seed, k])))
                 for k, m in enumerate(parts(name, robot, {name: entry}))
             ]
         out += found or [(name, "", [])]

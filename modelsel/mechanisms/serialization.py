@@ -42,7 +42,7 @@ def mechanism_card(mechanism: Mechanism) -> dict[str, Any]:
     }
 
 
-DEEPEST = 200  # a cause nested more deeply than this is no cause of ours
+MAX_DEPTH = 200  # a cause nested more deeply than this is no cause of ours
 SCREW = {"frame": int, "axis": frozenset(AXES), "cause": {}, "prints": str}
 TERM = {
     "symbol": str,
@@ -56,10 +56,10 @@ TERM = {
 
 def cause_record(cause: Cause) -> dict[str, Any]:
     """A cause as nested JSON values. Raises StudyError for a kind of cause that is not of
-    modelsel.wrong.causes."""
+    modelsel.mechanisms.causes."""
     if (what := foreign(cause)) is not None:
         raise StudyError(
-            f"{what}, which no calibration can store: build it of those in modelsel.wrong.causes."
+            f"{what}, which no calibration can store: build it of those in modelsel.mechanisms.causes."
         )
     match cause:
         case Number(number, unit):
@@ -77,9 +77,9 @@ def cause_record(cause: Cause) -> dict[str, Any]:
     raise AssertionError(f"{type(cause).__name__} is one of KINDS without a record")
 
 
-def cause_of(record: Any, depth: int = 0) -> Cause:
+def cause_from_record(record: Any, depth: int = 0) -> Cause:
     """The cause of a record. Raises ValueError for anything else."""
-    if not isinstance(record, Mapping) or depth > DEEPEST:
+    if not isinstance(record, Mapping) or depth > MAX_DEPTH:
         raise ValueError(f"not a cause: {str(record)[:60]}")
     found = [
         make
@@ -103,12 +103,12 @@ CAUSES: tuple[tuple[dict[str, Any], Callable[[Mapping[str, Any], int], Cause]], 
     ({"name": str, "unit": str}, lambda r, _: Named(_word(r["name"]), r["unit"])),
     (
         {"function": frozenset(FUNCTIONS), "of": {}},
-        lambda r, deep: Applied(r["function"], cause_of(r["of"], deep)),
+        lambda r, deep: Applied(r["function"], cause_from_record(r["of"], deep)),
     ),
     (
         {"operator": frozenset(RANK), "left": {}, "right": {}},
         lambda r, deep: Combined(
-            r["operator"], cause_of(r["left"], deep), cause_of(r["right"], deep)
+            r["operator"], cause_from_record(r["left"], deep), cause_from_record(r["right"], deep)
         ),
     ),
     (
@@ -122,15 +122,15 @@ CAUSES: tuple[tuple[dict[str, Any], Callable[[Mapping[str, Any], int], Cause]], 
 )
 
 
-def members(cause: Cause) -> list[Member]:
+def find_members(cause: Cause) -> list[Member]:
     """The targets and groups that a cause is of."""
     match cause:
         case Member():
             return [cause]
         case Applied(_, argument):
-            return members(argument)
+            return find_members(argument)
         case Combined(_, left, right):
-            return [*members(left), *members(right)]
+            return [*find_members(left), *find_members(right)]
     return []
 
 
@@ -165,13 +165,13 @@ def mechanism_record(mechanism: Mechanism) -> dict[str, Any]:
     }
 
 
-def mechanism_of(record: Mapping[str, Any]) -> Mechanism:
+def mechanism_from_record(record: Mapping[str, Any]) -> Mechanism:
     """The mechanism of a record of its shape. Raises ValueError where its units or what its causes
     print are not the stored ones."""
     terms = tuple(
         Term(
             t["symbol"],
-            tuple(Screw(s["frame"], s["axis"], cause_of(s["cause"])) for s in t["screws"]),
+            tuple(Screw(s["frame"], s["axis"], cause_from_record(s["cause"])) for s in t["screws"]),
             None if t["size"] is None else (float(t["size"][0]), float(t["size"][1])),
             t["sign"],
             None if "usual" not in t else float(t["usual"]),

@@ -14,26 +14,32 @@ import numpy as np
 from ..._names import quoted, unfit
 from ...exceptions import StudyError
 from ...mechanisms.causes import Named
-from ...mechanisms.serialization import cause_of, cause_record
+from ...mechanisms.serialization import cause_from_record, cause_record
 from ...mechanisms.terms import Screw, Term
 from ...robot.rigid import AXES
 from ..calibration import Calibration
 from ..constant_part import (
     Part,
-    alone,
-    constants,
-    enough,
-    missing,
-    parts,
-    points,
-    rms_and_most,
-    workspace,
+    compute_points,
+    constant_entries,
+    list_left_out,
+    resolve_form,
+    restrict_to_form,
+    rms_and_max,
+    sample_workspace,
+    split_parts,
 )
-from .chains import _to_dh, to_urdf
+from .chains import to_dh, to_urdf
 from .corrections import to_csv
-from .form import Exported, _missing, _whole
-from .lookup import FINE_MM, read_table, still, tables, write_tables
-from .notes import notes_of
+from .form import Exported, describe_left_out, measure_whole
+from .lookup import (
+    MAX_INTERPOLATION_MM,
+    build_constant_tables,
+    build_tables,
+    evaluate_tables,
+    write_tables,
+)
+from .notes import list_notes
 from .python import to_python
 
 
@@ -53,16 +59,19 @@ def export(c: Calibration, form: str) -> Exported:
         if (why := unfit(name)) is not None
     ]:
         raise StudyError(*wrong)
-    what = enough(c, CARRIES.get(form, "whole"))
-    own, notes = alone(c, what), notes_of(c, what, form in GEOMETRY)
+    what = resolve_form(c, CARRIES.get(form, "whole"))
+    own, notes = restrict_to_form(c, what), list_notes(c, what, form in GEOMETRY)
     made, difference = FORMS[form](own, notes), []
     for t in range(len(c.targets) if form in GEOMETRY else 1):
-        at = workspace(c, t)
-        difference.append(points(at, [*chain(*parts(c, t))]) - points(at, [*chain(*parts(own, t))]))
+        at = sample_workspace(c, t)
+        difference.append(
+            compute_points(at, [*chain(*split_parts(c, t))])
+            - compute_points(at, [*chain(*split_parts(own, t))])
+        )
     return replace(
         made,
-        left_out=_missing(missing(c, what)),
-        left_out_mm=rms_and_most(np.concatenate(difference)),
+        left_out=describe_left_out(list_left_out(c, what)),
+        left_out_mm=rms_and_max(np.concatenate(difference)),
         notes=(*notes, *made.notes),
         errors=None if c.refits is None else c.refits.errors(what),
     )
@@ -81,7 +90,7 @@ def to_json(c: Calibration, notes: Sequence[str] = ()) -> Exported:
         "robot": c.robot.name,
         "axes": list(AXES),
         "says": "H of a frame = constant entries + Σ estimate × cause; Trans(tx, ty, tz) Rx Ry Rz, mm and rad",
-        "constant": {name: constants(c, t).tolist() for t, name in enumerate(c.targets)},
+        "constant": {name: constant_entries(c, t).tolist() for t, name in enumerate(c.targets)},
         "effects": [
             {
                 "mechanism": p.mechanism,
@@ -94,15 +103,15 @@ def to_json(c: Calibration, notes: Sequence[str] = ()) -> Exported:
                 "standard_error": p.error,
                 "unit": p.term.unit,
             }
-            for p in parts(c)[1]
+            for p in split_parts(c)[1]
             for s in p.term.screws
         ],
     }
     text = json.dumps(record, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
-    return _whole(c, text, lambda text, t: _from_json(json.loads(text), c.targets[t]))
+    return measure_whole(c, text, lambda text, t: _parse_json(json.loads(text), c.targets[t]))
 
 
-def _from_json(record: Mapping[str, Any], target: str) -> list[Part]:
+def _parse_json(record: Mapping[str, Any], target: str) -> list[Part]:
     out = [
         Part("", Term("", (Screw(f + 1, axis),)), value, 0.0)
         for f, row in enumerate(record["constant"][target])
@@ -111,7 +120,7 @@ def _from_json(record: Mapping[str, Any], target: str) -> list[Part]:
     return out + [
         Part(
             "",
-            Term(e["symbol"], (Screw(e["frame"], e["axis"], cause_of(e["cause"])),)),
+            Term(e["symbol"], (Screw(e["frame"], e["axis"], cause_from_record(e["cause"])),)),
             e["estimate"],
             0.0,
         )
@@ -122,19 +131,19 @@ def _from_json(record: Mapping[str, Any], target: str) -> list[Part]:
 def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     """Every correction: the constant ones, and those of one or two values of the state on a grid to
     interpolate in."""
-    constant, varying = parts(c)
-    at = workspace(c)
-    made, over = tables(c, varying, at)
+    constant, varying = split_parts(c)
+    at = sample_workspace(c)
+    made, over = build_tables(c, varying, at)
     assert not over, "what no table holds was left out before"
-    text = write_tables([*still(constants(c)), *made])
-    read = read_table(text, at)
+    text = write_tables([*build_constant_tables(constant_entries(c)), *made])
+    read = evaluate_tables(text, at)
     tabled = {f"table_{k}": values for k, (_, _, values) in enumerate(read)}
     bound = at.anew(data=replace(at.data, covariates={**at.data.covariates, **tabled}))
     again = [
         Part("table", Term("", (Screw(frame, axis, Named(f"table_{k}")),)), 1.0, 0.0)
         for k, (frame, axis, _) in enumerate(read)
     ]
-    rms, most = rms_and_most(points(bound, again) - points(at, constant + varying))
+    rms, most = rms_and_max(compute_points(bound, again) - compute_points(at, constant + varying))
     said = (
         [f'the constant corrections are those of target "{c.targets[0]}"']
         if len(c.targets) > 1
@@ -147,15 +156,15 @@ def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
         notes=(
             *said,
             f"interpolated linearly: {rms * 1e3:.2g} µm rms, {most * 1e3:.2g} µm at most"
-            + (", beside a jump" if most > 10 * FINE_MM else ""),
+            + (", beside a jump" if most > 10 * MAX_INTERPOLATION_MM else ""),
         ),
     )
 
 
 FORMS: dict[str, Callable[[Calibration, Sequence[str]], Exported]] = {
     "urdf": to_urdf,
-    "dh": lambda c, notes: _to_dh(c, False, notes),
-    "mdh": lambda c, notes: _to_dh(c, True, notes),
+    "dh": lambda c, notes: to_dh(c, False, notes),
+    "mdh": lambda c, notes: to_dh(c, True, notes),
     "json": to_json,
     "csv": to_csv,
     "python": to_python,
