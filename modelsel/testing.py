@@ -11,6 +11,7 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 
+from ._records import parse_record
 from ._typing import Array
 from .exceptions import StudyError
 from .fitting.design import Model, design, residuals
@@ -20,7 +21,7 @@ from .fitting.problem import Problem, make_problem
 from .fitting.reduction import reduce
 from .measurements.measurements import measurements
 from .mechanisms import causes
-from .mechanisms.serialization import mechanism_from_record, mechanism_record
+from .mechanisms.serialization import MechanismRecord, mechanism_from_record, mechanism_record
 from .mechanisms.terms import Mechanism, Screw, Term
 from .robot.kinematics import Robot, forward
 
@@ -284,8 +285,9 @@ def law6_a_value(mechanism: Mechanism, at: Problem, rng: np.random.Generator) ->
     grammar."""
     del rng
     try:
-        again = mechanism_from_record(mechanism_record(mechanism))
-    except StudyError as error:
+        record = parse_record(mechanism_record(mechanism), MechanismRecord)
+        again = mechanism_from_record(record)
+    except (StudyError, ValueError) as error:
         raise LawBroken(f"L6: {mechanism.name}: {error}") from None
     require(
         again == mechanism and hash(again) == hash(mechanism),

@@ -11,20 +11,11 @@ import numpy as np
 import pytest
 from builders import drawn, planted
 
-from modelsel.calibration.calibration import (
-    Calibration,
-    calibrate,
-    predict,
-    propagate_uncertainty,
-    to_tracker_frame,
-)
+from modelsel.calibration.calibration import Calibration, calibrate
+from modelsel.calibration.loading import load_calibration, parse_calibration
+from modelsel.calibration.prediction import predict, propagate_uncertainty, to_tracker_frame
 from modelsel.calibration.refitting import refit_forms
-from modelsel.calibration.storage import (
-    CALIBRATION_FILE,
-    calibration_text,
-    load_calibration,
-    parse_calibration,
-)
+from modelsel.calibration.storage import CALIBRATION_FILE, calibration_text
 from modelsel.config.study_file import read_study
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.design import Model, residuals

@@ -14,7 +14,6 @@ from hidden_arm import arm
 from hidden_engine import Engine
 from test_calibration import wide
 
-from modelsel.calibration.calibration import predict
 from modelsel.calibration.compensation import (
     MAX_CORRECTION,
     compensate_commands,
@@ -25,6 +24,7 @@ from modelsel.calibration.compensation import (
     refuse_large_changes,
     replace_readings,
 )
+from modelsel.calibration.prediction import predict
 from modelsel.calibration.storage import calibration_text
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study
@@ -110,7 +110,7 @@ def test_orientation_is_kept_where_wanted(made, rng) -> None:
     assert kept.reached.mean() > 0.9
 
     def turned(found) -> np.ndarray:
-        from modelsel.calibration.calibration import compute_pose
+        from modelsel.calibration.prediction import compute_pose
 
         R = compute_pose(
             replace_readings(c.problem(data), found.q), c.terms, c.theta
@@ -377,7 +377,7 @@ def test_orientation_errors_are_said(made, tmp_path) -> None:
         compensate_commands(c, replace(data, rotation=wanted)),
         compensate_commands(c, data),
     )
-    from modelsel.calibration.calibration import compute_pose
+    from modelsel.calibration.prediction import compute_pose
 
     def off(q: np.ndarray) -> np.ndarray:
         R = compute_pose(

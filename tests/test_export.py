@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from test_calibration import wide
 from test_robots import screw_x, screw_z
 
-from modelsel.calibration.calibration import calibrate, predict
+from modelsel.calibration.calibration import calibrate
 from modelsel.calibration.constant_part import (
     compute_points,
     restrict_to_form,
@@ -24,6 +24,7 @@ from modelsel.calibration.constant_part import (
     split_parts,
 )
 from modelsel.calibration.export import FORMS, export
+from modelsel.calibration.prediction import predict
 from modelsel.calibration.storage import calibration_text
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study

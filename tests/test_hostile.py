@@ -23,11 +23,11 @@ from fuzz_base import ROBOT, STUDY, base_files
 from hostile import NAMES, REFUSED
 
 from modelsel._names import guarded, unfit, unguarded
-from modelsel.calibration.calibration import predict
 from modelsel.calibration.constant_part import sample_workspace
 from modelsel.calibration.export import FORMS, export
 from modelsel.calibration.export.python import read_module_data, write_module
-from modelsel.calibration.storage import parse_calibration
+from modelsel.calibration.loading import parse_calibration
+from modelsel.calibration.prediction import predict
 from modelsel.cli.main import run_command_line
 from modelsel.config.fleet_file import read_fleet
 from modelsel.config.study_file import Study, parse_study

@@ -13,9 +13,10 @@ import pytest
 from gauged import ANCHORS, NOISE, TOOL, Campaign, hold
 from hidden_effects import at, one
 
-from modelsel.calibration.calibration import predict
 from modelsel.calibration.experiment_design import build_pool
-from modelsel.calibration.storage import calibration_text, parse_calibration
+from modelsel.calibration.loading import parse_calibration
+from modelsel.calibration.prediction import predict
+from modelsel.calibration.storage import calibration_text
 from modelsel.calibration.validation import judge
 from modelsel.config.study_file import parse_study
 from modelsel.diagnosis.outliers import gross, scale_of
@@ -442,7 +443,7 @@ def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path
     fresh = measurements(q, c.exact(q) + c.noise(50, 3))
     assert np.linalg.norm(predict(stored, stored.problem(fresh)) - c.exact(q), axis=1).mean() < 0.1
     assert not judge(stored, fresh, free_setup=False).drifted
-    with pytest.raises(DataError, match="rows that are no points"):
+    with pytest.raises(DataError, match="some rows are not points"):
         judge(stored, read_measurements(tmp_path / "measurements.csv", ARM), free_setup=False)
 
 

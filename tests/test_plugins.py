@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 
 from modelsel import read_study, run, simulate_study
-from modelsel.calibration.storage import load_calibration
+from modelsel.calibration.loading import load_calibration
 from modelsel.cli.main import run_command_line
 from modelsel.cli.plugin_template import load_plugin, render_plugin, try_mechanisms
 from modelsel.config.study_file import ModelTable

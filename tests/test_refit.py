@@ -17,7 +17,8 @@ from test_calibration import wide
 from modelsel.calibration.calibration import Calibration
 from modelsel.calibration.constant_part import constant_entries, restrict_to_form
 from modelsel.calibration.export import FORMS, export
-from modelsel.calibration.storage import calibration_text, parse_calibration
+from modelsel.calibration.loading import parse_calibration
+from modelsel.calibration.storage import calibration_text
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study, read_study
 from modelsel.exceptions import StudyError
@@ -262,7 +263,7 @@ def test_without_held_out_rows_the_fitted_ones_are_said(form) -> None:
         (lambda r: r["alone"]["geometry"]["estimates"].reverse(), "not of its terms"),
         (lambda r: r["alone"]["geometry"]["estimates"][0].update(symbol="h1"), "other terms"),
         (lambda r: r["alone"].update(drawing=r["alone"]["geometry"]), "not of its terms"),
-        (lambda r: r["alone"]["geometry"].update(held_out_rms_mm=-1.0), "below zero"),
+        (lambda r: r["alone"]["geometry"].update(held_out_rms_mm=-1.0), "at least 0"),
         (lambda r: r["alone"]["geometry"]["estimates"][0].update(value=None), "finite number"),
         (lambda r: r.pop("whole"), "whole"),
     ],

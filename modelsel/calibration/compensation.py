@@ -17,17 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..exceptions import sentence_list
+from ..exceptions import DataError, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import Source
 from ..robot.kinematics import forward
 from ..robot.rigid import rotation_vector
-from .calibration import Calibration, compute_pose, propagate_uncertainty, to_tracker_frame
+from .prediction import compute_pose, propagate_uncertainty, to_tracker_frame
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from .calibration import Calibration
 
 MAX_ITERATIONS = 60
 REACHED_MM = 1e-3  # 1 µm
@@ -205,6 +207,21 @@ def correct(
     ):
         warn(said, stacklevel=2)
     return build_commands_table(c, data, made.q, made.wanted, made.figures())
+
+
+def tabulate_readings(c: Calibration, q: Array) -> pd.DataFrame:
+    """Tabulate joint readings (m, n) [rad, mm] as planned commands. Raises DataError for another
+    number of joints."""
+    import pandas as pd
+
+    if q.ndim != 2 or q.shape[1] != c.robot.n:
+        shape = " x ".join(map(str, q.shape))
+        raise DataError(
+            f"joint readings: expected an array of m x {c.robot.n}, found {shape}.",
+            remedy="Give one row a configuration, one column a joint.",
+        )
+    names = [f"q{j}_{c.robot.unit(j)}" for j in range(1, c.robot.n + 1)]
+    return pd.DataFrame(q, columns=names)
 
 
 def build_commands_table(

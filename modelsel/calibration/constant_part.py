@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,8 +18,11 @@ from ..mechanisms.causes import Cause, Combined, Member, Number
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..robot.rigid import transform, turn
-from .calibration import Calibration, compute_pose
+from .prediction import compute_pose
 from .refitting import part_of, select_carried
+
+if TYPE_CHECKING:
+    from .calibration import Calibration
 
 SAMPLED_CONFIGURATIONS = 400  # configurations that a round trip is measured at
 

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from .._json import Each, Maybe
 from .._typing import Array
 from ..exceptions import NotEstimable
 from ..fitting.design import Model
@@ -22,6 +21,7 @@ from ..measurements.reference_temperature import TEMPERATURE
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term
 from ..selection.evaluation import Evaluation, Split, errors, evaluate
+from .schema import RefitRecord, RefitsRecord
 
 PLACEMENT_NAMES = frozenset(
     ("target", "group", "feature")
@@ -32,12 +32,6 @@ NESTED_FORMS = (
     "geometry",
     "table",
 )  # each carries what the one before it does, and more
-ERRORS = {"estimation_rms_mm": Maybe(float), "held_out_rms_mm": Maybe(float)}
-REFITS = {
-    "whole": ERRORS,
-    "temperature_C": Maybe(float),
-    "alone": {str: {"estimates": Each({"term": int, "symbol": str, "value": float}), **ERRORS}},
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +161,7 @@ def refits_record(refits: Refits, symbols: Sequence[str]) -> dict[str, Any]:
     """As JSON values; `symbols` of the calibration's terms."""
     return {
         "says": "terms that a form can carry, fitted without the others; rms lengths of what is left",
-        "whole": dict(zip(ERRORS, refits.whole, strict=True)),
+        "whole": {"estimation_rms_mm": refits.whole[0], "held_out_rms_mm": refits.whole[1]},
         "temperature_C": refits.mean_celsius,
         "alone": {
             form: {
@@ -183,45 +177,22 @@ def refits_record(refits: Refits, symbols: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def refits_of(record: Mapping[str, Any], model: Model) -> Refits:
-    """The refits of a record of its shape. Raises ValueError where they are not of the model's
-    terms."""
-    terms = model.terms
-    for form, r in record["alone"].items():
-        places = [e["term"] for e in r["estimates"]]
-        if (
-            form not in NESTED_FORMS
-            or places != sorted(set(places))
-            or not set(places) <= set(range(len(terms)))
-        ):
-            raise ValueError(f"what its refits carry alone ({form}) is not of its terms")
-        keep = select_carried(model, form)
-        if any(
-            terms[e["term"]].symbol != e["symbol"] or not keep(terms[e["term"]])
-            for e in r["estimates"]
-        ):
-            raise ValueError(f"what its refits carry alone ({form}) are other terms")
-    if any(
-        (v or 0) < 0
-        for r in (record["whole"], *record["alone"].values())
-        for v in (r[key] for key in ERRORS)
-    ):
-        raise ValueError("an error of its refits is below zero")
+def refits_of(record: RefitsRecord, model: Model) -> Refits:
+    """Return the refits of a record. Raises ValueError where they are not of the model's terms."""
+    alone = {form: _restore_refit(form, refit, model) for form, refit in record.alone.items()}
+    whole = record.whole.estimation_rms_mm, record.whole.held_out_rms_mm
+    return Refits(alone, whole, record.mean_celsius)
 
-    def number(value: float | None) -> float | None:
-        return None if value is None else float(value)
 
-    alone = {
-        form: Refit(
-            tuple(e["term"] for e in r["estimates"]),
-            np.array([float(e["value"]) for e in r["estimates"]]),
-            number(r["estimation_rms_mm"]),
-            number(r["held_out_rms_mm"]),
-        )
-        for form, r in record["alone"].items()
-    }
-    return Refits(
-        alone,
-        (number(record["whole"]["estimation_rms_mm"]), number(record["whole"]["held_out_rms_mm"])),
-        number(record["temperature_C"]),
-    )
+def _restore_refit(form: str, record: RefitRecord, model: Model) -> Refit:
+    places = [estimate.term for estimate in record.estimates]
+    known = form in NESTED_FORMS and set(places) <= set(range(len(model.terms)))
+    if not known or places != sorted(set(places)):
+        raise ValueError(f"what its refits carry alone ({form}) is not of its terms")
+    carries = select_carried(model, form)
+    terms = [model.terms[place] for place in places]
+    symbols = [estimate.symbol for estimate in record.estimates]
+    if symbols != [term.symbol for term in terms] or not all(map(carries, terms)):
+        raise ValueError(f"what its refits carry alone ({form}) are other terms")
+    theta = np.array([estimate.value for estimate in record.estimates])
+    return Refit(tuple(places), theta, record.estimation_rms_mm, record.held_out_rms_mm)

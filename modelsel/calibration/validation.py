@@ -21,7 +21,8 @@ from ..measurements.columns import SMALLEST
 from ..measurements.measurements import Measurements
 from ..robot.rigid import rotation_vector
 from ..setup.placement import kabsch
-from .calibration import Calibration, compute_pose, predict, propagate_uncertainty
+from .calibration import Calibration
+from .prediction import compute_pose, predict, propagate_uncertainty
 
 MAX_P = 0.01  # p below which a calibration is called drifted
 MIN_FACTOR = 1.1  # and the factor above which it is

@@ -20,7 +20,7 @@ def compare_command(before: Path, after: Path, as_json: bool) -> None:
 
     from ..calibration.campaigns import compare_campaigns as compared
     from ..calibration.campaigns import describe_comparison
-    from ..calibration.storage import load_calibration
+    from ..calibration.loading import load_calibration
 
     found = compared(load_calibration(before), load_calibration(after))
     if as_json:

@@ -54,7 +54,6 @@ def compensate_command(
     (left out: where the nominal robot has the target) in the tracker's frame, wanted orientations,
     and what the model needs as well. Commands are written in the units that they were given in."""
     from .._files import write_frame
-    from ..calibration.calibration import predict
     from ..calibration.compensation import (
         build_commands_table,
         describe_extrapolation,
@@ -63,7 +62,8 @@ def compensate_command(
         refuse_large_changes,
     )
     from ..calibration.compensation import compensate_commands as corrected
-    from ..calibration.storage import load_calibration
+    from ..calibration.loading import load_calibration
+    from ..calibration.prediction import predict
     from ..measurements.reader import read_measurements
 
     c = load_calibration(result)

@@ -29,7 +29,7 @@ def export_command(result: Path, form: str, out: Path, as_json: bool) -> None:
     """
     from .._files import write_beside
     from ..calibration.export import export as exported
-    from ..calibration.storage import load_calibration
+    from ..calibration.loading import load_calibration
 
     made = exported(load_calibration(result), form)
     write_beside(out, made.text.encode())

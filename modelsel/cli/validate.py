@@ -25,7 +25,7 @@ def validate_command(
 ) -> None:
     """Whether a stored calibration still holds on new measurements; nothing of it is refitted."""
     from ..calibration.compensation import describe_extrapolation
-    from ..calibration.storage import load_calibration
+    from ..calibration.loading import load_calibration
     from ..calibration.validation import describe_verdict, judge
     from ..measurements.reader import read_measurements
 

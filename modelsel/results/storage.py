@@ -16,8 +16,9 @@ from .._files import write_all
 from .._json import misfit, strict
 from .._json import read as text
 from ..calibration.calibration import Calibration, calibrate
+from ..calibration.loading import load_calibration
 from ..calibration.refitting import refit_forms
-from ..calibration.storage import CALIBRATION_FILE, calibration_text, load_calibration
+from ..calibration.storage import CALIBRATION_FILE, calibration_text
 from ..exceptions import StudyError
 from ..measurements.table import damaged
 from .details import details

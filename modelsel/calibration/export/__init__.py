@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from ...mechanisms.causes import Named
 from ...mechanisms.serialization import cause_from_record, cause_record
 from ...mechanisms.terms import Screw, Term
 from ...robot.rigid import AXES
-from ..calibration import Calibration
 from ..constant_part import (
     Part,
     compute_points,
@@ -41,6 +40,9 @@ from .lookup import (
 )
 from .notes import list_notes
 from .python import to_python
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
 
 
 def export(c: Calibration, form: str) -> Exported:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from ...robot.files import robot_from_table
 from ...robot.kinematics import Robot, forward
 from ...robot.rigid import inverse, transform
 from ...robot.urdf import read_urdf_text, write_urdf
-from ..calibration import Calibration
 from ..constant_part import (
     ConstantChain,
     build_constant_chain,
@@ -23,6 +23,9 @@ from ..constant_part import (
     split_parts,
 )
 from .form import Exported
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
 
 
 def measure_chain(

@@ -6,13 +6,16 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from ..._names import guarded, unguarded
 from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, parse
 from ...mechanisms.terms import Screw, Term
-from ..calibration import Calibration
 from ..constant_part import Part, split_parts
 from .form import Exported, measure_whole
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
 
 HEADER = (
     "target",

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..calibration import Calibration, compute_pose
 from ..constant_part import Part, compute_points, sample_workspace
+from ..prediction import compute_pose
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
 
 
 @dataclass(frozen=True)

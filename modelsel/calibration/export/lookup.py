@@ -8,14 +8,17 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..._typing import Array
 from ...fitting.problem import Problem
 from ...robot.rigid import AXES
-from ..calibration import Calibration
 from ..constant_part import Part
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
 
 MAX_INTERPOLATION_MM = 5e-4  # a grid is halved until what lies between its points is this near
 MAX_POINTS = (8193, 129)  # points along each value, for tables of one and of two

@@ -3,14 +3,18 @@ of which placement."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ...exceptions import sentence_list
 from ...measurements.reference_temperature import TEMPERATURE
 from ...mechanisms.causes import Member
 from ...mechanisms.environment import counted
-from ..calibration import Calibration
 from ..refitting import select_carried
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
 
 
 def list_notes(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import ast
 from collections.abc import Sequence
 from importlib.resources import files
 from pprint import pformat
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,10 +19,13 @@ from ...fitting.design import PLACE
 from ...fitting.problem import Problem
 from ...measurements.reader import RESERVED
 from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
-from ..calibration import Calibration, compute_pose, to_tracker_frame
 from ..constant_part import constant_entries, sample_workspace, split_parts
+from ..prediction import compute_pose, to_tracker_frame
 from .form import Exported
 from .standalone import predicted
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
 
 START = "DATA: Data = "  # of the last line of exported.py, and of what a module has in its place
 
