@@ -635,7 +635,7 @@ def test_validate_does_not_believe_a_stated_uncertainty(rng, tmp_path) -> None:
     record = json.loads((folder / "calibration.json").read_text())
     for held, drifted, words in (
         (0.09, True, "which is expected here instead"),
-        (None, False, "No drift can be told"),
+        (None, False, "Drift cannot be judged"),
     ):
         old = record | {
             "noise_floor": {"coordinate_mm": 40.0, "source": "stated", "freedom": None},
@@ -676,7 +676,7 @@ def test_validate_finds_a_new_target_where_it_registers(rng, tmp_path) -> None:
     new = late.assign(target=late.target.map({"A": "A", "B": "C"}))
     _, found, text = validated(folder, new, "--register")
     assert found["drifted"] is False
-    assert 'Target "C" was not calibrated: where it sits was found from the new data' in text
+    assert 'Target "C" was not calibrated: its place was found from the new data' in text
     assert found["registered"]["target_mm"] < 0.2
     only = new[new.target == "C"]
     assert validated(folder, only, "--register")[1]["drifted"] is False

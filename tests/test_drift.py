@@ -329,8 +329,7 @@ def test_a_change_that_would_have_been_seen_is(rng) -> None:
     assert low <= 4.5 * per_error <= 1.1 * high
     if not same.moved:
         assert (
-            f"of {high:.2g} mm in the worst, would have been seen"
-            in describe_comparison(same)[-1]
+            f"of {high:.2g} mm in the worst, would have been seen" in describe_comparison(same)[-1]
         )
 
 
