@@ -17,7 +17,7 @@ from click.testing import CliRunner
 from modelsel import read_study, run, simulate_study
 from modelsel.calibration.loading import load_calibration
 from modelsel.cli.main import run_command_line
-from modelsel.cli.plugin_template import load_plugin, render_plugin, try_mechanisms
+from modelsel.cli.plugins import Trial, load_plugin, render_plugin, try_mechanisms
 from modelsel.config.study_file import ModelTable
 from modelsel.exceptions import StudyError
 from modelsel.mechanisms.causes import Named, Number, q
@@ -310,6 +310,8 @@ def test_same_robots_same_words(tmp_path) -> None:
     (tmp_path / "wrong.py").write_text(WRONG)
     entries = {"m": lambda robot: bad()}
     assert (
-        try_mechanisms(entries, [PUMA]) == try_mechanisms(entries, [PUMA]) == [("m", "puma760", [])]
+        try_mechanisms(entries, [PUMA])
+        == try_mechanisms(entries, [PUMA])
+        == [Trial("m", "puma760", [])]
     )
-    assert np.all([r for _, r, _ in try_mechanisms(entries, [PUMA, load("ur5")])])
+    assert np.all([trial.robot for trial in try_mechanisms(entries, [PUMA, load("ur5")])])

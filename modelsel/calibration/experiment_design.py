@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from .._linalg import TINY, orthonormal_basis, project_out
 from .._typing import Array
 from ..exceptions import DataError
 from ..fitting.design import design
@@ -22,7 +23,6 @@ from ..mechanisms.terms import Term
 PRIOR_MM = 10.0  # what a term that nothing is known of may move the target, rms: its prior
 MIN_POOL_CHI2 = 1.0  # χ² over a whole pool below which no choice from it tells two apart
 MAX_RIVALS = 6  # of one effect, the most probable
-CRITERIA = ("d", "a", "o1", "o2", "o3", "o4", "o5")
 At = tuple[Sequence[Term], Array]
 
 
@@ -77,7 +77,10 @@ def build_pool(
             remedy="List every target in each, or none.",
         )
     order = np.argsort(possible.data.configuration, kind="stable")
-    measured = _beyond(columns(known), columns(known, features)) if features else columns(known)
+    measured = columns(known)
+    if features:
+        basis = orthonormal_basis(columns(known, features).reshape(-1, len(features)))
+        measured = project_out(measured.reshape(-1, len(distinct)), basis).reshape(measured.shape)
     return Pool(
         distinct,
         measured,
@@ -85,16 +88,6 @@ def build_pool(
         sigma,
         known.data.configurations,
     )
-
-
-def _beyond(columns: Array, features: Array) -> Array:
-    """Columns (K, 3, p) with the span of other columns (K, 3, f) taken out."""
-    flat, other = columns.reshape(-1, columns.shape[2]), features.reshape(-1, features.shape[2])
-    U, singular, _ = np.linalg.svd(
-        other / np.maximum(np.linalg.norm(other, axis=0), 1e-300), full_matrices=False
-    )
-    Q = U[:, singular > 1e-9]
-    return np.asarray((flat - Q @ (Q.T @ flat)).reshape(columns.shape))
 
 
 # -- rivals
@@ -169,7 +162,7 @@ def _naming_probability(size: Array, left: Array) -> Array:
     = left/size."""
     from scipy.special import ndtr
 
-    rho = np.sqrt(np.clip(1 - left / np.maximum(size, 1e-300), 0, 1))
+    rho = np.sqrt(np.clip(1 - left / np.maximum(size, TINY), 0, 1))
     # a from `left` itself: 1 − ρ of two that are nearly alike would cancel
     a, b = np.sqrt(left / (2 * (1 + rho))), np.sqrt(size * (1 + rho) / 2)
     return np.asarray(ndtr(a) * ndtr(b) + ndtr(-a) * ndtr(-b))
@@ -259,7 +252,7 @@ def _indices(information: Array, configurations: int) -> dict[str, Array]:
     """Criteria, larger is better, of informations (…, p, p) of unit-scaled columns: D and A as -log
     det and -log trace of the covariance; O1 … O5 from the singular values (Sun & Hollerbach 2008,
     table I)."""
-    squares = np.maximum(np.linalg.eigvalsh(information), 1e-300)
+    squares = np.maximum(np.linalg.eigvalsh(information), TINY)
     s = np.sqrt(squares)
     low, high = s[..., 0], s[..., -1]
     return {

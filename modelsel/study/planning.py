@@ -179,7 +179,7 @@ def plan(
     result: Result, c: Calibration, possible: Measurements, count: int, purpose: str | None
 ) -> Planned:
     """`count` configurations of a pool: to tell the study's rivals apart ("rivals", the default
-    where it has any), or by one of the criteria of `plan.CRITERIA` for the chosen model's terms
+    where it has any), or by one of the criteria of `_choices.PLAN_CRITERIA` for the chosen model's terms
     ("d" is the default elsewhere). Raises DataError or StudyError."""
     fitted = result.chosen.fit
     sets = rivals_of(result)

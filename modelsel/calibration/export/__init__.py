@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..._choices import EXPORT_FORMS
 from ..._names import quoted, unfit
-from ...exceptions import StudyError
+from ..._typing import Array
+from ...exceptions import StudyError, suggest
 from ...mechanisms.causes import Named
 from ...mechanisms.serialization import cause_from_record, cause_record
 from ...mechanisms.terms import Screw, Term
@@ -46,37 +48,49 @@ if TYPE_CHECKING:
 
 
 def export(c: Calibration, form: str) -> Exported:
-    """A calibration as "urdf", "dh", "mdh", "json", "csv", "python" or "table"; of a form that
-    cannot carry all of it, the best robot that it can carry, refitted. Raises StudyError where a
-    name cannot be one."""
-    named = [
-        ("study", c.study),
-        ("robot", c.robot.name),
-        *(("target", t) for t in c.targets),
-        *(("group", g) for g in c.groups),
-    ]
-    if wrong := [
-        f"{what} {quoted(name)}: not a name: {why}."
-        for what, name in named
-        if (why := unfit(name)) is not None
-    ]:
-        raise StudyError(*wrong)
-    what = resolve_form(c, CARRIES.get(form, "whole"))
-    own, notes = restrict_to_form(c, what), list_notes(c, what, form in GEOMETRY)
-    made, difference = FORMS[form](own, notes), []
-    for t in range(len(c.targets) if form in GEOMETRY else 1):
-        at = sample_workspace(c, t)
-        difference.append(
-            compute_points(at, [*chain(*split_parts(c, t))])
-            - compute_points(at, [*chain(*split_parts(own, t))])
-        )
+    """Export a calibration as "urdf", "dh", "mdh", "json", "csv", "python" or "table".
+
+    A form that cannot carry all of it gets the best robot that it can carry, refitted. Raises
+    StudyError for another form, or where a name cannot be written.
+    """
+    if form not in FORMS:
+        raise StudyError(f'unknown form "{form}". {suggest(form, FORMS)}')
+    _check_names(c)
+    geometry = form in GEOMETRY
+    carried = resolve_form(c, CARRIES.get(form, "whole"))
+    restricted = restrict_to_form(c, carried)
+    notes = list_notes(c, carried, geometry)
+    made = FORMS[form](restricted, notes)
+    targets = range(len(c.targets) if geometry else 1)
+    differences = [_measure_left_out(c, restricted, target) for target in targets]
     return replace(
         made,
-        left_out=describe_left_out(list_left_out(c, what)),
-        left_out_mm=rms_and_max(np.concatenate(difference)),
+        left_out=describe_left_out(list_left_out(c, carried)),
+        left_out_mm=rms_and_max(np.concatenate(differences)),
         notes=(*notes, *made.notes),
-        errors=None if c.refits is None else c.refits.errors(what),
+        errors=None if c.refits is None else c.refits.errors(carried),
     )
+
+
+def _check_names(c: Calibration) -> None:
+    """Raise StudyError with every name that cannot be written."""
+    names = [("study", c.study), ("robot", c.robot.name)]
+    names += [("target", target) for target in c.targets]
+    names += [("group", group) for group in c.groups]
+    reasons = [(kind, name, unfit(name)) for kind, name in names]
+    problems = [
+        f"{kind} {quoted(name)}: not a name: {reason}." for kind, name, reason in reasons if reason
+    ]
+    if problems:
+        raise StudyError(*problems)
+
+
+def _measure_left_out(c: Calibration, restricted: Calibration, target: int) -> Array:
+    """Return displacements (m, 3) [mm] of a target between the whole and the restricted model."""
+    problem = sample_workspace(c, target)
+    whole = [*chain(*split_parts(c, target))]
+    kept = [*chain(*split_parts(restricted, target))]
+    return compute_points(problem, whole) - compute_points(problem, kept)
 
 
 # -- corrections: everything the model says, as rows
@@ -163,15 +177,17 @@ def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     )
 
 
-FORMS: dict[str, Callable[[Calibration, Sequence[str]], Exported]] = {
-    "urdf": to_urdf,
-    "dh": lambda c, notes: to_dh(c, False, notes),
-    "mdh": lambda c, notes: to_dh(c, True, notes),
-    "json": to_json,
-    "csv": to_csv,
-    "python": to_python,
-    "table": to_table,
-}
+Writer = Callable[["Calibration", Sequence[str]], Exported]
+_WRITERS: tuple[Writer, ...] = (
+    to_urdf,
+    lambda c, notes: to_dh(c, False, notes),
+    lambda c, notes: to_dh(c, True, notes),
+    to_json,
+    to_csv,
+    to_python,
+    to_table,
+)
+FORMS: dict[str, Writer] = dict(zip(EXPORT_FORMS, _WRITERS, strict=True))
 GEOMETRY = ("urdf", "dh", "mdh")
 CARRIES = {**dict.fromkeys(GEOMETRY, "geometry"), "table": "table"}  # others carry the whole model
 __all__ = ["FORMS", "Exported", "export"]
