@@ -1,4 +1,5 @@
-"""The laws that every mechanism obeys, on any robot: a new one needs no test of its own.
+"""The laws that every mechanism obeys, on any robot: `check_mechanism` is all the test that a new
+one needs.
 
 L1 its columns are derivatives of the exact chain; L2 its rows are local; L3 it is linear in its
 causes; L4 planted, it comes back; L5 its symbols are unique and its units derive; L6 it is a value
@@ -35,11 +36,11 @@ TOOL_MM = (40.0, -25.0, 100.0)
 
 
 class LawBroken(AssertionError):
-    """What a mechanism does that none may do."""
+    """A mechanism breaks a law: which, and where."""
 
 
 def require(holds: object, what: str) -> None:
-    """Raises LawBroken with what is wrong, unless it holds."""
+    """Raise LawBroken with what is wrong, unless it holds."""
     if not holds:
         raise LawBroken(what)
 
@@ -47,8 +48,8 @@ def require(holds: object, what: str) -> None:
 def simulate_campaign(
     robot: Robot, rng: np.random.Generator, m: int, needs: frozenset[str] = frozenset()
 ) -> Problem:
-    """m configurations within the limits, measured where the nominal robot has the target off its
-    last axis, with every covariate that is known and those that are needed."""
+    """Simulate m configurations within the limits, measured where the nominal robot has a target off
+    its last axis, with every known covariate and those that are needed."""
     q, tool = robot.draw(rng, m), np.array(TOOL_MM)
     covariates: dict[str, Array] = {
         "payload_kg": rng.uniform(0, 5, m),
@@ -65,7 +66,7 @@ def simulate_campaign(
 
 
 def find_broken_laws(mechanism: Mechanism, robot: Robot, rng: np.random.Generator) -> list[str]:
-    """What of the laws a mechanism breaks, in words; empty where it obeys them all."""
+    """List the laws that a mechanism breaks, in words; empty where it obeys them all."""
     at, out = simulate_campaign(robot, rng, CONFIGURATIONS, mechanism.names()), []
     for one in LAWS:
         try:
@@ -78,14 +79,27 @@ def find_broken_laws(mechanism: Mechanism, robot: Robot, rng: np.random.Generato
 
 
 def check_mechanism(mechanism: Mechanism, robot: Robot, rng: np.random.Generator) -> None:
-    """Every law in turn. Raises LawBroken."""
+    """Check every law for a mechanism on a robot. Raises LawBroken with all that it breaks.
+
+    For the tests of a plug-in:
+
+        import numpy as np
+        from modelsel import load
+        from modelsel.testing import check_mechanism
+
+        from hose_twist import build
+
+        def test_hose_twist():
+            robot = load("puma760")
+            check_mechanism(build(robot), robot, np.random.default_rng(0))
+    """
     found = find_broken_laws(mechanism, robot, rng)
     require(not found, "; ".join(found))
 
 
 def draw_size(term: Term, rng: np.random.Generator, share: float = 1.0) -> float:
-    """A size of the term's usual range (nought where it has none), either sign where physics gives
-    none."""
+    """Draw a size from the term's usual range (from zero where it has none), with either sign where
+    physics gives none."""
     low, high = term.size or (0.0, 1e-3)
     return share * rng.uniform(low, high) * (term.sign or rng.choice([-1, 1]))
 
@@ -270,7 +284,7 @@ def law5_symbols_and_units(mechanism: Mechanism, at: Problem, rng: np.random.Gen
 
 
 def list_named(cause: object) -> list[tuple[str, str]]:
-    """(name, unit) of every name in a cause."""
+    """List name and unit of every name in a cause."""
     if isinstance(cause, causes.Named):
         return [(cause.name, cause.dimension)]
     return (

@@ -4,17 +4,22 @@ cannot know."""
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from builders import drawn, planted
 
 from modelsel.calibration.calibration import Calibration, calibrate
+from modelsel.calibration.compensation import correct, tabulate_readings
+from modelsel.calibration.export import export
 from modelsel.calibration.loading import load_calibration, parse_calibration
 from modelsel.calibration.prediction import predict, propagate_uncertainty, to_tracker_frame
 from modelsel.calibration.refitting import refit_forms
+from modelsel.calibration.schema import CalibrationRecord
 from modelsel.calibration.storage import CALIBRATION_FILE, calibration_text
 from modelsel.config.study_file import read_study
 from modelsel.exceptions import DataError, StudyError
@@ -201,3 +206,83 @@ def test_frame_and_notebook(result) -> None:
     assert row["estimate"] == stored.theta[[t.symbol for t in stored.terms].index("w54")]
     assert "<table" in replace(stored, study="<script>")._repr_html_()
     assert "<script>" not in replace(stored, study="<script>")._repr_html_()
+
+
+def test_methods_are_the_functions(result, tmp_path) -> None:
+    stored = calibration_of(result)
+    data = result.data.problem.data
+    positions = stored.predict(data)
+    np.testing.assert_array_equal(positions, predict(stored, stored.problem(data)))
+    assert stored.export("urdf") == export(stored, "urdf")
+    path = stored.save(tmp_path)
+    assert path == tmp_path / CALIBRATION_FILE
+    assert path.read_text() == calibration_text(stored)
+    with pytest.raises(StudyError, match='Did you mean "urdf"'):
+        stored.export("urfd")
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_readings_are_corrected_as_a_table_of_them(result) -> None:
+    stored = calibration_of(result)
+    q = result.data.problem.data.q[10:15]
+    table = stored.correct(q)
+    pd.testing.assert_frame_equal(table, correct(stored, tabulate_readings(stored, q)))
+    moved = table[[f"q{j}_rad" for j in range(1, 7)]].to_numpy() - q
+    assert 0 < np.abs(moved).max() < 0.01
+    with pytest.raises(DataError, match="expected an array of m x 6, found 5 x 2"):
+        stored.correct(q[:, :2])
+    with pytest.raises(DataError, match="beyond the bound"):
+        stored.correct(q, bound=(1e-9, 1e-9))
+
+
+def test_the_schema_describes_the_file(result) -> None:
+    schema = CalibrationRecord.model_json_schema(by_alias=True)
+    written = json.loads(calibration_text(calibration_of(result)))
+    assert set(schema["required"]) <= written.keys() <= schema["properties"].keys()
+    record = CalibrationRecord.model_validate(written)
+    assert record.to_dict() == written
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "says"),
+    [
+        (
+            ("noise_floor", "coordinate_mm"),
+            -1.0,
+            "noise_floor.coordinate_mm: expected a number at least 0",
+        ),
+        (
+            ("noise_floor", "freedom"),
+            0.0,
+            "noise_floor.freedom: expected a number above 0, found 0.0",
+        ),
+        (("held_out_rms_mm",), -1.0, "held_out_rms_mm: expected a number at least 0"),
+        (("ranges", "q1"), [1.0, 0.0], "ranges.q1: expected the lower bound first"),
+        (("ranges", "q1"), [1.0], "ranges.q1: expected a list of at least 2, found a list of 1"),
+        (("targets",), [], "targets: expected a list of at least 1, found a list of 0"),
+        (("registered",), 1, "registered: expected true or false, found 1"),
+        (
+            ("mechanisms", 0, "terms", 0, "screws", 0, "axis"),
+            "up",
+            "mechanisms.1.terms.1.screws.1.axis: expected one of",
+        ),
+        (
+            ("mechanisms", 0, "terms", 0, "screws", 0, "cause"),
+            {"number": "1", "unit": "1"},
+            "screws.1.cause.number: expected a finite number",
+        ),
+        (
+            ("mechanisms", 0, "terms", 0, "screws", 0, "cause"),
+            {"eval": "1"},
+            "screws.1.cause: expected a cause, found a table",
+        ),
+    ],
+)
+def test_damage_is_said_with_its_place(keys, value, says, result) -> None:
+    record = json.loads(calibration_text(calibration_of(result)))
+    inner = record
+    for key in keys[:-1]:
+        inner = inner[key]
+    inner[keys[-1]] = value
+    with pytest.raises(StudyError, match=re.escape(says)):
+        parse_calibration(json.dumps(record))

@@ -3,6 +3,7 @@ from text."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -124,7 +125,10 @@ KEYS = ("number", "name", "function", "operator", "member", "spline")  # one nam
 
 
 def _kind(value: Any) -> str | None:
-    keys = value if isinstance(value, dict) else ()
+    """Return the tag of a cause's kind: the key that it alone has."""
+    keys = type(value).model_fields if isinstance(value, _CauseRecord) else value
+    if not isinstance(keys, Mapping):
+        return None
     return next((f"<{key}>" for key in KEYS if key in keys), None)
 
 
