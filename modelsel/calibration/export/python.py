@@ -22,7 +22,7 @@ from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
 from ..constant_part import constant_entries, sample_workspace, split_parts
 from ..prediction import compute_pose, to_tracker_frame
 from .form import Exported
-from .standalone import predicted
+from .standalone import predict_both
 
 if TYPE_CHECKING:
     from ..calibration import Calibration
@@ -120,9 +120,9 @@ def to_python(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     there = read_module_data(text)
 
     def run(t: int, at: Problem) -> Array:
-        return predicted(there, at.data.q, c.targets[t], {n: at.value(n) for n in there["needs"]})[
-            1
-        ]
+        return predict_both(
+            there, at.data.q, c.targets[t], {n: at.value(n) for n in there["needs"]}
+        )[1]
 
     worst = 0.0
     for t in range(len(c.targets)):
