@@ -206,7 +206,7 @@ def law4_plant_and_recover(mechanism: Mechanism, at: Problem, rng: np.random.Gen
             - residuals(at, terms, theta)[:, :3]
             + rng.normal(0, SIGMA, (len(at), 3))
         )
-        found = fit(at.anew(whiten=1 / SIGMA, data=replace(at.data, position=position)), model)
+        found = fit(replace(at, whiten=1 / SIGMA, data=replace(at.data, position=position)), model)
         law(found.found.kept, f"L4: {mechanism.name} moves nothing")
         error = found.found.relation.T @ (found.theta - theta)
         spread = np.sqrt(

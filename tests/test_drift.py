@@ -151,9 +151,8 @@ def test_the_beam_is_as_long_as_where_the_tracker_now_stands(rng) -> None:
     model, theta = truth(("geometric", "refraction"))  # 0.09 mm at 3 m, 0.7 mm at 8 m
 
     def seen_from(place: tuple[float, float, float], m: int) -> Problem:
-        at = drawn(ROBOT, rng, m).anew(
-            placement=(np.eye(3)[None], np.array([place])), whiten=1 / NOISE
-        )
+        placement = (np.eye(3)[None], np.array([place]))
+        at = replace(drawn(ROBOT, rng, m), placement=placement, whiten=1 / NOISE)
         return planted(at, model.terms, theta, rng, NOISE)
 
     at, rows = seen_from((3000.0, 0.0, 0.0), 120), np.ones(120, bool)

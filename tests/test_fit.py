@@ -152,7 +152,7 @@ def test_dependent_terms_are_put_back(late, rng, monkeypatch) -> None:
     load_ = np.full(400, 2.0)
     load_[157] += late  # a payload that changes in one row, which no probe of 20 sees
     data = replace(at.data, covariates={**at.data.covariates, "payload_kg": load_})
-    at = at.anew(data=data)
+    at = replace(at, data=data)
     plain = reduce_problem(at, which.terms)
     monkeypatch.setattr(reducer, "PROBE", (20, 100))
     monkeypatch.setattr(reducer, "STREAM", 64)

@@ -135,7 +135,7 @@ def test_payload_tilt_turns_frame_0_with_the_moment_of_the_load(down, rng) -> No
     """Standing, leaning and on a wall: the columns are kilograms times (lever x down) about the
     axis, times (axis x target)."""
     at = drawn("ur10", rng, 10)
-    at = at.anew(robot=replace(at.robot, gravity=down))
+    at = replace(at, robot=replace(at.robot, gravity=down))
     tilt = mechanism("payload-tilt", at.robot)
     columns = design(at, tilt.terms)[0]
     moved = at.data.covariates["payload_kg"][:, None] * np.cross(at.data.position, down)

@@ -373,13 +373,13 @@ def test_every_target_is_seen_at_every_configuration(rng) -> None:
     assert len(possible) == 14
     assert possible.configurations == 7
     tools = np.array([[40.0, 0, 100], [0, 60.0, 100]])
-    known, more = (at.anew(data=data, tools=tools) for data in (at.data, possible))
+    known, more = (replace(at, data=data, tools=tools) for data in (at.data, possible))
     p = pool(known, more, GEOMETRY.terms, ((), np.zeros(0)), SIGMA)
     assert p.possible.shape == (7, 6, len(GEOMETRY.terms))
     assert p.configurations == 20
     c = load_calibration_like(known)
     np.testing.assert_allclose(table_of(c, possible, [4, 2])["q3_rad"], q[[4, 2], 2])
-    torn = more.anew(data=possible.take(np.arange(13)))
+    torn = replace(more, data=possible.take(np.arange(13)))
     with pytest.raises(DataError, match="different numbers of rows"):
         pool(known, torn, GEOMETRY.terms, ((), np.zeros(0)), SIGMA)
 

@@ -574,7 +574,7 @@ def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
     if kind == "targets":
         more = {"target": np.array(["a", "b"] * 15)}
     at = drawn(arm, rng, 30)
-    at = at.anew(data=measurements(joints, position, **more))  # type: ignore[arg-type]
+    at = replace(at, data=measurements(joints, position, **more))  # type: ignore[arg-type]
     at = replace(at, tools=np.tile(at.tools[:1], (len(at.data.targets), 1)))
     if kind == "orientation":
         turned = np.einsum("ijm->mij", at.pose(slice(None)).rotation)

@@ -197,7 +197,7 @@ def test_bootstrap_is_the_cluster_robust_formula(rng: np.random.Generator) -> No
         q=bare.data.q[np.arange(40) // 2 * 2],
     )
     model = Model((one(1, "tx"), one(1, "rz"), one(2, "rz"), one(2, "rz", sin(q(1)))))
-    at = planted(bare.anew(data=pairs), model.terms, np.zeros(4))
+    at = planted(replace(bare, data=pairs), model.terms, np.zeros(4))
     lump = np.repeat(rng.normal(0, 0.1, (20, 3)), 2, axis=0)
     at = replace(at, data=replace(at.data, position=at.data.position + lump))
     fitted = fit(at, model)

@@ -93,7 +93,7 @@ class Commands:
 def commanded(at: Problem, q: Array) -> Problem:
     """The problem at other joint readings, all else as it was: the direction and size of the moves
     are those of the plan."""
-    return at.anew(data=replace(at.data, q=q))
+    return replace(at, data=replace(at.data, q=q))
 
 
 def nominal(at: Problem) -> Array:

@@ -12,7 +12,7 @@ from .._typing import Array
 from ..fitting.design import PLACE
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements, measurements
-from ..measurements.reader import RESERVED
+from ..measurements.state_names import is_state_name
 from ..mechanisms.causes import Cause, Combined, Member, Number
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
@@ -158,7 +158,7 @@ def workspace(c: Calibration, target: int = 0, group: int = 0, m: int = TRIED) -
         target=[c.targets[target]] * m,
         group=[c.groups[group]] * m,
         approach=rng.choice([-1.0, 1.0], q.shape),
-        covariates={n: v for n, v in values.items() if not RESERVED.fullmatch(n)},
+        covariates={n: v for n, v in values.items() if not is_state_name(n)},
     )
     move = np.stack([values.get(f"move{j}", np.ones(m)) for j in range(1, c.robot.n + 1)], 1)
     return c.problem(replace(data, move=move))

@@ -63,8 +63,8 @@ def pool(known: Problem, possible: Problem, terms: Sequence[Term], at: At, sigma
     features = tuple({t.screws: t for t in terms if t.fixture}.values())
 
     def columns(problem: Problem, of: Sequence[Term] = distinct) -> Array:
-        plain = problem.anew(
-            whiten=1.0, data=replace(problem.data, rotation=None), tool_rotations=None
+        plain = replace(
+            problem, whiten=1.0, data=replace(problem.data, rotation=None), tool_rotations=None
         )
         return design(plain, of, at)[0]
 

@@ -108,7 +108,9 @@ def _registered(
     groups = len(start.placement[0])
     shifted = replace(start.data, position=x - np.einsum("ij,mjk,mk->mi", R, axes, offset[which]))
     return (
-        start.anew(placement=(np.tile(R, (groups, 1, 1)), np.tile(t, (groups, 1))), data=shifted),
+        replace(
+            start, placement=(np.tile(R, (groups, 1, 1)), np.tile(t, (groups, 1))), data=shifted
+        ),
         moved,
         free,
     )

@@ -3,7 +3,7 @@ weights that follow."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -157,4 +157,4 @@ def weigh(
             spread_r = np.full((len(data), 3), rotation_rad or 1e-3 / weight)
         whole[:, 3:, 3:] = np.einsum("mi,ij->mij", 1 / spread_r, np.eye(3))
         blocks = whole
-    return problem.anew(whiten=weight if blocks is None else blocks, tracker=at), floor
+    return replace(problem, whiten=weight if blocks is None else blocks, tracker=at), floor

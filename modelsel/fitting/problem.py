@@ -9,19 +9,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._typing import Array, Index
+from .._typing import Array, Index, Rows
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Cause
-from ..robot.gravity import moment, moments, unit_moments
 from ..robot.kinematics import Pose, Robot, pose
 from .observation import Fixtures, readings
+from .state_variables import Bound, StateVariables
 
-REMEMBER = 20_000  # rows up to which causes are kept once evaluated
 NOWHERE = Fixtures.unknown(0)
 BLOCK = 4096  # rows: the arrays of one block stay in cache
 
@@ -43,8 +41,24 @@ class Problem:
         0.0,
     )  # the instrument's own position, for range_mm
     fixtures: Fixtures = NOWHERE  # where features stand, of rows that are no points
-    _values: dict[str, Array] = field(default_factory=dict, repr=False)
-    _causes: dict[Cause, Array | float] = field(default_factory=dict, repr=False)
+    _state: StateVariables | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        tools = np.atleast_2d(np.asarray(self.tools, dtype=float))
+        object.__setattr__(self, "tools", tools)
+        if self._state is None or not self._state.belongs_to(*self._bound):
+            object.__setattr__(self, "_state", StateVariables(*self._bound))
+
+    @property
+    def _bound(self) -> Bound:
+        """What the state variables depend on."""
+        return self.robot, self.data, self.tools, self.placement, self.tracker
+
+    @property
+    def state(self) -> StateVariables:
+        """The state variables of the rows, with what has been evaluated of them."""
+        assert self._state is not None
+        return self._state
 
     def __len__(self) -> int:
         return len(self.data)
@@ -83,7 +97,7 @@ class Problem:
         """The same rows as points alone, unweighted: without orientations and what rows that are no
         points measure."""
         data = replace(self.data, rotation=None, sigma_rotation=None, gauges=None)
-        return self.anew(data=data, tool_rotations=None, whiten=1.0)
+        return replace(self, data=data, tool_rotations=None, whiten=1.0)
 
     @cached_property
     def bare(self) -> Problem:
@@ -99,7 +113,7 @@ class Problem:
         if gauges is None or gauges.origin is None:
             return None
         data = replace(gauges.origin, position=np.zeros((len(self), 3)))
-        return self.anew(data=data, whiten=1.0)
+        return replace(self, data=data, whiten=1.0)
 
     @cached_property
     def readings(self) -> Array:
@@ -112,22 +126,12 @@ class Problem:
         """(m, 3) nominal target of every row."""
         return self.tools[self.data.target]
 
-    def anew(self, **changes: Any) -> Problem:
-        """The same with some fields changed that causes look at: nothing evaluated before is
-        remembered."""
-        return replace(self, **changes, _values={}, _causes={})
-
-    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Problem:
-        """The problem of some rows; values already evaluated come along, so causes stay local in
-        rows."""
+    def take(self, index: Rows) -> Problem:
+        """Return the problem of some rows; values already evaluated come along, so causes stay
+        local in rows."""
         whiten = self.whiten if isinstance(self.whiten, float) else self.whiten[index]
-        return replace(
-            self,
-            data=self.data.take(index),
-            whiten=whiten,
-            _causes={},
-            _values={name: values[index] for name, values in self._values.items()},
-        )
+        data = self.data.take(index)
+        return replace(self, data=data, whiten=whiten, _state=self.state.take(index, data))
 
     def pose(self, rows: slice, twist: Array | None = None) -> Pose:
         """Kinematics of a block of rows in frame 0; twist (n+1, 6, rows)."""
@@ -144,135 +148,22 @@ class Problem:
         for rows in self.blocks(size):
             yield rows, self if rows.stop - rows.start == len(self) else self.take(rows)
 
-    def cause(self, cause: Cause) -> Array | float:
-        """A cause at every row, evaluated once where the data are few enough to keep it."""
-        known = self._causes.get(cause)
-        if known is None:
-            known = cause.of(self)
-            if len(self) <= REMEMBER:
-                self._causes[cause] = known
-        return known
-
     # -- the state that causes look at
     # -------------------------------------------------------------------------------
 
     def names(self) -> dict[str, str]:
-        """Every name a cause may use on these data, with its unit."""
-        n = self.robot.n
-        known = {f"q{j}": self.robot.unit(j) for j in range(1, n + 1)} | {
-            "x_mm": "mm",
-            "y_mm": "mm",
-            "z_mm": "mm",
-            "range_mm": "mm",
-            "target": "1",
-            "group": "1",
-            "progress": "1",
-        }
-        known |= {f"approach{j}": "1" for j in range(1, n + 1)} | {
-            f"move{j}": self.robot.unit(j) for j in range(1, n + 1)
-        }
-        if self.robot.gravity is not None:
-            known |= {
-                f"torque{j}": "N" if self.robot.joints[j - 1].prismatic else "N m"
-                for j in range(1, n + 1)
-            }
-            known |= {f"moment_{axis}": "N m" for axis in "xyz"} | {
-                f"down_{axis}": "1" for axis in "xyz"
-            }
-            known |= {f"moment{j}_{axis}": "N m" for j in range(1, n + 1) for axis in "xy"}
-            bodies = [(j, k) for j in range(1, n + 1) for k in range(j + 1, n + 2)]
-            known |= {
-                f"{stem}_{k}": "N m/kg"
-                for j, k in bodies
-                for stem in (f"moment{j}_x", f"moment{j}_y", f"torque{j}")
-            }
-        return known | {name: unit_of(name) for name in self.data.covariates}
+        """Return every name that a cause may use on these data, with its unit."""
+        return self.state.names()
 
     def value(self, name: str) -> Array:
-        """(m,) values of a name at every row; KeyError for one these data do not have."""
-        if name not in self._values:
-            self._values.update(self._evaluate(name))
-        return self._values[name]
+        """Return the values (m,) of a state variable; raises KeyError for one these data do not
+        have."""
+        return self.state.value(name)
 
-    def _evaluate(self, name: str) -> dict[str, Array]:
-        data = self.data
-        if name in data.covariates:
-            return {name: data.covariates[name]}
-        if name == "feature":
-            return {
-                name: np.full(len(data), -1.0)
-                if data.gauges is None
-                else data.gauges.feature.astype(float)
-            }
-        if name in ("target", "group", "progress"):
-            return {name: np.asarray(getattr(data, name), float)}
-        for stem, values in (("q", data.q), ("approach", data.approach), ("move", data.move)):
-            if name.removeprefix(stem).isdigit() and name.startswith(stem):
-                return {f"{stem}{j + 1}": values[:, j] for j in range(self.robot.n)}
-        if name not in self.names():
-            raise KeyError(name)
-        return self._by_pose(name)
-
-    def _by_pose(self, name: str) -> dict[str, Array]:
-        """What the chain's pose decides, with what comes along at no cost: moments of many kinds,
-        and one rarely needs all."""
-        data = self.data
-        at, robot = self.pose(slice(None)), self.robot
-        if name in ("x_mm", "y_mm", "z_mm", "range_mm"):
-            R, t = self.placement
-            seen = (
-                np.einsum("mij,jm->mi", R[data.group], at.target)
-                + t[data.group]
-                - np.array(self.tracker)
-            )
-            return dict(zip(("x_mm", "y_mm", "z_mm"), at.target, strict=True)) | {
-                "range_mm": np.linalg.norm(seen, axis=1)
-            }
-        if name.startswith("down_"):
-            down = np.einsum("aim,i->am", at.axes[-1, :3], np.array(robot.gravity))
-            return {f"down_{axis}": row for axis, row in zip("xyz", down, strict=True)}
-        if name.startswith("moment_"):
-            return {
-                f"moment_{axis}": row
-                for axis, row in zip("xyz", moment(robot, at, data.q), strict=True)
-            }
-        if name.count("_") == 1 + name.startswith(
-            "moment"
-        ):  # moment2_x_3, torque2_3: of 1 kg at one frame
-            return {
-                each: row
-                for (j, k), rows in unit_moments(robot, at).items()
-                for each, row in zip(
-                    (f"moment{j}_x_{k}", f"moment{j}_y_{k}", f"torque{j}_{k}"), rows, strict=True
-                )
-            }
-        bends = moments(robot, at, data.q)
-        return {f"torque{j + 1}": m[2] for j, m in enumerate(bends)} | {
-            f"moment{j + 1}_{axis}": m[a]
-            for j, m in enumerate(bends)
-            for a, axis in enumerate("xy")
-        }
-
-
-def unit_of(name: str) -> str:
-    """Unit of a covariate by the last part of its name: temperature_C -> "°C", payload_kg -> "kg";
-    else the name itself."""
-    last = name.rpartition("_")[2]
-    return (
-        {
-            "C": "°C",
-            "K": "K",
-            "kg": "kg",
-            "s": "s",
-            "mm": "mm",
-            "rad": "rad",
-            "N": "N",
-            "A": "A",
-            "h": "h",
-        }.get(last, name)
-        if "_" in name
-        else name
-    )
+    def cause(self, cause: Cause) -> Array | float:
+        """Return a cause at every row, (m,) or one number; evaluated once where the data are few
+        enough to keep it."""
+        return self.state.cause(cause)
 
 
 def make_problem(robot: Robot, data: Measurements, tools: Array, groups: int = 1) -> Problem:

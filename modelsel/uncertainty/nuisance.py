@@ -107,7 +107,7 @@ def along_beam(problem: Problem, instrument: Instrument) -> Problem:
     sigma = np.sqrt(np.einsum("mai,mij,maj->ma", basis, spread, basis))
     whiten = problem.whiten.copy()
     whiten[:, :3, :3] = basis / sigma[:, :, None]
-    return problem.anew(whiten=whiten)
+    return replace(problem, whiten=whiten)
 
 
 def single(of: Components) -> Components:

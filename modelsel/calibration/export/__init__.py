@@ -129,7 +129,7 @@ def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     text = write_tables([*still(constants(c)), *made])
     read = read_table(text, at)
     tabled = {f"table_{k}": values for k, (_, _, values) in enumerate(read)}
-    bound = at.anew(data=replace(at.data, covariates={**at.data.covariates, **tabled}))
+    bound = replace(at, data=replace(at.data, covariates={**at.data.covariates, **tabled}))
     again = [
         Part("table", Term("", (Screw(frame, axis, Named(f"table_{k}")),)), 1.0, 0.0)
         for k, (frame, axis, _) in enumerate(read)

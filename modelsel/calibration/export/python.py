@@ -17,7 +17,7 @@ import numpy as np
 from ..._typing import Array
 from ...fitting.design import PLACE
 from ...fitting.problem import Problem
-from ...measurements.reader import RESERVED
+from ...measurements.state_names import is_state_name
 from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
 from ..calibration import Calibration, in_tracker, pose_of
 from ..constant_part import constants, parts, workspace
@@ -103,7 +103,7 @@ def given(c: Calibration) -> list[str]:
     return sorted(
         n
         for n in c.needs() - {"target", "group"}
-        if n.startswith(("approach", "move")) or n == "progress" or not RESERVED.fullmatch(n)
+        if n.startswith(("approach", "move")) or n == "progress" or not is_state_name(n)
     )
 
 
