@@ -33,7 +33,7 @@ from modelsel.diagnosis.procedure import explain
 from modelsel.diagnosis.unexplained import predictable
 from modelsel.fitting.design import residuals
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import every
 from modelsel.robot.kinematics import forward
@@ -100,7 +100,7 @@ def configurations(condition: str, rng: np.random.Generator) -> Array:
 def campaign(condition: str, rng: np.random.Generator) -> tuple[Problem, Array]:
     """(a study in which geometry alone is wrong, its parameters)."""
     q = configurations(condition, rng)
-    at = make_problem(
+    at = Problem(
         ARM,
         measurements(q, forward(ARM, q, TOOL), group=np.repeat(np.arange(GROUPS), EACH)),
         TOOL[None],

@@ -27,7 +27,7 @@ from modelsel.diagnosis.procedure import explain
 from modelsel.fitting.design import Model as Terms
 from modelsel.fitting.design import design, residuals
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import every
@@ -83,7 +83,7 @@ def campaign(
         target=[f"r{t}" for t in target],
         group=np.repeat(np.arange(times), len(angles) // times) if times > 1 else None,
     )
-    at = make_problem(robot, data, tools)
+    at = Problem(robot, data, tools)
     truth = np.zeros(len(base.terms))
     kept = list(fit(at, base).found.kept)
     truth[kept] = rng.normal(0, 1, len(kept)) * [

@@ -16,7 +16,7 @@ from .exceptions import StudyError
 from .fitting.design import Model, design, residuals
 from .fitting.identifiability import identify
 from .fitting.least_squares import fit
-from .fitting.problem import Problem, make_problem
+from .fitting.problem import Problem
 from .fitting.reduction import reduce
 from .measurements.measurements import measurements
 from .mechanisms import causes
@@ -52,7 +52,7 @@ def campaign(
         "temperature_C": rng.uniform(15, 35, m),
         "time_s": np.arange(0.0, 30.0 * m, 30.0),
     }
-    bare = make_problem(
+    bare = Problem(
         robot, measurements(q, forward(robot, q, tool), covariates=covariates), tool[None]
     )
     more: dict[str, Array] = {
@@ -157,7 +157,7 @@ def law2_rows_are_local(mechanism: Mechanism, at: Problem, rng: np.random.Genera
         np.sort(rng.choice(len(at), len(at) // 3, replace=False)),
         np.arange(1),
     ):
-        for some in (at.take(index), make_problem(at.robot, at.data.take(index), at.tools)):
+        for some in (at.take(index), Problem(at.robot, at.data.take(index), at.tools)):
             law(
                 np.allclose(design(some, mechanism.terms)[0], whole[index], rtol=1e-12, atol=1e-9),
                 f"L2: {mechanism.name} looks beyond its row",

@@ -27,7 +27,7 @@ from modelsel.fitting.identifiability import unidentifiable
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor, Instrument
 from modelsel.fitting.observation import Fixtures
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.features import KINDS, UNKNOWN
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.measurements.observation_columns import Known, with_known
@@ -164,7 +164,7 @@ def every_kind(rng: np.random.Generator) -> tuple[Problem, tuple[Term, ...], np.
     turned = np.linalg.qr(rng.normal(size=(count + 1, 3, 3)))[0]
     fixtures = Fixtures(rng.normal(0, 1500, (count, 3)), turned[1:], rng.uniform(0, 100, count))
     bound = replace(
-        make_problem(PUMA, data, np.array([TOOL])),
+        Problem(PUMA, data, np.array([TOOL])),
         fixtures=fixtures,
         placement=(turned[:1], rng.normal(0, 100, (1, 3))),
     )
@@ -769,7 +769,7 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
     some = [fitted.terms[k] for k in fitted.representatives]
     at, pool_scene = (
         fitted.at(),
-        make_problem(PUMA, measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL])),
+        Problem(PUMA, measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL])),
     )
     p = pool(known, pool_scene, fitted.terms, at, NOISE)
     X = design(replace(known, whiten=1.0), some, at)[0].reshape(-1, len(some))

@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from modelsel.fitting.design import residuals
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.measurements.state_names import is_state_name, parse_state_name, state_units
 from modelsel.mechanisms.causes import Named, q, torque
@@ -60,3 +62,22 @@ def test_what_does_not_depend_on_a_change_is_not_evaluated_again(rng) -> None:
     moved = replace(at, data=replace(at.data, position=at.data.position + 1.0))
     assert moved.value("torque2") is values
     assert np.array_equal(at.take(slice(3, 9)).value("torque2"), values[3:9])
+
+
+def test_a_problem_needs_the_robot_the_measurements_and_the_tools(rng) -> None:
+    robot = load("puma760")
+    q_rad = robot.draw(rng, 12)
+    data = measurements(
+        q_rad,
+        np.zeros((12, 3)),
+        target=["a", "b", "c"] * 4,
+        group=["x"] * 6 + ["y"] * 6,
+        rotation=np.tile(np.eye(3), (12, 1, 1)),
+    )
+    problem = Problem(robot, data, tools=[[0, 0, 100]])  # type: ignore[arg-type]
+    assert problem.tools.shape == (3, 3)
+    assert problem.placement[0].shape == (2, 3, 3)
+    assert np.array_equal(problem.tool_rotations, np.tile(np.eye(3), (3, 1, 1)))
+    assert residuals(problem).shape == (12, 6)
+    with pytest.raises(ValueError, match="expected \\(3, 3\\)"):
+        Problem(robot, data, tools=np.zeros((2, 3)))

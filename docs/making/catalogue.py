@@ -15,7 +15,7 @@ import numpy as np
 from modelsel._typing import Array
 from modelsel.diagnosis.scan import basis
 from modelsel.fitting.design import design
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import BUILTIN, Registry, Scanned, parts
 from modelsel.mechanisms.serialization import mechanism_card
@@ -65,7 +65,7 @@ def drawn(robot: Robot) -> Problem:
     q = robot.draw(rng, COUNT)
     more = {"payload_kg": rng.uniform(0, 5, COUNT), "temperature_C": rng.uniform(15, 35, COUNT)}
     data = measurements(q, forward(robot, q, np.array(arm.TOOL)), covariates=more)
-    return replace(make_problem(robot, data, np.array([arm.TOOL])), tracker=arm.TRACKER)
+    return replace(Problem(robot, data, np.array([arm.TOOL])), tracker=arm.TRACKER)
 
 
 def beyond(

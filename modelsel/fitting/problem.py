@@ -18,9 +18,10 @@ from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Cause
 from ..robot.kinematics import Pose, Robot, pose
 from .observation import Fixtures, readings
-from .state_variables import Bound, StateVariables
+from .state_variables import Bound, Placement, StateVariables
 
 NOWHERE = Fixtures.unknown(0)
+AT_FRAME_0: Placement = (np.zeros((0, 3, 3)), np.zeros((0, 3)))  # stands for identity of any groups
 BLOCK = 4096  # rows: the arrays of one block stay in cache
 
 
@@ -31,9 +32,11 @@ class Problem:
 
     robot: Robot
     data: Measurements
-    tools: Array  # (T, 3) mm, nominal target in the flange frame
-    placement: tuple[Array, Array]  # R (G, 3, 3), t (G, 3) mm: frame 0 in the tracker's frame
-    tool_rotations: Array | None = None  # (T, 3, 3), with orientation measured
+    tools: Array  # (T, 3) mm, nominal target in the flange frame; one row holds for all T
+    # R (G, 3, 3), t (G, 3) mm: frame 0 in the tracker's frame; by default they are one
+    placement: Placement = AT_FRAME_0
+    # (T, 3, 3) nominal target's axes on the flange; identity where orientations are measured
+    tool_rotations: Array | None = None
     whiten: Array | float = 1.0  # 1/mm, or (m, c, c): times residual = unit variance
     tracker: tuple[float, float, float] = (
         0.0,
@@ -44,8 +47,12 @@ class Problem:
     _state: StateVariables | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        tools = np.atleast_2d(np.asarray(self.tools, dtype=float))
-        object.__setattr__(self, "tools", tools)
+        targets, groups = len(self.data.targets), len(self.data.groups)
+        object.__setattr__(self, "tools", _tool_each(self.tools, targets))
+        if not len(self.placement[0]):
+            object.__setattr__(self, "placement", (_identities(groups), np.zeros((groups, 3))))
+        if self.tool_rotations is None and self.data.rotation is not None:
+            object.__setattr__(self, "tool_rotations", _identities(len(self.tools)))
         if self._state is None or not self._state.belongs_to(*self._bound):
             object.__setattr__(self, "_state", StateVariables(*self._bound))
 
@@ -166,8 +173,19 @@ class Problem:
         return self.state.cause(cause)
 
 
-def make_problem(robot: Robot, data: Measurements, tools: Array, groups: int = 1) -> Problem:
-    """A problem with the tracker's frame on frame 0 (no registration) and unit weights."""
-    placement = (np.tile(np.eye(3), (len(data.groups), 1, 1)), np.zeros((len(data.groups), 3)))
-    rotations = np.tile(np.eye(3), (len(tools), 1, 1)) if data.rotation is not None else None
-    return Problem(robot, data, np.asarray(tools, float), placement, rotations)
+def _identities(count: int) -> Array:
+    """(count, 3, 3) identity matrices."""
+    return np.tile(np.eye(3), (count, 1, 1))
+
+
+def _tool_each(tools: Array, targets: int) -> Array:
+    """(T, 3) nominal targets, of one row the same for all. Raises ValueError for too few."""
+    rows = np.atleast_2d(np.asarray(tools, dtype=float))
+    if len(rows) == 1 and targets > 1:
+        return np.tile(rows, (targets, 1))
+    if len(rows) < targets or rows.shape[1] != 3:
+        raise ValueError(
+            f"tools has shape {rows.shape}, expected ({targets}, 3): give the nominal position of "
+            "each target in the flange frame [mm], or one row for all of them."
+        )
+    return rows

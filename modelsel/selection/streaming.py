@@ -19,7 +19,7 @@ from .._typing import Array, Index
 from ..exceptions import DataError, StudyError
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit, fit
-from ..fitting.problem import Problem, make_problem
+from ..fitting.problem import Problem
 from ..fitting.reduction import Reduction, Source, merged, reduce_problem
 from ..measurements.measurements import SAME_READING, Measurements
 from ..measurements.reader import read_measurements
@@ -151,7 +151,7 @@ class Parts(Source):
                 column="kind",
                 remedy="Make it a study, or leave these rows out.",
             )
-        return make_problem(self.robot, data, np.tile(np.array(self.tool), (len(data.targets), 1)))
+        return Problem(self.robot, data, np.tile(np.array(self.tool), (len(data.targets), 1)))
 
     def alone(self) -> Parts:
         """Without the map: what travels to a worker."""
