@@ -171,9 +171,7 @@ def study(condition: str, seed: Sequence[int]) -> Study:
     base_fit = fit(data.training(), BASE)
     both = fit(data.training(), Model((*BASE.mechanisms, TESTED)))
     own = [
-        k
-        for k, t in enumerate(both.terms)
-        if t.screws == TESTED.terms[0].screws and k in both.found.kept
+        k for k, t in enumerate(both.terms) if t.key == TESTED.terms[0].key and k in both.found.kept
     ]
     left = extension.fit.residuals(at)[data.used]
     told = predictable(at.data.take(data.used), left, (False,) * 3, generator(seed[-1], "flips"))

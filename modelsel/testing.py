@@ -16,8 +16,10 @@ from .exceptions import StudyError
 from .fitting.design import Model, design, residuals
 from .fitting.identifiability import identify
 from .fitting.least_squares import fit
+from .fitting.linearisation import Linearisation
 from .fitting.problem import Problem
 from .fitting.reduction import reduce
+from .fitting.whitening import Whitening
 from .measurements.measurements import measurements
 from .mechanisms import causes
 from .mechanisms.serialization import mechanism_of, mechanism_record
@@ -95,7 +97,7 @@ def law1_columns_are_derivatives(
     some, terms = at.take(np.arange(min(len(at), 15))), mechanism.terms
     h = np.array([step(t, some) for t in terms])
     for theta in (np.zeros(len(terms)), np.array([usual(t, rng, 0.05) for t in terms])):
-        columns = design(some, terms, (terms, theta))[0]
+        columns = design(some, terms, Linearisation(terms, theta))[0]
         both = exact(some, terms, theta + np.concatenate([np.diag(-h), np.diag(h)]))
         low, high = both.reshape(
             2, len(terms), *columns.shape[:2]
@@ -206,7 +208,10 @@ def law4_plant_and_recover(mechanism: Mechanism, at: Problem, rng: np.random.Gen
             - residuals(at, terms, theta)[:, :3]
             + rng.normal(0, SIGMA, (len(at), 3))
         )
-        found = fit(replace(at, whiten=1 / SIGMA, data=replace(at.data, position=position)), model)
+        found = fit(
+            replace(at, whitening=Whitening(1 / SIGMA), data=replace(at.data, position=position)),
+            model,
+        )
         law(found.found.kept, f"L4: {mechanism.name} moves nothing")
         error = found.found.relation.T @ (found.theta - theta)
         spread = np.sqrt(

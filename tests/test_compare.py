@@ -14,6 +14,7 @@ from builders import drawn, planted, seeds
 from modelsel.diagnosis.candidates import candidates, strongest
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import fit
+from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.causes import ONE, Named, cos, q, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -155,7 +156,7 @@ def test_one_definition_of_every_criterion(known, rng) -> None:
     exp(evidence) by that sigma."""
     offered = (*(mechanism(name, ARM) for name in TRUE), *(harmonics(k, rng, 3) for k in range(4)))
     data = replace(study(rng, 0.3, estimation=60), known_sigma=known)
-    data = replace(data, problem=replace(data.problem, whiten=1 / SIGMA))
+    data = replace(data, problem=replace(data.problem, whitening=Whitening(1 / SIGMA)))
     table = compare(
         data, BASE, fit(data.training(), BASE, held="nothing"), offered, ("geometric",), (), 4860
     )

@@ -18,6 +18,7 @@ from modelsel.fitting.identifiability import identify
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.reduction import Reduction, merged, reduce, reduce_problem
+from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.causes import Named
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
@@ -85,7 +86,9 @@ def test_weights(rng) -> None:
     at = planted(drawn("puma760", rng, 30), which.terms, np.array([1e-3, -2e-3, 5e-4]), rng, 0.3)
     A = rng.normal(size=(30, 3, 3)) + 3 * np.eye(3)
     spread = A @ A.transpose(0, 2, 1)
-    found = fit(replace(at, whiten=np.linalg.inv(np.linalg.cholesky(spread))), which)
+    found = fit(
+        replace(at, whitening=Whitening(matrices=np.linalg.inv(np.linalg.cholesky(spread)))), which
+    )
     X, r = design(at, which.terms, found.at())
     weight = np.linalg.inv(spread)
     gram = np.einsum("mip,mij,mjq->pq", X, weight, X)
@@ -169,7 +172,10 @@ def test_dependent_terms_are_put_back(late, rng, monkeypatch) -> None:
 def test_streamed_is_one_piece(size, rng, monkeypatch) -> None:
     which = whole()
     at = planted(drawn("puma760", rng, 100), which.terms, some(which, rng), rng, 0.1)
-    at = replace(at, whiten=np.linalg.inv(np.eye(3) + 0.1 * rng.normal(size=(100, 3, 3))))
+    at = replace(
+        at,
+        whitening=Whitening(matrices=np.linalg.inv(np.eye(3) + 0.1 * rng.normal(size=(100, 3, 3)))),
+    )
     once, reduction = fit(at, which), reduce_problem(at, which.terms)
     left = once.residuals(at)
     in_one = Problem.blocks

@@ -13,6 +13,7 @@ from scipy import stats
 from modelsel.exceptions import NotEstimable
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import fit
+from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
@@ -181,7 +182,7 @@ def test_folds_stream(size, rng, monkeypatch) -> None:
 
     which = Model((mechanism("geometric", load("ur5")),))
     at = planted(drawn("ur5", rng, 60), which.terms, np.zeros(len(which.terms)), rng, 0.1)
-    at = replace(at, whiten=rng.uniform(0.5, 2, (60, 1, 1)) * np.eye(3))
+    at = replace(at, whitening=Whitening(matrices=rng.uniform(0.5, 2, (60, 1, 1)) * np.eye(3)))
     fold_of = assign(at.data, 4, rng)
     once = cross_validate(fold(at, which.terms, fold_of))
     monkeypatch.setattr(folds, "BLOCK", size)

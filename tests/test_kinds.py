@@ -25,6 +25,7 @@ from modelsel.fitting.batch import Ensemble
 from modelsel.fitting.design import Model, design, residuals
 from modelsel.fitting.identifiability import unidentifiable
 from modelsel.fitting.least_squares import fit
+from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.noise import Floor, Instrument
 from modelsel.fitting.observation import Fixtures
 from modelsel.fitting.problem import Problem
@@ -32,10 +33,9 @@ from modelsel.measurements.features import KINDS, UNKNOWN
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.measurements.observation_columns import Known, with_known
 from modelsel.measurements.reader import read_measurements
-from modelsel.mechanisms.causes import Member
 from modelsel.mechanisms.geometry import setup
 from modelsel.mechanisms.registry import mechanism, parts
-from modelsel.mechanisms.terms import Screw, Term
+from modelsel.mechanisms.terms import FixtureTerm, Screw, Term
 from modelsel.report.terminal import sentences
 from modelsel.results.details import details, dumps
 from modelsel.results.goodness_of_fit import lack_of_fit, lacking
@@ -170,7 +170,7 @@ def every_kind(rng: np.random.Generator) -> tuple[Problem, tuple[Term, ...], np.
     )
     terms = model(data, "gravity-twist", "approach-backlash:2").terms
     terms += tuple(
-        Term(f"{axis} again", (Screw(0, axis, Member("feature", k)),))
+        FixtureTerm(f"{axis} again", feature=k, axis=axis)
         for k, f in enumerate(data.gauges.features)
         for axis in ("length",)
         if f.kind == "wire"
@@ -184,7 +184,7 @@ def every_kind(rng: np.random.Generator) -> tuple[Problem, tuple[Term, ...], np.
 
 def test_columns_are_the_derivatives_of_what_rows_read(rng) -> None:
     bound, terms, theta = every_kind(rng)
-    X, r = design(bound, terms, (terms, theta))
+    X, r = design(bound, terms, Linearisation(terms, theta))
     np.testing.assert_allclose(r, residuals(bound, terms, theta), atol=1e-9)
     for k, term in enumerate(terms):
         h = np.zeros(len(terms))
@@ -772,7 +772,7 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
         Problem(PUMA, measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL])),
     )
     p = pool(known, pool_scene, fitted.terms, at, NOISE)
-    X = design(replace(known, whiten=1.0), some, at)[0].reshape(-1, len(some))
+    X = design(known.unweighted(), some, at)[0].reshape(-1, len(some))
     own = [k for k, t in enumerate(some) if not t.fixture]
     columns = p.known.reshape(-1, len(p.terms))[:, p.of(some)]
     inverse = np.linalg.inv(X.T @ X)[np.ix_(own, own)]

@@ -17,6 +17,7 @@ from modelsel.fitting.design import Model, design, residuals, whitened
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.prior import usual_sizes
 from modelsel.fitting.problem import Problem
+from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.causes import cos, q
 from modelsel.mechanisms.geometry import setup
 from modelsel.mechanisms.registry import mechanism
@@ -36,7 +37,9 @@ def oriented(rng: np.random.Generator, m: int = 9) -> Problem:
     bare = drawn(ARM, rng, m)
     data = replace(bare.data, rotation=np.einsum("ijm->mij", bare.pose(slice(None)).rotation))
     whiten = np.tile(np.diag([10.0, 10, 10, 2000, 2000, 2000]), (m, 1, 1))
-    return replace(bare, data=data, tool_rotations=rotations(rng, 1), whiten=whiten)
+    return replace(
+        bare, data=data, tool_rotations=rotations(rng, 1), whitening=Whitening(matrices=whiten)
+    )
 
 
 def placed(rng: np.random.Generator) -> Problem:
@@ -52,7 +55,7 @@ def placed(rng: np.random.Generator) -> Problem:
     return replace(
         bare,
         placement=(rotations(rng, 2), rng.normal(0, 100, (2, 3))),
-        whiten=rng.normal(size=(12, 3, 3)),
+        whitening=Whitening(matrices=rng.normal(size=(12, 3, 3))),
         tools=rng.normal(0, 50, (2, 3)),
     )
 

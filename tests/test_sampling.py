@@ -22,6 +22,7 @@ from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.noise import Instrument, weigh
 from modelsel.fitting.problem import Problem
+from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.environment import tracker_step
@@ -138,8 +139,8 @@ def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) 
     line = at.data.position - np.array(instrument.at)
     d = np.linalg.norm(line, axis=1)
     u = line / d[:, None]
-    assert not isinstance(at.whiten, float)
-    root = np.linalg.inv(at.whiten)
+    assert not at.whitening.uniform
+    root = np.linalg.inv(at.whitening.matrices)
     walkers = np.zeros((4, whole.size))
     walkers[:, len(chosen) :] = rng.normal(0, 3, (4, 2))
     expected = []
@@ -587,7 +588,9 @@ def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
             at,
             data=replace(at.data, rotation=turned),
             tool_rotations=np.eye(3)[None],
-            whiten=np.tile(np.diag([10.0, 10, 10, 1000, 1000, 1000]), (30, 1, 1)),
+            whitening=Whitening(
+                matrices=np.tile(np.diag([10.0, 10, 10, 1000, 1000, 1000]), (30, 1, 1))
+            ),
         )
     elif kind == "sigma":
         at, _floor = weigh(at, None, None)

@@ -132,10 +132,10 @@ class Calibration:
         the data determine it."""
         import pandas as pd
 
-        owner = {t.screws: m.name for m in reversed(self.model.mechanisms) for t in m.terms}
+        owner = {t.key: m.name for m in reversed(self.model.mechanisms) for t in m.terms}
         return pd.DataFrame(
             {
-                "mechanism": [owner[t.screws] for t in self.terms],
+                "mechanism": [owner[t.key] for t in self.terms],
                 "symbol": [t.symbol for t in self.terms],
                 "screws": ["; ".join(map(str, t.screws)) for t in self.terms],
                 "estimate": self.theta,
@@ -189,7 +189,6 @@ def calibrate(
     names |= {n for m in fitted.model.mechanisms for n in m.names()} - {
         "target",
         "group",
-        "feature",
     }
     ranges = {
         name: (float(some.value(name).min()), float(some.value(name).max()))

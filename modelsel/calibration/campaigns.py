@@ -124,10 +124,10 @@ def compare(a: Calibration, b: Calibration) -> Comparison:
     at = workspace(replace(a, ranges=ranges, model=a.model + b.model.mechanisms), m=CONFIGURATIONS)
     placing = setup(a.robot, 1, 1, True, False).terms if a.registered or b.registered else ()
     terms = tuple(dict.fromkeys([*placing, *(t for c in (a, b) for t in c.terms)]))
-    place = {t.screws: k for k, t in reversed(list(enumerate(terms)))}
+    place = {t.key: k for k, t in reversed(list(enumerate(terms)))}
     theta, factors = np.zeros((2, len(terms))), []
     for k, c in enumerate((a, b)):
-        own = np.array([place[t.screws] for t in c.terms], dtype=np.intp)
+        own = np.array([place[t.key] for t in c.terms], dtype=np.intp)
         theta[k, own] = c.theta
         factor = np.zeros((len(terms), c.factor.shape[1]))
         factor[own] = c.factor
@@ -147,12 +147,10 @@ def compare(a: Calibration, b: Calibration) -> Comparison:
     ]
     p = holm(np.array([two_sided((after[i] - before[i]) / spread[i]) for i in tested]))
     size = np.sqrt(np.square(X).sum(1).mean(0))
-    owner = {
-        t.screws: m.name for c in (b, a) for m in reversed(c.model.mechanisms) for t in m.terms
-    }
+    owner = {t.key: m.name for c in (b, a) for m in reversed(c.model.mechanisms) for t in m.terms}
     changes = [
         Change(
-            owner[t.screws],
+            owner[t.key],
             t.symbol,
             t.unit,
             float(before[i]),
@@ -170,7 +168,7 @@ def compare(a: Calibration, b: Calibration) -> Comparison:
         open_ = [
             k
             for k, t in enumerate(terms)
-            if t not in placing and t.screws in owner and _in_both(a, b, t)
+            if t not in placing and t.key in owner and _in_both(a, b, t)
         ]
         for k, by, error, alike in _fewest(
             (after - before)[tested], F[tested], relation[np.ix_(open_, tested)]
@@ -178,16 +176,14 @@ def compare(a: Calibration, b: Calibration) -> Comparison:
             t = terms[open_[k]]
             explained.append(
                 Explanation(
-                    owner[t.screws],
+                    owner[t.key],
                     t.symbol,
                     t.unit,
                     by,
                     error,
                     float(abs(by) * size[open_[k]]),
                     tuple(
-                        f"{o.symbol} of {owner[o.screws]}"
-                        for j in alike
-                        for o in (terms[open_[j]],)
+                        f"{o.symbol} of {owner[o.key]}" for j in alike for o in (terms[open_[j]],)
                     ),
                 )
             )
@@ -246,7 +242,7 @@ def _fewest(d: Array, F: Array, directions: Array) -> list[tuple[int, float, flo
 
 
 def _in_both(a: Calibration, b: Calibration, term: Term) -> bool:
-    return all(term.screws in {t.screws for t in c.terms} for c in (a, b))
+    return all(term.key in {t.key for t in c.terms} for c in (a, b))
 
 
 def sentences(found: Comparison) -> list[str]:

@@ -68,10 +68,10 @@ def missing(c: Calibration, form: str) -> list[Part]:
 
 def _some(c: Calibration, some: Sequence[int], theta: Array) -> Calibration:
     """The calibration of some of its terms, at other estimates."""
-    screws = {c.terms[k].screws for k in some}
+    screws = {c.terms[k].key for k in some}
     return replace(
         c,
-        model=part_of(c.model, lambda t: t.screws in screws),
+        model=part_of(c.model, lambda t: t.key in screws),
         theta=theta,
         factor=c.factor[list(some)],
         kept=tuple(i for i, k in enumerate(some) if k in c.kept),
@@ -94,7 +94,7 @@ def fixed(cause: Cause, target: int, group: int) -> Cause:
 def parts(c: Calibration, target: int = 0, group: int = 0) -> tuple[list[Part], list[Part]]:
     """(the constant screws, those that vary with the state) of every term that is not nought, for
     one target and group."""
-    owner = {t.screws: m.name for m in reversed(c.model.mechanisms) for t in m.terms}
+    owner = {t.key: m.name for m in reversed(c.model.mechanisms) for t in m.terms}
     constant, varying = list[Part](), list[Part]()
     for term, value, error in zip(
         c.terms, c.theta.tolist(), c.standard_errors.tolist(), strict=True
@@ -107,9 +107,7 @@ def parts(c: Calibration, target: int = 0, group: int = 0) -> tuple[list[Part], 
             (varying, [s for s in screws if not isinstance(s.cause, Number)]),
         ):
             if some:
-                out.append(
-                    Part(owner[term.screws], replace(term, screws=tuple(some)), value, error)
-                )
+                out.append(Part(owner[term.key], replace(term, screws=tuple(some)), value, error))
     return constant, varying
 
 

@@ -73,13 +73,13 @@ class Motions:
         these along."""
         X = self.X.reshape(-1, len(self.terms))
         geometry = {
-            t.screws
+            t.key
             for c in self.campaigns
             for m in c.model.mechanisms
             if m.name in GEOMETRY
             for t in m.terms
         }
-        own = X[:, [k for k, t in enumerate(self.terms) if t.screws in geometry]]
+        own = X[:, [k for k, t in enumerate(self.terms) if t.key in geometry]]
         U, s, _ = np.linalg.svd(
             own / np.maximum(np.linalg.norm(own, axis=0), 1e-300), full_matrices=False
         )
@@ -88,9 +88,9 @@ class Motions:
 
     def named(self, k: int) -> dict[str, list[int]]:
         """The mechanisms of campaign k (0 or 1) but the geometry: places of their terms."""
-        place = {t.screws: i for i, t in reversed(list(enumerate(self.terms)))}
+        place = {t.key: i for i, t in reversed(list(enumerate(self.terms)))}
         return {
-            m.name: [place[t.screws] for t in m.terms]
+            m.name: [place[t.key] for t in m.terms]
             for m in self.campaigns[k].model.mechanisms
             if m.name not in GEOMETRY
         }

@@ -23,9 +23,7 @@ from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term
 from ..selection.evaluation import Evaluation, Split, errors, evaluate
 
-PLACED = frozenset(
-    ("target", "group", "feature")
-)  # names that are fixed where a robot description is written
+PLACED = frozenset(("target", "group"))  # names that are fixed where a robot description is written
 TABLED = 2  # values of the state that a table may hang on
 WIDER = ("nominal", "geometry", "table")  # each carries what the one before it does, and more
 ERRORS = {"estimation_rms_mm": Maybe(float), "held_out_rms_mm": Maybe(float)}
@@ -91,9 +89,9 @@ def tabled(term: Term) -> bool:
 
 def carries(model: Model, form: str) -> Callable[[Term], bool]:
     """Whether "nominal", "geometry", "table" or "whole" carries a term of a model."""
-    setting = {t.screws for m in model.mechanisms if m.name == SETUP for t in m.terms}
+    setting = {t.key for m in model.mechanisms if m.name == SETUP for t in m.terms}
     rules: dict[str, Callable[[Term], bool]] = {
-        "nominal": lambda t: t.screws in setting,
+        "nominal": lambda t: t.key in setting,
         "geometry": constant,
         "table": tabled,
         "whole": lambda t: True,
@@ -110,8 +108,8 @@ def part_of(model: Model, keep: Callable[[Term], bool]) -> Model:
 def refitted(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> Refits:
     """The refits of a model that was fitted to a study's rows; models that stand among the `known`
     are not fitted again."""
-    place = {t.screws: k for k, t in enumerate(t for t in fitted.terms if not t.fixture)}
-    own = {frozenset(t.screws for t in r.fit.terms): r for r in known}
+    place = {t.key: k for k, t in enumerate(t for t in fitted.terms if not t.fixture)}
+    own = {frozenset(t.key for t in r.fit.terms): r for r in known}
     best: Evaluation | None = None
     alone = dict[str, Refit]()
     for form in WIDER:
@@ -119,14 +117,14 @@ def refitted(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> Ref
         if len(model.terms) == len(fitted.terms) and form != "nominal":
             break
         try:
-            made = own.get(frozenset(t.screws for t in model.terms)) or evaluate(
+            made = own.get(frozenset(t.key for t in model.terms)) or evaluate(
                 split, model, model.names, start=fitted
             )
         except NotEstimable:
             continue
         best = made if best is None or _crossed(made) <= _crossed(best) else best
         some = [k for k, t in enumerate(best.fit.terms) if not t.fixture]
-        places = np.array([place[best.fit.terms[k].screws] for k in some], dtype=np.intp)
+        places = np.array([place[best.fit.terms[k].key] for k in some], dtype=np.intp)
         order = np.argsort(places)
         alone[form] = Refit(
             tuple(places[order].tolist()),

@@ -15,6 +15,7 @@ from ..exceptions import NotEstimable
 from ..mechanisms.terms import Term
 from .design import Model, residuals
 from .identifiability import Identified, as_drawn, identify, solve, without
+from .linearisation import Linearisation
 from .prior import WeakPrior, faint, fitted_terms, usual_sizes, weak_prior
 from .problem import Problem
 from .reduction import PROBE, Reduction, Source, reduce_problem
@@ -132,9 +133,9 @@ class Fit:
         sizes = self.weak.sizes if self.weak.sizes is not None else np.full(len(self.theta), np.inf)
         return tuple(k for k in self.found.kept if self.standard_errors[k] > 0.5 * sizes[k])
 
-    def at(self) -> tuple[Sequence[Term], Array]:
+    def at(self) -> Linearisation:
         """The point to linearise other models at."""
-        return self.terms, self.theta
+        return Linearisation(self.terms, self.theta)
 
     def residuals(self, problem: Problem) -> Array:
         """Exact residuals (m, c) [mm, rad] of a problem under this fit."""
@@ -177,15 +178,6 @@ def cost(reduction: Reduction) -> float:
     return float(np.square(reduction.R[:, -1]).sum())
 
 
-def typical_weight(problem: Problem | Source) -> float:
-    """1/mm: of one coordinate of a typical row."""
-    return (
-        problem.whiten
-        if isinstance(problem.whiten, float)
-        else float(np.median(np.diagonal(problem.whiten, 0, 1, 2)[:, :3]))
-    )
-
-
 def fit(
     problem: Problem | Source,
     model: Model,
@@ -207,7 +199,7 @@ def fit(
     fit goes on until that stays. `iterations=1` is one linear step. Raises NotEstimable where the
     data have no more coordinates than the model has estimable parameters, or the iteration does not
     settle."""
-    solver = _Solver(problem, model, precision, typical_weight(problem), held)
+    solver = _Solver(problem, model, precision, problem.whitening.typical_weight(), held)
     if held == "nothing" or start is None or not start.any():
         theta = np.zeros(len(model.terms)) if start is None else start
         state = solver.solve(
@@ -300,7 +292,9 @@ class _Solver:
         here = (
             self.nominal
             if not theta.any()
-            else reduce_problem(self.problem, self.model.terms, (self.model.terms, theta), only)
+            else reduce_problem(
+                self.problem, self.model.terms, Linearisation(self.model.terms, theta), only
+            )
         )
         return here, with_prior(here, prior_root(self.model.terms, self.precision, weak), theta)
 
@@ -331,7 +325,7 @@ class _Solver:
         those that no earlier one represents."""
         theta, terms, here = state.theta, self.model.terms, state.reduction
         if len(self.problem) > PROBE[1]:  # it holds the kept terms alone
-            here = reduce_problem(self.problem, terms, (terms, theta))
+            here = reduce_problem(self.problem, terms, Linearisation(terms, theta))
         full, found = with_prior(here, prior_root(terms, self.precision), theta), self.exact
         if (
             np.abs(theta) > FAR * usual_sizes(self.model)

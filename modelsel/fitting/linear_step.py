@@ -53,8 +53,8 @@ def one_step(model: Model, base: Fit, here: Reduction, weight: float) -> Step:
     base stays, and the prior of usual sizes goes by the noise that the model itself leaves. `here`:
     the model's reduction at the base's fit; `weight` [1/mm] of one coordinate. Raises
     NotEstimable."""
-    known = {t.screws: k for k, t in enumerate(base.terms)}
-    place = [known.get(t.screws, -1) for t in model.terms]
+    known = {t.key: k for k, t in enumerate(base.terms)}
+    place = [known.get(t.key, -1) for t in model.terms]
     theta = np.array([0.0 if k < 0 else base.theta[k] for k in place])
     kept = _kept(place, base, here)
     if here.rows <= len(kept) - base.weak.held:

@@ -11,6 +11,7 @@ from .._typing import Array
 from ..exceptions import StudyError
 from ..measurements.measurements import SAME_READING, Measurements
 from .problem import Problem
+from .whitening import Whitening
 
 # standard deviation over median absolute deviation: a swapped reflector must not set the floor
 NORMAL = 1.4826
@@ -157,4 +158,6 @@ def weigh(
             spread_r = np.full((len(data), 3), rotation_rad or 1e-3 / weight)
         whole[:, 3:, 3:] = np.einsum("mi,ij->mij", 1 / spread_r, np.eye(3))
         blocks = whole
-    return replace(problem, whiten=weight if blocks is None else blocks, tracker=at), floor
+    whitening = Whitening(weight) if blocks is None else Whitening(matrices=blocks)
+    whitening = Whitening(weight) if blocks is None else Whitening(matrices=blocks)
+    return replace(problem, whitening=whitening, tracker=at), floor

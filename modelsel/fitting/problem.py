@@ -1,8 +1,8 @@
-"""Problem: a robot, what was measured on it, where the tracker stands and how well it measures, bound
-together.
+"""Problem: a robot, what was measured on it, where the tracker stands and how well it measures,
+bound together.
 
-A problem gives causes their state (named values per row) and the design its blocks of rows. Frozen;
-`take` selects rows."""
+A problem gives causes their state (named values per row) and the design its blocks of rows.
+Frozen; `take` selects rows, `dataclasses.replace` changes parts of it."""
 
 from __future__ import annotations
 
@@ -14,58 +14,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array, Index, Rows
-from ..measurements.measurements import Measurements
+from ..measurements.measurements import Gauges, Measurements
 from ..mechanisms.causes import Cause
 from ..robot.kinematics import Pose, Robot, pose
-from .observation import Fixtures, readings
+from .observation import Fixtures, measured_readings
 from .state_variables import Bound, Placement, StateVariables
+from .whitening import UNIT, Whitening
 
-NOWHERE = Fixtures.unknown(0)
+NOWHERE = Fixtures.unknown(0)  # stands for features at zero
 AT_FRAME_0: Placement = (np.zeros((0, 3, 3)), np.zeros((0, 3)))  # stands for identity of any groups
 BLOCK = 4096  # rows: the arrays of one block stay in cache
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Residuals and columns live in the tracker's frame; G groups have a placement each, T targets
-    an offset each."""
+    """A robot and measurements on it, of G groups with a placement each and T targets with an
+    offset each. Residuals and columns live in the tracker's frame. Raises ValueError for `tools`
+    of another shape."""
 
     robot: Robot
     data: Measurements
-    tools: Array  # (T, 3) mm, nominal target in the flange frame; one row holds for all T
+    # (T, 3) mm, nominal targets in the flange frame; one row holds for all of them
+    tools: Array
     # R (G, 3, 3), t (G, 3) mm: frame 0 in the tracker's frame; by default they are one
     placement: Placement = AT_FRAME_0
     # (T, 3, 3) nominal target's axes on the flange; identity where orientations are measured
     tool_rotations: Array | None = None
-    whiten: Array | float = 1.0  # 1/mm, or (m, c, c): times residual = unit variance
-    tracker: tuple[float, float, float] = (
-        0.0,
-        0.0,
-        0.0,
-    )  # the instrument's own position, for range_mm
-    fixtures: Fixtures = NOWHERE  # where features stand, of rows that are no points
+    whitening: Whitening = UNIT
+    # the instrument's own position, for range_mm
+    tracker: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    # where features stand, of rows that are no points
+    fixtures: Fixtures = NOWHERE
     _state: StateVariables | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         targets, groups = len(self.data.targets), len(self.data.groups)
+        features = len(self.data.features)
         object.__setattr__(self, "tools", _tool_each(self.tools, targets))
         if not len(self.placement[0]):
             object.__setattr__(self, "placement", (_identities(groups), np.zeros((groups, 3))))
         if self.tool_rotations is None and self.data.rotation is not None:
             object.__setattr__(self, "tool_rotations", _identities(len(self.tools)))
+        if features and not len(self.fixtures.length):
+            object.__setattr__(self, "fixtures", Fixtures.unknown(features))
         if self._state is None or not self._state.belongs_to(*self._bound):
             object.__setattr__(self, "_state", StateVariables(*self._bound))
-
-    @property
-    def _bound(self) -> Bound:
-        """What the state variables depend on."""
-        return self.robot, self.data, self.tools, self.placement, self.tracker
-
-    @property
-    def state(self) -> StateVariables:
-        """The state variables of the rows, with what has been evaluated of them."""
-        assert self._state is not None
-        return self._state
 
     def __len__(self) -> int:
         return len(self.data)
@@ -75,59 +68,6 @@ class Problem:
         """How far the arm and its longest target reach [mm]."""
         return self.robot.reach + float(np.linalg.norm(self.tools, axis=1).max(initial=0))
 
-    @property
-    def components(self) -> int:
-        """3 for positions, 6 with orientations."""
-        return 3 if self.data.rotation is None else 6
-
-    @cached_property
-    def measured(self) -> NDArray[np.bool_] | None:
-        """(m, c) which components of a row are measured; None where all are."""
-        gauges = self.data.gauges
-        if gauges is None:
-            return None
-        turned = np.repeat(gauges.of("point")[:, None], self.components - 3, axis=1)
-        return np.concatenate([gauges.coordinates, turned], axis=1)
-
-    @property
-    def coordinates(self) -> int:
-        """Measured numbers, of all rows."""
-        return len(self) * self.components if self.measured is None else int(self.measured.sum())
-
-    def counted(self, of: Index, count: int) -> Index:
-        """(count,) measured numbers of the rows that `of` (m,) numbers alike."""
-        if self.measured is None:
-            return np.asarray(np.bincount(of, minlength=count) * self.components, dtype=np.intp)
-        return np.bincount(of, self.measured.sum(1), minlength=count).astype(np.intp)
-
-    def plain_points(self) -> Problem:
-        """The same rows as points alone, unweighted: without orientations and what rows that are no
-        points measure."""
-        data = replace(self.data, rotation=None, sigma_rotation=None, gauges=None)
-        return replace(self, data=data, tool_rotations=None, whiten=1.0)
-
-    @cached_property
-    def bare(self) -> Problem:
-        """The same rows as points, measured at nought: what is left is minus the target's
-        position."""
-        data = replace(self.data, position=np.zeros((len(self), 3)), gauges=None)
-        return replace(self, data=data, whiten=1.0)
-
-    @cached_property
-    def origin(self) -> Problem | None:
-        """The same of the configurations where the rows' distances begin."""
-        gauges = self.data.gauges
-        if gauges is None or gauges.origin is None:
-            return None
-        data = replace(gauges.origin, position=np.zeros((len(self), 3)))
-        return replace(self, data=data, whiten=1.0)
-
-    @cached_property
-    def readings(self) -> Array:
-        """(3, m) what rows that are no points read."""
-        assert self.data.gauges is not None
-        return readings(self.data.gauges, self.data.position)
-
     @cached_property
     def tool(self) -> Array:
         """(m, 3) nominal target of every row."""
@@ -136,27 +76,128 @@ class Problem:
     def take(self, index: Rows) -> Problem:
         """Return the problem of some rows; values already evaluated come along, so causes stay
         local in rows."""
-        whiten = self.whiten if isinstance(self.whiten, float) else self.whiten[index]
         data = self.data.take(index)
-        return replace(self, data=data, whiten=whiten, _state=self.state.take(index, data))
+        state = self.state.take(index, data)
+        return replace(self, data=data, whitening=self.whitening.take(index), _state=state)
+
+    def unweighted(self) -> Problem:
+        """Return the problem with unit weights: residuals in mm and rad."""
+        return replace(self, whitening=UNIT)
 
     def pose(self, rows: slice, twist: Array | None = None) -> Pose:
-        """Kinematics of a block of rows in frame 0; twist (n+1, 6, rows)."""
+        """Compute the kinematics of a block of rows in frame 0; twist (n+1, 6, rows)."""
         R = None if self.tool_rotations is None else self.tool_rotations[self.data.target[rows]]
         return pose(self.robot, self.data.q[rows], self.tool[rows], twist, R)
 
+    # -- what is measured
+    # ----------------------------------------------------------------------------------------------
+
+    @property
+    def components(self) -> int:
+        """3 for positions, 6 with orientations."""
+        return 3 if self.data.rotation is None else 6
+
+    @property
+    def only_points(self) -> bool:
+        """Whether every row is a point, with every component measured."""
+        return self.data.gauges is None
+
+    def observed(self, rows: slice | None = None) -> Gauges:
+        """Return what a block of rows measures, where not every row is a point. Raises TypeError
+        where each is."""
+        gauges = self.data.gauges
+        if gauges is None:
+            raise TypeError("every row of these measurements is a point")
+        return gauges if rows is None else gauges.take(rows)
+
+    @property
+    def measured(self) -> NDArray[np.bool_] | None:
+        """`components_measured` where not every row is a point, else None."""
+        return None if self.only_points else self.components_measured
+
+    @cached_property
+    def components_measured(self) -> NDArray[np.bool_]:
+        """(m, c) which components of a row are measured."""
+        if self.only_points:
+            return np.ones((len(self), self.components), dtype=bool)
+        gauges = self.observed()
+        oriented = np.repeat(gauges.of("point")[:, None], self.components - 3, axis=1)
+        return np.concatenate([gauges.coordinates, oriented], axis=1)
+
+    @property
+    def coordinates(self) -> int:
+        """Measured numbers, of all rows."""
+        return (
+            len(self) * self.components if self.only_points else int(self.components_measured.sum())
+        )
+
+    def counted(self, of: Index, count: int) -> Index:
+        """Count the measured numbers (count,) of the rows that `of` (m,) numbers alike."""
+        if self.only_points:
+            return np.asarray(np.bincount(of, minlength=count) * self.components, dtype=np.intp)
+        return np.bincount(of, self.components_measured.sum(1), minlength=count).astype(np.intp)
+
+    def select_measured(self, values: Array, rows: slice = slice(None)) -> Array:
+        """Return values (..., c·m) of a block of rows, components first, without those of
+        components that are not measured."""
+        if self.only_points:
+            return values
+        return values[..., self.components_measured[rows].T.reshape(-1)]
+
+    @cached_property
+    def readings(self) -> Array:
+        """(3, m) what rows that are no points read."""
+        return measured_readings(self.observed(), self.data.position)
+
+    def plain_points(self) -> Problem:
+        """Return the same rows as points alone, unweighted: without orientations and what rows
+        that are no points measure."""
+        data = replace(self.data, rotation=None, sigma_rotation=None, gauges=None)
+        return replace(self, data=data, tool_rotations=None, whitening=UNIT)
+
+    @cached_property
+    def bare(self) -> Problem:
+        """The same rows as points with measured positions of zero, so that the residual is minus
+        the predicted position."""
+        data = replace(self.data, position=np.zeros((len(self), 3)), gauges=None)
+        return replace(self, data=data, whitening=UNIT)
+
+    @cached_property
+    def origin(self) -> Problem | None:
+        """`bare` at the configurations where the rows' distances begin; None without distances."""
+        origin = None if self.only_points else self.observed().origin
+        if origin is None:
+            return None
+        data = replace(origin, position=np.zeros((len(self), 3)))
+        return replace(self, data=data, whitening=UNIT)
+
+    # -- blocks of rows
+    # ----------------------------------------------------------------------------------------------
+
     def blocks(self, size: int = BLOCK) -> Iterator[slice]:
-        """Slices that cover the rows."""
+        """Return the slices that cover the rows."""
         return (slice(start, min(start + size, len(self))) for start in range(0, len(self), size))
 
     def parts(self, size: int = BLOCK) -> Iterator[tuple[slice, Problem]]:
-        """(rows, problem of these rows): causes are evaluated block by block, so that none is ever
-        held whole; a problem of one block is its own only part, and keeps what it has evaluated."""
+        """Yield (rows, problem of these rows): causes are evaluated block by block, so that none
+        is ever held whole; a problem of one block is its own only part, and keeps what it has
+        evaluated."""
         for rows in self.blocks(size):
             yield rows, self if rows.stop - rows.start == len(self) else self.take(rows)
 
     # -- the state that causes look at
-    # -------------------------------------------------------------------------------
+    # ----------------------------------------------------------------------------------------------
+
+    @property
+    def state(self) -> StateVariables:
+        """The state variables of the rows, with what has been evaluated of them."""
+        assert self._state is not None
+        return self._state
+
+    @property
+    def _bound(self) -> Bound:
+        """What the state variables depend on."""
+        return self.robot, self.data, self.tools, self.placement, self.tracker
 
     def names(self) -> dict[str, str]:
         """Return every name that a cause may use on these data, with its unit."""

@@ -17,7 +17,9 @@ from .._typing import Array
 from ..mechanisms.terms import Term
 from ..robot._kernels import Space
 from .design import assemble, whiten
+from .linearisation import Linearisation
 from .problem import Problem
+from .whitening import UNIT, Whitening
 
 TOLERANCE = 1e-11  # of a unit column: structural dependence leaves 1e-14, NIST's Filip 1e-9 or more
 DEPENDENT = 1e-9  # of a column, in any row: what is left of a dependent one beyond its combination
@@ -116,10 +118,9 @@ def _stack(triangle: Array, matrix: Array) -> None:
 
 
 class Source(ABC):
-    """Configurations that nobody holds whole: they are asked for their reduction. `whiten` as a
-    problem's."""
+    """Configurations that nobody holds whole: they are asked for their reduction."""
 
-    whiten: float
+    whitening: Whitening = UNIT
 
     @abstractmethod
     def __len__(self) -> int:
@@ -129,7 +130,7 @@ class Source(ABC):
     def reduced(
         self,
         terms: Sequence[Term],
-        at: tuple[Sequence[Term], Array] | None = None,
+        at: Linearisation | None = None,
         only: Sequence[int] | None = None,
     ) -> Reduction:
         """As `reduce_scene`."""
@@ -138,7 +139,7 @@ class Source(ABC):
 def reduce_problem(
     problem: Problem | Source,
     terms: Sequence[Term],
-    at: tuple[Sequence[Term], Array] | None = None,
+    at: Linearisation | None = None,
     only: Sequence[int] | None = None,
 ) -> Reduction:
     """Of a problem's whitened design and residual, block by block; the whole matrix is never held,
@@ -150,11 +151,8 @@ def reduce_problem(
     """
     if isinstance(problem, Source):
         return problem.reduced(terms, at, only)
-    weight, plain = (
-        (problem.whiten, replace(problem, whiten=1.0))
-        if isinstance(problem.whiten, float)
-        else (1.0, problem)
-    )
+    weight = problem.whitening.weight
+    plain = replace(problem, whitening=problem.whitening.without_weight())
     p = len(terms)
     if only is not None:
         triangle = (
@@ -186,7 +184,7 @@ def spread(rows: Array, columns: Sequence[int], width: int) -> Array:
 def _stream(
     problem: Problem,
     terms: Sequence[Term],
-    at: tuple[Sequence[Term], Array] | None,
+    at: Linearisation | None,
     picked: Sequence[int],
     check: Array | None = None,
     bound: float = 0.0,
@@ -207,9 +205,7 @@ def _stream(
     return triangle
 
 
-def _without_dependent(
-    problem: Problem, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None
-) -> Array:
+def _without_dependent(problem: Problem, terms: Sequence[Term], at: Linearisation | None) -> Array:
     """The triangle of all terms from the independent ones' alone. Raises _Disagrees where a block
     does not agree.
 

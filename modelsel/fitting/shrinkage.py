@@ -21,12 +21,12 @@ START = {"r": 3e-4, "t": 0.1}  # rad, mm: first guess of a coefficient's size
 def wide_groups(model: Model) -> list[Index]:
     """Term indices of every free function, shifts and turns apart: each group is shrunk by a
     variance of its own."""
-    place = {t.screws: k for k, t in enumerate(model.terms)}
+    place = {t.key: k for k, t in enumerate(model.terms)}
     out: dict[tuple[int, str], list[int]] = {}
     for number, m in enumerate(model.mechanisms):
         for t in m.terms:
             if spline(t) is not None:
-                out.setdefault((number, t.screws[0].axis[0]), []).append(place[t.screws])
+                out.setdefault((number, t.screws[0].axis[0]), []).append(place[t.key])
     return [np.array(group, dtype=np.intp) for group in out.values()]
 
 
@@ -90,28 +90,23 @@ def fit_shrunk(
     """Fit a model, its free functions shrunk; a plain fit where it has none. `start`: a fit of a
     similar model; `held` as in `fit`."""
     known = (
-        {}
-        if start is None
-        else dict(zip((t.screws for t in start.terms), start.theta, strict=True))
+        {} if start is None else dict(zip((t.key for t in start.terms), start.theta, strict=True))
     )
-    theta = None if start is None else np.array([known.get(t.screws, 0.0) for t in model.terms])
+    theta = None if start is None else np.array([known.get(t.key, 0.0) for t in model.terms])
     groups = wide_groups(model)
     if not groups:
         return fit(problem, model, start=theta, step_mm=step_mm, held=held)
-    weight = (
-        problem.whiten
-        if isinstance(problem.whiten, float)
-        else float(np.median(np.diagonal(problem.whiten, 0, 1, 2)))
-    )
+    weight = problem.whitening.typical_weight(None)
     before = (
         {}
         if start is None or start.precision is None
-        else dict(zip((t.screws for t in start.terms), start.precision, strict=True))
+        else dict(zip((t.key for t in start.terms), start.precision, strict=True))
     )
     precision = np.zeros(len(model.terms))
     for g in groups:
-        first = model.terms[g[0]].screws
-        precision[g] = before.get(first, (0.1 * weight / START[first[0].axis[0]]) ** 2)
+        first = model.terms[g[0]]
+        usual = START[first.screws[0].axis[0]]
+        precision[g] = before.get(first.key, (0.1 * weight / usual) ** 2)
     fitted = fit(problem, model, precision=precision, start=theta, step_mm=step_mm, held=held)
     for _ in range(2):
         new = variances(fitted, groups)

@@ -21,9 +21,11 @@ JITTER = 1e-6
 def spline(term: Term) -> tuple[Bump, tuple[object, ...]] | None:
     """(the spline that a term is a coefficient of, what else it is: place, variable, width, other
     factors), or None."""
+    if len(term.screws) != 1:
+        return None
     parts = factors(term.screws[0].cause)
     bump = next((p for p in parts if isinstance(p, Bump)), None)
-    if bump is None or len(term.screws) > 1:
+    if bump is None:
         return None
     others: tuple[Cause, ...] = tuple(p for p in parts if p is not bump)
     return bump, (term.screws[0].frame, term.screws[0].axis, bump.name, bump.width, others)

@@ -89,10 +89,6 @@ class StateVariables:
         """Values by name: of the name, and of what comes along at no cost."""
         if name in self.data.covariates:
             return {name: self.data.covariates[name]}
-        if name == "feature":
-            gauges = self.data.gauges
-            count = len(self.data)
-            return {name: np.full(count, -1.0) if gauges is None else gauges.feature.astype(float)}
         variable = parse_state_name(name)
         if variable is None or not variable.exists(self.robot):
             raise KeyError(name)

@@ -190,10 +190,10 @@ class Combined(Cause):
 
 @dataclass(frozen=True)
 class Member(Cause):
-    """1 where a row belongs to one target, group or feature, 0 elsewhere: offsets of targets,
-    placements of days, anchors."""
+    """1 where a row belongs to one target or group, 0 elsewhere: offsets of targets, placements of
+    days."""
 
-    kind: str  # "target", "group" or "feature"
+    kind: str  # "target" or "group"
     index: int
 
     def of(self, state: State) -> Array:

@@ -6,8 +6,8 @@ the paper; its axes are tx ty tz rx ry rz of that frame; with cause 1 they are t
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Hashable, Iterable
+from dataclasses import dataclass, field
 
 from .._hashing import hashed_once
 from .._names import TEXT, unfit, unseen
@@ -17,27 +17,21 @@ from .causes import FUNCTIONS, ONE, Applied, Bump, Cause, Combined, Member, Name
 FIXTURE_AXES = (*AXES, "length")  # of a feature of the set-up: its place, its tilt, a length
 KINDS = (Number, Named, Applied, Combined, Member, Bump)
 PLAIN = {"rad/rad": "1", "mm/mm": "1"}  # a share: a turn by another, a shift by another
+TermKey = tuple[Hashable, ...]
 LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
 
 
 @hashed_once
 @dataclass(frozen=True)
 class Screw:
-    """WHERE x WHY: a small twist on one axis of one frame, scaled by its cause. Frame 0 is no frame
-    of the arm but a feature of the set-up (a wire's anchor, a plane), which moves; it may also have
-    a length."""
+    """WHERE x WHY: a small twist on one axis of one frame, scaled by its cause."""
 
     frame: int
     axis: str
     cause: Cause = ONE
 
     def __post_init__(self) -> None:
-        feature = (
-            self.frame == 0 and isinstance(self.cause, Member) and self.cause.kind == "feature"
-        )
-        if self.axis not in (FIXTURE_AXES if feature else AXES) or self.frame < (
-            0 if feature else 1
-        ):
+        if self.axis not in AXES or self.frame < 1:
             raise ValueError(
                 f"no such place: frame {self.frame}, axis {self.axis}; frames count from 1, axes are {AXES}"
             )
@@ -60,9 +54,14 @@ class Term:
     usual: float | None = None
 
     @property
+    def key(self) -> TermKey:
+        """What the term is, whatever it is called: terms with one key are one fitted number."""
+        return self.screws
+
+    @property
     def fixture(self) -> bool:
-        """Whether it moves a feature of the set-up, not the arm."""
-        return self.screws[0].frame == 0
+        """Whether it is a number of the set-up's features and moves no part of the arm."""
+        return False
 
     @property
     def unit(self) -> str:
@@ -76,6 +75,37 @@ class Term:
                 f"the screws of {self.symbol} have different units: {', '.join(units)}"
             )
         return "1" if PLAIN.keys() <= units.keys() else max(units, key=lambda u: "rad" in u)
+
+
+@dataclass(frozen=True)
+class FixtureTerm(Term):
+    """One fitted number of a feature of the set-up (a wire's anchor, a plane): its place, its tilt
+    or a length. It drives no screw of the arm; `feature` is the feature's index, `axis` one of
+    FIXTURE_AXES. Raises ValueError for another axis."""
+
+    screws: tuple[Screw, ...] = ()
+    feature: int = field(default=0, kw_only=True)
+    axis: str = field(default="tx", kw_only=True)
+
+    def __post_init__(self) -> None:
+        if self.axis not in FIXTURE_AXES or self.feature < 0:
+            raise ValueError(
+                f"no such number: feature {self.feature}, axis {self.axis}; features count from 0, "
+                f"axes are {FIXTURE_AXES}"
+            )
+
+    @property
+    def key(self) -> TermKey:
+        return self.feature, self.axis
+
+    @property
+    def fixture(self) -> bool:
+        return True
+
+    @property
+    def unit(self) -> str:
+        """rad of a tilt, else mm."""
+        return "rad" if self.axis[0] == "r" else "mm"
 
 
 def ratio(top: str, bottom: str) -> str:
@@ -135,11 +165,11 @@ class Mechanism:
 
 def terms_of(mechanisms: Iterable[Mechanism]) -> tuple[Term, ...]:
     """The distinct terms of several mechanisms, in order; a term that two share is fitted once."""
-    seen: dict[tuple[Screw, ...], Term] = {}
+    distinct: dict[TermKey, Term] = {}
     for mechanism in mechanisms:
         for term in mechanism.terms:
-            seen.setdefault(term.screws, term)
-    return tuple(seen.values())
+            distinct.setdefault(term.key, term)
+    return tuple(distinct.values())
 
 
 def foreign(cause: Cause) -> str | None:

@@ -137,7 +137,7 @@ def _lack(
 ) -> tuple[Lack, float] | None:
     """(what is left against a floor, its root mean square [mm or rad] of one coordinate), of the
     coordinates `part`; the model has `used` so many degrees of freedom of all."""
-    seen = np.ones(residual.shape, bool) if problem.measured is None else problem.measured
+    seen = problem.components_measured
     count = int(seen[:, part].sum())
     freedom = count * (1 - used / int(seen.sum()))
     if floor is None or freedom < 1:
@@ -252,13 +252,10 @@ def _beyond(split: Split, fitted: Fit) -> str | None:
             float(fitted.theta[k]),
             float(fitted.standard_errors[k]),
         )
+        if len(term.screws) != 1:
+            continue
         screw = term.screws[0]
-        own = (
-            len(term.screws) == 1
-            and not term.fixture
-            and screw.cause == ONE
-            and 1 < screw.frame <= split.problem.robot.n
-        )
+        own = screw.cause == ONE and 1 < screw.frame <= split.problem.robot.n
         limit = TOLERANCE.get(term.unit, np.inf)
         if own and abs(value) - SURE * error > limit:
             some.append((abs(value) / limit, term.symbol, value, error, term.unit))
