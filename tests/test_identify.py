@@ -12,11 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modelsel.fitting.design import Model, design, residuals
-from modelsel.fitting.identifiability import Identified, identify, solve, unidentifiable, without
+from modelsel.fitting.identifiability import Identified, identify, solve, without
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.prior import faint, usual_sizes
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.reduction import reduce, reduce_problem
+from modelsel.fitting.undetermined import describe_unidentifiable
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 
@@ -86,7 +87,7 @@ def test_sentences_name_the_alias_groups(names, tool, rng) -> None:
     named, once."""
     at, which = drawn("puma760", rng, 80, tool), model(names)
     found = identified(at, which)
-    said = unidentifiable(found, which.terms)
+    said = describe_unidentifiable(found, which.terms)
     X = design(at, which.terms)[0].reshape(-1, len(which.terms))
     scale = np.linalg.norm(X, axis=0)
     scale[scale < 1e-9] = 1
@@ -111,7 +112,9 @@ def test_known_aliases_of_the_paper(rng) -> None:
     """By hand: joints 2 and 3 are parallel, so a slide along one is a slide along the other; γ6
     turns the target on the spot."""
     which = model(GEOMETRIC)
-    said = unidentifiable(identified(drawn("puma760", rng, 80, ON_AXIS), which), which.terms)
+    said = describe_unidentifiable(
+        identified(drawn("puma760", rng, 80, ON_AXIS), which), which.terms
+    )
     assert any({"c2", "c3"} <= set(u.parameters) for u in said)
     assert any({"c6", "c7"} == set(u.parameters) for u in said)
     (alone,) = [u.sentence for u in said if u.parameters == ("γ6",)]

@@ -23,12 +23,12 @@ from modelsel.diagnosis.procedure import explain
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.batch import Ensemble
 from modelsel.fitting.design import Model, design, residuals
-from modelsel.fitting.identifiability import unidentifiable
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.noise import Floor, Instrument
 from modelsel.fitting.observation import Fixtures
 from modelsel.fitting.problem import Problem
+from modelsel.fitting.undetermined import describe_unidentifiable
 from modelsel.measurements.features import KINDS, UNKNOWN
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.measurements.observation_columns import Known, with_known
@@ -253,9 +253,9 @@ def test_without_a_length_one_stays_as_drawn_and_that_is_said(tmp_path) -> None:
         0.0,
     )  # the longest: 431.8 mm from joint 2 to 3
     assert fitted.sigma == pytest.approx(1, rel=0.2)  # not shrunk to nothing
-    said = " ".join(u.sentence for u in unidentifiable(fitted.found, fitted.terms))
+    said = " ".join(u.sentence for u in describe_unidentifiable(fitted.found, fitted.terms))
     assert "a3 is kept at zero: no row measures a length" in said
-    assert "α1, β1 and γ1 are kept at zero: no row is measured in a frame of its own" in said
+    assert "α1, β1 and γ1 are kept at zero: no row is measured in a fixed frame" in said
     assert "x of p0" in said  # nor where the base stands
     assert "a1" in said
     c.distances(6)

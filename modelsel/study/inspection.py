@@ -8,11 +8,12 @@ import numpy as np
 
 from ..exceptions import DataError, NotEstimable
 from ..fitting.design import Model, residuals
-from ..fitting.identifiability import as_drawn, identify, unidentifiable
+from ..fitting.identifiability import as_drawn, identify
 from ..fitting.noise import from_repeats, from_target_pairs
 from ..fitting.prior import fitted_terms
 from ..fitting.problem import Problem
 from ..fitting.reduction import reduce_problem
+from ..fitting.undetermined import describe_unidentifiable
 from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
 from ..mechanisms.geometry import geometric, setup
@@ -110,7 +111,7 @@ def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
         "geometry": {"parameters": len(model.terms), "rank": rank, "condition": condition},
         "unidentifiable": [
             {"sentence": u.sentence, "parameters": list(u.parameters)}
-            for u in unidentifiable(found, model.terms)
+            for u in describe_unidentifiable(found, model.terms)
         ],
         **_registered(robot, data),
         "warnings": [{"code": n.code, "sentence": n.sentence} for n in data.notes],

@@ -27,8 +27,8 @@ from ..diagnosis.unexplained import (
     thinned,
 )
 from ..fitting.design import Model, whitened
-from ..fitting.identifiability import unidentifiable
 from ..fitting.noise import Floor
+from ..fitting.undetermined import describe_unidentifiable
 from ..measurements.measurements import Measurements
 from ..mechanisms.geometry import setup
 from ..mechanisms.registry import Registry, mechanism
@@ -239,7 +239,7 @@ def _analysed(
         plan.per_group if plan.register else None,
         faults,
     )
-    untold = unidentifiable(chosen.fit.found, chosen.fit.terms, chosen.fit.leaning)
+    untold = describe_unidentifiable(chosen.fit.found, chosen.fit.terms, chosen.fit.leaning)
     return Result(
         study,
         question.robot,
