@@ -16,7 +16,7 @@ from .causes import FUNCTIONS, ONE, Applied, Bump, Cause, Combined, Member, Name
 
 FIXTURE_AXES = (*AXES, "length")  # of a feature of the set-up: its place, its tilt, a length
 KINDS = (Number, Named, Applied, Combined, Member, Bump)
-PLAIN = {"rad/rad": "1", "mm/mm": "1"}  # a share: a turn by another, a shift by another
+SHARES = {"rad/rad": "1", "mm/mm": "1"}  # a rotation by another, a shift by another
 TermKey = tuple[Hashable, ...]
 LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
 
@@ -35,6 +35,11 @@ class Screw:
             raise ValueError(
                 f"no such place: frame {self.frame}, axis {self.axis}; frames count from 1, axes are {AXES}"
             )
+
+    @property
+    def unit(self) -> str:
+        """mm or rad per unit of its cause."""
+        return ratio("rad" if self.axis[0] == "r" else "mm", self.cause.unit)
 
     def __str__(self) -> str:
         return f"frame {self.frame} {self.axis} · {self.cause}"
@@ -67,14 +72,15 @@ class Term:
     def unit(self) -> str:
         """mm or rad per unit of the cause, from its screws; all must agree (rad counts as 1).
         Raises ValueError."""
-        units = {
-            ratio("rad" if s.axis[0] == "r" else "mm", s.cause.unit): None for s in self.screws
-        }
-        if len({PLAIN.get(u, u.replace("rad", "1")) for u in units}) != 1:
+        units = list(dict.fromkeys(screw.unit for screw in self.screws))
+        alike = {SHARES.get(unit, unit.replace("rad", "1")) for unit in units}
+        if len(alike) != 1:
             raise ValueError(
                 f"the screws of {self.symbol} have different units: {', '.join(units)}"
             )
-        return "1" if PLAIN.keys() <= units.keys() else max(units, key=lambda u: "rad" in u)
+        if SHARES.keys() <= set(units):
+            return "1"
+        return max(units, key=lambda unit: "rad" in unit)
 
 
 @dataclass(frozen=True)
@@ -109,24 +115,26 @@ class FixtureTerm(Term):
 
 
 def ratio(top: str, bottom: str) -> str:
-    """The unit top/bottom, common factors cancelled: ("mm", "mm °C") -> "1/°C"."""
+    """Return the unit top/bottom, common factors cancelled: ("mm", "mm °C") -> "1/°C"."""
     if top == bottom:
         return f"{top}/{bottom}"
-    up, down = [top], [factor for factor in bottom.replace("/", " / ").split() if factor != "1"]
-    if "/" in down:
-        up, down = up + down[down.index("/") + 1 :], down[: down.index("/")]
-    for factor in list(down):
-        if factor in up:
-            up.remove(factor)
-            down.remove(factor)
-    over = " ".join(up) or "1"
-    return (
-        over
-        if not down
-        else f"{over}/{down[0]}"
-        if len(down) == 1
-        else f"{over}/({' '.join(down)})"
-    )
+    divisor, _, dividend = bottom.partition("/")
+    above = [top, *_unit_factors(dividend)]
+    below = _unit_factors(divisor)
+    for factor in list(below):
+        if factor in above:
+            above.remove(factor)
+            below.remove(factor)
+    numerator = " ".join(above) or "1"
+    if not below:
+        return numerator
+    denominator = below[0] if len(below) == 1 else f"({' '.join(below)})"
+    return f"{numerator}/{denominator}"
+
+
+def _unit_factors(unit: str) -> list[str]:
+    """Factors of a unit's part without a quotient, ones left out."""
+    return [factor for factor in unit.split() if factor != "1"]
 
 
 @dataclass(frozen=True)
@@ -160,11 +168,13 @@ class Mechanism:
 
     def names(self) -> frozenset[str]:
         """Names its causes need from the state."""
-        return frozenset[str]().union(*(s.cause.names() for t in self.terms for s in t.screws))
+        screws = [screw for term in self.terms for screw in term.screws]
+        return frozenset[str]().union(*(screw.cause.names() for screw in screws))
 
 
 def terms_of(mechanisms: Iterable[Mechanism]) -> tuple[Term, ...]:
-    """The distinct terms of several mechanisms, in order; a term that two share is fitted once."""
+    """Return the distinct terms of several mechanisms, in order; a term that two share is fitted
+    once."""
     distinct: dict[TermKey, Term] = {}
     for mechanism in mechanisms:
         for term in mechanism.terms:
@@ -173,41 +183,43 @@ def terms_of(mechanisms: Iterable[Mechanism]) -> tuple[Term, ...]:
 
 
 def foreign(cause: Cause) -> str | None:
-    """What in a cause is not of modelsel.wrong.causes, in words: it prints in no grammar, and no
-    file could hold it. A class derived from one of those is not that one."""
+    """Say what in a cause is not of modelsel.mechanisms.causes; None where all is: such a cause
+    prints in no grammar, and no file could hold it. A class derived from one of those is not that
+    one."""
     if type(cause) not in KINDS:
         return f"{type(cause).__name__} is a kind of cause of its own"
-    if isinstance(cause, Applied):
-        return (
-            foreign(cause.argument)
-            if cause.function in FUNCTIONS
-            else f"{cause.function} is a function of its own"
-        )
-    return foreign(cause.left) or foreign(cause.right) if isinstance(cause, Combined) else None
+    if isinstance(cause, Combined):
+        return foreign(cause.left) or foreign(cause.right)
+    if not isinstance(cause, Applied):
+        return None
+    if cause.function not in FUNCTIONS:
+        return f"{cause.function} is a function of its own"
+    return foreign(cause.argument)
 
 
 def unstorable(mechanism: Mechanism) -> str | None:
-    """Why no calibration could store a mechanism, in a sentence; None where one can."""
-    if (why := unfit(mechanism.name, TEXT)) is not None:
-        return f"its name is not one: {why}."
-    texts = (
-        mechanism.sentence,
-        mechanism.equation,
-        mechanism.source,
-        *(t.symbol for t in mechanism.terms),
-    )
-    if (c := unseen("".join(texts))) is not None:
-        return f"its texts hold U+{ord(c):04X}, which nobody sees and no report can show: write them without, each on one line."
-    found = next(
-        (what for t in mechanism.terms for s in t.screws if (what := foreign(s.cause))), None
-    )
+    """Say why no calibration could store a mechanism, in a sentence; None where one can."""
+    misfit = unfit(mechanism.name, TEXT)
+    if misfit is not None:
+        return f"its name is not one: {misfit}."
+    symbols = [term.symbol for term in mechanism.terms]
+    texts = (mechanism.sentence, mechanism.equation, mechanism.source, *symbols)
+    character = unseen("".join(texts))
+    if character is not None:
+        return (
+            f"its texts hold U+{ord(character):04X}, which nobody sees and no report can show: "
+            "write them without, each on one line."
+        )
+    causes = [screw.cause for term in mechanism.terms for screw in term.screws]
+    unknown = next(filter(None, map(foreign, causes)), None)
+    if unknown is None:
+        return None
     return (
-        None
-        if found is None
-        else f"{found}, which no calibration can store: build it of those in modelsel.wrong.causes."
+        f"{unknown}, which no calibration can store: build it of those in "
+        "modelsel.mechanisms.causes."
     )
 
 
 def letter(frame: int, axis: str) -> str:
-    """The paper's symbol of a geometric parameter: a1 … γ7."""
+    """Return the paper's symbol of a geometric parameter: a1 … γ7."""
     return f"{LETTERS[axis]}{frame}"
