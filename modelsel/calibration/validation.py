@@ -15,7 +15,7 @@ from .._typing import Array, Index
 from ..diagnosis.mistaken_rows import slipped
 from ..exceptions import DataError, sentence_list
 from ..fitting.noise import Floor
-from ..fitting.noise_check import SMALLER, Lack, against, lack, likeliest
+from ..fitting.noise_check import CLEARLY_TOO_LARGE, Lack, against, lack, likeliest
 from ..fitting.problem import Problem
 from ..measurements.columns import SMALLEST
 from ..measurements.measurements import Measurements
@@ -244,7 +244,7 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
         size,
         moved,
         tuple(doubts),
-        found.outside and found.factor < 1 / SMALLER,
+        found.outside and found.factor < 1 / CLEARLY_TOO_LARGE,
         tuple(
             name
             for name in data.targets

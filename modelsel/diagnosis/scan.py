@@ -21,7 +21,7 @@ from .._typing import Array, Index
 from ..fitting.design import blocks
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
-from ..fitting.splines import spline, splines
+from ..fitting.splines import spline, spline_groups
 from ..mechanisms.terms import Term
 from .candidates import Candidate
 from .sign_constraints import Sides, least, sides
@@ -178,7 +178,7 @@ def _root(terms: Sequence[Term], norms: Array) -> Array:
     """(k, k) root of the prior covariance of a free function's coefficients; places of one
     mechanism move the target alike far, whatever their units."""
     out = np.zeros((len(terms), len(terms)))
-    for index, root in splines(terms):
+    for index, root in spline_groups(terms):
         out[np.ix_(index, index)] = root / np.sqrt(max(float(norms[index].mean()), 1e-300))
     return out
 
