@@ -36,26 +36,25 @@ class Ensemble:
     _places: dict[Place, tuple[Index, Array]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        found: dict[Place, tuple[list[int], list[Array]]] = {}
+        terms_at: dict[Place, list[int]] = {}
+        causes_at: dict[Place, list[Array]] = {}
         for k, term in enumerate(self.terms):
             for s in term.screws:
-                index, causes = found.setdefault((s.frame - 1, PLACE[s.axis]), ([], []))
-                index.append(k)
-                causes.append(np.asarray(self.problem.cause(s.cause), float))
-        m = len(self.problem)
-        object.__setattr__(
-            self,
-            "_places",
-            {
-                place: (
-                    np.array(index, dtype=np.intp),
-                    np.stack([c.reshape(1) for c in causes])
-                    if all(c.ndim == 0 for c in causes)
-                    else np.stack([np.broadcast_to(c, (m,)) for c in causes]),
-                )
-                for place, (index, causes) in sorted(found.items())
-            },
-        )
+                place = s.frame - 1, PLACE[s.axis]
+                cause = np.asarray(self.problem.cause(s.cause), float)
+                terms_at.setdefault(place, []).append(k)
+                causes_at.setdefault(place, []).append(cause)
+        places = {}
+        for place in sorted(terms_at):
+            index = np.array(terms_at[place], dtype=np.intp)
+            places[place] = index, self._stacked(causes_at[place])
+        object.__setattr__(self, "_places", places)
+
+    def _stacked(self, causes: Sequence[Array]) -> Array:
+        """(k, m) causes, or (k, 1) where all are constant."""
+        if all(cause.ndim == 0 for cause in causes):
+            return np.stack([cause.reshape(1) for cause in causes])
+        return np.stack([np.broadcast_to(cause, (len(self.problem),)) for cause in causes])
 
     @cached_property
     def _turns(self) -> tuple[tuple[Array, Array], ...]:
