@@ -13,7 +13,7 @@ import numpy as np
 
 from ._typing import Array
 from .exceptions import StudyError
-from .fitting.design import Model, design, residuals
+from .fitting.design import Model, compute_design, residuals
 from .fitting.identifiability import identify
 from .fitting.least_squares import fit
 from .fitting.linearisation import Linearisation
@@ -97,7 +97,7 @@ def law1_columns_are_derivatives(
     some, terms = at.take(np.arange(min(len(at), 15))), mechanism.terms
     h = np.array([step(t, some) for t in terms])
     for theta in (np.zeros(len(terms)), np.array([usual(t, rng, 0.05) for t in terms])):
-        columns = design(some, terms, Linearisation(terms, theta))[0]
+        columns = compute_design(some, terms, Linearisation(terms, theta))[0]
         both = exact(some, terms, theta + np.concatenate([np.diag(-h), np.diag(h)]))
         low, high = both.reshape(
             2, len(terms), *columns.shape[:2]
@@ -153,7 +153,7 @@ def floor(term: Term, at: Problem) -> float:
 def law2_rows_are_local(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
     """L2: rows permuted or dropped give the same columns, whether or not the causes were evaluated
     before."""
-    whole = design(at, mechanism.terms)[0]
+    whole = compute_design(at, mechanism.terms)[0]
     for index in (
         rng.permutation(len(at)),
         np.sort(rng.choice(len(at), len(at) // 3, replace=False)),
@@ -161,7 +161,9 @@ def law2_rows_are_local(mechanism: Mechanism, at: Problem, rng: np.random.Genera
     ):
         for some in (at.take(index), Problem(at.robot, at.data.take(index), at.tools)):
             law(
-                np.allclose(design(some, mechanism.terms)[0], whole[index], rtol=1e-12, atol=1e-9),
+                np.allclose(
+                    compute_design(some, mechanism.terms)[0], whole[index], rtol=1e-12, atol=1e-9
+                ),
                 f"L2: {mechanism.name} looks beyond its row",
             )
 
@@ -169,14 +171,14 @@ def law2_rows_are_local(mechanism: Mechanism, at: Problem, rng: np.random.Genera
 def law3_linear_in_the_cause(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
     """L3: a zero cause gives a zero column, twice the cause twice the column."""
     del rng
-    columns = design(at, mechanism.terms)[0]
+    columns = compute_design(at, mechanism.terms)[0]
     for factor in (0.0, 2.0):
         terms = tuple(
             Term(t.symbol, tuple(Screw(s.frame, s.axis, factor * s.cause) for s in t.screws))
             for t in mechanism.terms
         )
         law(
-            np.allclose(design(at, terms)[0], factor * columns, rtol=1e-13, atol=0),
+            np.allclose(compute_design(at, terms)[0], factor * columns, rtol=1e-13, atol=0),
             f"L3: {mechanism.name} with its causes x {factor} is not x {factor}",
         )
 
@@ -189,7 +191,7 @@ def law4_plant_and_recover(mechanism: Mechanism, at: Problem, rng: np.random.Gen
     the sizes are small."""
     terms = mechanism.terms
     model = Model((mechanism,))
-    columns = design(at, terms)[0]
+    columns = compute_design(at, terms)[0]
     moves = np.linalg.norm(columns, axis=1).max(0)
     for term, far in zip(terms, moves * [(t.size or (0.0, 0.0))[1] for t in terms], strict=True):
         law(

@@ -13,7 +13,7 @@ import numpy as np
 from builders import bind, drawn
 
 from modelsel import testing as laws
-from modelsel.fitting.design import design, residuals
+from modelsel.fitting.design import compute_design, residuals
 from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms import causes
@@ -111,7 +111,7 @@ def law7_inputs_stay(mechanism: Mechanism, at: Problem, rng: np.random.Generator
     terms, theta = mechanism.terms, np.array([usual(t, rng, 0.02) for t in mechanism.terms])
     with locked(bind(at.robot, at.data, at.tools[0]), theta) as fresh:
         for out in (
-            *design(fresh, terms, Linearisation(terms, theta)),
+            *compute_design(fresh, terms, Linearisation(terms, theta)),
             residuals(fresh, terms, theta),
         ):
             out[...] = np.nan

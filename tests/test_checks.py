@@ -19,7 +19,7 @@ from modelsel._typing import Array
 from modelsel.cli.main import main
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.noise import Floor, from_target_pairs
-from modelsel.fitting.noise_check import lack, likeliest
+from modelsel.fitting.noise_check import lack, name_likeliest_mistake
 from modelsel.measurements.measurements import measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import geometric
@@ -221,8 +221,8 @@ def test_the_range_holds_what_chance_gives(rng) -> None:
     assert ((chi < stated.low) | (chi > stated.high)).mean() == pytest.approx(1e-3, abs=8e-4)
     pairs = lack(Floor(1.0, "repeats", own), 1.0, freedom)
     assert pairs.low < stated.low < stated.high < pairs.high
-    assert "another unit" in likeliest(30.0, "x")
-    assert "degrees stand where radians" in likeliest(57.0, "x", "rad")
+    assert "another unit" in name_likeliest_mistake(30.0, "x")
+    assert "degrees stand where radians" in name_likeliest_mistake(57.0, "x", "rad")
 
 
 def test_markers_of_one_rigid_body_show_no_noise(rng, tmp_path) -> None:

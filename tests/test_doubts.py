@@ -13,7 +13,7 @@ from scipy.stats import f as fisher
 from scipy.stats import kstest, multivariate_t
 
 from modelsel.diagnosis.outliers import DRAWS, misplaced
-from modelsel.fitting.design import Model, design
+from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor, from_repeats
 from modelsel.fitting.problem import Problem
@@ -116,7 +116,7 @@ def test_lack_of_fit_against_repeats_is_the_textbooks(rng) -> None:
     data = weighed(at)
     found = lack_of_fit(evaluate(data, BASE, ("geometric",)), from_repeats(at.data), data)
     fitted = fit(data.training(), BASE)
-    X, r = design(data.problem.unweighted(), BASE.terms, fitted.at())
+    X, r = compute_design(data.problem.unweighted(), BASE.terms, fitted.at())
     X = X[:, :, list(fitted.found.kept)].reshape(r.size, -1)
     e = r.ravel() - X @ np.linalg.lstsq(X, r.ravel(), rcond=None)[0]
     y = at.data.position.reshape(3, 25, 3)

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modelsel.exceptions import NotEstimable
-from modelsel.fitting.design import Model, design
+from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.identifiability import identify
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
@@ -61,7 +61,7 @@ def test_estimate_and_covariance_are_statsmodels(rng) -> None:
     at = planted(drawn("puma760", rng, 50), which.terms, some(which, rng), rng, 0.1)
     found = fit(at, which, held="nothing")
     kept = list(found.found.kept)
-    X, left = (part.reshape(150, -1) for part in design(at, which.terms, found.at()))
+    X, left = (part.reshape(150, -1) for part in compute_design(at, which.terms, found.at()))
     other = sm.OLS(left[:, 0] + X[:, kept] @ found.theta[kept], X[:, kept]).fit(method="qr")
     np.testing.assert_allclose(found.theta[kept], other.params, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(found.standard_errors[kept], other.bse, rtol=1e-7)
@@ -89,7 +89,7 @@ def test_weights(rng) -> None:
     found = fit(
         replace(at, whitening=Whitening(matrices=np.linalg.inv(np.linalg.cholesky(spread)))), which
     )
-    X, r = design(at, which.terms, found.at())
+    X, r = compute_design(at, which.terms, found.at())
     weight = np.linalg.inv(spread)
     gram = np.einsum("mip,mij,mjq->pq", X, weight, X)
     assert (
@@ -105,7 +105,7 @@ def test_prior(rng) -> None:
     at = planted(drawn("puma760", rng, 40), which.terms, some(which, rng), rng, 0.1)
     precision = np.array([0.0 if t.unit == "mm" else 1e6 for t in which.terms])
     found = fit(at, which, precision=precision, held="nothing")
-    X, r = (part.reshape(120, -1) for part in design(at, which.terms, found.at()))
+    X, r = (part.reshape(120, -1) for part in compute_design(at, which.terms, found.at()))
     kept = list(found.found.kept)
     slope = (X.T @ r[:, 0] - precision * found.theta)[kept]
     np.testing.assert_allclose(slope / np.linalg.norm(X[:, kept], axis=0), 0, atol=1e-3)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from modelsel.exceptions import NotEstimable
-from modelsel.fitting.design import Model, design
+from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import measurements
@@ -154,7 +154,7 @@ def test_scene_against_refits(folds, rng) -> None:
     kept = list(plain.found.kept)
     found = cross_validate(fold(at, which.terms, fold_of, about), kept)
     left = held_out_residuals(at, which.terms, fold_of, found.without, about)
-    X, r = design(at, which.terms, about)
+    X, r = compute_design(at, which.terms, about)
     for k in range(fold_of.max() + 1):
         held = fold_of == k
         beta, *_ = np.linalg.lstsq(

@@ -22,7 +22,7 @@ from modelsel.diagnosis.outliers import gross, scale_of
 from modelsel.diagnosis.procedure import explain
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.batch import Ensemble
-from modelsel.fitting.design import Model, design, residuals
+from modelsel.fitting.design import Model, compute_design, residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.noise import Floor, Instrument
@@ -184,7 +184,7 @@ def every_kind(rng: np.random.Generator) -> tuple[Problem, tuple[Term, ...], np.
 
 def test_columns_are_the_derivatives_of_what_rows_read(rng) -> None:
     bound, terms, theta = every_kind(rng)
-    X, r = design(bound, terms, Linearisation(terms, theta))
+    X, r = compute_design(bound, terms, Linearisation(terms, theta))
     np.testing.assert_allclose(r, residuals(bound, terms, theta), atol=1e-9)
     for k, term in enumerate(terms):
         h = np.zeros(len(terms))
@@ -773,7 +773,7 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
         Problem(PUMA, measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL])),
     )
     p = pool(known, pool_scene, fitted.terms, at, NOISE)
-    X = design(known.unweighted(), some, at)[0].reshape(-1, len(some))
+    X = compute_design(known.unweighted(), some, at)[0].reshape(-1, len(some))
     own = [k for k, t in enumerate(some) if not t.fixture]
     columns = p.known.reshape(-1, len(p.terms))[:, p.of(some)]
     inverse = np.linalg.inv(X.T @ X)[np.ix_(own, own)]

@@ -211,9 +211,9 @@ def test_setup_columns_with_orientation(rng) -> None:
     assert six.components == 6
     whole = setup(robot, 1, 1, True, True)
     both = Mechanism("all", (*whole.terms, *mechanism("wrist-coupling", robot).terms))
-    from modelsel.fitting.design import design, residuals
+    from modelsel.fitting.design import compute_design, residuals
 
-    columns, residual = design(six, both.terms)
+    columns, residual = compute_design(six, both.terms)
     assert np.abs(residual).max() < 1e-9
     for j, term in enumerate(both.terms):
         h, zero = laws.step(term, six), np.zeros(len(both.terms))

@@ -31,7 +31,7 @@ from modelsel.calibration.experiment_design import (
 from modelsel.cli.main import main
 from modelsel.cli.plan import PURPOSES
 from modelsel.exceptions import DataError, StudyError
-from modelsel.fitting.design import design
+from modelsel.fitting.design import compute_design
 from modelsel.mechanisms.registry import mechanism, parts
 from modelsel.mechanisms.terms import Term
 from modelsel.robot.files import load
@@ -59,13 +59,13 @@ def simulated(
     a pool of others."""
     known, more = drawn(ROBOT, rng, 60), drawn(ROBOT, rng, possible)
     mechanisms = [parts(name, ROBOT)[0] for name in names]
-    Q = np.linalg.svd(design(known, GEOMETRY.terms)[0].reshape(180, -1), full_matrices=False)[0][
-        :, :25
-    ]
+    Q = np.linalg.svd(
+        compute_design(known, GEOMETRY.terms)[0].reshape(180, -1), full_matrices=False
+    )[0][:, :25]
     estimates = []
     for m in mechanisms:
         theta = np.array([t.size[1] for t in m.terms])
-        moved = (design(known, m.terms)[0] @ theta).ravel()
+        moved = (compute_design(known, m.terms)[0] @ theta).ravel()
         estimates.append(theta * size / np.sqrt(np.square(moved - Q @ (Q.T @ moved)).sum() / 60))
     even = np.full(len(names), 1 / len(names))
     rivals = Rivals(

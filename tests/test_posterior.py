@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from modelsel._typing import Array
 from modelsel.fitting.batch import Ensemble
-from modelsel.fitting.design import Model, design, residuals, whitened
+from modelsel.fitting.design import Model, compute_design, residuals, whitened
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.prior import usual_sizes
 from modelsel.fitting.problem import Problem
@@ -96,7 +96,7 @@ def test_intervals_are_those_of_least_squares(rng: np.random.Generator) -> None:
     problem = planted(at, MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
     fitted = fit(problem, MODEL, held="nothing")
     kept = list(fitted.found.kept)
-    X, r = design(problem, MODEL.terms, fitted.at())
+    X, r = compute_design(problem, MODEL.terms, fitted.at())
     X = X.reshape(-1, len(MODEL.terms))[:, kept]
     plain = sm.OLS(r.ravel() + X @ fitted.theta[kept], X).fit()
     low, high = posterior(fitted).quantile(np.array([0.025, 0.975])).T
@@ -113,7 +113,7 @@ def test_shrunk_posterior_is_the_conjugate_one(rng: np.random.Generator) -> None
     precision[-1] = 1e8
     fitted = fit(problem, MODEL, precision=precision, held="nothing")
     kept = list(fitted.found.kept)
-    X, r = design(problem, MODEL.terms, fitted.at())
+    X, r = compute_design(problem, MODEL.terms, fitted.at())
     X = X.reshape(-1, len(MODEL.terms))[:, kept]
     y = r.ravel() + X @ fitted.theta[kept]
     gram = X.T @ X + np.diag(precision[kept])

@@ -18,7 +18,7 @@ from scipy.integrate import quad
 from modelsel._typing import Array
 from modelsel.cli.main import main
 from modelsel.exceptions import StudyError
-from modelsel.fitting.design import Model, design
+from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.noise import Instrument, weigh
 from modelsel.fitting.problem import Problem
@@ -133,7 +133,7 @@ def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) 
     whole = LogPosterior(
         fitted, noise, chosen, (*map(str, chosen), *noise.names), ("1",) * (len(chosen) + 2)
     )
-    X, r = design(at, MODEL.terms, fitted.at())
+    X, r = compute_design(at, MODEL.terms, fitted.at())
     rest = [k for k in fitted.found.kept if k not in chosen]
     X = X.reshape(-1, len(MODEL.terms))[:, rest]
     line = at.data.position - np.array(instrument.at)
@@ -181,7 +181,7 @@ def test_tail_with_a_coefficient_integrated_out(rng: np.random.Generator, nu: fl
     problem = planted(at, model.terms, np.zeros(2), rng, 0.1)
     fitted = fit(problem, model)
     whole = target(problem, fitted, (1,), tail=True)
-    X, r = design(problem, model.terms, fitted.at())
+    X, r = compute_design(problem, model.terms, fitted.at())
     points, expected = np.zeros((3, 3)), []
     points[:, 2] = (1 / nu - whole.natural(np.zeros((1, 3)))[0, 2]) / 0.05
     points[:, 0], points[:, 1] = (0.0, 1.5, -1.0), (0.0, 1.0, -2.0)

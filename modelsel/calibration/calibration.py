@@ -16,7 +16,7 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..exceptions import DataError, suggest
-from ..fitting.design import Model, columns_of, field_of, twist_of
+from ..fitting.design import Model, compute_columns, field_of, twist_of
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
 from ..fitting.problem import Problem
@@ -264,6 +264,8 @@ def uncertainty(calibration: Calibration, problem: Problem) -> Array:
     out = np.empty((len(problem), 3, calibration.factor.shape[1]))
     for rows in problem.blocks(512):
         at = problem.pose(rows, twist_of(problem, calibration.terms, calibration.theta, rows))
-        columns = columns_of(problem, field_of(problem, at, rows), calibration.terms, rows)[:, :3]
+        columns = compute_columns(problem, field_of(problem, at, rows), calibration.terms, rows)[
+            :, :3
+        ]
         out[rows] = np.einsum("pcm,pr->mcr", columns, calibration.factor)
     return out

@@ -14,7 +14,7 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import StudyError
-from ..fitting.design import design
+from ..fitting.design import compute_design
 from ..fitting.identifiability import identify
 from ..fitting.reduction import reduce
 from ..mechanisms.geometry import setup
@@ -132,7 +132,7 @@ def compare(a: Calibration, b: Calibration) -> Comparison:
         factor = np.zeros((len(terms), c.factor.shape[1]))
         factor[own] = c.factor
         factors.append(factor)
-    X = design(at, terms)[0]
+    X = compute_design(at, terms)[0]
     found = identify(
         reduce(X.transpose(0, 1, 2).reshape(-1, len(terms)), np.zeros(X.shape[0] * X.shape[1]))
     )

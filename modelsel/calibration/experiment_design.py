@@ -15,7 +15,7 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import DataError
-from ..fitting.design import design
+from ..fitting.design import compute_design
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
 from ..fitting.whitening import UNIT
@@ -69,7 +69,7 @@ def pool(
         plain = replace(
             problem, whitening=UNIT, data=replace(problem.data, rotation=None), tool_rotations=None
         )
-        return design(plain, of, at)[0]
+        return compute_design(plain, of, at)[0]
 
     each = np.unique(possible.data.configuration, return_counts=True)[1]
     if np.ptp(each):

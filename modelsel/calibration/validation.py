@@ -15,7 +15,13 @@ from .._typing import Array, Index
 from ..diagnosis.mistaken_rows import slipped
 from ..exceptions import DataError, sentence_list
 from ..fitting.noise import Floor
-from ..fitting.noise_check import CLEARLY_TOO_LARGE, Lack, against, lack, likeliest
+from ..fitting.noise_check import (
+    CLEARLY_TOO_LARGE,
+    Lack,
+    describe_lack,
+    lack,
+    name_likeliest_mistake,
+)
 from ..fitting.problem import Problem
 from ..measurements.columns import SMALLEST
 from ..measurements.measurements import Measurements
@@ -154,18 +160,18 @@ def _doubts(c: Calibration, data: Measurements, residual: Array, found: Lack) ->
         out.append(
             f"The calibration's stated uncertainty of one coordinate ({c.floor.coordinate_mm:.3g} mm) is {ratio:.3g} times"
             f" what its own held-out configurations showed ({held:.3g} mm), which is expected here instead. "
-            f"{likeliest(ratio, STATED)}"
+            f"{name_likeliest_mistake(ratio, STATED)}"
         )
     elif found.far and found.factor < 1:
         out.append(
-            f"{against('The calibration', reference(c)[0], left, found, model='new data leave')} "
-            f"{likeliest(1 / found.factor, STATED)}"
+            f"{describe_lack('The calibration', reference(c)[0], left, found, model='new data leave')} "
+            f"{name_likeliest_mistake(1 / found.factor, STATED)}"
         )
     if data.sigma is not None:
         own = Floor(float(np.sqrt(np.square(data.sigma).mean())), "stated")
         asked = lack(own, float(np.sqrt(np.square(residual / data.sigma).mean())), residual.size)
         if asked.far and (asked.factor < 1 or found.factor < NOTABLE):
-            said = against(
+            said = describe_lack(
                 "sx_mm, sy_mm, sz_mm of the new data",
                 own.coordinate_mm,
                 left,
@@ -173,7 +179,7 @@ def _doubts(c: Calibration, data: Measurements, residual: Array, found: Lack) ->
                 model="new data leave",
             )
             out.append(
-                f"{said} {likeliest(1 / asked.factor, 'sx_mm, sy_mm, sz_mm')} This test does not use them."
+                f"{said} {name_likeliest_mistake(1 / asked.factor, 'sx_mm, sy_mm, sz_mm')} This test does not use them."
             )
     return out
 

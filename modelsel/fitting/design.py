@@ -252,7 +252,7 @@ def directions(problem: Problem, pose: Pose, rows: slice) -> Array:
     return G
 
 
-def columns_of(problem: Problem, field: Array, terms: Sequence[Term], rows: slice) -> Array:
+def compute_columns(problem: Problem, field: Array, terms: Sequence[Term], rows: slice) -> Array:
     """Compute the columns (p, c, rows) of terms from a screw field."""
     out = np.empty((len(terms), *field.shape[2:]))
     _write_products(problem, field, terms, rows, out, Space())
@@ -320,7 +320,7 @@ def blocks(
         yield rows, block[:-1], block[-1]
 
 
-def design(
+def compute_design(
     problem: Problem, terms: Sequence[Term], at: Linearisation | None = None
 ) -> tuple[Array, Array]:
     """Compute the whole design (m, c, p) and residual (m, c), whitened; for data that fit in

@@ -69,7 +69,7 @@ def lack(floor: Floor, factor: float, freedom: float) -> Lack:
     return Lack(factor, float(np.sqrt(low)), float(np.sqrt(high)))
 
 
-def likeliest(ratio: float, where: str, scale: str = "mm") -> str:
+def name_likeliest_mistake(ratio: float, where: str, scale: str = "mm") -> str:
     """Name the mistake that makes a stated uncertainty `ratio` times as large as what is left; `where` it is
     stated; `scale`: "mm" or "rad"."""
     near = []
@@ -92,7 +92,7 @@ def likeliest(ratio: float, where: str, scale: str = "mm") -> str:
     )
 
 
-def against(
+def describe_lack(
     what: str,
     floor: float,
     left: float,

@@ -65,7 +65,7 @@ class WeakPrior:
         return replace(self, rows=rows, sizes=sizes)
 
 
-def constant(model: Model) -> NDArray[np.bool_]:
+def constant_mask(model: Model) -> NDArray[np.bool_]:
     """Return the mask (p,) of the constant parameters of the arm and its set-up."""
     return np.array([t.usual is not None for t in model.terms], dtype=bool)
 
@@ -115,7 +115,7 @@ def fitted_terms(found: Identified, model: Model) -> Identified:
     if found.held is not None or found.still:
         return found
     moves = found.scale > STILL * found.scale.max(initial=0.0)
-    constants = np.flatnonzero(moves & constant(model))
+    constants = np.flatnonzero(moves & constant_mask(model))
     return replace(found, kept=tuple(sorted({*found.kept, *constants.tolist()})))
 
 

@@ -167,7 +167,7 @@ def _triangle(
     if only is not None:
         picked = [*only, p]
         rows = _stream(problem, terms, at, picked)
-        return Reduction.empty(p).add(spread(rows, picked, p + 1)).R
+        return Reduction.empty(p).add(scatter_columns(rows, picked, p + 1)).R
     if len(problem) > PROBE[1] and p:
         try:
             return _without_dependent(problem, terms, at)
@@ -180,7 +180,7 @@ class _Disagrees(ArithmeticError):
     """A block where terms that seemed to depend on others do not."""
 
 
-def spread(rows: Array, columns: Sequence[int], width: int) -> Array:
+def scatter_columns(rows: Array, columns: Sequence[int], width: int) -> Array:
     """Put rows (k, len(columns)) at their columns of `width`, zeros elsewhere."""
     out = np.zeros((len(rows), width))
     out[:, columns] = rows

@@ -19,7 +19,7 @@ from ..fitting.design import Model
 from ..fitting.least_squares import Fit
 from ..fitting.linear_step import Step, one_step
 from ..fitting.linearisation import Linearisation
-from ..fitting.reduction import Reduction, spread
+from ..fitting.reduction import Reduction, scatter_columns
 from ..mechanisms.terms import Mechanism
 from .branch_and_bound import Certified, best_subset
 from .criteria import aicc, bic, log_evidence, scan_price, weights
@@ -186,7 +186,7 @@ def _with_prior(folded: Folded, everything: Model, step: Step | None) -> tuple[F
         return folded, 0
     columns = [*columns_of(everything, step.model), len(everything.terms)]
     return replace(
-        folded, prior=spread(step.prior, columns, len(everything.terms) + 1)
+        folded, prior=scatter_columns(step.prior, columns, len(everything.terms) + 1)
     ), step.weak.held
 
 

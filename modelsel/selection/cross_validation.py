@@ -21,7 +21,7 @@ from ..fitting.design import assemble, blocks, whiten
 from ..fitting.identifiability import identify, solve
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import BLOCK, Problem
-from ..fitting.reduction import STREAM, Reduction, spread
+from ..fitting.reduction import STREAM, Reduction, scatter_columns
 from ..mechanisms.terms import Term
 from ..robot._kernels import Space
 
@@ -115,7 +115,7 @@ def folds(problem: Problem, points: Sequence[Point], fold_of: Index) -> list[Fol
             for k, start, stop in zip(own, first, [*first[1:], len(rows)], strict=True):
                 into[k] = into[k].add(block[:, :, start:stop].reshape(len(some), -1).T)
     return [
-        pad([spread(r.R, some, len(terms) + 1) for r in into], rows_of)
+        pad([scatter_columns(r.R, some, len(terms) + 1) for r in into], rows_of)
         for (terms, _, _), some, into in zip(points, picked, found, strict=True)
     ]
 

@@ -17,7 +17,7 @@ from ..exceptions import NotEstimable, sentence_list
 from ..fitting.design import whitened
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
-from ..fitting.noise_check import Lack, against, lack, likeliest
+from ..fitting.noise_check import Lack, describe_lack, lack, name_likeliest_mistake
 from ..fitting.problem import Problem
 from ..measurements.columns import SMALLEST
 from ..mechanisms.causes import ONE
@@ -126,8 +126,8 @@ def turns_believed(split: Split, fitted: Fit) -> tuple[Note, ...]:
     return (
         Note(
             "stated-uncertainty",
-            f"{against(where, own.coordinate_mm, left, asked, 'rad')} "
-            f"{likeliest(1 / asked.factor, where, 'rad')}",
+            f"{describe_lack(where, own.coordinate_mm, left, asked, 'rad')} "
+            f"{name_likeliest_mistake(1 / asked.factor, where, 'rad')}",
         ),
     )
 
@@ -170,8 +170,8 @@ def _stated(split: Split, floor: Floor, asked: Lack, left: float) -> Note:
     )
     return Note(
         "stated-uncertainty",
-        f"{against(where, floor.coordinate_mm, left, asked)} "
-        f"{likeliest(1 / asked.factor, where)}{instead}",
+        f"{describe_lack(where, floor.coordinate_mm, left, asked)} "
+        f"{name_likeliest_mistake(1 / asked.factor, where)}{instead}",
     )
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..diagnosis.evidence import RATIOS
-from ..fitting.design import design
+from ..fitting.design import compute_design
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Screw, Term
@@ -159,7 +159,7 @@ def _changes(
     model's."""
     places = sorted({place for place, k, _ in constant.tables if k in index})
     terms = [Term(AXES[axis], (Screw(frame + 1, AXES[axis]),)) for frame, axis in places]
-    unit = design(problem, terms, at)[0].transpose(2, 1, 0)  # (places, c, m)
+    unit = compute_design(problem, terms, at)[0].transpose(2, 1, 0)  # (places, c, m)
     for n in range(GRID):
         out = np.zeros((rows, len(index)))
         for place, k, table in constant.tables:
