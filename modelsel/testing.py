@@ -15,11 +15,13 @@ import numpy as np
 from ._records import parse_record
 from ._typing import Array
 from .exceptions import StudyError
-from .fitting.design import Model, design, residuals
+from .fitting.design import Model, compute_design, residuals
 from .fitting.identifiability import identify
 from .fitting.least_squares import fit
-from .fitting.problem import Problem, make_problem
+from .fitting.linearisation import Linearisation
+from .fitting.problem import Problem
 from .fitting.reduction import reduce
+from .fitting.whitening import Whitening
 from .measurements.measurements import measurements
 from .mechanisms import causes
 from .mechanisms.serialization import MechanismRecord, mechanism_from_record, mechanism_record
@@ -56,7 +58,7 @@ def simulate_campaign(
         "temperature_C": rng.uniform(15, 35, m),
         "time_s": np.arange(0.0, 30.0 * m, 30.0),
     }
-    bare = make_problem(
+    bare = Problem(
         robot, measurements(q, forward(robot, q, tool), covariates=covariates), tool[None]
     )
     more: dict[str, Array] = {
@@ -112,7 +114,7 @@ def law1_columns_are_derivatives(
     some, terms = at.take(np.arange(min(len(at), 15))), mechanism.terms
     h = np.array([step_size(t, some) for t in terms])
     for theta in (np.zeros(len(terms)), np.array([draw_size(t, rng, 0.05) for t in terms])):
-        columns = design(some, terms, (terms, theta))[0]
+        columns = compute_design(some, terms, Linearisation(terms, theta))[0]
         both = exact_residuals(some, terms, theta + np.concatenate([np.diag(-h), np.diag(h)]))
         low, high = both.reshape(
             2, len(terms), *columns.shape[:2]
@@ -170,15 +172,17 @@ def column_floor(term: Term, at: Problem) -> float:
 def law2_rows_are_local(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
     """L2: rows permuted or dropped give the same columns, whether or not the causes were evaluated
     before."""
-    whole = design(at, mechanism.terms)[0]
+    whole = compute_design(at, mechanism.terms)[0]
     for index in (
         rng.permutation(len(at)),
         np.sort(rng.choice(len(at), len(at) // 3, replace=False)),
         np.arange(1),
     ):
-        for some in (at.take(index), make_problem(at.robot, at.data.take(index), at.tools)):
+        for some in (at.take(index), Problem(at.robot, at.data.take(index), at.tools)):
             require(
-                np.allclose(design(some, mechanism.terms)[0], whole[index], rtol=1e-12, atol=1e-9),
+                np.allclose(
+                    compute_design(some, mechanism.terms)[0], whole[index], rtol=1e-12, atol=1e-9
+                ),
                 f"L2: {mechanism.name} looks beyond its row",
             )
 
@@ -186,14 +190,14 @@ def law2_rows_are_local(mechanism: Mechanism, at: Problem, rng: np.random.Genera
 def law3_linear_in_the_cause(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
     """L3: a zero cause gives a zero column, twice the cause twice the column."""
     del rng
-    columns = design(at, mechanism.terms)[0]
+    columns = compute_design(at, mechanism.terms)[0]
     for factor in (0.0, 2.0):
         terms = tuple(
             Term(t.symbol, tuple(Screw(s.frame, s.axis, factor * s.cause) for s in t.screws))
             for t in mechanism.terms
         )
         require(
-            np.allclose(design(at, terms)[0], factor * columns, rtol=1e-13, atol=0),
+            np.allclose(compute_design(at, terms)[0], factor * columns, rtol=1e-13, atol=0),
             f"L3: {mechanism.name} with its causes x {factor} is not x {factor}",
         )
 
@@ -206,7 +210,7 @@ def law4_plant_and_recover(mechanism: Mechanism, at: Problem, rng: np.random.Gen
     the sizes are small."""
     terms = mechanism.terms
     model = Model((mechanism,))
-    columns = design(at, terms)[0]
+    columns = compute_design(at, terms)[0]
     moves = np.linalg.norm(columns, axis=1).max(0)
     for term, far in zip(terms, moves * [(t.size or (0.0, 0.0))[1] for t in terms], strict=True):
         require(
@@ -225,7 +229,12 @@ def law4_plant_and_recover(mechanism: Mechanism, at: Problem, rng: np.random.Gen
             - residuals(at, terms, theta)[:, :3]
             + rng.normal(0, NOISE_MM, (len(at), 3))
         )
-        found = fit(at.anew(whiten=1 / NOISE_MM, data=replace(at.data, position=position)), model)
+        found = fit(
+            replace(
+                at, whitening=Whitening(1 / NOISE_MM), data=replace(at.data, position=position)
+            ),
+            model,
+        )
         require(found.found.kept, f"L4: {mechanism.name} moves nothing")
         error = found.found.relation.T @ (found.theta - theta)
         spread = np.sqrt(

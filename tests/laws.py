@@ -13,7 +13,8 @@ import numpy as np
 from builders import bind, drawn
 
 from modelsel import testing as laws
-from modelsel.fitting.design import design, residuals
+from modelsel.fitting.design import compute_design, residuals
+from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms import causes
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -49,7 +50,7 @@ def carried(mechanism: Mechanism, at: Problem) -> None:
 def joined(mechanisms: Sequence[Mechanism], at_most: int = 50) -> tuple[Mechanism, ...]:
     """The terms of many side by side, for the laws of columns alone (L1 to L3, L7): a few products
     instead of hundreds."""
-    terms = list({t.screws: t for m in mechanisms for t in m.terms}.values())
+    terms = list({t.key: t for m in mechanisms for t in m.terms}.values())
     return tuple(
         Mechanism("joined", tuple(terms[k : k + at_most])) for k in range(0, len(terms), at_most)
     )
@@ -70,7 +71,7 @@ def locked(at: Problem, *more: np.ndarray) -> Iterator[Problem]:
         *at.placement,
         *more,
     ]
-    arrays += [] if isinstance(at.whiten, float) else [at.whiten]
+    arrays += [] if at.whitening.matrices is None else [at.whitening.matrices]
     before = [a.copy() for a in arrays]
     for a in arrays:
         a.setflags(write=False)
@@ -109,7 +110,10 @@ def law7_inputs_stay(mechanism: Mechanism, at: Problem, rng: np.random.Generator
     view of what went in. L4's fit runs on locked inputs too."""
     terms, theta = mechanism.terms, np.array([draw_size(t, rng, 0.02) for t in mechanism.terms])
     with locked(bind(at.robot, at.data, at.tools[0]), theta) as fresh:
-        for out in (*design(fresh, terms, (terms, theta)), residuals(fresh, terms, theta)):
+        for out in (
+            *compute_design(fresh, terms, Linearisation(terms, theta)),
+            residuals(fresh, terms, theta),
+        ):
             out[...] = np.nan
 
 

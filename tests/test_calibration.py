@@ -27,6 +27,7 @@ from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
 from modelsel.fitting.problem import Problem
+from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import Bump, Member, Named, Number, cos, q, sign, sin
 from modelsel.mechanisms.registry import every, mechanism
@@ -105,7 +106,7 @@ def wide(rng: np.random.Generator) -> tuple[Calibration, Problem]:
         at,
         tools=np.array([[30.0, 0, 90], [0, 40.0, 120]]),
         placement=(np.tile(np.eye(3), (2, 1, 1)), np.array([[1.0, 2, 3], [4.0, 5, 6]])),
-        whiten=50.0,
+        whitening=Whitening(50.0),
         _values={},
         _causes={},
     )

@@ -19,7 +19,7 @@ from modelsel._typing import Array
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.noise import Floor, from_target_pairs
-from modelsel.fitting.noise_check import lack, likeliest
+from modelsel.fitting.noise_check import lack, name_likeliest_mistake
 from modelsel.measurements.measurements import measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import geometric
@@ -68,8 +68,8 @@ def frame(
     for name in targets:
         some = bind(arm, at.data, TOOLS[name])
         x = planted(
-            some.anew(
-                data=replace(at.data, position=forward(arm, at.data.q, np.array(TOOLS[name])))
+            replace(
+                some, data=replace(at.data, position=forward(arm, at.data.q, np.array(TOOLS[name])))
             ),
             terms,
             theta,
@@ -221,8 +221,8 @@ def test_the_range_holds_what_chance_gives(rng) -> None:
     assert ((chi < stated.low) | (chi > stated.high)).mean() == pytest.approx(1e-3, abs=8e-4)
     pairs = lack(Floor(1.0, "repeats", own), 1.0, freedom)
     assert pairs.low < stated.low < stated.high < pairs.high
-    assert "another unit" in likeliest(30.0, "x")
-    assert "degrees stand where radians" in likeliest(57.0, "x", "rad")
+    assert "another unit" in name_likeliest_mistake(30.0, "x")
+    assert "degrees stand where radians" in name_likeliest_mistake(57.0, "x", "rad")
 
 
 def test_markers_of_one_rigid_body_show_no_noise(rng, tmp_path) -> None:
@@ -400,9 +400,8 @@ def test_another_robots_links_are_no_mistake_in_this_ones(rng, tmp_path) -> None
     before[:3, 3] *= 1.2
     joints[2] = replace(joints[2], before=before)
     wrong = replace(own, name="mine", joints=tuple(joints))
-    at = bind("ur5", read_measurements(frame(rng, 60), own.prismatic), (0.0, 0.0, 0.0)).anew(
-        robot=wrong
-    )
+    at = bind("ur5", read_measurements(frame(rng, 60), own.prismatic), (0.0, 0.0, 0.0))
+    at = replace(at, robot=wrong)
     use = np.ones(len(at), bool)
     placed = register(at, use, False)
     assert {n.code for n in setup_notes(placed, use, True, False)} == {"other-robot"}
@@ -488,7 +487,7 @@ def test_swapped_labels_are_said(share, registered, rng) -> None:
     late = np.arange(120) >= round(120 * (1 - share) / 2) * 2
     mixed = data.assign(target=np.where(late, data.target.map({"A": "B", "B": "A"}), data.target))
     at = bind("ur5", read_measurements(mixed, load("ur5").prismatic), TOOLS["A"])
-    at = at.anew(tools=np.array([TOOLS[name] for name in at.data.targets]))
+    at = replace(at, tools=np.array([TOOLS[name] for name in at.data.targets]))
     use = np.ones(len(at), bool)
     sentence = labels_mistake(register(at, use, False) if registered else at, use, registered) or ""
     assert sentence.startswith(
@@ -701,4 +700,4 @@ def test_drawn_scenes_have_no_slips(rng) -> None:
             * direction
             / np.linalg.norm(direction, axis=1)[:, None]
         )
-        assert slipped(at.anew(data=replace(at.data, position=x)), residuals, gross) == ()
+        assert slipped(replace(at, data=replace(at.data, position=x)), residuals, gross) == ()

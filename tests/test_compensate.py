@@ -30,6 +30,7 @@ from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import DataError
 from modelsel.fitting.design import Model
+from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism
@@ -289,7 +290,7 @@ def test_a_slide_is_compensated(rng) -> None:
         for k, j in enumerate(puma.joints)
     ]
     robot = replace(puma, joints=tuple(joints))
-    at = replace(drawn(robot, rng, 80), whiten=50.0)
+    at = replace(drawn(robot, rng, 80), whitening=Whitening(50.0))
     at = replace(at, data=replace(at.data, position=at.data.position + np.array([2.0, 1.0, -1.0])))
     model = Model((mechanism("geometric", robot),))
     every_row = np.ones(80, bool)

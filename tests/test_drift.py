@@ -22,6 +22,7 @@ from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
 from modelsel.fitting.problem import Problem
+from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import Measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Screw, Term
@@ -72,7 +73,7 @@ def calibrated(
     fitted: Model | None = None,
     floor: Floor | None = None,
 ) -> Calibration:
-    at = replace(drawn(ROBOT, rng, m), whiten=1 / NOISE)
+    at = replace(drawn(ROBOT, rng, m), whitening=Whitening(1 / NOISE))
     at = planted(at, model.terms, theta, rng, NOISE)
     rows = np.ones(m, bool)
     return calibrate(
@@ -151,9 +152,8 @@ def test_the_beam_is_as_long_as_where_the_tracker_now_stands(rng) -> None:
     model, theta = truth(("geometric", "refraction"))  # 0.09 mm at 3 m, 0.7 mm at 8 m
 
     def seen_from(place: tuple[float, float, float], m: int) -> Problem:
-        at = drawn(ROBOT, rng, m).anew(
-            placement=(np.eye(3)[None], np.array([place])), whiten=1 / NOISE
-        )
+        placement = (np.eye(3)[None], np.array([place]))
+        at = replace(drawn(ROBOT, rng, m), placement=placement, whitening=Whitening(1 / NOISE))
         return planted(at, model.terms, theta, rng, NOISE)
 
     at, rows = seen_from((3000.0, 0.0, 0.0), 120), np.ones(120, bool)

@@ -32,6 +32,7 @@ from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
+from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.dh import rows_of
 from modelsel.robot.files import builtin_names, load, read_robot, robot_from_table
@@ -230,7 +231,7 @@ def test_python_knows_every_derived_cause(rng) -> None:
             "backlash:2",
         )
         model = Model(tuple(mechanism(n, robot) for n in names))
-        at = replace(drawn(robot, rng, 60), whiten=50.0)
+        at = replace(drawn(robot, rng, 60), whitening=Whitening(50.0))
         theta = np.array([t.size[0] + 0.1 * (t.size[1] - t.size[0]) for t in model.terms])
         at = planted(at, model.terms, theta, rng, 0.02)
         every_row = np.ones(60, bool)

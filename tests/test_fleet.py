@@ -25,7 +25,7 @@ from modelsel.config.study_file import read_study
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.results.storage import WRITES, load_result
@@ -267,7 +267,7 @@ def test_pieces_know_nothing_of_the_one_before(folder) -> None:
     fitted, _ = fit_parts(Parts(arm, TOOL, parts_of([folder / "stated.parquet"])), model)
     at = read_measurements(folder / "stated.parquet", [False] * 6)
     np.testing.assert_allclose(
-        fitted.theta, fit(make_problem(arm, at, np.array([TOOL])), model).theta, atol=1e-9
+        fitted.theta, fit(Problem(arm, at, np.array([TOOL])), model).theta, atol=1e-9
     )
 
 

@@ -203,17 +203,17 @@ def test_setup_columns_with_orientation(rng) -> None:
     robot = ROBOTS["ur5"]
     at = drawn(robot, rng, 20)
     turned = at.pose(slice(None)).rotation.transpose(2, 0, 1)
-    from modelsel.fitting.problem import make_problem
+    from modelsel.fitting.problem import Problem
     from modelsel.measurements.measurements import measurements
 
     data = measurements(at.data.q, at.data.position, rotation=turned)
-    six = make_problem(robot, data, at.tools)
+    six = Problem(robot, data, at.tools)
     assert six.components == 6
     whole = setup(robot, 1, 1, True, True)
     both = Mechanism("all", (*whole.terms, *mechanism("wrist-coupling", robot).terms))
-    from modelsel.fitting.design import design, residuals
+    from modelsel.fitting.design import compute_design, residuals
 
-    columns, residual = design(six, both.terms)
+    columns, residual = compute_design(six, both.terms)
     assert np.abs(residual).max() < 1e-9
     for j, term in enumerate(both.terms):
         h, zero = laws.step_size(term, six), np.zeros(len(both.terms))

@@ -260,7 +260,7 @@ def test_the_error_map_of_many_joints_is_bounded(rng, monkeypatch) -> None:
 def test_a_fit_holds_no_design_matrix(rng) -> None:
     """Forty thousand configurations: the fit takes a small part of what the design matrix alone
     would."""
-    at = drawn("puma760", rng, 40_000).anew()
+    at = drawn("puma760", rng, 40_000)
     model = Model((mechanism("geometric", PUMA),))
     tracemalloc.start()
     fitted = fit(at, model)

@@ -55,7 +55,7 @@ def said(at: Problem, change: Change, registered: bool = True) -> str | None:
     """What is said of the problem with a mistake put into its readings and positions."""
     q, position = change(at.data.q, at.data.position)
     data = replace(measurements(q, position), notes=())
-    wrong = at.anew(data=data)
+    wrong = replace(at, data=data)
     use = np.ones(len(at), bool)
     return mistake(register(wrong, use, per_group=False) if registered else wrong, use, registered)
 

@@ -30,7 +30,8 @@ from modelsel.calibration.experiment_design import (
 )
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import DataError, StudyError
-from modelsel.fitting.design import design
+from modelsel.fitting.design import compute_design
+from modelsel.fitting.linearisation import Linearisation
 from modelsel.mechanisms.registry import mechanism, parts
 from modelsel.mechanisms.terms import Term
 from modelsel.robot.files import load
@@ -58,20 +59,20 @@ def simulated(
     a pool of others."""
     known, more = drawn(ROBOT, rng, 60), drawn(ROBOT, rng, possible)
     mechanisms = [parts(name, ROBOT)[0] for name in names]
-    Q = np.linalg.svd(design(known, GEOMETRY.terms)[0].reshape(180, -1), full_matrices=False)[0][
-        :, :25
-    ]
+    Q = np.linalg.svd(
+        compute_design(known, GEOMETRY.terms)[0].reshape(180, -1), full_matrices=False
+    )[0][:, :25]
     estimates = []
     for m in mechanisms:
         theta = np.array([t.size[1] for t in m.terms])
-        moved = (design(known, m.terms)[0] @ theta).ravel()
+        moved = (compute_design(known, m.terms)[0] @ theta).ravel()
         estimates.append(theta * size / np.sqrt(np.square(moved - Q @ (Q.T @ moved)).sum() / 60))
     even = np.full(len(names), 1 / len(names))
     rivals = Rivals(
         names, tuple(m.terms for m in mechanisms), tuple(estimates), even, GEOMETRY.terms
     )
     terms = [*GEOMETRY.terms, *(t for m in mechanisms for t in m.terms)]
-    return build_pool(known, more, terms, ((), np.zeros(0)), SIGMA), rivals
+    return build_pool(known, more, terms, Linearisation((), np.zeros(0)), SIGMA), rivals
 
 
 def test_right_is_the_formula() -> None:
@@ -380,7 +381,7 @@ def test_every_target_is_seen_at_every_configuration(rng) -> None:
     assert p.configurations == 20
     c = load_calibration_like(known)
     np.testing.assert_allclose(table_of(c, possible, [4, 2])["q3_rad"], q[[4, 2], 2])
-    torn = more.anew(data=possible.take(np.arange(13)))
+    torn = replace(more, data=possible.take(np.arange(13)))
     with pytest.raises(DataError, match="different numbers of rows"):
         build_pool(known, torn, GEOMETRY.terms, ((), np.zeros(0)), SIGMA)
 

@@ -34,7 +34,7 @@ def test_a_target_wanders_off_the_axis_without_a_jump(rng) -> None:
     fresh = drawn(PUMA, rng, 60, (0.0, 0.0, 250.0))
     predicted = []
     for off in (0.0, 1e-9, 1e-6, 1e-4, 1e-2, 0.03, 0.1, 0.3, 1.0):
-        here = at.anew(tools=np.array([[off, 0.0, 100.0]]))
+        here = replace(at, tools=np.array([[off, 0.0, 100.0]]))
         here = planted(here, model.terms, theta)
         found = fit(
             replace(here, data=replace(here.data, position=here.data.position + noise)), model

@@ -201,10 +201,10 @@ class Calibration:
         the data determine it."""
         import pandas as pd
 
-        owner = {t.screws: m.name for m in reversed(self.model.mechanisms) for t in m.terms}
+        owner = {t.key: m.name for m in reversed(self.model.mechanisms) for t in m.terms}
         return pd.DataFrame(
             {
-                "mechanism": [owner[t.screws] for t in self.terms],
+                "mechanism": [owner[t.key] for t in self.terms],
                 "symbol": [t.symbol for t in self.terms],
                 "screws": ["; ".join(map(str, t.screws)) for t in self.terms],
                 "estimate": self.theta,

@@ -8,7 +8,7 @@ for their number (Holm 1979). What moved is then said in the fewest terms that e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,11 +17,11 @@ import numpy as np
 from .._linalg import TINY, project_out
 from .._typing import Array, Index
 from ..exceptions import StudyError
-from ..fitting.design import design
+from ..fitting.design import compute_design
 from ..fitting.identifiability import identify
 from ..fitting.reduction import reduce
 from ..mechanisms.geometry import setup
-from ..mechanisms.terms import Screw, Term
+from ..mechanisms.terms import Term
 from ..robot.kinematics import Joint
 from .calibration import Calibration
 from .constant_part import sample_workspace
@@ -158,17 +158,17 @@ class _CommonSpace:
     relation: Array
 
     @cached_property
-    def shared(self) -> set[tuple[Screw, ...]]:
-        """Screws of the terms that both campaigns fitted."""
-        first, second = ({term.screws for term in c.terms} for c in self.campaigns)
+    def shared(self) -> set[tuple[Hashable, ...]]:
+        """Keys of the terms that both campaigns fitted."""
+        first, second = ({term.key for term in c.terms} for c in self.campaigns)
         return first & second
 
     @cached_property
-    def owner(self) -> dict[tuple[Screw, ...], str]:
+    def owner(self) -> dict[tuple[Hashable, ...], str]:
         """The mechanism of every term, by its screws; the first campaign's where both have it."""
         a, b = self.campaigns
         mechanisms = [m for c in (b, a) for m in reversed(c.model.mechanisms)]
-        return {term.screws: m.name for m in mechanisms for term in m.terms}
+        return {term.key: m.name for m in mechanisms for term in m.terms}
 
     @cached_property
     def displacement(self) -> Array:
@@ -198,7 +198,7 @@ class _CommonSpace:
 
     def is_comparable(self, term: Term) -> bool:
         """Whether both campaigns fitted a term, and no new placement takes it up."""
-        return term not in self.placing and term.screws in self.shared
+        return term not in self.placing and term.key in self.shared
 
 
 def _build_common_space(a: Calibration, b: Calibration) -> _CommonSpace:
@@ -209,7 +209,7 @@ def _build_common_space(a: Calibration, b: Calibration) -> _CommonSpace:
     registered = a.registered or b.registered
     placing = setup(a.robot, 1, 1, True, False).terms if registered else ()
     terms = tuple(dict.fromkeys([*placing, *a.terms, *b.terms]))
-    X = design(problem, terms)[0]
+    X = compute_design(problem, terms)[0]
     rows = X.transpose(0, 1, 2).reshape(-1, len(terms))
     identified = identify(reduce(rows, np.zeros(len(rows))))
     placed = [_place_estimates(c, terms) for c in (a, b)]
@@ -239,8 +239,8 @@ def _intersect_ranges(a: Calibration, b: Calibration) -> dict[str, tuple[float, 
 def _place_estimates(c: Calibration, terms: Sequence[Term]) -> tuple[Array, Array]:
     """Return a campaign's theta (p,) and covariance factor (p, r) among the terms of both; zero for
     the other's terms."""
-    place = {term.screws: k for k, term in reversed(list(enumerate(terms)))}
-    places = np.array([place[term.screws] for term in c.terms], dtype=np.intp)
+    place = {term.key: k for k, term in reversed(list(enumerate(terms)))}
+    places = np.array([place[term.key] for term in c.terms], dtype=np.intp)
     theta = np.zeros(len(terms))
     theta[places] = c.theta
     factor = np.zeros((len(terms), c.factor.shape[1]))
@@ -270,7 +270,7 @@ def _build_change(space: _CommonSpace, i: int, p: float) -> Change:
     term = space.terms[space.kept[i]]
     before, after = space.estimates[:, i].tolist()
     return Change(
-        mechanism=space.owner[term.screws],
+        mechanism=space.owner[term.key],
         symbol=term.symbol,
         unit=term.unit,
         before=before,
@@ -298,13 +298,13 @@ def _build_explanation(space: _CommonSpace, open_terms: list[int], step: _Step) 
     term = space.terms[place]
     others = [space.terms[open_terms[k]] for k in step.alike]
     return Explanation(
-        mechanism=space.owner[term.screws],
+        mechanism=space.owner[term.key],
         symbol=term.symbol,
         unit=term.unit,
         by=step.change,
         standard_error=step.standard_error,
         moves_mm=float(abs(step.change) * space.displacement[place]),
-        alike=tuple(f"{other.symbol} of {space.owner[other.screws]}" for other in others),
+        alike=tuple(f"{other.symbol} of {space.owner[other.key]}" for other in others),
     )
 
 

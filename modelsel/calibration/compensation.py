@@ -96,7 +96,7 @@ class Commands:
 def replace_readings(at: Problem, q: Array) -> Problem:
     """Return the problem at other joint readings, all else as it was: the direction and size of the
     moves are those of the plan."""
-    return at.anew(data=replace(at.data, q=q))
+    return replace(at, data=replace(at.data, q=q))
 
 
 def predict_nominal(at: Problem) -> Array:

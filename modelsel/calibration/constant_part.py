@@ -14,7 +14,7 @@ from .._typing import Array
 from ..fitting.design import PLACE
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements, measurements
-from ..measurements.reader import RESERVED
+from ..measurements.state_names import is_state_name
 from ..mechanisms.causes import Cause, Combined, Member, Number
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
@@ -77,10 +77,10 @@ def list_left_out(c: Calibration, form: str) -> list[Part]:
 
 def _select_terms(c: Calibration, places: Sequence[int], theta: Array) -> Calibration:
     """Return the calibration of the terms at some places, at other estimates."""
-    screws = {c.terms[place].screws for place in places}
+    screws = {c.terms[place].key for place in places}
     return replace(
         c,
-        model=part_of(c.model, lambda term: term.screws in screws),
+        model=part_of(c.model, lambda term: term.key in screws),
         theta=theta,
         factor=c.factor[list(places)],
         kept=tuple(k for k, place in enumerate(places) if place in c.kept),
@@ -106,14 +106,14 @@ def split_parts(c: Calibration, target: int = 0, group: int = 0) -> tuple[list[P
     state, for one target and group."""
     constant, varying = list[Part](), list[Part]()
     estimates = zip(c.terms, c.theta.tolist(), c.standard_errors.tolist(), strict=True)
-    owner = {term.screws: m.name for m in reversed(c.model.mechanisms) for term in m.terms}
+    owner = {term.key: m.name for m in reversed(c.model.mechanisms) for term in m.terms}
     for term, value, error in estimates:
         if not value:
             continue
         screws = [Screw(s.frame, s.axis, fix_members(s.cause, target, group)) for s in term.screws]
         fixed = tuple(s for s in screws if isinstance(s.cause, Number))
         moving = tuple(s for s in screws if not isinstance(s.cause, Number))
-        mechanism = owner[term.screws]
+        mechanism = owner[term.key]
         if fixed:
             constant.append(Part(mechanism, replace(term, screws=fixed), value, error))
         if moving:
@@ -168,7 +168,7 @@ def sample_workspace(
         target=[c.targets[target]] * m,
         group=[c.groups[group]] * m,
         approach=rng.choice([-1.0, 1.0], q.shape),
-        covariates={name: v for name, v in values.items() if not RESERVED.fullmatch(name)},
+        covariates={name: v for name, v in values.items() if not is_state_name(name)},
     )
     move = np.stack([values.get(f"move{j}", np.ones(m)) for j in joints], 1)
     return c.problem(replace(data, move=move))

@@ -16,14 +16,15 @@ import numpy as np
 from .._linalg import TINY, orthonormal_basis, project_out
 from .._typing import Array
 from ..exceptions import DataError
-from ..fitting.design import design
+from ..fitting.design import compute_design
+from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
+from ..fitting.whitening import UNIT
 from ..mechanisms.terms import Term
 
 PRIOR_MM = 10.0  # what a term that nothing is known of may move the target, rms: its prior
 MIN_POOL_CHI2 = 1.0  # χ² over a whole pool below which no choice from it tells two apart
 MAX_RIVALS = 6  # of one effect, the most probable
-At = tuple[Sequence[Term], Array]
 
 
 @dataclass(frozen=True)
@@ -51,24 +52,24 @@ class Pool:
 
     def of(self, some: Sequence[Term]) -> list[int]:
         """Columns of some terms; features of the set-up have none."""
-        place = {t.screws: k for k, t in enumerate(self.terms)}
-        return list(dict.fromkeys(place[t.screws] for t in some if not t.fixture))
+        place = {t.key: k for k, t in enumerate(self.terms)}
+        return list(dict.fromkeys(place[t.key] for t in some if not t.fixture))
 
 
 def build_pool(
-    known: Problem, possible: Problem, terms: Sequence[Term], at: At, sigma: float
+    known: Problem, possible: Problem, terms: Sequence[Term], at: Linearisation, sigma: float
 ) -> Pool:
     """Columns of the known rows and of every configuration of the possible ones, linearised at the
     fitted model; what the known rows say of features they share is projected out. Raises DataError
     where configurations have different numbers of rows."""
-    distinct = tuple({t.screws: t for t in terms if not t.fixture}.values())
-    features = tuple({t.screws: t for t in terms if t.fixture}.values())
+    distinct = tuple({t.key: t for t in terms if not t.fixture}.values())
+    features = tuple({t.key: t for t in terms if t.fixture}.values())
 
     def columns(problem: Problem, of: Sequence[Term] = distinct) -> Array:
-        plain = problem.anew(
-            whiten=1.0, data=replace(problem.data, rotation=None), tool_rotations=None
+        plain = replace(
+            problem, whitening=UNIT, data=replace(problem.data, rotation=None), tool_rotations=None
         )
-        return design(plain, of, at)[0]
+        return compute_design(plain, of, at)[0]
 
     each = np.unique(possible.data.configuration, return_counts=True)[1]
     if np.ptp(each):

@@ -77,15 +77,15 @@ class Motions:
         X = self.X.reshape(-1, len(self.terms))
         mechanisms = [m for c in self.campaigns for m in c.model.mechanisms]
         shared = [m for m in mechanisms if m.name in GEOMETRY_NAMES]
-        geometry = {t.screws for m in shared for t in m.terms}
-        fitted_along = X[:, [k for k, t in enumerate(self.terms) if t.screws in geometry]]
+        geometry = {t.key for m in shared for t in m.terms}
+        fitted_along = X[:, [k for k, t in enumerate(self.terms) if t.key in geometry]]
         return project_out(X, orthonormal_basis(fitted_along))
 
     def named(self, k: int) -> dict[str, list[int]]:
         """The mechanisms of campaign k (0 or 1) but the geometry: places of their terms."""
-        place = {t.screws: i for i, t in reversed(list(enumerate(self.terms)))}
+        place = {t.key: i for i, t in reversed(list(enumerate(self.terms)))}
         return {
-            m.name: [place[t.screws] for t in m.terms]
+            m.name: [place[t.key] for t in m.terms]
             for m in self.campaigns[k].model.mechanisms
             if m.name not in GEOMETRY_NAMES
         }

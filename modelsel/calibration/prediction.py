@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._typing import Array
-from ..fitting.design import columns_of, field_of, twist_of
+from ..fitting.design import compute_columns, field_of, twist_of
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Pose
@@ -47,6 +47,6 @@ def propagate_uncertainty(calibration: Calibration, problem: Problem) -> Array:
     for rows in problem.blocks(BLOCK_ROWS):
         pose = problem.pose(rows, twist_of(problem, terms, theta, rows))
         field = field_of(problem, pose, rows)
-        columns = columns_of(problem, field, terms, rows)[:, :3]
+        columns = compute_columns(problem, field, terms, rows)[:, :3]
         factors[rows] = np.einsum("pcm,pr->mcr", columns, calibration.factor)
     return factors

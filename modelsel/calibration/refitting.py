@@ -89,9 +89,9 @@ def is_tabled(term: Term) -> bool:
 
 def select_carried(model: Model, form: str) -> Callable[[Term], bool]:
     """Whether "nominal", "geometry", "table" or "whole" carries a term of a model."""
-    setting = {t.screws for m in model.mechanisms if m.name == SETUP for t in m.terms}
+    setting = {t.key for m in model.mechanisms if m.name == SETUP for t in m.terms}
     rules: dict[str, Callable[[Term], bool]] = {
-        "nominal": lambda t: t.screws in setting,
+        "nominal": lambda t: t.key in setting,
         "geometry": is_constant,
         "table": is_tabled,
         "whole": lambda t: True,
@@ -108,8 +108,8 @@ def part_of(model: Model, keep: Callable[[Term], bool]) -> Model:
 def refit_forms(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> Refits:
     """The refits of a model that was fitted to a study's rows; models that stand among the `known`
     are not fitted again."""
-    place = {t.screws: k for k, t in enumerate(t for t in fitted.terms if not t.fixture)}
-    own = {frozenset(t.screws for t in r.fit.terms): r for r in known}
+    place = {t.key: k for k, t in enumerate(t for t in fitted.terms if not t.fixture)}
+    own = {frozenset(t.key for t in r.fit.terms): r for r in known}
     best: Evaluation | None = None
     alone = dict[str, Refit]()
     for form in NESTED_FORMS:
@@ -117,7 +117,7 @@ def refit_forms(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> 
         if len(model.terms) == len(fitted.terms) and form != "nominal":
             break
         try:
-            made = own.get(frozenset(t.screws for t in model.terms)) or evaluate(
+            made = own.get(frozenset(t.key for t in model.terms)) or evaluate(
                 split, model, model.names, start=fitted
             )
         except NotEstimable:
@@ -128,7 +128,7 @@ def refit_forms(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> 
             else best
         )
         some = [k for k, t in enumerate(best.fit.terms) if not t.fixture]
-        places = np.array([place[best.fit.terms[k].screws] for k in some], dtype=np.intp)
+        places = np.array([place[best.fit.terms[k].key] for k in some], dtype=np.intp)
         order = np.argsort(places)
         alone[form] = Refit(
             tuple(places[order].tolist()),

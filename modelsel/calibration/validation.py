@@ -17,7 +17,13 @@ from .._typing import Array, Index
 from ..diagnosis.mistaken_rows import slipped
 from ..exceptions import DataError, sentence_list
 from ..fitting.noise import Floor
-from ..fitting.noise_check import SMALLER, Lack, against, lack, likeliest
+from ..fitting.noise_check import (
+    CLEARLY_TOO_LARGE,
+    Lack,
+    describe_lack,
+    lack,
+    name_likeliest_mistake,
+)
 from ..fitting.problem import Problem
 from ..measurements.columns import SMALLEST
 from ..measurements.measurements import Measurements
@@ -138,7 +144,7 @@ def _place(start: Problem, R: Array, t: Array, offsets: Array) -> Problem:
     groups = len(start.placement[0])
     placement = np.tile(R, (groups, 1, 1)), np.tile(t, (groups, 1))
     data = replace(start.data, position=start.data.position - offsets)
-    return start.anew(placement=placement, data=data)
+    return replace(start, placement=placement, data=data)
 
 
 def _placement_shift(start: Problem, R: Array, t: Array, middle: Array) -> tuple[float, float]:
@@ -203,10 +209,10 @@ def _list_doubts(c: Calibration, data: Measurements, residual: Array, found: Lac
     if _is_overstated(c):
         doubts.append(_describe_overstatement(c))
     elif found.far and found.factor < 1:
-        stated = against(
+        stated = describe_lack(
             "The calibration", expected_noise(c)[0], left, found, model="new data leave"
         )
-        doubts.append(f"{stated} {likeliest(1 / found.factor, STATED_KEYS)}")
+        doubts.append(f"{stated} {name_likeliest_mistake(1 / found.factor, STATED_KEYS)}")
     if data.sigma is not None:
         doubts += _doubt_row_uncertainties(data.sigma, residual, found)
     return doubts
@@ -218,7 +224,7 @@ def _describe_overstatement(c: Calibration) -> str:
     return (
         f"The calibration's stated uncertainty of one coordinate ({c.floor.coordinate_mm:.3g} mm) is {ratio:.3g} times"
         f" what its own held-out configurations showed ({held_out:.3g} mm), which is expected here instead. "
-        f"{likeliest(ratio, STATED_KEYS)}"
+        f"{name_likeliest_mistake(ratio, STATED_KEYS)}"
     )
 
 
@@ -229,14 +235,14 @@ def _doubt_row_uncertainties(sigma: Array, residual: Array, found: Lack) -> list
     if not ratio.far or (ratio.factor >= 1 and found.factor >= MIN_FACTOR):
         return []
     left = float(np.sqrt(np.square(residual).mean()))
-    sentence = against(
+    sentence = describe_lack(
         "sx_mm, sy_mm, sz_mm of the new data",
         stated.coordinate_mm,
         left,
         ratio,
         model="new data leave",
     )
-    cause = likeliest(1 / ratio.factor, "sx_mm, sy_mm, sz_mm")
+    cause = name_likeliest_mistake(1 / ratio.factor, "sx_mm, sy_mm, sz_mm")
     return [f"{sentence} {cause} This test does not use them."]
 
 
@@ -290,7 +296,7 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
         size=size,
         moved=None if registration is None else registration.moved,
         doubts=tuple(doubts),
-        small=found.outside and found.factor < 1 / SMALLER,
+        small=found.outside and found.factor < 1 / CLEARLY_TOO_LARGE,
         new_targets=_find_new_targets(c, data) if free_setup else (),
     )
 

@@ -11,13 +11,13 @@ import numpy as np
 from .._typing import Array
 from ..diagnosis.sentences import display
 from ..diagnosis.unexplained import ENOUGH, VERY_MANY
-from ..fitting.design import fixture_values, whitened
+from ..fitting.design import whitened
 from ..fitting.least_squares import Fit
 from ..fitting.noise import LACKING, MEDIAN, Floor
 from ..fitting.observation import LENGTH
 from ..fitting.problem import Problem
 from ..measurements.measurements import SAME_READING, Measurements
-from ..mechanisms.causes import Member
+from ..mechanisms.terms import FixtureTerm
 from ..notices import Note
 from ..robot.rigid import turn
 from ..selection.evaluation import Evaluation, Split
@@ -48,9 +48,7 @@ def lack_of_fit(chosen: Evaluation, floor: Floor | None, split: Split) -> LackOf
     if floor is None or floor.source == "estimated":
         return None
     training = split.training()
-    seen = (
-        np.ones((len(training), 3), bool) if training.measured is None else training.measured[:, :3]
-    )
+    seen = training.components_measured[:, :3]
     left = np.where(seen, whitened(training, chosen.fit.residuals(training))[:, :3], 0.0)
     total, freedom = (
         float(np.square(left).sum()),
@@ -162,7 +160,7 @@ def features(problem: Problem, fitted: Fit) -> tuple[Placed, ...]:
     gauges = problem.data.gauges
     if gauges is None:
         return ()
-    values = fixture_values(len(gauges.features), fitted.terms, fitted.theta)
+    values = fitted.at().feature_changes(len(gauges.features))
     out = []
     for k, f in enumerate(gauges.features):
         if f.kind == "distance":
@@ -174,9 +172,7 @@ def features(problem: Problem, fitted: Fit) -> tuple[Placed, ...]:
             place = problem.fixtures.centre[k] + values[k, 2] * normal
         length = float(problem.fixtures.length[k] + values[k, LENGTH])
         symbols = tuple(
-            t.symbol
-            for t in fitted.terms
-            if t.fixture and t.screws[0].cause == Member("feature", k)
+            t.symbol for t in fitted.terms if isinstance(t, FixtureTerm) and t.feature == k
         )
         out.append(
             Placed(

@@ -120,7 +120,7 @@ def _slopes(result: Result, base_rung: Evaluation) -> list[Any]:
     if len(used) > MOST:
         used = used[np.linspace(0, len(used) - 1, MOST).astype(int)]
     some, every = data.problem.take(used), slice(0, len(used))
-    fitted, white = base_rung.fit, some.whiten
+    fitted, white = base_rung.fit, some.whitening
     _, columns, residual = next(blocks(some, fitted.terms, fitted.at()))  # MOST rows are one block
     Q, r = (
         basis(columns[list(fitted.found.kept)].reshape(fitted.found.rank, residual.size).T),
@@ -134,7 +134,7 @@ def _slopes(result: Result, base_rung: Evaluation) -> list[Any]:
     out: list[Any] = []
     for i, (frame, axis) in enumerate(whole.where):
         d = field[frame - 1, PLACE[axis]]
-        d = d * white if isinstance(white, float) else np.einsum("mij,jm->im", white, d)
+        d = white.apply(d.copy())
         line: list[Any] = [None] * len(causes)
         where = [j for j in range(len(causes)) if np.isfinite(whole.f[i, j])]
         for k in sorted({len(causes[j]) for j in where}):  # cells of as many causes together

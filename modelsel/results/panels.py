@@ -16,7 +16,7 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..diagnosis.sentences import what
-from ..fitting.design import PLACE, columns_of
+from ..fitting.design import PLACE, compute_columns
 from ..fitting.problem import Problem
 from ..mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named
 from ..mechanisms.terms import Term
@@ -170,9 +170,9 @@ def _whole(
 ) -> dict[str, Any] | None:
     """The displacement along the effect's own direction against what the effect says, in mm: for
     what acts in many places."""
-    moved = np.tensordot(estimate, columns_of(problem, field, terms, slice(0, len(problem))), 1)[
-        :3
-    ].T
+    moved = np.tensordot(
+        estimate, compute_columns(problem, field, terms, slice(0, len(problem))), 1
+    )[:3].T
     size = np.linalg.norm(moved, axis=1)
     good = np.flatnonzero(size > 0.02 * size.max(initial=0))
     if len(good) < 2:

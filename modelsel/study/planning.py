@@ -89,15 +89,15 @@ def _rivals(result: Result, effect: Effect) -> Rivals | None:
     entries = [first, *(e for e in others if e.probability > 0)]
     if len(entries) < 2:
         return None
-    mine = {t.screws for t in effect.candidate.mechanism.terms}
+    mine = {t.key for t in effect.candidate.mechanism.terms}
     kept = result.chosen.fit.terms
     shared = {
-        t.screws
+        t.key
         for m in result.chosen.fit.model.mechanisms
         if m != effect.candidate.mechanism
         for t in m.terms
     }
-    rest = tuple(t for t in kept if t.screws not in mine or t.screws in shared)
+    rest = tuple(t for t in kept if t.key not in mine or t.key in shared)
     estimates = [
         effect.estimate if e.candidate == effect.candidate else e.estimate for e in entries
     ]

@@ -154,7 +154,7 @@ def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     text = write_tables([*build_constant_tables(constant_entries(c)), *made])
     read = evaluate_tables(text, at)
     tabled = {f"table_{k}": values for k, (_, _, values) in enumerate(read)}
-    bound = at.anew(data=replace(at.data, covariates={**at.data.covariates, **tabled}))
+    bound = replace(at, data=replace(at.data, covariates={**at.data.covariates, **tabled}))
     again = [
         Part("table", Term("", (Screw(frame, axis, Named(f"table_{k}")),)), 1.0, 0.0)
         for k, (frame, axis, _) in enumerate(read)

@@ -17,7 +17,7 @@ import numpy as np
 from ..._typing import Array
 from ...fitting.design import PLACE
 from ...fitting.problem import Problem
-from ...measurements.reader import RESERVED
+from ...measurements.state_names import is_state_name
 from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
 from ..constant_part import constant_entries, sample_workspace, split_parts
 from ..prediction import compute_pose, to_tracker_frame
@@ -106,7 +106,7 @@ def list_inputs(c: Calibration) -> list[str]:
     return sorted(
         n
         for n in c.needs() - {"target", "group"}
-        if n.startswith(("approach", "move")) or n == "progress" or not RESERVED.fullmatch(n)
+        if n.startswith(("approach", "move")) or n == "progress" or not is_state_name(n)
     )
 
 
