@@ -19,10 +19,10 @@ from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.uncertainty import sampler as engine
 from modelsel.uncertainty.conditional_priors import RATIOS
 from modelsel.uncertainty.log_posterior import LogPosterior
-from modelsel.uncertainty.nuisance import components, constants
+from modelsel.uncertainty.nuisance import assign_components, list_constants
 from modelsel.uncertainty.posterior import Importance
-from modelsel.uncertainty.sampler import sample
-from modelsel.uncertainty.summary import Request, target_of
+from modelsel.uncertainty.sampler import sample_posterior
+from modelsel.uncertainty.summary import Request, build_log_posterior
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))
@@ -58,10 +58,10 @@ def weak(rng: np.random.Generator, size: float = 0.02) -> tuple[Problem, Fit]:
 def target(problem: Problem, fitted: Fit) -> LogPosterior:
     """The step's size, its moment and the noise scale; normal noise."""
     chosen = tuple(k for k in fitted.found.kept if k >= FIRST)
-    inner = constants(problem, fitted.model, BUILTIN)
+    inner = list_constants(problem, fitted.model, BUILTIN)
     names = (*map(str, chosen), "noise scale", *(c.name for c in inner))
     return LogPosterior(
-        fitted, components(problem), chosen, names, ("1",) * len(names), constants=inner
+        fitted, assign_components(problem), chosen, names, ("1",) * len(names), constants=inner
     )
 
 
@@ -107,7 +107,7 @@ def test_moment_of_a_weak_step_is_the_dense_formula(rng: np.random.Generator) ->
     (found,) = aim._conditionals
     value = {r: logsumexp(dense(problem, fitted, moments[2::5], r)) for r in map(float, RATIOS)}
     assert value[found.ratio] > max(value.values()) - 0.05
-    chain = sample(aim, NOTHING, "", rng)
+    chain = sample_posterior(aim, NOTHING, "", rng)
     assert chain.converged
     log_density = dense(problem, fitted, moments, found.ratio)
     share = np.cumsum(np.exp(log_density - logsumexp(log_density)))
@@ -121,8 +121,10 @@ def test_a_weak_step_converges(rng: np.random.Generator) -> None:
     """With a tail, too, as a study samples it; without a prior on the step's size walkers were lost
     beyond the ends, where the step moves nothing: 16,000 steps of autocorrelation."""
     problem, fitted = weak(rng)
-    chain = sample(
-        target_of(study_of(problem), fitted, Request(BASE, "default", None, False, BUILTIN)),
+    chain = sample_posterior(
+        build_log_posterior(
+            study_of(problem), fitted, Request(BASE, "default", None, False, BUILTIN)
+        ),
         NOTHING,
         "",
         rng,
@@ -160,7 +162,7 @@ def test_two_steps_keep_their_order(rng: np.random.Generator) -> None:
     assert (earlier < later).all()
     assert len(aim._conditionals) == 2
     assert not np.intersect1d(aim._conditionals[0].own, aim._conditionals[1].own).size
-    later, earlier = sample(aim, NOTHING, "", rng).quantiles[-2:]
+    later, earlier = sample_posterior(aim, NOTHING, "", rng).quantiles[-2:]
     assert 0.25 < earlier[0] < earlier[2] < 0.35
     assert 0.65 < later[0] < later[2] < 0.75
 

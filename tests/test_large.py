@@ -13,7 +13,7 @@ from modelsel.diagnosis import procedure as explain
 from modelsel.measurements.measurements import blocks
 from modelsel.mechanisms.causes import q
 from modelsel.selection import evaluation as validate
-from modelsel.selection.evaluation import gain
+from modelsel.selection.evaluation import estimate_gain
 from modelsel.study.runner import run
 
 STUDY = """
@@ -52,9 +52,9 @@ def test_naming_sees_a_share_and_says_so(rng, tmp_path, monkeypatch) -> None:
 
 def test_bundled_bootstrap_has_the_same_interval(rng, monkeypatch) -> None:
     before, after = rng.normal(0, 2, (4000, 3)), rng.normal(0, 1, (4000, 3))
-    whole = gain(before, after, np.arange(4000), np.random.default_rng(1))
+    whole = estimate_gain(before, after, np.arange(4000), np.random.default_rng(1))
     monkeypatch.setattr(validate, "DRAWN", 400)
-    bundled = gain(before, after, np.arange(4000), np.random.default_rng(1))
+    bundled = estimate_gain(before, after, np.arange(4000), np.random.default_rng(1))
     assert bundled.held_out_rms_before_mm == pytest.approx(whole.held_out_rms_before_mm, rel=1e-12)
     assert bundled.interval_mm == pytest.approx(whole.interval_mm, rel=0.01)
 

@@ -32,13 +32,18 @@ from modelsel.robot.rigid import rpy
 from modelsel.study.checkpoint import Checkpoint
 from modelsel.uncertainty import sampler as engine
 from modelsel.uncertainty.log_posterior import TAIL, LogPosterior
-from modelsel.uncertainty.mcmc import autocorrelation_time, r_hat, snooker
-from modelsel.uncertainty.nuisance import components, constants
-from modelsel.uncertainty.parameters import labels
+from modelsel.uncertainty.mcmc import autocorrelation_time, propose_snooker, r_hat
+from modelsel.uncertainty.nuisance import assign_components, list_constants
+from modelsel.uncertainty.parameters import label_terms
 from modelsel.uncertainty.posterior import Importance
-from modelsel.uncertainty.sampler import Sampling, State, sample
-from modelsel.uncertainty.summary import Request, described, sampled, target_of
-from modelsel.uncertainty.summary import confidence as certainty
+from modelsel.uncertainty.sampler import Sampling, State, sample_posterior
+from modelsel.uncertainty.summary import (
+    Request,
+    build_log_posterior,
+    describe_sampling,
+    sample_confidence,
+)
+from modelsel.uncertainty.summary import assess_confidence as certainty
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))
@@ -61,7 +66,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def target(at: Problem, fitted: Fit, chosen: Sequence[int], **more: object) -> LogPosterior:
-    noise = components(at)
+    noise = assign_components(at)
     tail = (TAIL,) if more.get("tail") else ()
     names = (*(str(k) for k in chosen), *noise.names, *tail)
     return LogPosterior(fitted, noise, tuple(chosen), names, ("1",) * len(names), **more)  # type: ignore[arg-type]
@@ -93,7 +98,7 @@ def test_emcee_agrees_with_the_closed_form(
     few = Model((one(1, "tx"), one(2, "tx"), one(1, "rz"), one(2, "rz", sin(q(1)))))
     fitted = fit(problem, few if exact else MODEL)
     chosen = fitted.found.kept if exact else named(fitted)
-    chain = sample(target(problem, fitted, chosen, exact=exact), NOTHING, "", rng)
+    chain = sample_posterior(target(problem, fitted, chosen, exact=exact), NOTHING, "", rng)
     assert chain.converged
     assert chain.effective.min() > 2000
     assert 0.1 < chain.acceptance < 0.6
@@ -102,7 +107,7 @@ def test_emcee_agrees_with_the_closed_form(
 
 def test_integrated_coefficients_change_nothing(problem: Problem, rng: np.random.Generator) -> None:
     fitted = fit(problem, MODEL)
-    close(sample(target(problem, fitted, named(fitted)), NOTHING, "", rng))
+    close(sample_posterior(target(problem, fitted, named(fitted)), NOTHING, "", rng))
 
 
 def test_linear_and_exact_densities_agree(problem: Problem, rng: np.random.Generator) -> None:
@@ -126,7 +131,7 @@ def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) 
         None,
     )
     fitted = fit(at, MODEL)
-    noise = components(at, instrument)
+    noise = assign_components(at, instrument)
     assert noise.names == ("noise along the beam", "noise across the beam")
     chosen = tuple(named(fitted))
     whole = LogPosterior(
@@ -216,7 +221,7 @@ def test_tail_is_found(rng: np.random.Generator) -> None:
         problem = replace(at, data=replace(at.data, position=at.data.position + noise))
         fitted = fit(problem, MODEL)
         tails.append(
-            sample(
+            sample_posterior(
                 target(problem, fitted, named(fitted), tail=True),
                 NOTHING,
                 "",
@@ -243,10 +248,10 @@ def test_the_moment_of_a_step_is_sampled(rng: np.random.Generator) -> None:
     theta[len(BASE.terms) : len(BASE.terms) + 3] = 2.0
     data = study_of(planted(at, truth.terms, theta, rng, 0.05))
     fitted = fit(data.training(), model)
-    chosen = target_of(data, fitted, Request(BASE, "default", None, False, BUILTIN))
+    chosen = build_log_posterior(data, fitted, Request(BASE, "default", None, False, BUILTIN))
     assert chosen.names[-1] == "constant of tracker-step"
-    assert "constant of tracker-step" in described(chosen)
-    low, _, high = sample(chosen, NOTHING, "", rng).quantiles[-1]
+    assert "constant of tracker-step" in describe_sampling(chosen)
+    low, _, high = sample_posterior(chosen, NOTHING, "", rng).quantiles[-1]
     progress = np.unique(data.problem.data.progress)
     assert (
         progress[progress < 0.612].max() - 0.01
@@ -258,7 +263,7 @@ def test_the_moment_of_a_step_is_sampled(rng: np.random.Generator) -> None:
 
 def test_held_constant_moves_nothing(rng: np.random.Generator) -> None:
     model = stepped(0.6)
-    (constant,) = constants(drawn(ARM, rng, 30), model, BUILTIN)
+    (constant,) = list_constants(drawn(ARM, rng, 30), model, BUILTIN)
     assert constant.held == 0.6
     into: dict[tuple[int, int], Array] = {}
     constant.twist(np.ones((2, len(model.terms))), np.array([0.6, 0.9]), into)
@@ -307,7 +312,7 @@ def test_snooker_keeps_a_normal_normal(rng: np.random.Generator) -> None:
     move does not)."""
     n, d = 200_000, 8
     x, z, first, second = rng.normal(size=(4, n, d))
-    proposal, log_factor = snooker(x, z, first - second)
+    proposal, log_factor = propose_snooker(x, z, first - second)
     log_ratio = log_factor + 0.5 * (np.square(x).sum(1) - np.square(proposal).sum(1))
     accepted = np.log(rng.random(n)) < log_ratio
     after = np.where(accepted[:, None], proposal, x)
@@ -339,18 +344,22 @@ class Broken:
 def test_resumed_chain_is_the_unbroken_one(problem: Problem, after: int) -> None:
     fitted = fit(problem, MODEL)
     aim = target(problem, fitted, named(fitted), exact=False)
-    whole, again = (sample(aim, NOTHING, "", np.random.default_rng(3)) for _ in range(2))
+    whole, again = (sample_posterior(aim, NOTHING, "", np.random.default_rng(3)) for _ in range(2))
     assert np.array_equal(whole.chain, again.chain)
     keeper = Broken(after)
     with pytest.raises(KeyboardInterrupt):
-        sample(aim, NOTHING, "", np.random.default_rng(3), keeper=keeper)
+        sample_posterior(aim, NOTHING, "", np.random.default_rng(3), keeper=keeper)
     assert keeper.kept
-    resumed = sample(aim, NOTHING, "", np.random.default_rng(3), keeper=Broken(0, keeper.state))
+    resumed = sample_posterior(
+        aim, NOTHING, "", np.random.default_rng(3), keeper=Broken(0, keeper.state)
+    )
     assert np.array_equal(whole.chain, resumed.chain)
     assert json.dumps(whole.to_dict(), default=np.ndarray.tolist) == json.dumps(
         resumed.to_dict(), default=np.ndarray.tolist
     )
-    assert not np.array_equal(whole.chain, sample(aim, NOTHING, "", np.random.default_rng(4)).chain)
+    assert not np.array_equal(
+        whole.chain, sample_posterior(aim, NOTHING, "", np.random.default_rng(4)).chain
+    )
 
 
 def test_checkpoint_belongs_to_one_run(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -532,7 +541,7 @@ def test_chain_as_frame_and_arviz(
     problem: Problem, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fitted = fit(problem, MODEL)
-    chain = sample(target(problem, fitted, named(fitted), exact=False), NOTHING, "", rng)
+    chain = sample_posterior(target(problem, fitted, named(fitted), exact=False), NOTHING, "", rng)
     frame = chain.to_dataframe()
     assert list(frame.columns) == list(chain.names)
     assert np.array_equal(frame.loc[(7, 3)], chain.chain[7, 3])
@@ -551,10 +560,10 @@ def test_many_rows_are_sampled_reduced_and_said(rng: np.random.Generator) -> Non
     at = planted(drawn(ARM, rng, 600), MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
     data = study_of(at)
     fitted = fit(data.training(), MODEL)
-    aim = target_of(data, fitted, Request(BASE, "default", None, False, BUILTIN))
+    aim = build_log_posterior(data, fitted, Request(BASE, "default", None, False, BUILTIN))
     assert not aim.exact
-    assert aim.names == (*(labels(MODEL)[k] for k in named(fitted)), "noise scale")
-    assert "600 rows are too many" in described(aim)
+    assert aim.names == (*(label_terms(MODEL)[k] for k in named(fitted)), "noise scale")
+    assert "600 rows are too many" in describe_sampling(aim)
 
 
 @pytest.mark.usefixtures("short")
@@ -595,7 +604,7 @@ def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
     data.outlying[3] = True
     data.problem.data.position[3] += 50.0
     fitted = fit(data.training(), base)
-    found = sampled(
+    found = sample_confidence(
         certainty(data, fitted, ("geometric",), 1),
         data,
         fitted,

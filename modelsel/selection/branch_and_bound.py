@@ -24,7 +24,7 @@ from .._typing import Array
 from ..fitting.reduction import Reduction, independent
 from .criteria import bic
 
-NODES = 2000  # of the tree, each a fraction of a millisecond to a few
+MAX_NODES = 2000  # of the tree, each a fraction of a millisecond to a few
 TANGENTS = 80  # points u that are tried at each
 ROUNDING = 1e-9
 Mask = NDArray[np.bool_]
@@ -239,11 +239,11 @@ def _bounded(problem: _Bounding, node: _Node, best: Mask) -> tuple[float, Mask, 
     return max(floor, low), trial, int(of[np.argmin(np.abs(np.log(np.maximum(clear, 1e-300))))])
 
 
-def best_subset(
+def find_best_subset(
     total: Reduction,
     base: Sequence[int],
     groups: Sequence[Sequence[int]],
-    nodes: int = NODES,
+    nodes: int = MAX_NODES,
     *,
     sigma: float | None = None,
 ) -> Certified:

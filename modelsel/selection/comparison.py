@@ -20,26 +20,26 @@ from ..fitting.least_squares import Fit, typical_weight
 from ..fitting.linear_step import Step, one_step
 from ..fitting.reduction import Reduction, spread
 from ..mechanisms.terms import Mechanism, Screw
-from .branch_and_bound import Certified, best_subset
-from .criteria import aicc, bic, log_evidence, scan_price, weights
+from .branch_and_bound import Certified, find_best_subset
+from .criteria import aicc, bic, log_evidence, normalise_weights, scan_price
 from .cross_validation import (
     CrossValidation,
-    Folded,
+    FoldedData,
     cross_validate,
     fold,
-    folds,
+    fold_models,
     held_out_residuals,
 )
-from .evaluation import Evaluation, Split, described, errors_of
-from .subsets import Subsets, all_subsets, some_subsets
+from .evaluation import Evaluation, Split, build_evaluation, summarise_lengths
+from .subsets import Subsets, evaluate_subsets, sweep_subsets
 
-MOST = 12  # mechanisms in the table of all subsets, unless the study asks for more
-SHOWN = 12  # rows of it that are listed
-WALKED = 16  # mechanisms whose subsets are all walked: 65,536 models, half a second
+MAX_CANDIDATES = 12  # mechanisms in the table of all subsets, unless the study asks for more
+MAX_LISTED = 12  # rows of it that are listed
+MAX_EXHAUSTIVE = 16  # mechanisms whose subsets are all walked: 65,536 models, half a second
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class SubsetComparison:
     """The table of subsets: how many were compared, the best by cross-validation, the
     one-standard-error choice."""
 
@@ -51,7 +51,7 @@ class Comparison:
     certified: Certified | None = None  # of more mechanisms than all subsets of which can be walked
 
 
-def compare(
+def compare_subsets(
     split: Split,
     base: Model,
     base_fit: Fit,
@@ -59,7 +59,7 @@ def compare(
     base_names: Sequence[str],
     set_aside: Sequence[str] = (),
     scanned: int = 0,
-) -> Comparison:
+) -> SubsetComparison:
     """All subsets of the candidates (see `strongest`) on the base, linear about the base's fit; of
     more than WALKED the best by BIC, certified or not, and what stands round it. Every criterion is
     that of the rungs, of a known σ where the study states it. `scanned`: of how many groups the
@@ -70,7 +70,7 @@ def compare(
     terms = everything.terms
     used = sorted({*base_fit.found.kept, *range(len(base.terms), len(terms))})
     folded = fold(training, terms, folds_of, base_fit.at(), used)
-    steps = steps_from(split, everything, base_fit, folded)
+    steps = prepare_steps(split, everything, base_fit, folded)
     folded, held = _with_prior(folded, everything, steps.to(everything) or steps.to(base))
     place = {t.screws: k for k, t in enumerate(terms)}
     kept_base = list(base_fit.found.kept)
@@ -111,23 +111,25 @@ def compare(
         subsets.rank - subsets.rank[0],
         sigma,
     )
-    weight = weights(np.where(listed, -2 * (evidence + _multiplicity(subsets.members)), np.inf))
+    weight = normalise_weights(
+        np.where(listed, -2 * (evidence + _multiplicity(subsets.members)), np.inf)
+    )
     by_bic, by_aicc = (
         int(np.argmin(np.where(listed, c(subsets.rss, n, subsets.rank, sigma), np.inf)))
         for c in (bic, aicc)
     )
     ranking = np.argsort(np.where(listed, total, np.inf), kind="stable")[
-        : min(SHOWN, int(listed.sum()))
+        : min(MAX_LISTED, int(listed.sum()))
     ]
     searched = (
         []
         if certified is None
         else np.flatnonzero((subsets.members == certified.members).all(1)).tolist()
     )
-    rows = list(dict.fromkeys([pick, by_bic, by_aicc, *searched, *ranking.tolist()]))[:SHOWN]
+    rows = list(dict.fromkeys([pick, by_bic, by_aicc, *searched, *ranking.tolist()]))[:MAX_LISTED]
     rows.sort(key=lambda s: float(total[s]))
     some = [tuple(candidates[chosen[g]] for g in np.flatnonzero(subsets.members[s])) for s in rows]
-    rungs = measured(
+    rungs = evaluate_steps(
         split,
         [(*base_names, *(m.name for m in each)) for each in some],
         [steps.to(base + each) for each in some],
@@ -168,7 +170,7 @@ def compare(
         )
     choice = tuple(candidates[chosen[g]].name for g in np.flatnonzero(subsets.members[pick]))
     considered = tuple(candidates[g].name for g in chosen)
-    return Comparison(
+    return SubsetComparison(
         len(subsets.rss),
         tuple(out),
         (*base_names, *choice),
@@ -178,29 +180,29 @@ def compare(
     )
 
 
-def _with_prior(folded: Folded, everything: Model, step: Step | None) -> tuple[Folded, int]:
+def _with_prior(folded: FoldedData, everything: Model, step: Step | None) -> tuple[FoldedData, int]:
     """(the folds with a step's prior of usual sizes, how many parameters it holds): the prior of
     the model of most parameters, whose noise is least and prior weakest."""
     if step is None:
         return folded, 0
-    columns = [*columns_of(everything, step.model), len(everything.terms)]
+    columns = [*locate_terms(everything, step.model), len(everything.terms)]
     return replace(
         folded, prior=spread(step.prior, columns, len(everything.terms) + 1)
     ), step.weak.held
 
 
 def _searched(
-    folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]], sigma: float | None
+    folded: FoldedData, base: Sequence[int], groups: Sequence[Sequence[int]], sigma: float | None
 ) -> tuple[Subsets, Certified | None]:
     """All subsets of up to WALKED groups; of more, none, the best by BIC, each group alone, and the
     best's neighbours by a group, with the best's certificate."""
-    if len(groups) <= WALKED:
-        return all_subsets(folded, base, groups), None
-    found = best_subset(folded.total, base, groups, sigma=sigma)
+    if len(groups) <= MAX_EXHAUSTIVE:
+        return sweep_subsets(folded, base, groups), None
+    found = find_best_subset(folded.total, base, groups, sigma=sigma)
     single = np.eye(len(groups), dtype=bool)
     every = np.concatenate([[single[0] & False, found.members], single, found.members ^ single])
     members = np.array(list(dict.fromkeys(map(tuple, every.tolist()))), dtype=bool)
-    return some_subsets(folded, base, groups, members), found
+    return evaluate_subsets(folded, base, groups, members), found
 
 
 def _proof(certified: Certified | None) -> str:
@@ -224,20 +226,20 @@ def _multiplicity(members: NDArray[np.bool_]) -> Array:
     return np.asarray(gammaln(s + 1) + gammaln(G - s + 1) - gammaln(G + 2))
 
 
-def columns_of(terms: Model, model: Model) -> list[int]:
+def locate_terms(terms: Model, model: Model) -> list[int]:
     """Where a model's terms stand among those of a larger one."""
     place: dict[tuple[Screw, ...], int] = {t.screws: k for k, t in enumerate(terms.terms)}
     return [place[t.screws] for t in model.terms]
 
 
-def measured(
+def evaluate_steps(
     split: Split, models: Sequence[tuple[str, ...]], steps: Sequence[Step | None]
 ) -> list[Evaluation | None]:
     """A rung (without its residuals) of every step, in the given names; None for a step that cannot
     be made."""
     training, folds_of = split.training(), split.training_folds()
     some = [step for step in steps if step is not None]
-    folded = folds(
+    folded = fold_models(
         training, [(s.model.terms, (s.model.terms, s.theta), s.found.kept) for s in some], folds_of
     )
     fits = [step.fit(block.total) for step, block in zip(some, folded, strict=True)]
@@ -262,19 +264,19 @@ class Steps:
 
     def to(self, model: Model) -> Step | None:
         """None where the data do not determine the model."""
-        index = columns_of(self.whole, model)
+        index = locate_terms(self.whole, model)
         try:
             return one_step(model, self.base_fit, self.here.select(index), self.weight)
         except NotEstimable:
             return None
 
 
-def steps_from(split: Split, whole: Model, base_fit: Fit, folded: Folded) -> Steps:
+def prepare_steps(split: Split, whole: Model, base_fit: Fit, folded: FoldedData) -> Steps:
     """From a base's fit; `folded`: the whole model's terms there."""
     return Steps(whole, base_fit, folded.total, typical_weight(split.training()))
 
 
-def _crossed(folded: Folded, fitted: Fit) -> CrossValidation | None:
+def _crossed(folded: FoldedData, fitted: Fit) -> CrossValidation | None:
     try:
         return cross_validate(folded, fitted.found.kept, fitted.prior)
     except NotEstimable:
@@ -313,5 +315,10 @@ def _rung(
     left: Array,
 ) -> Evaluation:
     ours, held = split.estimation, ~split.estimation
-    both = errors_of(size[ours], split.outlying[ours]), errors_of(size[held], split.outlying[held])
-    return described(split, names, fitted, both, cv, left, np.zeros((0, split.problem.components)))
+    both = (
+        summarise_lengths(size[ours], split.outlying[ours]),
+        summarise_lengths(size[held], split.outlying[held]),
+    )
+    return build_evaluation(
+        split, names, fitted, both, cv, left, np.zeros((0, split.problem.components))
+    )

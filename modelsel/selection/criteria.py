@@ -91,7 +91,7 @@ def log_evidence(
     )
 
 
-def weights(criterion: ArrayLike) -> Array:
+def normalise_weights(criterion: ArrayLike) -> Array:
     """exp(−Δ/2), normalised: Akaike weights, or posterior weights from BIC."""
     values = np.asarray(criterion, float)
     finite = np.isfinite(values)

@@ -30,7 +30,7 @@ DEPENDENT = (
 
 
 @dataclass(frozen=True, eq=False)
-class Folded:
+class FoldedData:
     """K blocks (K, h, p+1) of [columns | response], zero-padded, and the whitened coordinates (K,)
     behind each; the `prior`'s rows are in every fit."""
 
@@ -38,9 +38,9 @@ class Folded:
     rows: Index
     prior: Array | None = field(default=None, repr=False)  # rows (k, p+1) that belong to no fold
 
-    def select(self, columns: Sequence[int] | Index) -> Folded:
+    def select(self, columns: Sequence[int] | Index) -> FoldedData:
         """Of some columns; the response stays last."""
-        return Folded(
+        return FoldedData(
             self.blocks[:, :, [*columns, -1]],
             self.rows,
             None if self.prior is None else self.prior[:, [*columns, -1]],
@@ -56,14 +56,14 @@ class Folded:
         )
 
 
-def pad(parts: Sequence[Array], rows: Sequence[int] | Index) -> Folded:
+def pad_blocks(parts: Sequence[Array], rows: Sequence[int] | Index) -> FoldedData:
     """Blocks of different heights as one array; the taller ones are folded into triangles first."""
     p1 = parts[0].shape[1]
     parts = [part if len(part) <= p1 else Reduction.empty(p1 - 1).add(part).R for part in parts]
     out = np.zeros((len(parts), max(map(len, parts)), p1))
     for block, part in zip(out, parts, strict=True):
         block[: len(part)] = part
-    return Folded(out, np.array(rows, dtype=np.intp))
+    return FoldedData(out, np.array(rows, dtype=np.intp))
 
 
 Point = tuple[
@@ -77,13 +77,13 @@ def fold(
     fold_of: Index,
     at: tuple[Sequence[Term], Array] | None = None,
     only: Sequence[int] | None = None,
-) -> Folded:
+) -> FoldedData:
     """A problem's whitened design and residual, reduced fold by fold, block of rows by block of rows.
     `only`: the terms that are asked for; of many rows the other columns are nought."""
-    return folds(problem, [(terms, at, only)], fold_of)[0]
+    return fold_models(problem, [(terms, at, only)], fold_of)[0]
 
 
-def folds(problem: Problem, points: Sequence[Point], fold_of: Index) -> list[Folded]:
+def fold_models(problem: Problem, points: Sequence[Point], fold_of: Index) -> list[FoldedData]:
     """`fold` of several models, each at its own point, in one pass: a block's causes are evaluated
     once for all of them."""
     count = int(fold_of.max()) + 1
@@ -95,7 +95,7 @@ def folds(problem: Problem, points: Sequence[Point], fold_of: Index) -> list[Fol
                 2, 1, 0
             )  # (rows, c, p+1)
             out.append(
-                pad(
+                pad_blocks(
                     [stacked[fold_of == k].reshape(-1, len(terms) + 1) for k in range(count)],
                     rows_of,
                 )
@@ -114,17 +114,17 @@ def folds(problem: Problem, points: Sequence[Point], fold_of: Index) -> list[Fol
             for k, start, stop in zip(own, first, [*first[1:], len(rows)], strict=True):
                 into[k] = into[k].add(block[:, :, start:stop].reshape(len(some), -1).T)
     return [
-        pad([spread(r.R, some, len(terms) + 1) for r in into], rows_of)
+        pad_blocks([spread(r.R, some, len(terms) + 1) for r in into], rows_of)
         for (terms, _, _), some, into in zip(points, picked, found, strict=True)
     ]
 
 
-def by_unit(
+def fold_by_unit(
     problem: Problem,
     terms: Sequence[Term],
     unit: Index,
     at: tuple[Sequence[Term], Array] | None = None,
-) -> Iterator[Folded]:
+) -> Iterator[FoldedData]:
     """A fold per unit (m,), a configuration or a group, in order, a block of rows at a time: of any
     number of rows only one block is held."""
     unit = np.unique(unit, return_inverse=True)[1].reshape(-1)
@@ -149,7 +149,7 @@ def by_unit(
         seen = (
             height * c if problem.measured is None else problem.take(rows).counted(which, end - k)
         )
-        yield Folded(out, seen) if tall is None else pad(tall, seen)
+        yield FoldedData(out, seen) if tall is None else pad_blocks(tall, seen)
         k = end
 
 
@@ -182,7 +182,7 @@ class CrossValidation:
 
 
 def cross_validate(
-    folded: Folded, kept: Sequence[int] | None = None, prior: Array | None = None
+    folded: FoldedData, kept: Sequence[int] | None = None, prior: Array | None = None
 ) -> CrossValidation:
     """Exact, from one factorisation. `kept`: the columns to fit (default: those `identify` keeps);
     `prior`: rows (k, p+1) of [columns | response] that belong to no fold. Raises NotEstimable where

@@ -97,13 +97,13 @@ def evaluate(
         except NotEstimable:
             pass
     both = (
-        errors(residual[split.estimation], split.outlying[split.estimation]),
-        errors(residual[held], split.outlying[held]),
+        summarise_errors(residual[split.estimation], split.outlying[split.estimation]),
+        summarise_errors(residual[held], split.outlying[held]),
     )
-    return described(split, tuple(names), fitted, both, cv, left, residual)
+    return build_evaluation(split, tuple(names), fitted, both, cv, left, residual)
 
 
-def described(
+def build_evaluation(
     split: Split,
     names: tuple[str, ...],
     fitted: Fit,
@@ -117,7 +117,7 @@ def described(
     criteria."""
     n, note, density = fitted.rows, "", None
     if cv is not None:
-        density = finite(float(cv.density.sum())) if fitted.precision is None else None
+        density = drop_infinite(float(cv.density.sum())) if fitted.precision is None else None
     elif fitted.theta.size:
         left, note = np.full(1, np.nan), "not estimable without one of the folds"
     mean, rms = float(left.mean()), float(np.sqrt(np.square(left).mean()))
@@ -129,24 +129,26 @@ def described(
         *both,
         rms,
         mean,
-        finite(float(aicc(fitted.rss, n, rank, sigma))),
+        drop_infinite(float(aicc(fitted.rss, n, rank, sigma))),
         float(bic(fitted.rss, n, rank, sigma)),
         fitted,
         residual,
         note=note,
-        aic=finite(float(aic(fitted.rss, n, rank, sigma))),
-        gcv=finite(float(gcv(fitted.rss, n, rank))),
+        aic=drop_infinite(float(aic(fitted.rss, n, rank, sigma))),
+        gcv=drop_infinite(float(gcv(fitted.rss, n, rank))),
         log_density=density,
         crossed=left if len(left) == split.used.sum() else None,
     )
 
 
-def finite(value: float) -> float | None:
+def drop_infinite(value: float) -> float | None:
     """The value, None where it is not a finite number."""
     return value if np.isfinite(value) else None
 
 
-def turned(split: Split, nominal: Evaluation, chosen: Evaluation) -> tuple[float, float] | None:
+def measure_orientation(
+    split: Split, nominal: Evaluation, chosen: Evaluation
+) -> tuple[float, float] | None:
     """Root mean square angles [rad] of orientation that the nominal and the chosen model leave: on
     held-out rows, without any on those that estimate, outliers left out; None where no orientation
     was measured."""
@@ -186,12 +188,12 @@ class Errors:
     mean_all_mm: float | None
 
 
-def errors(residual: Array, outlying: NDArray[np.bool_] | None = None) -> Errors:
+def summarise_errors(residual: Array, outlying: NDArray[np.bool_] | None = None) -> Errors:
     """Of residuals (m, 3) [mm]; None where there are no rows."""
-    return errors_of(np.linalg.norm(residual[:, :3], axis=1), outlying)
+    return summarise_lengths(np.linalg.norm(residual[:, :3], axis=1), outlying)
 
 
-def errors_of(size: Array, outlying: NDArray[np.bool_] | None = None) -> Errors:
+def summarise_lengths(size: Array, outlying: NDArray[np.bool_] | None = None) -> Errors:
     """Of lengths (m,) [mm]."""
     good = size if outlying is None else size[~outlying]
     left = len(size) - len(good)
@@ -219,7 +221,7 @@ class Gain:
 
 
 @dataclass(frozen=True, eq=False)
-class Resampled:
+class RowResampling:
     """Rows drawn anew by whole configurations: the configuration, or bundle of them, of every row
     (m,), and how often each is in every draw (DRAWS, K); None with fewer than three."""
 
@@ -227,7 +229,7 @@ class Resampled:
     draw: NDArray[np.int64] | None
 
     @staticmethod
-    def of(block: Index, rng: np.random.Generator) -> Resampled:
+    def of(block: Index, rng: np.random.Generator) -> RowResampling:
         """By configurations (m,); one drawing serves every pair of models on the same rows."""
         blocks, index = np.unique(block, return_inverse=True)
         if (
@@ -239,15 +241,15 @@ class Resampled:
             if len(blocks) >= 3
             else None
         )
-        return Resampled(index, some)
+        return RowResampling(index, some)
 
 
-def gain(before: Array, after: Array, block: Index, rng: np.random.Generator) -> Gain:
+def estimate_gain(before: Array, after: Array, block: Index, rng: np.random.Generator) -> Gain:
     """Paired: both residuals (m, 3) on the same rows; the bootstrap draws whole configurations."""
-    return paired(before, after, Resampled.of(block, rng))
+    return bootstrap_gain(before, after, RowResampling.of(block, rng))
 
 
-def paired(before: Array, after: Array, rows: Resampled) -> Gain:
+def bootstrap_gain(before: Array, after: Array, rows: RowResampling) -> Gain:
     """The gain on rows already drawn."""
     if not len(before):
         return Gain(None, None, None)
@@ -262,7 +264,7 @@ def paired(before: Array, after: Array, rows: Resampled) -> Gain:
     return Gain(float(whole[0]), float(whole[1]), (float(low), float(high)))
 
 
-def surprise(expected: Array, own: Index, seen: Array, block: Index) -> tuple[float, float]:
+def compare_held_out(expected: Array, own: Index, seen: Array, block: Index) -> tuple[float, float]:
     """(how many times as large, rms, p): are held-out lengths `seen` [mm] larger than the
     cross-validated ones `expected`, of configurations `block` and `own`? Wilcoxon's rank sum of
     mean squares per configuration, so that tails do not matter; (1, 1) with fewer than five

@@ -31,7 +31,7 @@ def _features(data: Measurements, first: NDArray[np.intp], prismatic: tuple[bool
     return np.concatenate([np.ones((len(X), 1)), X], axis=1)
 
 
-def choose(
+def split_configurations(
     data: Measurements, count: int, prismatic: tuple[bool, ...], rng: np.random.Generator
 ) -> NDArray[np.bool_]:
     """(m,) mask of the estimation rows: `count` configurations, equal readings never apart.
@@ -70,7 +70,7 @@ def _exchange(X: Array, inside: NDArray[np.bool_], weight: NDArray[np.intp]) -> 
         inside[out[keep[best[0]]]], inside[into[join[best[1]]]] = False, True
 
 
-def assign(
+def assign_folds(
     data: Measurements, folds: int, rng: np.random.Generator, by: str = "configuration"
 ) -> Index:
     """(m,) fold of every row: equal readings never apart; by="group" keeps groups whole. folds = 0

@@ -26,14 +26,14 @@ from ..measurements.reader import read_measurements
 from ..measurements.table import row_groups
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Robot
-from .cross_validation import CrossValidation, Folded, cross_validate, pad
+from .cross_validation import CrossValidation, FoldedData, cross_validate, pad_blocks
 
 Mapper = Callable[
     [Callable[[Any], Any], Sequence[Any]], Iterable[Any]
 ]  # map, or a cluster's; results in the items' order
 
 
-def fold_of(data: Measurements, count: int, by: str = "configuration") -> Index:
+def hash_folds(data: Measurements, count: int, by: str = "configuration") -> Index:
     """(m,) fold of every row from its own readings (rounded to 1e-6) or its group's name alone, so
     that no machine has to know what others hold: equal readings are never apart."""
     if by == "group":
@@ -67,7 +67,7 @@ class Stream:
 
     def add(self, configurations: Problem) -> Stream:
         """With the configurations of a problem."""
-        which = fold_of(configurations.data, len(self.folds), self.by)
+        which = hash_folds(configurations.data, len(self.folds), self.by)
         point = None if self.at is None else (self.terms, self.at)
         new = tuple(
             old.merge(reduce_problem(configurations.take(which == k), self.terms, point))
@@ -102,11 +102,11 @@ class Stream:
         """All folds as one."""
         return merged(self.folds)
 
-    def folded(self) -> Folded:
+    def folded(self) -> FoldedData:
         """For cross-validation and the search over subsets; folds that nothing fell into are left
         out."""
         some = [f for f in self.folds if f.rows]
-        return pad([f.R for f in some], [f.rows for f in some])
+        return pad_blocks([f.R for f in some], [f.rows for f in some])
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Part:
     rows: int
 
 
-def parts_of(files: Sequence[Path]) -> tuple[Part, ...]:
+def list_parts(files: Sequence[Path]) -> tuple[Part, ...]:
     """Every row group of Parquet files, in order. Raises DataError."""
     return tuple(
         Part(path, group, rows) for path in files for group, rows in enumerate(row_groups(path))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .._typing import Array
 from ..fitting.identifiability import identify
 from ..fitting.reduction import TOLERANCE, Reduction
-from .cross_validation import DEPENDENT, Folded
+from .cross_validation import DEPENDENT, FoldedData
 
 # share of a column's squared norm that the base must leave, else its rounding would be a pivot
 ABSORBED = 1e-20
@@ -117,15 +117,17 @@ def _leaves(
     return S[place], W[place], members[place], gained[place], pivot[place]
 
 
-def all_subsets(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]]) -> Subsets:
+def sweep_subsets(
+    folded: FoldedData, base: Sequence[int], groups: Sequence[Sequence[int]]
+) -> Subsets:
     """Every subset of `groups` (lists of column indices) on top of the base columns, with every
     fold held out in turn.
 
     Columns are scaled to unit length here; base columns must be independent.
     """
-    order = large_first(groups)
+    order = order_groups(groups)
     rest = [c for g in order for c in groups[g]]
-    T, E = projected(folded, base, rest)
+    T, E = project_base(folded, base, rest)
     S = T.transpose(0, 2, 1) @ T
     W = np.stack([*(e.T @ e for e in E), S[-1]])
     before = np.append(np.square(folded.blocks[:, :, rest]).sum((0, 1)), 1.0)
@@ -151,7 +153,7 @@ def all_subsets(folded: Folded, base: Sequence[int], groups: Sequence[Sequence[i
 
 
 def _redone(
-    folded: Folded,
+    folded: FoldedData,
     base: Sequence[int],
     groups: Sequence[Sequence[int]],
     found: Subsets,
@@ -171,7 +173,7 @@ def _redone(
     again = np.flatnonzero(np.logical_or(lost > DOUBT, skipped))
     if not len(again):
         return found
-    rank, rss, held_out = refined(folded, base, groups, found.members[again], known)
+    rank, rss, held_out = refine_subsets(folded, base, groups, found.members[again], known)
     sure = np.isfinite(held_out).all(1) & np.logical_or(rank == found.rank[again], skipped[again])
     again, out = again[sure], (found.rank.copy(), found.rss.copy(), found.held_out.copy())
     out[0][again], out[2][again] = rank[sure], held_out[sure]
@@ -179,12 +181,15 @@ def _redone(
     return Subsets(found.members, out[1], out[0], out[2], found.pivot)
 
 
-def some_subsets(
-    folded: Folded, base: Sequence[int], groups: Sequence[Sequence[int]], members: NDArray[np.bool_]
+def evaluate_subsets(
+    folded: FoldedData,
+    base: Sequence[int],
+    groups: Sequence[Sequence[int]],
+    members: NDArray[np.bool_],
 ) -> Subsets:
     """The given subsets (S, G) alone, each by orthogonal factors; those that rest on one fold are
     held out at infinity."""
-    rank, rss, held_out = refined(folded, base, groups, members)
+    rank, rss, held_out = refine_subsets(folded, base, groups, members)
     held_out = np.where(np.isfinite(held_out).all(1, keepdims=True), held_out, np.inf)
     return Subsets(members, rss, rank, held_out, np.ones(len(members)))
 
@@ -196,8 +201,8 @@ Mask = NDArray[np.bool_]
 TOGETHER = 4096  # subsets walked at once
 
 
-def projected(
-    folded: Folded, base: Sequence[int], rest: Sequence[int]
+def project_base(
+    folded: FoldedData, base: Sequence[int], rest: Sequence[int]
 ) -> tuple[Array, list[Array]]:
     """(T (K+1, d, d), E: K of (h, d)), the response last: what the base leaves of the other folds'
     columns `rest`, as a triangle (entry K: of all rows), and of the fold's own rows under their
@@ -226,14 +231,14 @@ def projected(
     return T, E
 
 
-def large_first(groups: Sequence[Sequence[int]]) -> list[int]:
+def order_groups(groups: Sequence[Sequence[int]]) -> list[int]:
     """The groups in the order of the walk: large ones nearest the root, where there are few
     nodes."""
     return sorted(range(len(groups)), key=lambda g: -len(groups[g]))
 
 
-def refined(
-    folded: Folded,
+def refine_subsets(
+    folded: FoldedData,
     base: Sequence[int],
     groups: Sequence[Sequence[int]],
     members: Mask,
@@ -243,10 +248,10 @@ def refined(
     `members` (S, G) of `groups` on top of independent base columns. A column that depends on the
     kept ones is left out, as `identify` does; nan where one rests on a fold alone. `known`: what
     `projected` gives for the groups' columns in the order of the walk."""
-    walked = large_first(groups)
+    walked = order_groups(groups)
     groups, members = [groups[g] for g in walked], members[:, walked]
     rest = [c for columns in groups for c in columns]
-    T, E = projected(folded, base, rest) if known is None else known
+    T, E = project_base(folded, base, rest) if known is None else known
     scale = np.linalg.norm(folded.blocks[:, :, rest].reshape(-1, len(rest)), axis=0)
     largest = np.linalg.norm(
         folded.blocks[:, :, [*base, *rest]].reshape(-1, len(base) + len(rest)), axis=0

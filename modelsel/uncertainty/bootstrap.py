@@ -18,7 +18,7 @@ from .._typing import Array, Index
 from ..fitting.identifiability import solve
 from ..fitting.least_squares import Fit
 from ..fitting.reduction import Reduction
-from ..selection.cross_validation import Folded
+from ..selection.cross_validation import FoldedData
 
 REPLICATES = 999
 SIGNS = 4_000_000  # drawn at once
@@ -49,7 +49,7 @@ class Bootstrap:
         return float((far >= far[0]).mean())
 
 
-def bootstrap(parts: Iterable[Folded], fitted: Fit, rng: np.random.Generator) -> Bootstrap:
+def run_bootstrap(parts: Iterable[FoldedData], fitted: Fit, rng: np.random.Generator) -> Bootstrap:
     """Of every parameter.
 
     `parts`: the training problem at the optimum, a fold per unit, some at a time (`by_unit`). Shrunk
@@ -72,7 +72,7 @@ def bootstrap(parts: Iterable[Folded], fitted: Fit, rng: np.random.Generator) ->
     step = max(1, SIGNS // len(scores))
     moved = np.concatenate(
         [
-            signs(rng, min(step, REPLICATES - start), len(scores)) @ scores
+            draw_signs(rng, min(step, REPLICATES - start), len(scores)) @ scores
             for start in range(0, REPLICATES, step)
         ]
     )
@@ -94,7 +94,7 @@ def _root(rows: Array) -> Array:
 
 
 def _made_good(
-    folded: Folded, kept: Sequence[int], beta: Array, factor: Array
+    folded: FoldedData, kept: Sequence[int], beta: Array, factor: Array
 ) -> tuple[Array, Array]:
     """(Q (K, h, r), residuals (K, h)) of some configurations, what their leverage took from the
     residuals given back."""
@@ -105,12 +105,12 @@ def _made_good(
     return Q, np.einsum("kab,kb,kcb,kc->ka", vectors, root, vectors, e)
 
 
-def signs(rng: np.random.Generator, replicates: int, units: int) -> Array:
+def draw_signs(rng: np.random.Generator, replicates: int, units: int) -> Array:
     """(replicates, units) of −1 and +1."""
     return np.asarray(2.0 * rng.integers(0, 2, (replicates, units)) - 1.0)
 
 
-def halves(rng: np.random.Generator, count: int, units: int) -> Index:
+def draw_half_samples(rng: np.random.Generator, count: int, units: int) -> Index:
     """(count, units // 2) half-samples without replacement, in complementary pairs (Shah & Samworth
     2013)."""
     half = units // 2

@@ -29,7 +29,7 @@ POINTS = 20_000  # walkers that are worked out together
 
 
 @dataclass(frozen=True, eq=False)
-class Conditional:
+class ConditionalPrior:
     """For one constant: `own` (k,) and `other` (o,) positions among the sampled coefficients. At
     GRID values over its range: `mean` (GRID, k) of the own where the others are at the optimum,
     minus `slope` (GRID, k, o) per unit of those; `root` (GRID, k, k) upper root of their covariance
@@ -85,7 +85,7 @@ class Conditional:
         return np.asarray(-len(self.own) * log_scale - 0.5 * cost * np.exp(-2 * log_scale))
 
 
-def conditionals(
+def build_conditionals(
     problem: Problem,
     at: tuple[Sequence[Term], Array],
     sampled: Sequence[int],
@@ -93,7 +93,7 @@ def conditionals(
     Q: Array,
     tangent: tuple[Array, Array],
     freedom: float,
-) -> tuple[Conditional, ...]:
+) -> tuple[ConditionalPrior, ...]:
     """What each constant makes of the sampled coefficients it bears on. `Q` (N, r): basis of the
     coefficients that are integrated out; `tangent`: all columns (N, p) and what the optimum `at`
     leaves (N,), with the rows of a prior below the data's; `freedom` of that fit."""
@@ -133,7 +133,7 @@ def conditionals(
         slope = np.linalg.solve(gram, grid.transpose(0, 2, 1) @ known)
         root = np.linalg.inv(np.linalg.cholesky(gram)).transpose(0, 2, 1)
         out.append(
-            Conditional(
+            ConditionalPrior(
                 constant,
                 np.array(own, dtype=np.intp),
                 np.array(plain, dtype=np.intp),

@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from .._typing import Array
 from ..fitting.batch import Ensemble
 from ..fitting.least_squares import Fit
-from .conditional_priors import Conditional, conditionals
+from .conditional_priors import ConditionalPrior, build_conditionals
 from .nuisance import Components, Constant
-from .posterior import posterior
+from .posterior import linear_posterior
 
 TAIL = "tail 1/ν"
 HEAVIEST, LIGHTEST = 0.5, 1e-6
@@ -145,16 +145,16 @@ class LogPosterior:
         return reduction.select([*self._integrated, *self.sampled]).R[b:-1, b:-1]
 
     @cached_property
-    def _conditionals(self) -> tuple[Conditional, ...]:
+    def _conditionals(self) -> tuple[ConditionalPrior, ...]:
         """Of the constants that bear on a sampled coefficient."""
-        return conditionals(
+        return build_conditionals(
             self.noise.problem,
             self.fitted.at(),
             self.sampled,
             self.constants,
             self._basis[0],
             self._tangent,
-            posterior(self.fitted).freedom,
+            linear_posterior(self.fitted).freedom,
         )
 
     @cached_property
@@ -168,7 +168,7 @@ class LogPosterior:
         """(origin (d,), matrix (d, d)): walkers live in units of the closed form, in which the
         coefficients are uncorrelated; a snooker's lines have no meaning across millimetres and
         radians."""
-        known, k = posterior(self.fitted), self._split[0]
+        known, k = linear_posterior(self.fitted), self._split[0]
         origin, matrix = np.zeros(self.size), np.eye(self.size)
         plain = self._plain
         index = [self.sampled[i] for i in plain]
@@ -197,7 +197,7 @@ class LogPosterior:
                 flat,
                 self._values(flat, c.constant),
                 origin[self._plain],
-                posterior(self.fitted).scale,
+                linear_posterior(self.fitted).scale,
             )
         return flat.reshape(out.shape)
 
@@ -222,7 +222,8 @@ class LogPosterior:
         """(W,) up to a constant, at walkers (W, d) in their own units; −inf outside the priors."""
         points = self.natural(walkers)
         inside = (
-            np.abs(points[:, slice(*self._split)] - np.log(posterior(self.fitted).scale)) < FARTHEST
+            np.abs(points[:, slice(*self._split)] - np.log(linear_posterior(self.fitted).scale))
+            < FARTHEST
         ).all(1)
         if self.tail:
             inside &= (points[:, self._split[1]] > LIGHTEST) & (
@@ -246,7 +247,7 @@ class LogPosterior:
 
     def _linear(self, points: Array) -> Array:
         """Normal noise of one scale, linear about the optimum, on the QR-reduced data."""
-        known = posterior(self.fitted)
+        known = linear_posterior(self.fitted)
         step = (
             points[:, : self._split[0]] - self.fitted.theta[list(self.sampled)]
         ) @ self._reduced.T
@@ -352,7 +353,7 @@ class LogPosterior:
 
     def closed_form(self, probability: Sequence[float]) -> Array:
         """(d, k) quantiles of the closed form; NaN where there is none."""
-        known = posterior(self.fitted)
+        known = linear_posterior(self.fitted)
         p = np.array(probability)
         out = np.full((self.size, len(p)), np.nan)
         out[: self._split[0]] = known.quantile(p)[list(self.sampled)]

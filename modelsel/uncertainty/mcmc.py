@@ -75,7 +75,7 @@ def _plain(chain: Array) -> Array:
 GAMMA = 1.7  # ter Braak & Vrugt 2008: 1.2 to 2.2
 
 
-def moves(ranges: Sequence[tuple[int, float, float]] = ()) -> list[tuple[Any, float]]:
+def build_moves(ranges: Sequence[tuple[int, float, float]] = ()) -> list[tuple[Any, float]]:
     """emcee's DEMove 0.8 and the snooker below 0.2; where there are constants, of which the
     `ranges` say (position, lowest, highest), a third of all moves instead draws one of them anew
     over its range: far modes are reached in one step.
@@ -94,7 +94,7 @@ def moves(ranges: Sequence[tuple[int, float, float]] = ()) -> list[tuple[Any, fl
             others = np.concatenate(complement)
             pick = np.argsort(random.rand(len(sample), len(others)), axis=1)[:, :3]
             z, first, second = others[pick].transpose(1, 0, 2)
-            return snooker(sample, z, first - second)
+            return propose_snooker(sample, z, first - second)
 
     class Afresh(emcee.moves.RedBlueMove):  # type: ignore[misc]
         """One constant of each walker drawn anew, evenly over its range."""
@@ -114,7 +114,7 @@ def moves(ranges: Sequence[tuple[int, float, float]] = ()) -> list[tuple[Any, fl
     return [*plain, (Afresh(), 0.5)] if ranges else plain
 
 
-def snooker(x: Array, z: Array, difference: Array) -> tuple[Array, Array]:
+def propose_snooker(x: Array, z: Array, difference: Array) -> tuple[Array, Array]:
     """(proposals (W, d), ln of (|x*−z|/|x−z|)^(d−1)) of walkers x along their lines to z (ter Braak
     & Vrugt 2008, eq. 4)."""
     line = x - z

@@ -39,7 +39,7 @@ class Components:
         return len(self.names)
 
 
-def components(
+def assign_components(
     problem: Problem, instrument: Instrument | None = None, stated: bool = False
 ) -> Components:
     """Of a weighed problem. Per-coordinate uncertainties in the data: a scale per axis of the
@@ -65,7 +65,7 @@ def components(
     if problem.data.sigma is not None:
         of, names = [0, 1, 2, *rest], ["noise in x", "noise in y", "noise in z", *rest_names]
     elif instrument is not None and not stated:
-        problem = along_beam(problem, instrument)
+        problem = align_with_beam(problem, instrument)
         of, names = (
             [0, 1, 1, *(k - 1 for k in rest)],
             ["noise along the beam", "noise across the beam", *rest_names],
@@ -91,7 +91,7 @@ def components(
     )
 
 
-def along_beam(problem: Problem, instrument: Instrument) -> Problem:
+def align_with_beam(problem: Problem, instrument: Instrument) -> Problem:
     """The same weights, each row's first whitened coordinate along the beam and the others across
     it: an orthogonal turn of the whitened coordinates, which no least-squares fit feels."""
     if isinstance(problem.whiten, float):
@@ -110,7 +110,7 @@ def along_beam(problem: Problem, instrument: Instrument) -> Problem:
     return problem.anew(whiten=whiten)
 
 
-def single(of: Components) -> Components:
+def merge_components(of: Components) -> Components:
     """With one scale for all."""
     return Components(of.problem, np.zeros_like(of.of), (SINGLE,), of.units[:1], of.factor[:1])
 
@@ -150,7 +150,7 @@ class Constant:
         return below, at - below
 
 
-def constants(problem: Problem, model: Model, registry: Registry) -> tuple[Constant, ...]:
+def list_constants(problem: Problem, model: Model, registry: Registry) -> tuple[Constant, ...]:
     """One for each mechanism of a model that the registry scans over a range of real numbers;
     numbered where a mechanism is in the model several times, as the labels of its coefficients
     are."""

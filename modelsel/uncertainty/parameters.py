@@ -14,9 +14,9 @@ from ..fitting.design import Model, blocks
 from ..fitting.least_squares import Fit
 from ..mechanisms.causes import Bump
 from ..notices import Note
-from ..selection.cross_validation import by_unit
+from ..selection.cross_validation import fold_by_unit
 from ..selection.evaluation import Split
-from .bootstrap import Bootstrap, bootstrap
+from .bootstrap import Bootstrap, run_bootstrap
 from .posterior import Draws
 from .sampler import Sampling
 
@@ -47,7 +47,7 @@ class Parameter:
     differ: bool
 
 
-def parameters(split: Split, fitted: Fit, boot: Bootstrap) -> tuple[Parameter, ...]:
+def describe_parameters(split: Split, fitted: Fit, boot: Bootstrap) -> tuple[Parameter, ...]:
     """Every estimable parameter of a fit, in the model's order; the posterior's answers come later
     (`with_posterior`).
 
@@ -61,8 +61,12 @@ def parameters(split: Split, fitted: Fit, boot: Bootstrap) -> tuple[Parameter, .
         boot.errors, fitted.standard_errors
     )
     low, high = fitted.theta - half, fitted.theta + half
-    mean, worst = displacement(split, fitted)
-    error, names, owner = fitted.standard_errors, labels(fitted.model), owners(fitted.model)
+    mean, worst = compute_displacement(split, fitted)
+    error, names, owner = (
+        fitted.standard_errors,
+        label_terms(fitted.model),
+        list_owners(fitted.model),
+    )
     out = []
     for k in fitted.found.kept:
         analytic, again, rests = float(error[k]), float(boot.errors[k]), float(boot.units[k])
@@ -86,14 +90,14 @@ def parameters(split: Split, fitted: Fit, boot: Bootstrap) -> tuple[Parameter, .
     return tuple(out)
 
 
-def resampled(split: Split, fitted: Fit, rng: np.random.Generator) -> Bootstrap:
+def bootstrap_parameters(split: Split, fitted: Fit, rng: np.random.Generator) -> Bootstrap:
     """The bootstrap of the training rows; whole groups are its units where what is left goes
     together within them."""
     training = split.training()
     residual = fitted.residuals(training)
     grouped = together(training.data, residual[:, :3], rng) <= LASTING
     unit = training.data.group if grouped else training.data.block
-    boot = bootstrap(by_unit(training, fitted.terms, unit, fitted.at()), fitted, rng)
+    boot = run_bootstrap(fold_by_unit(training, fitted.terms, unit, fitted.at()), fitted, rng)
     return replace(boot, grouped=grouped)
 
 
@@ -106,7 +110,7 @@ def _differ(errors: Sequence[float], configurations: float) -> bool:
     )
 
 
-def displacement(split: Split, fitted: Fit) -> tuple[Array, Array]:
+def compute_displacement(split: Split, fitted: Fit) -> tuple[Array, Array]:
     """(mean, worst) (p,) displacement [mm] of the target that each parameter causes, over all
     measured configurations, held out or not: the workspace as it was measured. Linear about the
     optimum."""
@@ -119,14 +123,14 @@ def displacement(split: Split, fitted: Fit) -> tuple[Array, Array]:
     return total / len(problem), worst
 
 
-def with_posterior(
+def add_posterior(
     found: Sequence[Parameter], fitted: Fit, draws: Draws, sampling: Sampling
 ) -> tuple[Parameter, ...]:
     """With the posterior's standard deviations: emcee's where it sampled the parameter and
     converged, else of the closed-form draws weighted on the exact chain."""
     spread = dict(
         zip(
-            [labels(fitted.model)[k] for k in fitted.found.kept],
+            [label_terms(fitted.model)[k] for k in fitted.found.kept],
             draws.spread[list(fitted.found.kept)],
             strict=True,
         )
@@ -148,7 +152,7 @@ def with_posterior(
     )
 
 
-def difference_notes(found: Sequence[Parameter]) -> tuple[Note, ...]:
+def note_differences(found: Sequence[Parameter]) -> tuple[Note, ...]:
     """A warning that names the parameters whose answers differ."""
     named = [f"{p.symbol} ({p.mechanism})" for p in found if p.differ]
     if not named:
@@ -191,13 +195,13 @@ class Correlation:
     clusters: tuple[tuple[str, ...], ...]
 
 
-def labels(model: Model) -> tuple[str, ...]:
+def label_terms(model: Model) -> tuple[str, ...]:
     """A name of its own for every term: its symbol; where two terms share one, the mechanism is
     added, and a number where a mechanism is in the model with several constants."""
     symbols = [t.symbol for t in model.terms]
     longer = [
         s if symbols.count(s) == 1 else f"{s} of {owner}"
-        for s, owner in zip(symbols, owners(model), strict=True)
+        for s, owner in zip(symbols, list_owners(model), strict=True)
     ]
     return tuple(
         s if longer.count(s) == 1 else f"{s} ({longer[:k].count(s) + 1})"
@@ -205,7 +209,7 @@ def labels(model: Model) -> tuple[str, ...]:
     )
 
 
-def owners(model: Model) -> tuple[str, ...]:
+def list_owners(model: Model) -> tuple[str, ...]:
     """The name of the mechanism that brings each term first."""
     first: dict[object, str] = {}
     for m in model.mechanisms:
@@ -214,19 +218,19 @@ def owners(model: Model) -> tuple[str, ...]:
     return tuple(first[t.screws] for t in model.terms)
 
 
-def free(model: Model) -> Array:
+def mask_free_functions(model: Model) -> Array:
     """(p,) mask of the coefficients of free functions."""
     return np.array([isinstance(t.screws[0].cause, Bump) for t in model.terms], dtype=bool)
 
 
-def correlation(fitted: Fit) -> Correlation:
+def correlate_parameters(fitted: Fit) -> Correlation:
     """Of a fit."""
-    inside = free(fitted.model)
+    inside = mask_free_functions(fitted.model)
     index = [k for k in fitted.found.kept if not inside[k]]
     factor = fitted.factor[index]
     unit = factor / np.linalg.norm(factor, axis=1)[:, None]
     matrix = np.clip(unit @ unit.T, -1, 1)
-    every = labels(fitted.model)
+    every = label_terms(fitted.model)
     names = [every[k] for k in index]
     known = [
         k not in fitted.leaning for k in index

@@ -89,7 +89,7 @@ class Draws:
         return np.asarray(np.sqrt(np.maximum(self.weight @ np.square(self.theta - mean), 0.0)))
 
 
-def posterior(fitted: Fit) -> Posterior:
+def linear_posterior(fitted: Fit) -> Posterior:
     """Of a fit at its optimum."""
     cost = fitted.rss + float(np.square(fitted.root @ fitted.theta).sum())
     return Posterior(
@@ -97,7 +97,7 @@ def posterior(fitted: Fit) -> Posterior:
     )
 
 
-def weighted(problem: Problem, fitted: Fit, draws: Draws) -> Draws:
+def weight_draws(problem: Problem, fitted: Fit, draws: Draws) -> Draws:
     """The draws with importance weights: the exact chain's posterior over the linear one, on the
     fit's own problem. How far the chain departs from its tangent is worked out on at most CURVED
     rows, evenly spread, that stand for all: thinning can only make the weights less even. The prior
@@ -119,7 +119,7 @@ def weighted(problem: Problem, fitted: Fit, draws: Draws) -> Draws:
     return Draws(draws.theta, draws.sigma, np.asarray(weight / weight.sum()))
 
 
-def draws_for(problem: Problem) -> int:
+def choose_draw_count(problem: Problem) -> int:
     """How many draws a problem of this size gets: bounded work, whatever its size."""
     return int(np.clip(WORK // len(problem), *DRAWS))
 
@@ -133,7 +133,7 @@ class Importance:
     sentence: str
 
 
-def importance(draws: Draws) -> Importance:
+def summarise_importance(draws: Draws) -> Importance:
     """Of weighted draws."""
     count, effective = len(draws.weight), draws.effective
     share = effective / count

@@ -16,7 +16,7 @@ import numpy as np
 
 from .._typing import Array
 from .log_posterior import LogPosterior
-from .mcmc import autocorrelation_time, moves, r_hat
+from .mcmc import autocorrelation_time, build_moves, r_hat
 from .posterior import Importance
 
 if TYPE_CHECKING:
@@ -164,14 +164,14 @@ class Sampling:
         )
 
 
-def next_check(check: int, need: float) -> int:
+def schedule_check(check: int, need: float) -> int:
     """Steps at which the chain is judged next: when it should be long enough, but no more than
     GROWTH times later, so that the times are seen to settle."""
     wanted = min(GROWTH * check, max(1.02 * need, 1.15 * check))
     return min(MOST_STEPS, 100 * int(np.ceil(wanted / 100)))
 
 
-def sample(
+def sample_posterior(
     log_posterior: LogPosterior,
     importance: Importance,
     what: str,
@@ -220,7 +220,7 @@ def sample(
                     importance,
                     what,
                 )
-        check = next_check(check, need)
+        check = schedule_check(check, need)
 
 
 def _times(chain: Array, thin: int) -> Array:
@@ -295,7 +295,7 @@ class _Walk:
             walkers,
             log_posterior.size,
             log_posterior.log_density,
-            moves=moves(log_posterior.ranges),
+            moves=build_moves(log_posterior.ranges),
             vectorize=True,
         )
         self.sampler.log_prob_fn = (

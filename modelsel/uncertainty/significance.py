@@ -22,9 +22,9 @@ from ..fitting.splines import spline
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Mechanism
 from ..selection.criteria import log_evidence
-from ..selection.cross_validation import Folded, cross_validate, fold
+from ..selection.cross_validation import FoldedData, cross_validate, fold
 from ..selection.evaluation import Split
-from .bootstrap import Bootstrap, halves
+from .bootstrap import Bootstrap, draw_half_samples
 
 HALVES = 100
 LEVEL = 0.05
@@ -55,7 +55,7 @@ class Significance:
     stability: float | None
 
 
-def significance(
+def assess_significance(
     split: Split, fitted: Fit, names: Sequence[str], boot: Bootstrap, rng: np.random.Generator
 ) -> tuple[Significance, ...]:
     """Of every mechanism of a fitted model, by what matters in mm. `names`: what the report calls
@@ -69,12 +69,14 @@ def significance(
     ]
     without = _Without(split, fitted)
     moved = _displaced(split, fitted, [_terms(model, m) for m in judged])
-    stable = stability(without.bundled(), fitted, [_own(model, m, fitted) for m in judged], rng)
+    stable = measure_stability(
+        without.bundled(), fitted, [_own(model, m, fitted) for m in judged], rng
+    )
     cv, held = without.rms([])
     out = []
     for m, (mean, worst), share in zip(judged, moved, stable, strict=True):
         own = _own(model, m, fitted)
-        f, p, evidence = nested(fitted, own, boot, 1.0 if split.known_sigma else None)
+        f, p, evidence = compare_nested(fitted, own, boot, 1.0 if split.known_sigma else None)
         cv_without, held_without = without.rms(own) if own else (None, None)
         terms = _terms(model, m)
         symbols = tuple(model.terms[k].symbol for k in terms if k in fitted.found.kept)
@@ -91,7 +93,7 @@ def significance(
                 cv_without,
                 held,
                 held_without,
-                catalogue(fitted, terms),
+                check_catalogue(fitted, terms),
                 share,
             )
         )
@@ -133,7 +135,7 @@ def _displaced(
     return [(float(t / len(problem)), float(w)) for t, w in zip(total, worst, strict=True)]
 
 
-def nested(
+def compare_nested(
     fitted: Fit, own: Sequence[int], boot: Bootstrap, known: float | None = None
 ) -> tuple[float | None, float | None, float | None]:
     """(F, its p, log10 of the Bayes factor with a unit-information prior) of the model against
@@ -147,7 +149,7 @@ def nested(
     factor, theta, count = (
         fitted.factor[list(own)],
         fitted.theta[list(own)],
-        determined(fitted, own),
+        count_determined(fitted, own),
     )
     if count < 0.5:  # the prior of usual sizes says all there is to say
         return None, None, None
@@ -162,7 +164,7 @@ def nested(
     return f, p, float(evidence / np.log(10)) if fitted.precision is None else None
 
 
-def determined(fitted: Fit, own: Sequence[int]) -> float:
+def count_determined(fitted: Fit, own: Sequence[int]) -> float:
     """How many parameters some fitted terms add to the others, those that a prior holds counted by
     what the data say of them: the trace of the hat matrix that goes with them."""
     rest = [k for k in fitted.found.kept if k not in own]
@@ -181,7 +183,7 @@ class _Without:
         self.folded = fold(self.training, fitted.terms, folds, fitted.at(), kept)
         weight = self.training.whiten
         self.plain = (
-            Folded(self.folded.blocks / weight, self.folded.rows)
+            FoldedData(self.folded.blocks / weight, self.folded.rows)
             if isinstance(weight, float)
             else fold(replace(self.training, whiten=1.0), fitted.terms, folds, fitted.at(), kept)
         )
@@ -198,7 +200,7 @@ class _Without:
             else None
         )
 
-    def bundled(self) -> Folded:
+    def bundled(self) -> FoldedData:
         """A fold per configuration; of very many, per bundle of them, whose halves tell the
         same."""
         own = np.unique(self.training.data.block, return_inverse=True)[1].reshape(-1) % BUNDLES
@@ -218,7 +220,7 @@ class _Without:
             total = Reduction(total.add(prior).R, total.rows)
         kept = [kept[i] for i in identify(total.select(kept)).kept]
         try:
-            cv = cross_validate(Folded(changed, self.folded.rows), kept, prior)
+            cv = cross_validate(FoldedData(changed, self.folded.rows), kept, prior)
             per_fold = cv.without.copy()
             per_fold[:, gone] -= fitted.theta[gone]
             left = self.plain.blocks[:, :, -1] - np.einsum(
@@ -236,8 +238,8 @@ class _Without:
         return crossed, float(np.sqrt(np.square(left).sum() / self.held))
 
 
-def stability(
-    folded: Folded,
+def measure_stability(
+    folded: FoldedData,
     fitted: Fit,
     groups: Sequence[Sequence[int]],
     rng: np.random.Generator,
@@ -260,8 +262,8 @@ def stability(
     scale = np.hypot(np.linalg.norm(X, axis=(0, 1)), np.linalg.norm(fitted.root[:, kept], axis=0))
     root = fitted.root[:, kept] / scale
     hits, judged = np.zeros(len(groups)), 0
-    sizes = [max(determined(fitted, g), 0.5) for g in groups]
-    for half in halves(rng, count, len(X)):
+    sizes = [max(count_determined(fitted, g), 0.5) for g in groups]
+    for half in draw_half_samples(rng, count, len(X)):
         A, b = X[half].reshape(-1, len(kept)) / scale, y[half].ravel()
         gram = A.T @ A + root.T @ root
         rows = int(folded.rows[half].sum())
@@ -284,7 +286,7 @@ def stability(
     ]
 
 
-def catalogue(fitted: Fit, terms: Sequence[int]) -> str:
+def check_catalogue(fitted: Fit, terms: Sequence[int]) -> str:
     """Whether signs and sizes are what the catalogue expects, else which are not; two standard
     errors are allowed."""
     off, error = [], fitted.standard_errors

@@ -19,22 +19,22 @@ from ..mechanisms.registry import Registry
 from ..notices import Note
 from ..selection.evaluation import Split
 from .log_posterior import TAIL, LogPosterior
-from .nuisance import components, constants, single
+from .nuisance import assign_components, list_constants, merge_components
 from .parameters import (
     Correlation,
     Parameter,
-    correlation,
-    difference_notes,
-    displacement,
-    free,
-    labels,
-    parameters,
-    resampled,
-    with_posterior,
+    add_posterior,
+    bootstrap_parameters,
+    compute_displacement,
+    correlate_parameters,
+    describe_parameters,
+    label_terms,
+    mask_free_functions,
+    note_differences,
 )
-from .posterior import draws_for, importance, posterior, weighted
-from .sampler import PER_NAME, WALKERS, Keeper, Sampling, sample
-from .significance import Significance, significance
+from .posterior import choose_draw_count, linear_posterior, summarise_importance, weight_draws
+from .sampler import PER_NAME, WALKERS, Keeper, Sampling, sample_posterior
+from .significance import Significance, assess_significance
 
 MOST = {"default": 24, "all": 64}  # coefficients that are sampled; the others are integrated out
 ROWS = 9_000  # walkers x rows a step, up to which the chain itself is evaluated
@@ -56,7 +56,7 @@ class Confidence:
     @property
     def notes(self) -> tuple[Note, ...]:
         """What the user should know."""
-        out = difference_notes(self.parameters)
+        out = note_differences(self.parameters)
         if self.lasting:
             out += (
                 Note(
@@ -92,16 +92,16 @@ class Confidence:
         }
 
 
-def confidence(split: Split, fitted: Fit, names: Sequence[str], seed: int) -> Confidence:
+def assess_confidence(split: Split, fitted: Fit, names: Sequence[str], seed: int) -> Confidence:
     """What needs no sampling; cheap. `names`: what the report calls the mechanisms of the model.
     Empty where it has no estimable parameter."""
     if not fitted.rank:
         return Confidence((), Correlation((), np.zeros((0, 0)), (), ()), ())
-    boot = resampled(split, fitted, generator(seed, "bootstrap"))
+    boot = bootstrap_parameters(split, fitted, generator(seed, "bootstrap"))
     return Confidence(
-        parameters(split, fitted, boot),
-        correlation(fitted),
-        significance(split, fitted, names, boot, generator(seed, "halves")),
+        describe_parameters(split, fitted, boot),
+        correlate_parameters(fitted),
+        assess_significance(split, fitted, names, boot, generator(seed, "halves")),
         lasting=boot.grouped,
     )
 
@@ -118,7 +118,7 @@ class Request:
     registry: Registry
 
 
-def sampled(
+def sample_confidence(
     found: Confidence,
     split: Split,
     fitted: Fit,
@@ -132,16 +132,18 @@ def sampled(
     if not fitted.rank or fitted.freedom < 1:
         return found
     training, rng = split.training(), generator(seed, "sampling")
-    known = posterior(fitted)
-    draws = weighted(training, fitted, known.draw(rng, draws_for(training)))
-    target = target_of(split, fitted, request)
-    chain = sample(target, importance(draws), described(target), rng, say=say, keeper=keeper)
+    known = linear_posterior(fitted)
+    draws = weight_draws(training, fitted, known.draw(rng, choose_draw_count(training)))
+    target = build_log_posterior(split, fitted, request)
+    chain = sample_posterior(
+        target, summarise_importance(draws), describe_sampling(target), rng, say=say, keeper=keeper
+    )
     return replace(
-        found, sampling=chain, parameters=with_posterior(found.parameters, fitted, draws, chain)
+        found, sampling=chain, parameters=add_posterior(found.parameters, fitted, draws, chain)
     )
 
 
-def target_of(split: Split, fitted: Fit, request: Request) -> LogPosterior:
+def build_log_posterior(split: Split, fitted: Fit, request: Request) -> LogPosterior:
     """What is sampled: by default the coefficients of the named effects, every noise scale, the
     tail and inner constants, with the other coefficients integrated out; over "all", and where
     nothing is named, every coefficient and the scales under normal noise (a Student-t takes what is
@@ -150,24 +152,24 @@ def target_of(split: Split, fitted: Fit, request: Request) -> LogPosterior:
     Where the rows are too many for the chain to be evaluated at every step, the QR-reduced linear
     form stands in for it, with normal noise of one scale."""
     training = split.training()
-    inside = free(fitted.model)
+    inside = mask_free_functions(fitted.model)
     base = {t.screws for t in request.base.terms}
     plain = [k for k in fitted.found.kept if not inside[k]]
     named = [k for k in plain if fitted.terms[k].screws not in base]
     wanted = plain if request.over == "all" or not named else named
-    mean, _ = displacement(split, fitted)
+    mean, _ = compute_displacement(split, fitted)
     most = MOST[request.over]
     chosen = tuple(sorted(sorted(wanted, key=lambda k: -mean[k])[:most]))
     dear = POSE if training.components == 6 else 1
     exact = dear * max(WALKERS, PER_NAME * (len(chosen) + 2)) * len(training) <= ROWS
-    noise = components(training, request.instrument, request.stated)
+    noise = assign_components(training, request.instrument, request.stated)
     if noise.count > 1 and (not exact or fitted.found.rank - len(chosen) > WIDE):
-        noise = single(noise)
+        noise = merge_components(noise)
     tail = bool(
         exact and request.over == "default" and named and training.data.gauges is None
     )  # rows have three numbers each
-    inner = constants(training, fitted.model, request.registry) if tail else ()
-    names = labels(fitted.model)
+    inner = list_constants(training, fitted.model, request.registry) if tail else ()
+    names = label_terms(fitted.model)
     return LogPosterior(
         fitted,
         noise,
@@ -190,7 +192,7 @@ def target_of(split: Split, fitted: Fit, request: Request) -> LogPosterior:
     )
 
 
-def described(log_posterior: LogPosterior) -> str:
+def describe_sampling(log_posterior: LogPosterior) -> str:
     """What was sampled and what was not, in a sentence or two."""
     k, rest = (
         len(log_posterior.sampled),
