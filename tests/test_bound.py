@@ -14,8 +14,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.reduction import reduce
 from modelsel.mechanisms.causes import cos, q, sin
 from modelsel.results.record import candidates_dict
-from modelsel.selection import branch_and_bound as bound
-from modelsel.selection.branch_and_bound import find_best_subset
+from modelsel.selection.branch_and_bound import SearchOptions, find_best_subset
 from modelsel.selection.comparison import compare_subsets
 from modelsel.selection.criteria import bic
 from modelsel.selection.cross_validation import pad_blocks
@@ -59,7 +58,7 @@ def test_best_of_every_subset(seed, alike) -> None:
     assert found.members.tolist() == members[value.argmin()].tolist()
     assert found.bic == pytest.approx(value.min(), rel=1e-9)
     first = find_best_subset(
-        reduce(X, y), base, groups, nodes=1
+        reduce(X, y), base, groups, SearchOptions(max_nodes=1)
     )  # however early it stops, what it says holds
     assert first.bic - first.gap <= value.min() + 1e-6
     assert first.proven == (first.gap == 0)
@@ -78,7 +77,7 @@ def test_best_of_every_subset_where_the_noise_is_known(sigma, alike, rng) -> Non
     assert found.proven
     assert found.members.tolist() == members[value.argmin()].tolist()
     assert found.bic == pytest.approx(value.min(), rel=1e-9)
-    first = find_best_subset(reduce(X, y), base, groups, nodes=1, sigma=sigma)
+    first = find_best_subset(reduce(X, y), base, groups, SearchOptions(max_nodes=1), sigma=sigma)
     assert first.bic - first.gap <= value.min() + 1e-6
 
 
@@ -117,7 +116,7 @@ def test_groups_that_are_nearly_alike(near, rng) -> None:
     assert found.bic - found.gap <= value.min() + 1e-6 * abs(value.min())
 
 
-def test_table_of_more_mechanisms_than_can_be_walked(rng, monkeypatch) -> None:
+def test_table_of_more_mechanisms_than_can_be_walked(rng) -> None:
     """Eighteen mechanisms, two of them real: the table says that the two are the best of all
     subsets, or by how much they may be beaten."""
     base = Model((one(1, "tx"), one(1, "rz"), one(2, "rz")))
@@ -136,7 +135,7 @@ def test_table_of_more_mechanisms_than_can_be_walked(rng, monkeypatch) -> None:
         0.05,
     )
     data = study_of(at, held_out=40)
-    found = compare_subsets(data, base, fit(data.training(), base), offered, ("base",))
+    found = compare_subsets(data, fit(data.training(), base), offered, ("base",))
     said = candidates_dict(found)
     assert said["search"] == said["search"] | {
         "mechanisms": 18,
@@ -147,9 +146,8 @@ def test_table_of_more_mechanisms_than_can_be_walked(rng, monkeypatch) -> None:
     (best,) = [r for r in found.best if "of all subsets, proven" in r.note]
     assert set(best.names[1:]) == {m.name for m in real}
     assert best.weight is None
-    monkeypatch.setattr(bound.find_best_subset, "__defaults__", (1,))
-    monkeypatch.setattr(bound, "TANGENTS", 1)
-    short = compare_subsets(data, base, fit(data.training(), base), offered, ("base",))
+    brief = SearchOptions(max_nodes=1, tangents=1)
+    short = compare_subsets(data, fit(data.training(), base), offered, ("base",), options=brief)
     assert short.certified is not None
     assert short.certified.proven or any("another may have up to" in r.note for r in short.best)
 

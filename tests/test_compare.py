@@ -62,7 +62,7 @@ def study(rng: np.random.Generator, size: float, estimation: int = ESTIMATION) -
 
 
 def compared(split: Split, offered: tuple[Mechanism, ...]) -> SubsetComparison:
-    return compare_subsets(split, BASE, fit(split.training(), BASE), offered, ("geometric",))
+    return compare_subsets(split, fit(split.training(), BASE), offered, ("geometric",))
 
 
 class Table:

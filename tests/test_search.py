@@ -24,8 +24,9 @@ from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.selection import criteria
 from modelsel.selection.cross_validation import FoldedData, fold, pad_blocks
+from modelsel.selection.orthogonal_subsets import refine_subsets
 from modelsel.selection.splits import assign_folds
-from modelsel.selection.subsets import refine_subsets, sweep_subsets
+from modelsel.selection.subsets import sweep_subsets
 
 N, K = 48, 4
 
@@ -366,8 +367,9 @@ def test_given_subsets_by_triangles(rng) -> None:
     members = rng.permutation(
         (np.arange(2 ** len(groups))[:, None] >> np.arange(len(groups))) % 2 == 1
     )
-    rank, rss, held_out = refine_subsets(folded(X, y, fold_of), [0, 1], groups, members)
-    for some, *found in zip(members, rank, rss, held_out, strict=True):
+    refined = refine_subsets(folded(X, y, fold_of), [0, 1], groups, members)
+    figures = zip(refined.rank, refined.rss, refined.held_out, strict=True)
+    for some, found in zip(members, figures, strict=True):
         columns = list(dict.fromkeys([0, 1, *(c for g in np.flatnonzero(some) for c in groups[g])]))
         want = referee(X, y, fold_of, columns)
         assert found[0] == want[1], columns
@@ -385,6 +387,6 @@ def test_a_column_that_one_fold_has_alone_is_said(rng) -> None:
         [0],
         [[1], [2]],
         np.array([[True, False], [True, True]]),
-    )[2]
+    ).held_out
     assert np.isfinite(held_out[0]).all()
     assert np.isnan(held_out[1]).tolist() == [False, True, False, False]

@@ -162,7 +162,7 @@ def _analysed(
         study.comparison.mechanisms or MAX_CANDIDATES,
     )
     comparison = (
-        compare_subsets(split, base, base_rung.fit, offered, base_names, aside, len(found))
+        compare_subsets(split, base_rung.fit, offered, base_names, aside, len(found))
         if offered
         else None
     )
@@ -191,7 +191,7 @@ def _analysed(
         misplaced(split.problem, split.outlying, chosen.fit, generator(study.seed, "null")), notes
     )
     held = ~split.estimation & ~split.outlying
-    drawn = RowResampling.of(measured.block[held], generator(study.seed, "gain"))
+    drawn = RowResampling.prepare(measured.block[held], generator(study.seed, "gain"))
 
     def gained(before: Evaluation, after: Evaluation) -> Gain:
         return bootstrap_gain(before.residual[held][:, :3], after.residual[held][:, :3], drawn)
