@@ -113,9 +113,9 @@ def test_folds_of_any_size(split: Split, blocks) -> None:
 
 def test_table_of_subsets_in_blocks(split: Split, blocks) -> None:
     fitted = fit(split.training(), BASE)
-    before = compare_subsets(split, BASE, fitted, OFFERED, ("geometric",))
+    before = compare_subsets(split, fitted, OFFERED, ("geometric",))
     blocks()
-    after = compare_subsets(split, BASE, fitted, OFFERED, ("geometric",))
+    after = compare_subsets(split, fitted, OFFERED, ("geometric",))
     assert [r.names for r in after.best] == [r.names for r in before.best]
     for a, b in zip(after.best, before.best, strict=True):
         near(
@@ -139,7 +139,7 @@ def test_rows_of_the_table_are_one_linear_step(split: Split) -> None:
     below them."""
     training = split.training()
     base = fit(training, BASE)
-    for row in compare_subsets(split, BASE, base, OFFERED, ("geometric",)).best[:6]:
+    for row in compare_subsets(split, base, OFFERED, ("geometric",)).best[:6]:
         model, root = BASE + tuple(m for m in OFFERED if m.name in row.names), row.fit.root
         X, r = stacked(training, model.terms, base.at())
         kept = list(row.fit.found.kept)
@@ -208,7 +208,7 @@ def test_causes_are_evaluated_once_a_block(split: Split, blocks, monkeypatch) ->
     for offered in (OFFERED[1:2], OFFERED):
         evaluated.clear()
         assert (
-            len(compare_subsets(split, BASE, fitted, offered, ("geometric",)).best)
+            len(compare_subsets(split, fitted, offered, ("geometric",)).best)
             >= (2, 12)[len(offered) == 4]
         )
         rows.append(sum(evaluated))

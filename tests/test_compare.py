@@ -157,7 +157,7 @@ def test_one_definition_of_every_criterion(known, rng) -> None:
     data = replace(study(rng, 0.3, estimation=60), known_sigma=known)
     data = replace(data, problem=replace(data.problem, whiten=1 / SIGMA))
     table = compare_subsets(
-        data, BASE, fit(data.training(), BASE, held="nothing"), offered, ("geometric",), (), 4860
+        data, fit(data.training(), BASE, held="nothing"), offered, ("geometric",), (), 4860
     )
     rows = {row.names[1:]: row for row in table.best}
     for names, row in rows.items():
