@@ -161,7 +161,7 @@ def test_two_steps_keep_their_order(rng: np.random.Generator) -> None:
     later, earlier = aim.natural(aim.start(rng, 100))[:, -2:].T
     assert (earlier < later).all()
     assert len(aim._conditionals) == 2
-    assert not np.intersect1d(aim._conditionals[0].own, aim._conditionals[1].own).size
+    assert not np.intersect1d(aim._conditionals[0].affected, aim._conditionals[1].affected).size
     later, earlier = sample_posterior(aim, NOTHING, "", rng).quantiles[-2:]
     assert 0.25 < earlier[0] < earlier[2] < 0.35
     assert 0.65 < later[0] < later[2] < 0.75

@@ -266,7 +266,7 @@ def test_held_constant_moves_nothing(rng: np.random.Generator) -> None:
     (constant,) = list_constants(drawn(ARM, rng, 30), model, BUILTIN)
     assert constant.held == 0.6
     into: dict[tuple[int, int], Array] = {}
-    constant.twist(np.ones((2, len(model.terms))), np.array([0.6, 0.9]), into)
+    constant.add_twist(np.ones((2, len(model.terms))), np.array([0.6, 0.9]), into)
     assert set(into) == {(0, a) for a in range(6)}
     assert not into[0, 0][0].any()
     assert into[0, 0][1].min() == -1.0
