@@ -29,7 +29,6 @@ from modelsel.robot.kinematics import Joint, Robot, forward
 from modelsel.study.pipeline import Result
 from modelsel.study.runner import run
 from modelsel.uncertainty import conditional_priors as conditional
-from modelsel.uncertainty import sampler as engine
 from modelsel.uncertainty.log_posterior import TAIL, LogPosterior
 from modelsel.uncertainty.nuisance import assign_components, list_constants
 from modelsel.uncertainty.posterior import (
@@ -38,6 +37,7 @@ from modelsel.uncertainty.posterior import (
     summarise_importance,
     weight_draws,
 )
+from modelsel.uncertainty.sampler import SamplingOptions, sample_posterior
 
 TOOL = np.array([40.0, -25.0, 100.0])
 BINS = 10
@@ -115,7 +115,7 @@ def closed(studies: int, rng: np.random.Generator) -> list[str]:
 
 
 def chains(count: int, rng: np.random.Generator) -> list[str]:
-    engine.LONG, engine.AGREE = 15, 1.3
+    options = SamplingOptions(min_times=15, max_r_hat=1.3)
     q = ARM.draw(rng, 25)
     at = make_problem(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
     ranks, covered = [], []
@@ -127,7 +127,7 @@ def chains(count: int, rng: np.random.Generator) -> list[str]:
         target = LogPosterior(
             fitted, assign_components(planted), chosen, names, ("1",) * len(names), True
         )
-        done = engine.sample_posterior(target, Importance(1, 1.0, ""), "", rng)
+        done = sample_posterior(target, Importance(1, 1.0, ""), "", rng, options=options)
         planted_values = np.array([*truth[list(chosen)], sigma, tail])
         ranks.append((done.chain < planted_values).mean((0, 1)))
         low, _, high = done.quantiles.T
@@ -145,7 +145,8 @@ def chains(count: int, rng: np.random.Generator) -> list[str]:
 def moments(count: int, rng: np.random.Generator, ratio: float) -> list[str]:
     """A step of the tracker, its moment and size drawn from their priors; every model is fitted
     with the step where a scan puts it. The prior's ratio v/s² is given, not found from the data."""
-    engine.LONG, engine.AGREE, conditional.RATIOS = 20, 1.1, np.array([ratio])
+    options = SamplingOptions(min_times=20, max_r_hat=1.1)
+    conditional.RATIOS = np.array([ratio])
     m, k = 50, len(BASE.terms)
     q = ARM.draw(rng, m)
     at = make_problem(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
@@ -178,7 +179,9 @@ def moments(count: int, rng: np.random.Generator, ratio: float) -> list[str]:
             (fit(planted, stepped(round(x, 3))) for x in np.arange(0.1, 0.91, 0.05)),
             key=lambda f: f.rss,
         )
-        done = engine.sample_posterior(_target(planted, fitted), Importance(1, 1.0, ""), "", rng)
+        done = sample_posterior(
+            _target(planted, fitted), Importance(1, 1.0, ""), "", rng, options=options
+        )
         planted_values = np.array([*theta[k:], sigma, tail, moment])
         ranks.append((done.chain < planted_values).mean((0, 1)))
         low, _, high = done.quantiles.T
@@ -253,7 +256,7 @@ def speed(result: Result, again: Result) -> list[str]:
             s.units,
             over == "default",
         )
-        engine.sample_posterior(target, summarise_importance(draws), "", np.random.default_rng(2))
+        sample_posterior(target, summarise_importance(draws), "", np.random.default_rng(2))
         seconds = time.process_time() - start
         rate = s.effective.min() / seconds
         out.append(

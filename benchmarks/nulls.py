@@ -141,7 +141,7 @@ def take_equal_noise_for_granted() -> None:
     modelsel.diagnosis.state.Search.by_signs = lambda *_: 0.0
     modelsel.diagnosis.unexplained.together = lambda *_: 1.0
     modelsel.uncertainty.bootstrap.Bootstrap.p_value = lambda *_: 0.0
-    own = modelsel.uncertainty.parameters.bootstrap
+    own = modelsel.uncertainty.parameters.run_bootstrap
 
     def nothing(*given: object) -> modelsel.uncertainty.bootstrap.Bootstrap:
         """Errors of nought on the degrees of freedom of least squares, whose errors are the larger
@@ -153,7 +153,7 @@ def take_equal_noise_for_granted() -> None:
             units=np.full_like(found.units, given[1].freedom + 1),
         )
 
-    modelsel.uncertainty.parameters.bootstrap = nothing
+    modelsel.uncertainty.parameters.run_bootstrap = nothing
 
 
 def study(condition: str, seed: Sequence[int]) -> Study:

@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,20 +31,18 @@ from modelsel.results.storage import WRITES
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import rpy
 from modelsel.study.checkpoint import Checkpoint
-from modelsel.uncertainty import sampler as engine
 from modelsel.uncertainty.log_posterior import TAIL, LogPosterior
 from modelsel.uncertainty.mcmc import autocorrelation_time, propose_snooker, r_hat
 from modelsel.uncertainty.nuisance import assign_components, list_constants
 from modelsel.uncertainty.parameters import label_terms
 from modelsel.uncertainty.posterior import Importance
-from modelsel.uncertainty.sampler import Sampling, State, sample_posterior
+from modelsel.uncertainty.sampler import Sampling, SamplingOptions, State, sample_posterior
+from modelsel.uncertainty.summary import assess_confidence as certainty
 from modelsel.uncertainty.summary import (
-    Request,
     build_log_posterior,
     describe_sampling,
     sample_confidence,
 )
-from modelsel.uncertainty.summary import assess_confidence as certainty
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))
@@ -58,11 +57,8 @@ def problem(rng: np.random.Generator) -> Problem:
     return planted(drawn(ARM, rng, 20), MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
 
 
-@pytest.fixture
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Chains of 12 autocorrelation times, for tests whose answer does not hang on their number."""
-    monkeypatch.setattr(engine, "LONG", 12)
-    monkeypatch.setattr(engine, "AGREE", 1.2)
+# chains of 12 autocorrelation times, for tests whose answer does not depend on their number
+SHORT = SamplingOptions(min_times=12, max_r_hat=1.2)
 
 
 def target(at: Problem, fitted: Fit, chosen: Sequence[int], **more: object) -> LogPosterior:
@@ -209,7 +205,6 @@ def test_tail_with_a_coefficient_integrated_out(rng: np.random.Generator, nu: fl
     assert np.allclose(found - found[0], np.array(expected) - expected[0], atol=0.03)
 
 
-@pytest.mark.usefixtures("short")
 def test_tail_is_found(rng: np.random.Generator) -> None:
     """Noise with 3 degrees of freedom is told from normal noise."""
     at = drawn(ARM, rng, 80)
@@ -226,6 +221,7 @@ def test_tail_is_found(rng: np.random.Generator) -> None:
                 NOTHING,
                 "",
                 np.random.default_rng(1),
+                options=SHORT,
             ).quantiles[-1]
         )
     assert tails[0][0] > 0.1
@@ -238,7 +234,6 @@ def stepped(at: float) -> Model:
     return Model((*BASE.mechanisms, tracker_step(ARM, at)))
 
 
-@pytest.mark.usefixtures("short")
 def test_the_moment_of_a_step_is_sampled(rng: np.random.Generator) -> None:
     """tracker-step's constant is scanned in steps of 0.025; the chain finds it between two
     configurations."""
@@ -248,10 +243,10 @@ def test_the_moment_of_a_step_is_sampled(rng: np.random.Generator) -> None:
     theta[len(BASE.terms) : len(BASE.terms) + 3] = 2.0
     data = study_of(planted(at, truth.terms, theta, rng, 0.05))
     fitted = fit(data.training(), model)
-    chosen = build_log_posterior(data, fitted, Request(BASE, "default", None, False, BUILTIN))
+    chosen = build_log_posterior(data, fitted, BASE, BUILTIN)
     assert chosen.names[-1] == "constant of tracker-step"
     assert "constant of tracker-step" in describe_sampling(chosen)
-    low, _, high = sample_posterior(chosen, NOTHING, "", rng).quantiles[-1]
+    low, _, high = sample_posterior(chosen, NOTHING, "", rng, options=SHORT).quantiles[-1]
     progress = np.unique(data.problem.data.progress)
     assert (
         progress[progress < 0.612].max() - 0.01
@@ -450,15 +445,19 @@ def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
     return tmp_path
 
 
-def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, str]:
-    """The command; its chains on the QR-reduced data, which take a second."""
-    monkeypatch.setattr("modelsel.uncertainty.summary.ROWS", 0)
+def invoke(
+    monkeypatch: pytest.MonkeyPatch, *arguments: str, max_steps: int = 20_000
+) -> tuple[int, str]:
+    """The command; its chains short and on the QR-reduced data, which take a second."""
+    options = replace(SHORT, max_evaluations=0, max_steps=max_steps)
+    for step in (build_log_posterior, sample_confidence):
+        brief = partial(step, options=options)
+        monkeypatch.setattr(f"modelsel.study.pipeline.{step.__name__}", brief)
     monkeypatch.setattr(sys, "argv", ["modelsel", *arguments])
     done = CliRunner().invoke(main, list(arguments))
     return done.exit_code, done.output
 
 
-@pytest.mark.usefixtures("short")
 def test_interrupted_study_resumes(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -500,8 +499,8 @@ def test_interrupted_study_resumes(
 
 
 def test_unconverged_chain_is_not_quoted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(engine, "MOST_STEPS", 600)
-    status, output = invoke(monkeypatch, "study", str(folder), "--out", str(folder / "out"))
+    command = ("study", str(folder), "--out", str(folder / "out"))
+    status, output = invoke(monkeypatch, *command, max_steps=600)
     assert status == 5
     assert "has not converged after 600 steps" in output
     result = json.loads((folder / "out" / "result.json").read_text())
@@ -513,7 +512,6 @@ def test_unconverged_chain_is_not_quoted(folder: Path, monkeypatch: pytest.Monke
     assert "unconverged" in [w["code"] for w in result["warnings"]]
 
 
-@pytest.mark.usefixtures("short")
 def test_over_all_and_without(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`over = "all"` samples every parameter; --no-sampling none, and the tables stay."""
     (folder / "study.toml").write_text(STUDY + '[sampling]\nover = "all"\n')
@@ -560,13 +558,12 @@ def test_many_rows_are_sampled_reduced_and_said(rng: np.random.Generator) -> Non
     at = planted(drawn(ARM, rng, 600), MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
     data = study_of(at)
     fitted = fit(data.training(), MODEL)
-    aim = build_log_posterior(data, fitted, Request(BASE, "default", None, False, BUILTIN))
+    aim = build_log_posterior(data, fitted, BASE, BUILTIN)
     assert not aim.exact
     assert aim.names == (*(label_terms(MODEL)[k] for k in named(fitted)), "noise scale")
     assert "600 rows are too many" in describe_sampling(aim)
 
 
-@pytest.mark.usefixtures("short")
 @pytest.mark.parametrize("kind", ["sigma", "orientation", "targets", "sliding"])
 def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
     """Noise scales per axis or of the orientations come back near what was simulated; outliers stay
@@ -607,9 +604,9 @@ def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
     found = sample_confidence(
         certainty(data, fitted, ("geometric",), 1),
         data,
-        fitted,
-        Request(base, "default", None, False, BUILTIN),
+        build_log_posterior(data, fitted, base, BUILTIN),
         1,
+        options=SHORT,
     )
     chain = found.sampling
     assert chain is not None

@@ -35,7 +35,7 @@ from modelsel.uncertainty.significance import (
     compare_nested,
     measure_stability,
 )
-from modelsel.uncertainty.summary import Request, assess_confidence, sample_confidence
+from modelsel.uncertainty.summary import assess_confidence, build_log_posterior, sample_confidence
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))
@@ -349,10 +349,9 @@ def test_nothing_fitted_has_no_tables(rng: np.random.Generator) -> None:
     fitted = fit(data.training(), bare)
     found = assess_confidence(data, fitted, (), 3)
     assert (found.parameters, found.significance, found.correlation.symbols) == ((), (), ())
-    assert (
-        sample_confidence(found, data, fitted, Request(bare, "default", None, False, BUILTIN), 3)
-        is found
-    )
+    nothing = build_log_posterior(data, fitted, bare, BUILTIN)
+    assert nothing is None
+    assert sample_confidence(found, data, nothing, 3) is found
 
 
 def test_tables_are_the_same_again(split: Split) -> None:

@@ -50,7 +50,7 @@ from ..selection.evaluation import (
     summarise_errors,
 )
 from ..uncertainty.sampler import Keeper
-from ..uncertainty.summary import Request, assess_confidence, sample_confidence
+from ..uncertainty.summary import assess_confidence, build_log_posterior, sample_confidence
 from .checks import believed, outcome, told_with, turns_believed, unsaid
 from .preparation import Plan, prepare, reweigh_rotation
 
@@ -302,17 +302,19 @@ def with_sampling(
 ) -> Result:
     """A result with its chosen model's posterior sampled."""
     plan, study, measured = question.plan, question.study, result.data.problem.data
-    request = Request(
+    stated = plan.stated_mm is not None and result.data.known_sigma
+    log_posterior = build_log_posterior(
+        result.data,
+        result.chosen.fit,
         question.model(study.model.base, measured),
-        study.sampling.over,
-        plan.instrument,
-        plan.stated_mm is not None and result.data.known_sigma,
         question.registry,
+        over=study.sampling.over,
+        instrument=None if stated else plan.instrument,
     )
-    found = sample_confidence(
-        result.confidence, result.data, result.chosen.fit, request, study.seed, say, keeper
+    confidence = sample_confidence(
+        result.confidence, result.data, log_posterior, study.seed, say, keeper
     )
-    return replace(result, confidence=found)
+    return replace(result, confidence=confidence)
 
 
 def _weighed(question: Question, split: Split, base: Model) -> Split:

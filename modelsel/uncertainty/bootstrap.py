@@ -52,9 +52,7 @@ class Bootstrap:
         return float((distance >= distance[0]).mean())
 
 
-def run_bootstrap(
-    parts: Iterable[FoldedData], fitted: Fit, rng: np.random.Generator
-) -> Bootstrap:
+def run_bootstrap(parts: Iterable[FoldedData], fitted: Fit, rng: np.random.Generator) -> Bootstrap:
     """Bootstrap all parameters of a fit.
 
     `parts`: the training problem at the optimum, a fold per unit, some units at a time

@@ -99,11 +99,11 @@ class MarginalLikelihood:
         With equal scales and weights this is the projection (I − QQᵀ) ρ. Weights enter the gradient
         alone, which is a step of expectation-maximisation."""
         if self.scales == 1:
-            step = np.asarray((weight * residual) @ self.basis)
-        else:
-            gradient = (weight * residual * inverse**2) @ self.basis
-            information = self._information(log_s)
-            step = np.linalg.solve(information, gradient[:, :, None])[:, :, 0]
+            projection = (weight * residual) @ self.basis
+            return np.asarray(residual - projection @ self.basis.T)
+        gradient = (weight * residual * inverse**2) @ self.basis
+        information = self._information(log_s)
+        step = np.linalg.solve(information, gradient[:, :, None])[:, :, 0]
         return np.asarray(residual - step @ self.basis.T)
 
     def _minimise_student(

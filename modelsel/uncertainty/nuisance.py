@@ -53,19 +53,17 @@ class Components:
         return len(self.names)
 
 
-def assign_components(
-    problem: Problem, instrument: Instrument | None = None, stated: bool = False
-) -> Components:
+def assign_components(problem: Problem, instrument: Instrument | None = None) -> Components:
     """Assign the whitened coordinates of a problem to components of the noise.
 
     Per-coordinate uncertainties in the data: a scale per axis of the tracker's frame. An instrument
-    (where no floor is `stated`): one along the beam, one across. Orientations: one of their own.
+    (None where a floor is stated): one along the beam, one across. Orientations: one of their own.
     Rows of several kinds, and all else: one scale for everything that is in mm."""
     six = problem.components == 6
     mixed = problem.data.gauges is not None
     if not mixed and problem.data.sigma is not None:
         component, names = [0, 1, 2], ["noise in x", "noise in y", "noise in z"]
-    elif not mixed and instrument is not None and not stated:
+    elif not mixed and instrument is not None:
         problem = align_with_beam(problem, instrument)
         component, names = [0, 1, 1], ["noise along the beam", "noise across the beam"]
     else:

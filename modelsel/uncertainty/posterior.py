@@ -108,15 +108,15 @@ def linear_posterior(fitted: Fit) -> Posterior:
     return Posterior(fitted.theta, fitted.factor, cost, freedom)
 
 
-def weight_draws(problem: Problem, fitted: Fit, draws: Draws) -> Draws:
+def weight_draws(problem: Problem, fitted: Fit, draws: Draws, max_rows: int = MAX_ROWS) -> Draws:
     """Weight draws by the exact chain's posterior over the linear one, on the fit's own problem.
 
-    The departure of the chain from its tangent is evaluated on at most MAX_ROWS rows, evenly
+    The departure of the chain from its tangent is evaluated on at most `max_rows` rows, evenly
     spread, that stand for all: thinning can only make the weights less even. The prior is in both,
     and alike."""
     part = problem
-    if len(problem) > MAX_ROWS:
-        part = problem.take(np.linspace(0, len(problem) - 1, MAX_ROWS).astype(np.intp))
+    if len(problem) > max_rows:
+        part = problem.take(np.linspace(0, len(problem) - 1, max_rows).astype(np.intp))
     exact = _exact_cost(part, fitted, draws.theta)
     R = reduce_problem(part, fitted.terms, fitted.at(), fitted.found.kept).R
     step = draws.theta - fitted.theta
