@@ -3,12 +3,13 @@ once, and no cause is worked out again for every model, fold or block."""
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
 from builders import drawn, planted, study_of
 
+from modelsel._random import generator
 from modelsel.diagnosis.scan import stacked
 from modelsel.fitting import problem
 from modelsel.fitting import reduction as reduce
@@ -21,8 +22,9 @@ from modelsel.selection import cross_validation as folds
 from modelsel.selection.comparison import compare_subsets
 from modelsel.selection.cross_validation import fold, fold_by_unit
 from modelsel.selection.evaluation import Split, evaluate
-from modelsel.uncertainty import significance
+from modelsel.uncertainty.parameters import bootstrap_parameters
 from modelsel.uncertainty.posterior import linear_posterior, weight_draws
+from modelsel.uncertainty.significance import assess_significance
 from modelsel.uncertainty.summary import assess_confidence
 
 ARM = load("puma760")
@@ -157,17 +159,18 @@ def test_rows_of_the_table_are_one_linear_step(split: Split) -> None:
         near([vars(row.estimation), vars(row.held_out)], [vars(one.estimation), vars(one.held_out)])
 
 
-def test_confidence_in_blocks(split: Split, blocks, monkeypatch) -> None:
+def test_confidence_in_blocks(split: Split, blocks) -> None:
     model = BASE + OFFERED[:3]
     fitted = fit(split.training(), model)
     before = assess_confidence(split, fitted, model.names, 3).to_dict()
     blocks()
     near(assess_confidence(split, fitted, model.names, 3).to_dict(), before)
-    monkeypatch.setattr(
-        significance, "BUNDLES", 60
-    )  # halves of bundles tell what halves of configurations do
-    bundled = assess_confidence(split, fitted, model.names, 3).to_dict()["significance"]
-    for a, b in zip(bundled, before["significance"], strict=True):
+    boot = bootstrap_parameters(split, fitted, generator(3, "bootstrap"))
+    # halves of bundles have the same answer as halves of configurations
+    bundled = assess_significance(
+        split, fitted, model.names, boot, generator(3, "halves"), max_bundles=60
+    )
+    for a, b in zip(map(asdict, bundled), before["significance"], strict=True):
         assert abs(a["stability"] - b["stability"]) <= 0.3
         near(
             {k: v for k, v in a.items() if k != "stability"},

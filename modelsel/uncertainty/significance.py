@@ -73,11 +73,18 @@ class Significance:
 
 
 def assess_significance(
-    split: Split, fitted: Fit, names: Sequence[str], boot: Bootstrap, rng: np.random.Generator
+    split: Split,
+    fitted: Fit,
+    names: Sequence[str],
+    boot: Bootstrap,
+    rng: np.random.Generator,
+    max_bundles: int = MAX_BUNDLES,
 ) -> tuple[Significance, ...]:
     """Assess every mechanism of a fitted model, by the displacement it causes.
 
-    `names`: what the report calls the model's last mechanisms."""
+    names: what the report calls the model's last mechanisms.
+    max_bundles: configurations that are drawn singly into half-samples; more are drawn in bundles.
+    """
     model, kept = fitted.model, set(fitted.found.kept)
     last = model.mechanisms[-len(names) :] if names else ()
     reported = dict(zip(last, names, strict=True))
@@ -88,7 +95,7 @@ def assess_significance(
     unshared = [_unshared_terms(model, m, fitted) for m in judged]
     reduced = _ReducedModels(split, fitted)
     displaced = _displace(split, fitted, terms)
-    stability = measure_stability(reduced.bundles(), fitted, unshared, rng)
+    stability = measure_stability(reduced.bundles(max_bundles), fitted, unshared, rng)
     cv, held_out = reduced.rms([])
     sigma = 1.0 if split.known_sigma else None
     assessed = []
@@ -235,11 +242,11 @@ class _ReducedModels:
         plain = replace(held, whiten=position)
         return reduce_problem(plain, fitted.terms, fitted.at(), fitted.found.kept).R
 
-    def bundles(self) -> FoldedData:
-        """Return a fold per configuration; of very many, per bundle of them, whose halves have the
-        same answer."""
+    def bundles(self, count: int) -> FoldedData:
+        """Return a fold per configuration; of more than `count`, per bundle of them, whose halves
+        have the same answer."""
         _, configuration = np.unique(self.training.data.block, return_inverse=True)
-        return self._fold(self.training, configuration.reshape(-1) % MAX_BUNDLES)
+        return self._fold(self.training, configuration.reshape(-1) % count)
 
     def rms(self, terms: Sequence[int]) -> tuple[float | None, float | None]:
         """Compute the (cross-validated, held-out) rms [mm] of the lengths of the residual vectors
