@@ -37,7 +37,8 @@ from modelsel.uncertainty.posterior import (
     summarise_importance,
     weight_draws,
 )
-from modelsel.uncertainty.sampler import SamplingOptions, sample_posterior
+from modelsel.uncertainty.sampler import sample_posterior
+from modelsel.uncertainty.sampling_options import SamplingOptions
 
 TOOL = np.array([40.0, -25.0, 100.0])
 BINS = 10

@@ -133,7 +133,7 @@ def run(place: Path, kills: int, rng: np.random.Generator, sampling: bool) -> di
     words = ["study", str(place / "study.toml"), "--no-report", "--out"]
     if sampling:
         from modelsel.study import checkpoint, pipeline
-        from modelsel.uncertainty.sampler import SamplingOptions
+        from modelsel.uncertainty.sampling_options import SamplingOptions
 
         options = SamplingOptions(min_times=2, max_r_hat=100.0, max_evaluations=0)
         pipeline.build_log_posterior = partial(pipeline.build_log_posterior, options=options)

@@ -19,7 +19,8 @@ from modelsel.uncertainty.conditional_priors import RATIOS
 from modelsel.uncertainty.log_posterior import LogPosterior
 from modelsel.uncertainty.nuisance import assign_components, list_constants
 from modelsel.uncertainty.posterior import Importance
-from modelsel.uncertainty.sampler import SamplingOptions, sample_posterior
+from modelsel.uncertainty.sampler import sample_posterior
+from modelsel.uncertainty.sampling_options import SamplingOptions
 from modelsel.uncertainty.summary import build_log_posterior
 
 ARM = small_arm()

@@ -33,8 +33,8 @@ from modelsel.uncertainty.significance import (
     Significance,
     assess_significance,
     compare_nested,
-    measure_stability,
 )
+from modelsel.uncertainty.stability import measure_stability
 from modelsel.uncertainty.summary import assess_confidence, build_log_posterior, sample_confidence
 
 ARM = small_arm()

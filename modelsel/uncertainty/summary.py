@@ -34,7 +34,8 @@ from .parameters import (
     note_differences,
 )
 from .posterior import choose_draw_count, linear_posterior, summarise_importance, weight_draws
-from .sampler import DEFAULT_SAMPLING, Keeper, Sampling, SamplingOptions, sample_posterior
+from .sampler import Keeper, Sampling, sample_posterior
+from .sampling_options import DEFAULT_SAMPLING, SamplingOptions
 from .significance import Significance, assess_significance
 
 # coefficients that are sampled at most; the others are integrated out
