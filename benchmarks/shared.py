@@ -35,8 +35,8 @@ from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.selection.evaluation import Split
-from modelsel.selection.splits import assign
-from modelsel.uncertainty.parameters import parameters, resampled
+from modelsel.selection.splits import assign_folds
+from modelsel.uncertainty.parameters import bootstrap_parameters, describe_parameters
 
 from .calibration import ARM
 from .nulls import interval
@@ -120,7 +120,7 @@ class Study:
     names: tuple[str, ...]
     left_p: float
     map_p: float
-    parameters: int
+    describe_parameters: int
     covered: int
     seconds: float
 
@@ -135,12 +135,14 @@ def study(condition: str, arm: str, seed: Sequence[int]) -> Study:
         at,
         np.ones(m, bool),
         np.zeros(m, bool),
-        assign(at.data, 10, generator(seed[-1], "folds")),
+        assign_folds(at.data, 10, generator(seed[-1], "folds")),
         False,
     )
     data, extension, _ = explain(data, base, every(robot), seed[-1], True)
     fitted = fit(data.training(), base)
-    table = parameters(data, fitted, resampled(data, fitted, generator(seed[-1], "bootstrap")))
+    table = describe_parameters(
+        data, fitted, bootstrap_parameters(data, fitted, generator(seed[-1], "bootstrap"))
+    )
     size = dict(zip([t.symbol for t in fitted.terms], truth, strict=True))
     alone = sum(1 for p in table if p.low <= size[p.symbol] <= p.high)
     return Study(

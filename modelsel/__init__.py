@@ -49,8 +49,8 @@ if (
     from .robot.kinematics import Robot as Robot
     from .robot.kinematics import forward as forward
     from .robot.kinematics import screw_field as screw_field
-    from .selection.evaluation import gain as gain
-    from .selection.splits import choose as choose
+    from .selection.evaluation import estimate_gain as estimate_gain
+    from .selection.splits import split_configurations as split_configurations
     from .study.planning import Planned as Planned
     from .study.planning import plan_next as plan_next
     from .study.runner import rehearse as rehearse
@@ -80,8 +80,8 @@ _NAMES = {
     "results.storage": "StoredResult calibration_of load_result save",
     "robot.files": "builtin_names load read_robot",
     "robot.kinematics": "Robot forward screw_field",
-    "selection.evaluation": "gain",
-    "selection.splits": "choose",
+    "selection.evaluation": "estimate_gain",
+    "selection.splits": "split_configurations",
     "study.planning": "Planned plan_next",
     "study.runner": "rehearse run simulate_study",
 }

@@ -27,8 +27,8 @@ from modelsel.results.finding_records import Finding, fault_dict, opposed
 from modelsel.results.goodness_of_fit import LackOfFit, lack_of_fit, lacking
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Gain, Split, evaluate
-from modelsel.uncertainty.parameters import resampled
-from modelsel.uncertainty.significance import nested, significance
+from modelsel.uncertainty.parameters import bootstrap_parameters
+from modelsel.uncertainty.significance import assess_significance, compare_nested
 
 ARM, SIGMA = small_arm(), 0.05
 BASE = Model((mechanism("geometric", ARM),))
@@ -164,13 +164,13 @@ def test_free_functions_have_no_f(rng) -> None:
     model = Model((*MORE.mechanisms, Mechanism("free(q3)", terms, "", "", "")))
     data = study_of(planted(campaign(rng, 60), BASE.terms, np.zeros(len(BASE.terms)), rng, SIGMA))
     fitted = fit_shrunk(data.training(), model)
-    boot = resampled(data, fitted, rng)
+    boot = bootstrap_parameters(data, fitted, rng)
     own = [k for k, t in enumerate(fitted.terms) if t in terms and k in fitted.found.kept]
     assert own
-    assert nested(fitted, own, boot) == (None, None, None)
+    assert compare_nested(fitted, own, boot) == (None, None, None)
     rows = {
         s.mechanism: s
-        for s in significance(
+        for s in assess_significance(
             data, fitted, ("geometric", "joint-compliance:2", "free(q3)"), boot, rng
         )
     }

@@ -30,8 +30,8 @@ from modelsel.mechanisms.registry import every, mechanism
 from modelsel.results.finding_records import uneven
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.selection.evaluation import Split
-from modelsel.uncertainty.parameters import Parameter, parameters, resampled
-from modelsel.uncertainty.significance import nested
+from modelsel.uncertainty.parameters import Parameter, bootstrap_parameters, describe_parameters
+from modelsel.uncertainty.significance import compare_nested
 
 ARM: Robot = replace(small_arm(), gravity=(0.0, 0.0, -1.0))
 BASE = Model((mechanism("geometric", ARM),))
@@ -132,7 +132,9 @@ def said(at: Problem, seed: int) -> tuple[Split, Diagnosis]:
 
 def intervals(at: Problem, fitted: Fit, seed: int) -> tuple[Parameter, ...]:
     data = study_of(at)
-    return parameters(data, fitted, resampled(data, fitted, np.random.default_rng(seed)))
+    return describe_parameters(
+        data, fitted, bootstrap_parameters(data, fitted, np.random.default_rng(seed))
+    )
 
 
 def too_many(hits: int, of: int, rate: float = LEVEL) -> bool:
@@ -242,7 +244,11 @@ def test_single_tests_are_uniform_and_intervals_cover(rng) -> None:
                 for i, term in enumerate(both.terms)
                 if term in tested.terms and i in both.found.kept
             ]
-            p.append(nested(both, own, resampled(study_of(at), both, np.random.default_rng(k)))[1])
+            p.append(
+                compare_nested(
+                    both, own, bootstrap_parameters(study_of(at), both, np.random.default_rng(k))
+                )[1]
+            )
             table = intervals(at, fit(at, BASE), k)
             truth = dict(zip([term.symbol for term in BASE.terms], theta, strict=True))
             covered += sum(one_.low < truth[one_.symbol] < one_.high for one_ in table[::5])
@@ -267,7 +273,7 @@ def test_intervals_where_errors_last(rng) -> None:
             fitted.terms[j].symbol for j in fitted.leaning
         }  # of these any interval holds the truth
         table = [p for p in intervals(at, fitted, k) if p.symbol not in leaning]
-        assert resampled(study_of(at), fitted, np.random.default_rng(k)).grouped
+        assert bootstrap_parameters(study_of(at), fitted, np.random.default_rng(k)).grouped
         truth = dict(zip([term.symbol for term in BASE.terms], theta, strict=True))
         quantile = float(t.ppf(0.975, fitted.freedom))
         plain += sum(abs(p.estimate - truth[p.symbol]) < quantile * p.standard_error for p in table)

@@ -42,18 +42,18 @@ from modelsel.results.details import details, dumps
 from modelsel.results.goodness_of_fit import lack_of_fit, lacking
 from modelsel.results.storage import calibration_of
 from modelsel.robot.files import load
-from modelsel.selection.cross_validation import by_unit
 from modelsel.selection.cross_validation import fold as fold_scene
+from modelsel.selection.cross_validation import fold_by_unit
 from modelsel.selection.evaluation import Split
-from modelsel.selection.splits import assign
-from modelsel.selection.streaming import Parts, parts_of
+from modelsel.selection.splits import assign_folds
+from modelsel.selection.streaming import Parts, list_parts
 from modelsel.study.inspection import describe
 from modelsel.study.inspection import sentences as checked
 from modelsel.study.preparation import Plan, prepare
 from modelsel.study.runner import known_features, run
 from modelsel.study.simulation import simulate_rows
 from modelsel.uncertainty.log_posterior import LogPosterior
-from modelsel.uncertainty.nuisance import components
+from modelsel.uncertainty.nuisance import assign_components
 
 ARM = [False] * 6
 PUMA = load("puma760")
@@ -285,7 +285,7 @@ def test_folds_keep_every_feature_in_the_others(tmp_path) -> None:
     for k in range(20):
         c.add("same-point", c.arm.draw(c.rng, 2), f"p{k}")
     data = made(c, tmp_path)
-    fold = assign(data, 10, np.random.default_rng(0))
+    fold = assign_folds(data, 10, np.random.default_rng(0))
     assert all(len(np.unique(fold[data.gauges.feature == k])) == 2 for k in range(20))
 
 
@@ -296,7 +296,7 @@ def test_folds_count_what_was_measured(tmp_path) -> None:
     measured = made(c, tmp_path)
     data = prepared(measured, 90)
     folded = fold_scene(data.training(), model(measured).terms, data.training_folds())
-    each = [f.rows for f in by_unit(data.training(), model(measured).terms, np.arange(90))]
+    each = [f.rows for f in fold_by_unit(data.training(), model(measured).terms, np.arange(90))]
     assert np.concatenate(each).tolist() == [3] * 30 + [1] * 60
     assert folded.rows.tolist() == [
         int(3 * (data.folds[:30] == k).sum() + (data.folds[30:] == k).sum()) for k in range(10)
@@ -457,7 +457,7 @@ def test_the_sampled_density_is_the_closed_form_where_the_chain_is_linear(tmp_pa
     fitted = fit(data.training(), model(measured, "wrist-coupling:5"))
     psi = (len(fitted.terms) - 1,)
     target = LogPosterior(
-        fitted, components(data.training()), psi, ("w54", "noise scale"), ("rad", "1")
+        fitted, assign_components(data.training()), psi, ("w54", "noise scale"), ("rad", "1")
     )
     walkers = np.random.default_rng(1).normal(0, 1, (12, 2))
     exact, linear = target.log_density(walkers), replace(target, exact=False).log_density(walkers)
@@ -755,7 +755,7 @@ def test_parts_of_a_set_are_points(tmp_path) -> None:
     c = campaign()
     c.wires(30)
     pd.DataFrame(c.rows).to_parquet(tmp_path / "rows.parquet", index=False)
-    some = parts_of([tmp_path / "rows.parquet"])
+    some = list_parts([tmp_path / "rows.parquet"])
     with pytest.raises(DataError, match="cannot be fitted in parts"):
         Parts(PUMA, TOOL, some).problem(some[0])
 

@@ -12,8 +12,7 @@ from modelsel.config.study_file import parse_study
 from modelsel.diagnosis import procedure as explain
 from modelsel.measurements.measurements import blocks
 from modelsel.mechanisms.causes import q
-from modelsel.selection import evaluation as validate
-from modelsel.selection.evaluation import gain
+from modelsel.selection.evaluation import ResamplingOptions, estimate_gain
 from modelsel.study.runner import run
 
 STUDY = """
@@ -50,11 +49,11 @@ def test_naming_sees_a_share_and_says_so(rng, tmp_path, monkeypatch) -> None:
     assert set(np.flatnonzero(result.data.outlying)) == {11, 250}
 
 
-def test_bundled_bootstrap_has_the_same_interval(rng, monkeypatch) -> None:
+def test_bundled_bootstrap_has_the_same_interval(rng) -> None:
     before, after = rng.normal(0, 2, (4000, 3)), rng.normal(0, 1, (4000, 3))
-    whole = gain(before, after, np.arange(4000), np.random.default_rng(1))
-    monkeypatch.setattr(validate, "DRAWN", 400)
-    bundled = gain(before, after, np.arange(4000), np.random.default_rng(1))
+    whole = estimate_gain(before, after, np.arange(4000), np.random.default_rng(1))
+    bundles = ResamplingOptions(max_units=400)
+    bundled = estimate_gain(before, after, np.arange(4000), np.random.default_rng(1), bundles)
     assert bundled.held_out_rms_before_mm == pytest.approx(whole.held_out_rms_before_mm, rel=1e-12)
     assert bundled.interval_mm == pytest.approx(whole.interval_mm, rel=0.01)
 

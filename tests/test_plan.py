@@ -375,7 +375,7 @@ def test_every_target_is_seen_at_every_configuration(rng) -> None:
     assert len(possible) == 14
     assert possible.configurations == 7
     tools = np.array([[40.0, 0, 100], [0, 60.0, 100]])
-    known, more = (at.anew(data=data, tools=tools) for data in (at.data, possible))
+    known, more = (replace(at, data=data, tools=tools) for data in (at.data, possible))
     p = build_pool(known, more, GEOMETRY.terms, ((), np.zeros(0)), SIGMA)
     assert p.possible.shape == (7, 6, len(GEOMETRY.terms))
     assert p.configurations == 20

@@ -26,7 +26,7 @@ from ..mechanisms.terms import Mechanism, Screw, Term, TermKey
 from ..robot.gravity import arm_pair, under_gravity
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
-from ..selection.comparison import MOST
+from ..selection.comparison import MAX_CANDIDATES
 
 REGISTERED = 0.6
 KNOTS = tuple(np.radians(degrees) for degrees in (40.0, 20.0, 10.0, 4.0, 2.0))
@@ -336,7 +336,10 @@ def _distinct(problem: Problem, mechanisms: Sequence[Mechanism]) -> list[Mechani
 
 
 def strongest(
-    found: Sequence[Candidate], single_f: Array, named: Sequence[Candidate] = (), most: int = MOST
+    found: Sequence[Candidate],
+    single_f: Array,
+    named: Sequence[Candidate] = (),
+    most: int = MAX_CANDIDATES,
 ) -> tuple[tuple[Mechanism, ...], tuple[str, ...]]:
     """(at most `most` registered mechanisms: the `named`, then those of largest single F, in the
     registry's order; names of the others). Of a scanned mechanism the best constant, or the named

@@ -18,8 +18,8 @@ from ..fitting.design import Model, whitened
 from ..fitting.least_squares import fit
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
-from ..selection.evaluation import Errors, Split, errors
-from ..selection.splits import assign
+from ..selection.evaluation import Errors, Split, summarise_errors
+from ..selection.splits import assign_folds
 from .candidates import Candidate, candidates
 from .outliers import GROSS, LEFT, MOST, far_off, gross
 from .stepwise import Diagnosis, extend
@@ -150,7 +150,7 @@ def nested(
     """Outliers, naming and fit redone without each fold of the estimation configurations, in
     parallel; the same figures whatever the number of workers."""
     fold = np.full(len(split.estimation), -1, dtype=np.intp)
-    fold[split.estimation] = assign(
+    fold[split.estimation] = assign_folds(
         split.problem.data.take(split.estimation), folds, generator(seed, "nested")
     )
     count = int(fold.max()) + 1
@@ -168,7 +168,7 @@ def nested(
     rows = split.estimation
     return Nested(
         count,
-        errors(before[rows], split.outlying[rows]),
-        errors(after[rows], split.outlying[rows]),
+        summarise_errors(before[rows], split.outlying[rows]),
+        summarise_errors(after[rows], split.outlying[rows]),
         dict(sorted(named.items(), key=lambda item: (-item[1], item[0]))),
     )

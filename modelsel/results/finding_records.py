@@ -18,7 +18,7 @@ from ..fitting.problem import Problem
 from ..mechanisms.causes import Bump
 from ..mechanisms.terms import Term
 from ..notices import Note
-from ..selection.evaluation import Evaluation, Gain, Split, surprise
+from ..selection.evaluation import Evaluation, Gain, Split, compare_held_out
 
 PLAIN = ("payload_kg", "temperature_C", "time_s")
 CLEARLY, RARELY = (
@@ -196,7 +196,7 @@ def surprised(split: Split, chosen: Evaluation) -> tuple[Note, ...]:
     if chosen.crossed is None:
         return ()
     seen = np.linalg.norm(chosen.residual[held][:, :3], axis=1)
-    times, p = surprise(chosen.crossed, block[split.used], seen, block[held])
+    times, p = compare_held_out(chosen.crossed, block[split.used], seen, block[held])
     if times < CLEARLY or p > RARELY:
         return ()
     return (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from ..selection.comparison import Comparison
+from ..selection.comparison import SubsetComparison
 from ..selection.evaluation import Evaluation
 
 
@@ -28,7 +28,7 @@ def rung_dict(evaluation: Evaluation) -> dict[str, Any]:
     }
 
 
-def candidates_dict(comparison: Comparison | None) -> dict[str, Any]:
+def candidates_dict(comparison: SubsetComparison | None) -> dict[str, Any]:
     """The table of subsets."""
     if comparison is None:
         return {"compared": 0, "best": [], "choice": None, "considered": [], "set_aside": []}

@@ -20,8 +20,8 @@ from ..fitting.noise import Floor
 from ..fitting.undetermined import Unidentifiable
 from ..notices import HOPELESS, Note
 from ..robot.kinematics import Robot
-from ..selection.comparison import Comparison
-from ..selection.evaluation import Evaluation, Gain, Split, turned
+from ..selection.comparison import SubsetComparison
+from ..selection.evaluation import Evaluation, Gain, Split, measure_orientation
 from ..uncertainty.summary import Confidence
 from .finding_records import Finding, fault_dict, finding_dict, screws_of
 from .goodness_of_fit import Placed, features, lack_of_fit, noise_dict
@@ -46,7 +46,7 @@ class Result(Views):
     data: Split
     floor: Floor
     ladder: tuple[Evaluation, ...]
-    comparison: Comparison | None
+    comparison: SubsetComparison | None
     chosen: Evaluation
     gain: Gain
     findings: tuple[Finding, ...]
@@ -112,7 +112,7 @@ class Result(Views):
                         self.study.model.candidates,
                         self.nothing_else[0],
                     ),
-                    turned(self.data, self.ladder[0], self.chosen),
+                    measure_orientation(self.data, self.ladder[0], self.chosen),
                     next((w.sentence for w in self.warnings if w.code == HOPELESS), None),
                 )
             ),

@@ -24,7 +24,7 @@ from ..mechanisms.causes import ONE
 from ..notices import ALARMS, HOPELESS, MISTAKEN, NOISE, OTHER, ROWS, SAME_ROWS, Note, alarms
 from ..robot.files import builtin_names, load
 from ..robot.kinematics import Robot
-from ..selection.evaluation import Evaluation, Split, turned
+from ..selection.evaluation import Evaluation, Split, measure_orientation
 from ..setup.measured_orientations import orientation_mistake
 from ..setup.mistakes import mistake
 from ..setup.other_robots import other_robot, shifted_rows
@@ -289,7 +289,7 @@ def _hopeless(
     left = max(chosen.estimation.rms_mm or 0.0, chosen.held_out.rms_mm or 0.0)
     noise = floor.coordinate_mm * float(np.sqrt(floor.coordinates))
     known = floor.source != "estimated"
-    angle = (turned(split, chosen, chosen) or (0.0, 0.0))[1]
+    angle = (measure_orientation(split, chosen, chosen) or (0.0, 0.0))[1]
     far = (
         left > HOPELESS_TIMES * THOUSANDTH * reach
         or known

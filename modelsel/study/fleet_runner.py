@@ -27,7 +27,7 @@ from ..report.drawing import draw
 from ..report.pages.fleet_summary import summary
 from ..results.storage import WRITES, save
 from ..robot.files import builtin_names, load, read_robot
-from ..selection.streaming import Parts, fit_parts, parts_of
+from ..selection.streaming import Parts, fit_parts, list_parts
 from .pipeline import provenance
 from .runner import run
 
@@ -233,7 +233,7 @@ def _whole_set(table: PartsTable, folder: Path, out: Path, client: Any) -> Row:
         source = Parts(
             robot,
             (x, y, z),
-            parts_of([path.resolve() for path in files]),
+            list_parts([path.resolve() for path in files]),
             partial(_on_workers, client),
         )
         fitted, cv = fit_parts(source, model, table.folds)

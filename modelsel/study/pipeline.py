@@ -39,10 +39,18 @@ from ..results.finding_records import Finding, beside, opposed, surprised, uneve
 from ..results.goodness_of_fit import lack_of_fit, lacking
 from ..results.result import Result
 from ..robot.kinematics import Robot
-from ..selection.comparison import MOST, Comparison, compare
-from ..selection.evaluation import Evaluation, Gain, Resampled, Split, errors, evaluate, paired
+from ..selection.comparison import MAX_CANDIDATES, SubsetComparison, compare_subsets
+from ..selection.evaluation import (
+    Evaluation,
+    Gain,
+    RowResampling,
+    Split,
+    bootstrap_gain,
+    evaluate,
+    summarise_errors,
+)
 from ..uncertainty.sampler import Keeper
-from ..uncertainty.summary import Request, confidence, sampled
+from ..uncertainty.summary import assess_confidence, build_log_posterior, sample_confidence
 from .checks import believed, outcome, told_with, turns_believed, unsaid
 from .preparation import Plan, prepare, reweigh_rotation
 
@@ -151,10 +159,10 @@ def _analysed(
         found,
         extension.single_f,
         [e.candidate for e in extension.effects],
-        study.comparison.mechanisms or MOST,
+        study.comparison.mechanisms or MAX_CANDIDATES,
     )
     comparison = (
-        compare(split, base, base_rung.fit, offered, base_names, aside, len(found))
+        compare_subsets(split, base_rung.fit, offered, base_names, aside, len(found))
         if offered
         else None
     )
@@ -183,10 +191,10 @@ def _analysed(
         misplaced(split.problem, split.outlying, chosen.fit, generator(study.seed, "null")), notes
     )
     held = ~split.estimation & ~split.outlying
-    drawn = Resampled.of(measured.block[held], generator(study.seed, "gain"))
+    drawn = RowResampling.prepare(measured.block[held], generator(study.seed, "gain"))
 
     def gained(before: Evaluation, after: Evaluation) -> Gain:
-        return paired(before.residual[held][:, :3], after.residual[held][:, :3], drawn)
+        return bootstrap_gain(before.residual[held][:, :3], after.residual[held][:, :3], drawn)
 
     findings = tuple(
         Finding(e, gained(a, b))
@@ -225,7 +233,7 @@ def _analysed(
             ),
         )
     say("weighing every mechanism of the chosen model")
-    sure = confidence(split, chosen.fit, chosen.names, study.seed)
+    sure = assess_confidence(split, chosen.fit, chosen.names, study.seed)
     noise, nothing = (
         per_row(floor or estimated_floor(chosen, split), split),
         nothing_else(extension, found, split, steps[-1]),
@@ -263,7 +271,7 @@ def _analysed(
     )
 
 
-def _of_table(comparison: Comparison | None, chosen: Evaluation) -> tuple[Note, ...]:
+def _of_table(comparison: SubsetComparison | None, chosen: Evaluation) -> tuple[Note, ...]:
     """Where the table of subsets chooses otherwise, and where its best is not proven."""
     out: list[Note] = []
     if comparison is not None and set(comparison.choice) != set(chosen.names):
@@ -294,17 +302,19 @@ def with_sampling(
 ) -> Result:
     """A result with its chosen model's posterior sampled."""
     plan, study, measured = question.plan, question.study, result.data.problem.data
-    request = Request(
+    stated = plan.stated_mm is not None and result.data.known_sigma
+    log_posterior = build_log_posterior(
+        result.data,
+        result.chosen.fit,
         question.model(study.model.base, measured),
-        study.sampling.over,
-        plan.instrument,
-        plan.stated_mm is not None and result.data.known_sigma,
         question.registry,
+        over=study.sampling.over,
+        instrument=None if stated else plan.instrument,
     )
-    found = sampled(
-        result.confidence, result.data, result.chosen.fit, request, study.seed, say, keeper
+    confidence = sample_confidence(
+        result.confidence, result.data, log_posterior, study.seed, say, keeper
     )
-    return replace(result, confidence=found)
+    return replace(result, confidence=confidence)
 
 
 def _weighed(question: Question, split: Split, base: Model) -> Split:
@@ -400,8 +410,8 @@ def remeasured(r: Evaluation, split: Split) -> Evaluation:
     """A rung with its errors taken again, the outlying rows left out."""
     return replace(
         r,
-        estimation=errors(r.residual[split.estimation], split.outlying[split.estimation]),
-        held_out=errors(r.residual[~split.estimation], split.outlying[~split.estimation]),
+        estimation=summarise_errors(r.residual[split.estimation], split.outlying[split.estimation]),
+        held_out=summarise_errors(r.residual[~split.estimation], split.outlying[~split.estimation]),
     )
 
 

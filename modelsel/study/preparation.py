@@ -19,7 +19,7 @@ from ..measurements.measurements import Measurements
 from ..notices import Note
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
-from ..selection.splits import assign, choose
+from ..selection.splits import assign_folds, split_configurations
 from ..setup.feature_positions import place, unseen
 from ..setup.registration import register, undetermined
 from .checks import setup_notes
@@ -103,7 +103,7 @@ def split(
         raise StudyError(
             f"split.estimation = {wanted}, but the file has {count} configurations: ask for fewer."
         )
-    return choose(data, wanted, prismatic, generator(plan.seed, "split"))
+    return split_configurations(data, wanted, prismatic, generator(plan.seed, "split"))
 
 
 def prepare(
@@ -182,7 +182,7 @@ def prepare(
             "split: the estimation rows have one set of joint readings: nothing can be compared or cross-validated."
         )
     fold = np.full(len(data), -1, dtype=np.intp)
-    fold[estimation] = assign(
+    fold[estimation] = assign_folds(
         data.take(estimation), plan.folds, generator(plan.seed, "folds"), plan.by
     )
     if not (~estimation).any():
