@@ -14,7 +14,7 @@ from modelsel.exceptions import NotEstimable
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.whitening import Whitening
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.selection.cross_validation import (
@@ -204,7 +204,7 @@ def repeated(rng: np.random.Generator):
         .draw(rng, 30)[rng.permutation(np.r_[np.arange(30), rng.integers(0, 30, 20)])]
         .repeat(2, axis=0)
     )
-    return measurements(
+    return build_measurements(
         q, rng.normal(size=(100, 3)), target=["a", "b"] * 50, group=np.arange(100) // 36
     )
 

@@ -19,7 +19,7 @@ from modelsel.fitting.prior import usual_sizes
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.causes import cos, q
-from modelsel.mechanisms.geometry import setup
+from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import mechanism
 from modelsel.uncertainty.posterior import linear_posterior, summarise_importance, weight_draws
 
@@ -72,7 +72,7 @@ def test_ensemble_is_the_exact_chain(rng: np.random.Generator, kind: str) -> Non
     )
     model = Model(
         (
-            setup(
+            build_setup(
                 at.robot,
                 len(at.data.targets),
                 len(at.data.groups),

@@ -16,7 +16,7 @@ from scipy import integrate, stats
 from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.evidence import single_f
 from modelsel.diagnosis.scan import basis, columns, scan, stacked
-from modelsel.fitting.design import compute_design, Model
+from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.causes import ONE
 from modelsel.mechanisms.registry import mechanism

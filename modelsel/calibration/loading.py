@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .._json import read, strict
+from .._json import parse_json, read_json_text
 from .._records import parse_record
 from .._typing import Array
 from ..exceptions import StudyError
@@ -30,7 +30,7 @@ def load_calibration(path: Path | str) -> Calibration:
     StudyError."""
     file = _find_file(Path(path))
     try:
-        text = read(file)
+        text = read_json_text(file)
     except FileNotFoundError:
         raise StudyError(
             f"{file}: no such calibration; `modelsel study STUDY.toml` writes one beside its result.json."
@@ -51,7 +51,7 @@ def _find_file(path: Path) -> Path:
 def parse_calibration(text: str, where: str = CALIBRATION_FILE) -> Calibration:
     """Return the calibration of a file's text. Raises StudyError."""
     try:
-        value = strict(text)
+        value = parse_json(text)
     except ValueError as error:
         raise StudyError(f"{where}: cannot be read: {error}. {REMEDY}") from None
     if not isinstance(value, dict) or value.get("kind") != "calibration":

@@ -25,7 +25,7 @@ from ..fitting.noise_check import (
     name_likeliest_mistake,
 )
 from ..fitting.problem import Problem
-from ..measurements.columns import SMALLEST
+from ..measurements.columns import MIN_UNCERTAINTY
 from ..measurements.measurements import Measurements
 from ..robot.rigid import rotation_vector
 from ..setup.placement import kabsch
@@ -186,7 +186,7 @@ def expected_noise(c: Calibration) -> tuple[float, float]:
     """
     held_out = _held_out_noise(c)
     floor = held_out if _is_overstated(c) else c.floor.coordinate_mm
-    return max(floor, held_out, SMALLEST), c.floor.freedom
+    return max(floor, held_out, MIN_UNCERTAINTY), c.floor.freedom
 
 
 def _held_out_noise(c: Calibration) -> float:

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 KINDS = ("point", "x", "y", "z", "wire", "ball-bar", "distance", "same-point", "plane")
-PLACE = ("tx", "ty", "tz")
-UNKNOWN = {
-    "wire": PLACE,
-    "ball-bar": PLACE,
-    "same-point": PLACE,
+PLACE_AXES = ("tx", "ty", "tz")
+KindColumns = {
+    "wire": PLACE_AXES,
+    "ball-bar": PLACE_AXES,
+    "same-point": PLACE_AXES,
     "plane": ("tz", "rx", "ry"),
     "distance": (),
 }
@@ -65,7 +65,7 @@ def features_of(
             first.setdefault(name, k)
     number = {name: k for k, name in enumerate(first)}
     unknown = {
-        name: UNKNOWN[kind[k]]
+        name: KindColumns[kind[k]]
         + (("length",) if kind[k] == "ball-bar" and np.isnan(length[k]) else ())
         for name, k in first.items()
     }
@@ -75,7 +75,7 @@ def features_of(
     )
 
 
-def framed(
+def add_kind_columns(
     frame: pd.DataFrame, kind: Sequence[str], feature: Sequence[str], length: Array
 ) -> pd.DataFrame:
     """The contract's columns of rows that are no points, from those that points would have: cells

@@ -14,10 +14,10 @@ from .._typing import Array, Index
 from ..exceptions import DataError
 from ..notices import Note
 from ..robot.rigid import to_quaternion
-from .features import COORDINATES, KINDS, Feature, features_of, framed
-from .reference_temperature import REFERENCE, reference
-from .resting_joints import resting, said
-from .row_order import campaign
+from .features import COORDINATES, KINDS, Feature, add_kind_columns, features_of
+from .reference_temperature import REFERENCE, choose_reference
+from .resting_joints import find_resting_steps, said
+from .row_order import compute_progress
 from .table import Where
 
 if TYPE_CHECKING:
@@ -170,7 +170,7 @@ class Measurements:
             [*(f.name for f in gauges.features), ""],
             np.flatnonzero(gauges.of("distance")),
         )
-        out = framed(
+        out = add_kind_columns(
             frame,
             [KINDS[k] for k in gauges.kind],
             [names[k] for k in gauges.feature],
@@ -180,7 +180,7 @@ class Measurements:
             return out
         feature, first = np.unique(gauges.feature[distance], return_index=True)
         start = gauges.origin.take(distance[first]).to_frame()
-        begins = framed(
+        begins = add_kind_columns(
             start,
             ["distance"] * len(first),
             [names[k] for k in feature],
@@ -197,7 +197,7 @@ class Measurements:
         return f"<p>{self!r}</p>{self.to_frame().to_html(max_rows=6, max_cols=10, float_format='%.4g')}"
 
 
-def numbered(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tuple[str, ...]]:
+def _name_columns(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tuple[str, ...]]:
     """Index of each key's first appearance, and the distinct keys in that order."""
     names: dict[str, int] = {}
     index = np.array([names.setdefault(str(key), len(names)) for key in keys], dtype=np.intp)
@@ -208,7 +208,7 @@ def visits(q: Array, explicit: Sequence[object] | None, group: Index) -> Index:
     """Configuration of every row: the given column, else adjacent rows with equal readings in one
     group."""
     if explicit is not None:
-        return numbered(explicit)[0]
+        return _name_columns(explicit)[0]
     new = np.ones(len(q), bool)
     new[1:] = (np.abs(np.diff(q, axis=0)).max(1) > SAME_READING) | (np.diff(group) != 0)
     return np.asarray(np.cumsum(new) - 1, dtype=np.intp)
@@ -272,7 +272,7 @@ def motion(
     step[np.abs(step) <= SAME_READING] = 0
     index = np.arange(len(start))[:, None]
     opening = np.r_[True, np.diff(group[start]) != 0] if len(start) else np.zeros(0, bool)
-    still = resting(step, opening, prismatic)
+    still = find_resting_steps(step, opening, prismatic)
     flicker = np.abs(np.where(still, step, 0.0)).max(0, initial=0.0)
     step[still] = 0
     last = np.maximum.accumulate(np.where((step != 0) | opening[:, None], index, 0), axis=0)
@@ -292,7 +292,7 @@ def in_turn(unit: Index, progress: Array) -> tuple[Index, Index]:
     return np.asarray(np.argsort(order, kind="stable")[which], dtype=np.intp), first[order]
 
 
-def measurements(
+def build_measurements(
     q: Array,
     position: Array,
     *,
@@ -319,9 +319,11 @@ def measurements(
     q, position = np.asarray(q, float), np.asarray(position, float)
     m = len(q)
     target_index, targets = (
-        numbered(target) if target is not None else (np.zeros(m, np.intp), ("target",))
+        _name_columns(target) if target is not None else (np.zeros(m, np.intp), ("target",))
     )
-    group_index, groups = numbered(group) if group is not None else (np.zeros(m, np.intp), ("all",))
+    group_index, groups = (
+        _name_columns(group) if group is not None else (np.zeros(m, np.intp), ("all",))
+    )
     order = np.arange(m, dtype=float) if order is None else np.asarray(order, float)
     visit = visits(q, configuration, group_index)
     derived, move, flicker = motion(q, visit, group_index, order, prismatic)
@@ -348,7 +350,7 @@ def measurements(
         order,
         np.asarray(approach, float),
         move,
-        campaign(group_index, order, (covariates or {}).get("time_s")),
+        compute_progress(group_index, order, (covariates or {}).get("time_s")),
         targets,
         groups,
         dict(covariates or {}),
@@ -357,7 +359,7 @@ def measurements(
         sigma_rotation,
         notes,
         tuple(prismatic),
-        reference_celsius=reference(covariates or {}),
+        reference_celsius=choose_reference(covariates or {}),
     )
     if kind is None or set(kind) <= {"point"}:
         return made

@@ -17,7 +17,7 @@ APART = 10.0  # by this factor the smallest motion is larger than the largest fl
 FEWEST = 5
 
 
-def resting(
+def find_resting_steps(
     step: Array, opening: NDArray[np.bool_], prismatic: Sequence[bool]
 ) -> NDArray[np.bool_]:
     """(v, n) whether a joint's reading changed by noise alone from the visit before: `step` (v, n)

@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from .._json import PAIR, THREE, Each, Maybe
-from .._names import TEXT, unfit
-from .._text import read_text, toml
+from .._json import PAIR, TRIPLE, Each, Maybe
+from .._names import MAX_TEXT_LENGTH, find_name_problem
+from .._text import parse_toml, read_text
 from .._typing import LARGEST, Array
 from ..exceptions import StudyError, suggest
 from .kinematics import Joint, Robot
-from .rigid import align_z, inverse, rpy, transform, turn
+from .rigid import align_z, from_rpy, inverse, rotation_matrix, transform
 
-FORMS = ("transform_mm", "xyz_mm", "dh")
+JOINT_FORMS = ("transform_mm", "xyz_mm", "dh")
 JOINT_KEYS = {
-    *FORMS,
+    *JOINT_FORMS,
     "rpy_deg",
     "axis",
     "kind",
@@ -83,11 +83,11 @@ class _Reader:
 
 def _form(read: _Reader, place: str, row: Mapping[str, Any], modified: bool) -> tuple[Array, Array]:
     """(transform before the joint, what is left for the next row) of one joint or of [last]."""
-    given = [form for form in FORMS if form in row]
+    given = [form for form in JOINT_FORMS if form in row]
     if len(given) != 1:
         read.say(
             place,
-            f"give exactly one of {', '.join(FORMS)}"
+            f"give exactly one of {', '.join(JOINT_FORMS)}"
             + (f", not {' and '.join(given)}" if given else ""),
         )
         return np.eye(4), np.eye(4)
@@ -102,7 +102,9 @@ def _form(read: _Reader, place: str, row: Mapping[str, Any], modified: bool) -> 
         return transform(N[:, :3], N[:, 3]), np.eye(4)
     if given == ["xyz_mm"]:
         origin = transform(
-            rpy(*np.radians(read.numbers(f"{place}.rpy_deg", row.get("rpy_deg", (0, 0, 0)), (3,)))),
+            from_rpy(
+                *np.radians(read.numbers(f"{place}.rpy_deg", row.get("rpy_deg", (0, 0, 0)), (3,)))
+            ),
             read.numbers(f"{place}.xyz_mm", row["xyz_mm"], (3,)),
         )
         axis = read.numbers(f"{place}.axis", row.get("axis", (0, 0, 1)), (3,))
@@ -120,7 +122,10 @@ def _form(read: _Reader, place: str, row: Mapping[str, Any], modified: bool) -> 
         float(read.numbers(f"{place}.dh.{key}", dh.get(key, 0), ()))
         for key in ("theta_deg", "d_mm", "a_mm", "alpha_deg")
     )
-    Rz, Rx = transform(turn(2, np.radians(theta))), transform(turn(0, np.radians(alpha)))
+    Rz, Rx = (
+        transform(rotation_matrix(2, np.radians(theta))),
+        transform(rotation_matrix(0, np.radians(alpha))),
+    )
     Tz, Tx = transform(t=(0, 0, d)), transform(t=(a, 0, 0))
     return (Rx @ Tx @ Tz @ Rz, np.eye(4)) if modified else (Rz, Tz @ Tx @ Rx)
 
@@ -218,11 +223,11 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
 
 def named(robot: Robot) -> None:
     """Raises ValueError where a robot's name or source cannot be one."""
-    if (why := unfit(robot.name)) is not None or (
-        why := unfit(robot.source or "none", TEXT)
+    if (why := find_name_problem(robot.name)) is not None or (
+        why := find_name_problem(robot.source or "none", MAX_TEXT_LENGTH)
     ) is not None:
         raise ValueError(
-            f"the robot's {'source' if unfit(robot.name) is None else 'name'} is not one: {why}"
+            f"the robot's {'source' if find_name_problem(robot.name) is None else 'name'} is not one: {why}"
         )
 
 
@@ -237,7 +242,7 @@ def read_robot(path: Path, base: str | None = None, tip: str | None = None) -> R
         raise StudyError(
             f"{path.name}: base and tip choose a chain of a URDF; a TOML robot file has one chain."
         )
-    return robot_from_table(toml(read_text(path, "the robot file"), path.name), path.name)
+    return robot_from_table(parse_toml(read_text(path, "the robot file"), path.name), path.name)
 
 
 def builtin_names() -> list[str]:
@@ -259,17 +264,17 @@ def load(name: str) -> Robot:
         .joinpath(f"{name}.toml")
         .read_text(encoding="utf-8")
     )
-    return robot_from_table(toml(text, f"{name}.toml"), f"{name}.toml")
+    return robot_from_table(parse_toml(text, f"{name}.toml"), f"{name}.toml")
 
 
 RIGID = 1e-6  # a stored rotation differs from one by less
-ROTATION, TRANSFORM = Each(THREE, 3), Each(Each(float, 4), 3)
+ROTATION, TRANSFORM = Each(TRIPLE, 3), Each(Each(float, 4), 3)
 JOINT = {
     "before_mm": TRANSFORM,
     "prismatic": bool,
     "limits": Maybe(PAIR),
     "mass_kg": Maybe(float),
-    "com_mm": THREE,
+    "com_mm": TRIPLE,
 }
 
 

@@ -22,7 +22,7 @@ from ..fitting.linearisation import Linearisation
 from ..fitting.problem import BLOCK, Problem
 from ..fitting.reduction import STREAM, Reduction, scatter_columns
 from ..mechanisms.terms import Term
-from ..robot._kernels import Space
+from ..robot._kernels import Workspace
 
 # 1 − largest eigenvalue of Q_kᵀQ_k below which the model is not estimable without the fold
 DEPENDENT = 1e-9
@@ -120,7 +120,7 @@ def _fold_blockwise(
         columns = range(len(terms)) if only is None else only
         wanted.append([*columns, len(terms)])
     reductions = [[Reduction.empty(len(columns) - 1)] * len(rows_of) for columns in wanted]
-    spaces = [Space() for _ in points]
+    spaces = [Workspace() for _ in points]
     order = np.argsort(fold_of, kind="stable")
     for start in range(0, len(problem), STREAM):
         rows = order[start : start + STREAM]

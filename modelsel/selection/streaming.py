@@ -25,7 +25,7 @@ from ..fitting.problem import Problem
 from ..fitting.reduction import Reduction, Source, merged, reduce_problem
 from ..measurements.measurements import SAME_READING, Measurements
 from ..measurements.reader import read_measurements
-from ..measurements.table import row_groups
+from ..measurements.table import count_row_groups
 from ..mechanisms.terms import Mechanism, Term
 from ..robot.kinematics import Robot
 from .cross_validation import CrossValidation, FoldedData, cross_validate, pad_blocks
@@ -132,7 +132,7 @@ def list_parts(files: Sequence[Path]) -> tuple[Part, ...]:
     """List every row group of Parquet files, in order. Raises DataError."""
     parts = []
     for path in files:
-        parts += [Part(path, group, rows) for group, rows in enumerate(row_groups(path))]
+        parts += [Part(path, group, rows) for group, rows in enumerate(count_row_groups(path))]
     return tuple(parts)
 
 

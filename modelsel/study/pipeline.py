@@ -30,7 +30,7 @@ from ..fitting.design import Model, whitened
 from ..fitting.noise import Floor
 from ..fitting.undetermined import describe_unidentifiable
 from ..measurements.measurements import Measurements
-from ..mechanisms.geometry import setup
+from ..mechanisms.geometry import build_setup
 from ..mechanisms.registry import Registry, mechanism
 from ..mechanisms.terms import Mechanism, TermKey
 from ..notices import Note
@@ -76,7 +76,7 @@ class Question:
         scanned name stands for."""
         groups = len(measured.groups) if self.plan.per_group else 1
         features = () if measured.gauges is None else measured.gauges.features
-        placement = setup(
+        placement = build_setup(
             self.robot,
             len(measured.targets),
             groups,
