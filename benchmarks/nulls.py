@@ -34,7 +34,7 @@ from modelsel.diagnosis.unexplained import predictable
 from modelsel.fitting.design import residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem, make_problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import every
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Split
@@ -102,7 +102,7 @@ def campaign(condition: str, rng: np.random.Generator) -> tuple[Problem, Array]:
     q = configurations(condition, rng)
     at = make_problem(
         ARM,
-        measurements(q, forward(ARM, q, TOOL), group=np.repeat(np.arange(GROUPS), EACH)),
+        build_measurements(q, forward(ARM, q, TOOL), group=np.repeat(np.arange(GROUPS), EACH)),
         TOOL[None],
     )
     truth = np.zeros(len(BASE.terms))

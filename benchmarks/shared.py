@@ -28,7 +28,7 @@ from modelsel.fitting.design import Model as Terms
 from modelsel.fitting.design import design, residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem, make_problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import every
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -77,7 +77,7 @@ def campaign(
     position = np.stack(
         [forward(robot, a[None], tools[t])[0] for a, t in zip(angles, target, strict=True)]
     )
-    data = measurements(
+    data = build_measurements(
         angles,
         position,
         target=[f"r{t}" for t in target],

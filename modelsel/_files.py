@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ._names import guarded
+from ._names import guard_cell
 from .exceptions import StudyError
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 
 
-def write_beside(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes) -> None:
     """Write a file whole or not at all. Raises StudyError with the reason."""
     _write({path: content}, path.parent)
 
@@ -81,7 +81,7 @@ def csv_bytes(frame: pd.DataFrame, digits: str) -> bytes:
     safe = frame.copy()
     for k in (k for k in range(safe.shape[1]) if safe.dtypes.iloc[k].kind not in "fiub"):
         safe.isetitem(
-            k, [guarded(cell) if isinstance(cell, str) else cell for cell in safe.iloc[:, k]]
+            k, [guard_cell(cell) if isinstance(cell, str) else cell for cell in safe.iloc[:, k]]
         )
     text: str = safe.to_csv(index=False, float_format=digits, lineterminator="\n")
     return text.encode()
@@ -90,9 +90,9 @@ def csv_bytes(frame: pd.DataFrame, digits: str) -> bytes:
 def write_frame(frame: pd.DataFrame, path: Path, digits: str) -> None:
     """A table as Parquet where the path says so, else as CSV. Raises StudyError."""
     if path.suffix.lower() in (".parquet", ".pq"):
-        write_beside(path, frame.to_parquet(index=False))
+        write_atomically(path, frame.to_parquet(index=False))
     else:
-        write_beside(path, csv_bytes(frame, digits))
+        write_atomically(path, csv_bytes(frame, digits))
 
 
 def check_writable(folder: Path) -> None:
@@ -106,7 +106,7 @@ def check_writable(folder: Path) -> None:
 
 
 @contextmanager
-def claimed(folder: Path) -> Iterator[None]:
+def claim_folder(folder: Path) -> Iterator[None]:
     """The output folder for this process alone, made where it is not there; what a killed run left
     unfinished is removed, and folders that stay empty are too. Raises StudyError where another run
     works in it."""

@@ -18,34 +18,37 @@ class Note:
     sentence: str
 
 
-MISTAKEN, OTHER = "setup-mistake", "other-robot"
-ROWS, HOPELESS = "rows-mistaken", "hopeless-fit"
+SETUP_MISTAKE, OTHER_ROBOT = "setup-mistake", "other-robot"
+ROWS_MISTAKEN, HOPELESS_FIT = "rows-mistaken", "hopeless-fit"
 # codes of what is told before everything else, with the words that lead it
 ALARMS = {
-    MISTAKEN: "Check the set-up",
+    SETUP_MISTAKE: "Check the set-up",
     "orientation-mistake": "Check the orientations",
     "labels-swapped": "Check the targets",
-    OTHER: "Check the robot",
+    OTHER_ROBOT: "Check the robot",
     "rows-shifted": "Check the rows",
-    ROWS: "Check the rows",
+    ROWS_MISTAKEN: "Check the rows",
     "stated-uncertainty": "Check the uncertainties",
     "floor-unlike": "Check the noise floor",
     "beyond-tolerance": "Check the robot",
-    HOPELESS: "Check the fit",
+    HOPELESS_FIT: "Check the fit",
 }
-SAME_ROWS = {
+ALARM_OF_FAULT = {
     "swapped-reflectors": "labels-swapped",
     "row-order": "rows-shifted",
 }  # a fault, and the alarm that says as much
-NOISE = {"stated-uncertainty", "floor-unlike"}  # of these, which say nothing of why a fit is bad
+NOISE_CODES = {
+    "stated-uncertainty",
+    "floor-unlike",
+}  # of these, which say nothing of why a fit is bad
 
 
-def alarms(notes: Sequence[Note]) -> list[str]:
+def list_alarms(notes: Sequence[Note]) -> list[str]:
     """What is told before everything else, in the order of ALARMS; a hopeless fit is the verdict's
     own first sentence."""
     return [
         f"{lead}: {n.sentence}"
         for code, lead in ALARMS.items()
         for n in notes
-        if n.code == code and code != HOPELESS
+        if n.code == code and code != HOPELESS_FIT
     ]

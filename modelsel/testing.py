@@ -18,9 +18,9 @@ from .fitting.identifiability import identify
 from .fitting.least_squares import fit
 from .fitting.problem import Problem, make_problem
 from .fitting.reduction import reduce
-from .measurements.measurements import measurements
+from .measurements.measurements import build_measurements
 from .mechanisms import causes
-from .mechanisms.serialization import mechanism_of, mechanism_record
+from .mechanisms.serialization import mechanism_from_record, mechanism_record
 from .mechanisms.terms import Mechanism, Screw, Term
 from .robot.kinematics import Robot, forward
 
@@ -53,7 +53,7 @@ def campaign(
         "time_s": np.arange(0.0, 30.0 * m, 30.0),
     }
     bare = make_problem(
-        robot, measurements(q, forward(robot, q, tool), covariates=covariates), tool[None]
+        robot, build_measurements(q, forward(robot, q, tool), covariates=covariates), tool[None]
     )
     more: dict[str, Array] = {
         name: rng.normal(size=m) for name in sorted(needs - bare.names().keys())
@@ -280,7 +280,7 @@ def law6_a_value(mechanism: Mechanism, at: Problem, rng: np.random.Generator) ->
     grammar."""
     del rng
     try:
-        again = mechanism_of(mechanism_record(mechanism))
+        again = mechanism_from_record(mechanism_record(mechanism))
     except StudyError as error:
         raise LawBroken(f"L6: {mechanism.name}: {error}") from None
     law(

@@ -26,10 +26,10 @@ from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Bump, Member, Named, Number, cos, q, sign, sin
 from modelsel.mechanisms.registry import every, mechanism
-from modelsel.mechanisms.serialization import cause_of, cause_record
+from modelsel.mechanisms.serialization import cause_from_record, cause_record
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.results.storage import calibration_of, save
 from modelsel.robot.files import load
@@ -151,7 +151,7 @@ def test_every_registered_cause_is_structure() -> None:
     robot = load("puma760")
     causes = {s.cause for m in every(robot) for t in m.terms for s in t.screws}
     causes |= {Member("group", 3), Number(2.5, "mm") * sin(q(1))}
-    assert all(cause_of(json.loads(json.dumps(cause_record(c)))) == c for c in causes)
+    assert all(cause_from_record(json.loads(json.dumps(cause_record(c)))) == c for c in causes)
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_every_registered_cause_is_structure() -> None:
 )
 def test_no_cause(record) -> None:
     with pytest.raises(ValueError, match=r"not a cause|finite|could not"):
-        cause_of(record)
+        cause_from_record(record)
 
 
 def test_refusals(rng) -> None:
@@ -182,7 +182,7 @@ def test_refusals(rng) -> None:
     ):
         with pytest.raises(StudyError, match=says):
             loads(broken)
-    plain = measurements(at.data.q, at.data.position, target=["c"] * 150, group=["mon"] * 150)
+    plain = build_measurements(at.data.q, at.data.position, target=["c"] * 150, group=["mon"] * 150)
     with pytest.raises(DataError, match='target "c" was not calibrated'):
         made.problem(plain)
     with pytest.raises(DataError, match="needs temperature_C"):

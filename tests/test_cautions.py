@@ -17,7 +17,7 @@ from modelsel.diagnosis.sentences import cautions
 from modelsel.diagnosis.stepwise import Effect, extend
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Applied, Named, q, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -114,7 +114,7 @@ def test_effects_that_undo_one_another_are_recognised(rng: np.random.Generator) 
     other = Mechanism("other", (Term("b", (Screw(1, "rz", sin(4.03 * q(1))),)),), "Other.")
     moved = readings.copy()
     moved[:, 0] += 2e-2 * np.sin(4 * readings[:, 0]) - 1.5e-2 * np.sin(4.03 * readings[:, 0])
-    at = bind(ARM, measurements(readings, forward(ARM, moved, TOOL)), TOOL)
+    at = bind(ARM, build_measurements(readings, forward(ARM, moved, TOOL)), TOOL)
     at = measured(at, at.data.position + rng.normal(0, 0.003, (120, 3)))
     found = candidates(at, BASE, (one, other), cells=False)
     extension = extend(at, BASE, fit(at, BASE), found, rng)
@@ -141,7 +141,7 @@ def test_an_effect_whose_size_is_open_is_told_with_no_wild_number(rng: np.random
     readings = arm.draw(rng, 80)
     moved = readings.copy()
     moved[:, 1] += 1e-3 * np.linspace(0, 1, 80) ** 2
-    at = bind(arm, measurements(readings, forward(arm, moved, TOOL)), TOOL)
+    at = bind(arm, build_measurements(readings, forward(arm, moved, TOOL)), TOOL)
     at = measured(at, at.data.position + rng.normal(0, 0.003, (80, 3)))
     slow = Mechanism(
         "slow",
@@ -167,7 +167,7 @@ def test_nothing_that_is_named_is_larger_than_a_small_screw(rng: np.random.Gener
     readings = ARM.draw(rng, 60)
     position = forward(ARM, readings, TOOL)
     position[45:] += rng.normal(0, 1.0, 3)
-    at = bind(ARM, measurements(readings, position), TOOL)
+    at = bind(ARM, build_measurements(readings, position), TOOL)
     at = measured(at, at.data.position + rng.normal(0, 0.03, (60, 3)))
     for e in explain(study_of(at), BASE, every(ARM), 1, cells=True)[1].effects:
         for t, v, s in zip(e.candidate.mechanism.terms, e.estimate, e.standard_error, strict=True):
@@ -212,7 +212,7 @@ def test_a_study_whose_geometry_is_worse_says_so(tmp_path: Path, rng: np.random.
     robot = load("puma760")
     near = robot.draw(rng, 1) + rng.uniform(-0.05, 0.05, (30, 6))
     readings = np.concatenate([near, robot.draw(rng, 60)])
-    data = measurements(
+    data = build_measurements(
         readings, forward(robot, readings, np.array([0, 0, 100.0])) + rng.normal(0, 0.1, (90, 3))
     )
     frame = data.to_frame().assign(role=["estimation"] * 30 + ["held-out"] * 60)

@@ -20,16 +20,16 @@ from modelsel.cli.main import main
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.noise import Floor, from_target_pairs
 from modelsel.fitting.noise_check import lack, likeliest
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import geometric
-from modelsel.notices import ALARMS, HOPELESS, Note, alarms
+from modelsel.notices import ALARMS, HOPELESS_FIT, Note, list_alarms
 from modelsel.report.pages.front import opening
 from modelsel.report.terminal import sentences
 from modelsel.results.result import Result
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward, pose
-from modelsel.robot.rigid import rpy
+from modelsel.robot.rigid import from_rpy
 from modelsel.setup.measured_orientations import orientation_mistake
 from modelsel.setup.mistakes import mistake
 from modelsel.setup.registration import register
@@ -39,7 +39,7 @@ from modelsel.study.runner import rehearse, run
 
 NOISE = 0.05
 TOOLS = {"A": (40.0, -25.0, 100.0), "B": (-30.0, 40.0, 80.0)}
-R, T = rpy(0.3, -0.5, 2.0), np.array([2500.0, -800.0, 400.0])  # where the tracker stands
+R, T = from_rpy(0.3, -0.5, 2.0), np.array([2500.0, -800.0, 400.0])  # where the tracker stands
 ONE = ("A",)
 Change = Callable[[pd.DataFrame], pd.DataFrame]
 
@@ -61,7 +61,7 @@ def frame(
         q = 0.8 * np.sin(
             np.linspace(0, 1, m)[:, None] * rng.uniform(8, 14, arm.n) + rng.uniform(0, 6, arm.n)
         )
-    at = bind(arm, measurements(q, np.zeros((m, 3))), (0.0, 0.0, 0.0))
+    at = bind(arm, build_measurements(q, np.zeros((m, 3))), (0.0, 0.0, 0.0))
     terms = [t for t in geometric(arm).terms if t.screws[0].frame <= arm.n]
     theta = errors * rng.normal(0, [5e-4 if t.unit == "rad" else 0.3 for t in terms])
     parts = []
@@ -108,11 +108,11 @@ def said(result: Result, code: str) -> str:
     if not found:
         return ""
     assert len(found) == 1
-    if code in ALARMS and code != HOPELESS:
+    if code in ALARMS and code != HOPELESS_FIT:
         first = [line for line in sentences(result) if found[0] in line]
         assert len(first) == 1
-        assert sentences(result).index(first[0]) < len(alarms(result.warnings))
-        assert first[0] in opening(result.record)[: len(alarms(result.warnings))]
+        assert sentences(result).index(first[0]) < len(list_alarms(result.warnings))
+        assert first[0] in opening(result.record)[: len(list_alarms(result.warnings))]
     assert found[0] in [w["sentence"] for w in result.record["warnings"]]
     return found[0]
 

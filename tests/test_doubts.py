@@ -18,7 +18,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor, from_repeats
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.shrinkage import fit_shrunk
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -48,7 +48,7 @@ def campaign(
     visit = np.repeat(np.arange(postures * times), targets)
     at = bind(
         ARM,
-        measurements(angles, position, target=[f"r{t}" for t in target], configuration=visit),
+        build_measurements(angles, position, target=[f"r{t}" for t in target], configuration=visit),
         TOOLS[:targets],
     )
     noise = rng.normal(0, SIGMA, position.shape) + shared * rng.standard_normal((postures, 3))[own]

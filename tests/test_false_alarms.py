@@ -24,7 +24,7 @@ from modelsel.diagnosis.unexplained import predictable
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.results.finding_records import uneven
@@ -86,7 +86,7 @@ def campaign(
                 for a, b in zip(start, stop, strict=True)
             ]
         )
-    data = measurements(
+    data = build_measurements(
         angles, forward(ARM, angles, np.array(TOOL)), group=np.repeat(np.arange(GROUPS), EACH)
     )
     at = bind(ARM, data, TOOL)
@@ -112,7 +112,7 @@ def shared(kind: str, rng: np.random.Generator) -> tuple[Problem, np.ndarray]:
     position = np.array(
         [forward(ARM, posture[o][None], tools[t])[0] for o, t in zip(own, target, strict=True)]
     )
-    data = measurements(posture[own], position, target=[f"r{t}" for t in target])
+    data = build_measurements(posture[own], position, target=[f"r{t}" for t in target])
     assert len(np.unique(data.block)) == count
     assert data.configurations == (count if kind == "reflectors" else 4 * count)
     at = bind(ARM, data, tools)

@@ -18,7 +18,7 @@ from builders import drawn
 from click.testing import CliRunner
 from pypdf import PdfReader
 
-from modelsel._files import claimed
+from modelsel._files import claim_folder
 from modelsel.cli.main import main
 from modelsel.config.fleet_file import read_fleet
 from modelsel.config.study_file import read_study
@@ -236,7 +236,7 @@ def test_a_study_alone_in_a_fleets_folder(folder) -> None:
     """Two runs never write into one folder: the fleet's row says so, what the other run does is
     left alone."""
     task, out = read_fleet(folder / "fleet.toml").tasks[0], folder / "out" / "arm0"
-    with claimed(out):
+    with claim_folder(out):
         row = fleets._one(task, str(out), False, False)
         assert (row["state"], row["exit"]) == ("failed", 2)
         assert "another run of modelsel works in this folder" in row["why"]

@@ -13,7 +13,7 @@ from scipy import stats
 from modelsel.exceptions import NotEstimable
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import fit
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.selection.cross_validation import (
@@ -203,7 +203,7 @@ def repeated(rng: np.random.Generator):
         .draw(rng, 30)[rng.permutation(np.r_[np.arange(30), rng.integers(0, 30, 20)])]
         .repeat(2, axis=0)
     )
-    return measurements(
+    return build_measurements(
         q, rng.normal(size=(100, 3)), target=["a", "b"] * 50, group=np.arange(100) // 36
     )
 

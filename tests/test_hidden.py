@@ -31,7 +31,7 @@ from modelsel.diagnosis.stepwise import Effect as Found
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem, make_problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.files import load
 
@@ -81,7 +81,7 @@ class Ground:
         state = state or self.state
         return make_problem(
             load(self.arm.name),
-            measurements(state.q, x, covariates=state.covariates),
+            build_measurements(state.q, x, covariates=state.covariates),
             self.arm.tool[None],
         )
 
@@ -153,7 +153,9 @@ def ground() -> Iterator[Ground]:
     state, fresh = campaign(M), campaign(FRESH)
     at = make_problem(
         robot,
-        measurements(state.q, measured(body, state, [], rng, NOISE), covariates=state.covariates),
+        build_measurements(
+            state.q, measured(body, state, [], rng, NOISE), covariates=state.covariates
+        ),
         body.tool[None],
     )
     base = Model((mechanism("geometric", robot),))

@@ -28,13 +28,13 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor, Instrument
 from modelsel.fitting.observation import Fixtures
 from modelsel.fitting.problem import Problem, make_problem
-from modelsel.measurements.features import KINDS, UNKNOWN
-from modelsel.measurements.measurements import Measurements, measurements
-from modelsel.measurements.observation_columns import Known, with_known
+from modelsel.measurements.features import FREE_NUMBERS, KINDS
+from modelsel.measurements.measurements import Measurements, build_measurements
+from modelsel.measurements.observation_columns import KnownFeature, apply_known_features
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.causes import Member
-from modelsel.mechanisms.geometry import setup
-from modelsel.mechanisms.registry import mechanism, parts
+from modelsel.mechanisms.geometry import build_setup
+from modelsel.mechanisms.registry import build_mechanisms, mechanism
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.report.terminal import sentences
 from modelsel.results.details import details, dumps
@@ -60,7 +60,7 @@ COUPLING = one("wrist-coupling", "", at(5, "rz", lambda s: s.q[:, 3]), 1.2e-3)
 OFFERED = tuple(
     p
     for name in ("wrist-coupling", "joint-compliance", "encoder-scale", "gear-eccentricity")
-    for p in parts(name, PUMA)
+    for p in build_mechanisms(name, PUMA)
 )
 
 
@@ -68,13 +68,13 @@ def campaign(seed: int = 7) -> Campaign:
     return Campaign(np.random.default_rng(seed), [COUPLING])
 
 
-def made(c: Campaign, folder: Path, **known: Known) -> Measurements:
-    return with_known(read_measurements(c.file(folder), ARM), known)
+def made(c: Campaign, folder: Path, **known: KnownFeature) -> Measurements:
+    return apply_known_features(read_measurements(c.file(folder), ARM), known)
 
 
 def model(data: Measurements, *names: str, register: bool = False) -> Model:
     features = () if data.gauges is None else data.gauges.features
-    placing = setup(PUMA, len(data.targets), 1, register, data.rotation is not None, features)
+    placing = build_setup(PUMA, len(data.targets), 1, register, data.rotation is not None, features)
     return Model(
         (
             *((placing,) if placing.terms else ()),
@@ -122,7 +122,7 @@ TELL = {
 def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> None:
     c = campaign()
     FILLED[what](c)
-    known = dict.fromkeys(ANCHORS, Known(zero=True)) if "zero" in what else {}
+    known = dict.fromkeys(ANCHORS, KnownFeature(zero=True)) if "zero" in what else {}
     measured = made(c, tmp_path, **known)
     data = prepared(measured, round(0.7 * measured.configurations))
     assert data.problem.data.gauges is not None
@@ -151,9 +151,9 @@ def every_kind(rng: np.random.Generator) -> tuple[Problem, tuple[Term, ...], np.
     """A row of every kind, eight times over, features and tracker anywhere, and a model with its
     point."""
     kind = list(KINDS) * 8
-    shared = [k if k in UNKNOWN else "" for k in kind]
+    shared = [k if k in FREE_NUMBERS else "" for k in kind]
     length = np.where(np.isin(kind, ("wire", "distance")), 1000.0, np.nan)
-    data = measurements(
+    data = build_measurements(
         PUMA.draw(rng, len(kind)),
         rng.normal(0, 500, (len(kind), 3)),
         kind=kind,
@@ -274,7 +274,7 @@ def test_a_feature_that_no_estimation_row_measures_is_left_out(tmp_path) -> None
     assert len(data.problem) == 60
     note = next(n for n in notes if n.code == "feature-unseen")
     assert note.sentence.startswith("10 held-out rows are left out: no estimation row measures w3")
-    known = with_known(measured, {"w3": Known(position=ANCHORS["w3"])})
+    known = apply_known_features(measured, {"w3": KnownFeature(position=ANCHORS["w3"])})
     assert len(prepare(PUMA, known, plan(0, column="role"), labels)[0].problem) == 70
 
 
@@ -388,7 +388,7 @@ def test_an_anchor_beside_a_plane_of_positions_needs_a_first_guess(tmp_path) -> 
     ):
         prepared(made(c, tmp_path), 40)
     data = prepared(
-        made(c, tmp_path, w1=Known(position=(700.0, -1000.0, 400.0), estimate=True)), 40
+        made(c, tmp_path, w1=KnownFeature(position=(700.0, -1000.0, 400.0), estimate=True)), 40
     )
     assert np.linalg.norm(data.problem.fixtures.centre[0] - ANCHORS["w1"]) < 60
 
@@ -439,7 +439,7 @@ def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path
     stored = loads(calibration_text(calibration_of(result)))
     assert not any(t.fixture for t in stored.terms)
     q = c.arm.draw(c.rng, 50)
-    fresh = measurements(q, c.exact(q) + c.noise(50, 3))
+    fresh = build_measurements(q, c.exact(q) + c.noise(50, 3))
     assert np.linalg.norm(predict(stored, stored.problem(fresh)) - c.exact(q), axis=1).mean() < 0.1
     assert not judge(stored, fresh, free_setup=False).drifted
     with pytest.raises(DataError, match="rows that are no points"):
@@ -468,7 +468,7 @@ def test_simulated_rows_read_what_the_planted_arm_reads(tmp_path) -> None:
     c.axes(6)
     c.wires(30)
     c.distances(5)
-    known = {name: Known(position=place) for name, place in ANCHORS.items()}
+    known = {name: KnownFeature(position=place) for name, place in ANCHORS.items()}
     data = made(c, tmp_path, **known)
     planted = Term(
         "p", (Screw(5, "rz", mechanism("wrist-coupling:5", PUMA).terms[0].screws[0].cause),)
@@ -482,7 +482,7 @@ def test_simulated_rows_read_what_the_planted_arm_reads(tmp_path) -> None:
         rng=np.random.default_rng(0),
     )
     frame.to_csv(tmp_path / "made.csv", index=False)
-    back = with_known(read_measurements(tmp_path / "made.csv", ARM), known)
+    back = apply_known_features(read_measurements(tmp_path / "made.csv", ARM), known)
     assert (len(back), back.gauges.kind.tolist()) == (len(data), data.gauges.kind.tolist())
     every = prepared(back, 40).problem
     np.testing.assert_allclose(residuals(every, (planted,), np.array([1e-3])), 0, atol=1e-8)
@@ -716,10 +716,10 @@ def test_what_a_study_knows_of_features_is_checked(tmp_path) -> None:
         made(
             c,
             tmp_path,
-            w9=Known(position=point),
-            w1=Known(normal=point),
-            plate0=Known(position=point),
-            bar=Known(length=400.0),
+            w9=KnownFeature(position=point),
+            w1=KnownFeature(normal=point),
+            plate0=KnownFeature(position=point),
+            bar=KnownFeature(length=400.0),
         )
     assert [p.partition(":")[2].strip() for p in refused.value.problems] == [
         "no row of the file names it. Known: bar, plate0, w1, w2, w3.",
@@ -769,7 +769,9 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
     some = [fitted.terms[k] for k in fitted.representatives]
     at, pool_scene = (
         fitted.at(),
-        make_problem(PUMA, measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL])),
+        make_problem(
+            PUMA, build_measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL])
+        ),
     )
     p = pool(known, pool_scene, fitted.terms, at, NOISE)
     X = design(replace(known, whiten=1.0), some, at)[0].reshape(-1, len(some))

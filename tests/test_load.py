@@ -19,9 +19,9 @@ from modelsel.diagnosis.procedure import explain
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q, sin
-from modelsel.mechanisms.registry import every, mechanism, parts
+from modelsel.mechanisms.registry import build_mechanisms, every, mechanism
 from modelsel.results.finding_records import beside
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
@@ -117,7 +117,10 @@ def test_no_noise_and_an_effect(rng) -> None:
     _, extension, _ = explain(
         study_of(at),
         base,
-        (*parts("encoder-eccentricity", PUMA), *parts("wrist-coupling", PUMA)),
+        (
+            *build_mechanisms("encoder-eccentricity", PUMA),
+            *build_mechanisms("wrist-coupling", PUMA),
+        ),
         1,
         cells=False,
     )
@@ -151,7 +154,7 @@ def test_targets_on_every_axis(name, rng) -> None:
         angles = robot.draw(rng, 60)
         at = bind(
             robot,
-            measurements(
+            build_measurements(
                 angles, forward(robot, angles, np.array(tool)) + rng.normal(0, SIGMA, (60, 3))
             ),
             tool,
@@ -206,7 +209,7 @@ def snake(n: int) -> Robot:
 def of_snake(n: int, m: int, rng: np.random.Generator) -> Problem:
     robot = snake(n)
     angles = rng.uniform(-1, 1, (m, n))
-    at = bind(robot, measurements(angles, forward(robot, angles, TOOL)), tuple(TOOL))
+    at = bind(robot, build_measurements(angles, forward(robot, angles, TOOL)), tuple(TOOL))
     return planted(at, one(5, "rz", sin(2.0 * q(5))).terms, np.array([1e-3]), rng, SIGMA)
 
 
@@ -221,7 +224,7 @@ def test_sixty_joints_and_two_hundred_mechanisms(rng) -> None:
             "approach-backlash",
             "encoder-scale",
         )
-        for part in parts(name, at.robot)
+        for part in build_mechanisms(name, at.robot)
     ]
     assert len(offered) > 200
     fitted = fit(at, base)

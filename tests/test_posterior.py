@@ -18,7 +18,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.prior import usual_sizes
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.causes import cos, q
-from modelsel.mechanisms.geometry import setup
+from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import mechanism
 from modelsel.uncertainty.posterior import importance, posterior, weighted
 
@@ -69,7 +69,7 @@ def test_ensemble_is_the_exact_chain(rng: np.random.Generator, kind: str) -> Non
     )
     model = Model(
         (
-            setup(
+            build_setup(
                 at.robot,
                 len(at.data.targets),
                 len(at.data.groups),

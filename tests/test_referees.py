@@ -14,7 +14,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import builtin_names, load
-from modelsel.robot.gravity import torques
+from modelsel.robot.gravity import compute_joint_torques
 from modelsel.robot.kinematics import Robot, pose
 from modelsel.selection.cross_validation import cross_validate, fold, held_out_residuals
 from modelsel.selection.splits import assign
@@ -77,7 +77,7 @@ def test_gravity_is_pinocchios(rng) -> None:
     robot = load("puma560")
     pin, model = pinocchio(robot)
     data, q = model.createData(), robot.draw(rng, 8)
-    found = torques(robot, pose(robot, q, np.zeros(3)), q)
+    found = compute_joint_torques(robot, pose(robot, q, np.zeros(3)), q)
     for row, angles in enumerate(q):
         np.testing.assert_allclose(
             -found[:, row], pin.computeGeneralizedGravity(model, data, angles), atol=1e-9

@@ -10,12 +10,12 @@ from modelsel.diagnosis.candidates import candidates
 from modelsel.diagnosis.scan import basis, columns, scan, stacked
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
-from modelsel.measurements.measurements import Measurements, measurements
+from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.mechanisms.registry import every, mechanism
 
 
 def read(q: np.ndarray, **more: object) -> Measurements:
-    return measurements(q, np.zeros((len(q), 3)), **more)  # type: ignore[arg-type]
+    return build_measurements(q, np.zeros((len(q), 3)), **more)  # type: ignore[arg-type]
 
 
 def rests(data: Measurements) -> str:
@@ -87,7 +87,7 @@ def test_a_resting_joint_is_the_place_of_no_cause_of_motion(rng: np.random.Gener
     q = robot.draw(rng, 40)
     q[:, 1] = 0.4 + 1e-5 * rng.standard_normal(40)
     at = drawn(robot, rng, 40)
-    at = at.anew(data=measurements(q, at.data.position))
+    at = at.anew(data=build_measurements(q, at.data.position))
     base = Model((mechanism("geometric", robot),))
     fitted, found = fit(at, base), candidates(at, base, every(robot), cells=False)
     X, _ = stacked(at, base.terms, fitted.at())

@@ -22,13 +22,13 @@ from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.noise import Instrument, weigh
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.results.storage import WRITES
 from modelsel.robot.kinematics import forward
-from modelsel.robot.rigid import rpy
+from modelsel.robot.rigid import from_rpy
 from modelsel.study.checkpoint import Checkpoint
 from modelsel.uncertainty import sampler as engine
 from modelsel.uncertainty.log_posterior import TAIL, LogPosterior
@@ -574,13 +574,13 @@ def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
     if kind == "targets":
         more = {"target": np.array(["a", "b"] * 15)}
     at = drawn(arm, rng, 30)
-    at = at.anew(data=measurements(joints, position, **more))  # type: ignore[arg-type]
+    at = at.anew(data=build_measurements(joints, position, **more))  # type: ignore[arg-type]
     at = replace(at, tools=np.tile(at.tools[:1], (len(at.data.targets), 1)))
     if kind == "orientation":
         turned = np.einsum("ijm->mij", at.pose(slice(None)).rotation)
         turned = np.einsum(
             "mij,mjk->mik",
-            np.array([rpy(*angles) for angles in rng.normal(0, 3e-4, (30, 3))]),
+            np.array([from_rpy(*angles) for angles in rng.normal(0, 3e-4, (30, 3))]),
             turned,
         )
         at = replace(

@@ -13,7 +13,7 @@ from builders import drawn, one, planted, small_arm, study_of
 from scipy.linalg import sqrtm
 from scipy.stats import binom
 
-from modelsel._json import dumps
+from modelsel._json import to_json
 from modelsel.fitting.design import Model, design, residuals
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.mechanisms.causes import Named, q, sin
@@ -349,6 +349,6 @@ def test_tables_are_the_same_again(split: Split) -> None:
     fitted = fit(split.training(), MODEL)
     found, again = (confidence(split, fitted, NAMES, 3).to_dict() for _ in range(2))
     assert found["sampling"] is None
-    assert dumps(found) == dumps(again)
+    assert to_json(found) == to_json(again)
     assert [p["symbol"] for p in found["parameters"]] == found["correlation"]["symbols"]
     assert all(p["low"] < p["estimate"] < p["high"] for p in found["parameters"])

@@ -22,11 +22,11 @@ from modelsel.diagnosis.stepwise import Effect
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
-from modelsel.mechanisms.registry import every, faults, mechanism
+from modelsel.measurements.measurements import build_measurements
+from modelsel.mechanisms.registry import build_faults, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import builtin_names, load
-from modelsel.robot.gravity import torques
+from modelsel.robot.gravity import compute_joint_torques
 from modelsel.robot.kinematics import Robot, forward, pose
 
 ARM = load("ur10")
@@ -38,10 +38,10 @@ Array = np.ndarray
 def named(
     position: Array, q: Array, rng: np.random.Generator, arm: Robot = ARM
 ) -> tuple[Effect, ...]:
-    at = bind(arm, measurements(q, position, prismatic=arm.prismatic), TOOL)
+    at = bind(arm, build_measurements(q, position, prismatic=arm.prismatic), TOOL)
     at = measured(at, at.data.position + rng.normal(0, SIGMA, position.shape))
     base = Model((mechanism("geometric", arm),))
-    return explain(study_of(at), base, (*every(arm), *faults(arm)), 1, cells=True)[1].effects
+    return explain(study_of(at), base, (*every(arm), *build_faults(arm)), 1, cells=True)[1].effects
 
 
 def turned(joint: int, by: Array, q: Array) -> Array:
@@ -159,7 +159,7 @@ def test_what_gravity_forbids_is_not_named_after_it(
     takes up, and its like."""
     q = ARM.draw(rng, 90)
     joint = int(rng.choice([2, 4]))
-    torque = torques(ARM, pose(ARM, q, TOOL), q)[joint - 1]
+    torque = compute_joint_torques(ARM, pose(ARM, q, TOOL), q)[joint - 1]
     by = 1e-3 * torque / np.abs(torque).max() if kind == "compliance" else 4e-4 * np.sign(torque)
     effects = named(turned(joint, sign * by, q), q, rng)
     stems = {e.candidate.label.partition(":")[0] for e in effects}
@@ -228,8 +228,8 @@ def test_play_yields_to_gravity_as_a_spring_does(name: str) -> None:
     arm = load(name)
     q = arm.draw(np.random.default_rng(3), 200)
     at, torque = (
-        bind(arm, measurements(q, forward(arm, q, TOOL)), TOOL),
-        torques(arm, pose(arm, q, TOOL), q),
+        bind(arm, build_measurements(q, forward(arm, q, TOOL)), TOOL),
+        compute_joint_torques(arm, pose(arm, q, TOOL), q),
     )
     for m in every(arm):
         if m.name.startswith("backlash:"):

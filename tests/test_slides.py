@@ -19,7 +19,7 @@ from modelsel.diagnosis.procedure import explain
 from modelsel.diagnosis.sentences import what
 from modelsel.diagnosis.stepwise import Effect
 from modelsel.fitting.design import Model
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.kinematics import Robot, forward, pose
 
@@ -51,7 +51,9 @@ def said(
         position = forward(ARM, moved, TOOL)
     at = bind(
         ARM,
-        measurements(q, position, covariates={"temperature_C": warm}, prismatic=ARM.prismatic),
+        build_measurements(
+            q, position, covariates={"temperature_C": warm}, prismatic=ARM.prismatic
+        ),
         TOOL,
     )
     at = measured(at, at.data.position + rng.normal(0, SIGMA, position.shape))
@@ -86,7 +88,7 @@ def test_waves_of_a_slide_are_finer_than_its_travel_tells_apart() -> None:
     assert np.sinc(step / 2) > 0.99
     q = np.zeros((20, 3))
     q[:, :2] = np.random.default_rng(1).uniform(-2, 2, (20, 2))
-    at = bind(ARM, measurements(q, forward(ARM, q, TOOL), prismatic=ARM.prismatic), TOOL)
+    at = bind(ARM, build_measurements(q, forward(ARM, q, TOOL), prismatic=ARM.prismatic), TOOL)
     assert not [
         c for c in candidates(at, BASE, every(ARM)) if "slides unevenly" in c.mechanism.sentence
     ]

@@ -8,7 +8,7 @@ import pytest
 from builders import seeds
 
 from modelsel.exceptions import StudyError
-from modelsel.measurements.measurements import Measurements, measurements
+from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.robot.files import load
 from modelsel.selection.splits import _features, choose
 from modelsel.study.preparation import Plan, split
@@ -28,7 +28,7 @@ def campaign(rng: np.random.Generator, m: int = 200) -> Measurements:
     )
     temperature = 20 + 15 * (np.arange(m) / m) ** 4
     payload = 3.0 * (np.arange(m) % 25 == 7)
-    return measurements(
+    return build_measurements(
         q, rng.normal(size=(m, 3)), covariates={"temperature_C": temperature, "payload_kg": payload}
     )
 
@@ -100,7 +100,7 @@ def test_repeats_stay_on_one_side(rng) -> None:
     q = ARM.draw(rng, 40)[rng.permutation(np.r_[np.arange(40), rng.integers(0, 40, 60)])].repeat(
         2, axis=0
     )
-    data = measurements(q, rng.normal(size=(200, 3)), target=["a", "b"] * 100)
+    data = build_measurements(q, rng.normal(size=(200, 3)), target=["a", "b"] * 100)
     inside = choose(data, 50, TURNS, rng)
     for reading in np.unique(q, axis=0):
         assert len(np.unique(inside[(q == reading).all(1)])) == 1
@@ -118,7 +118,7 @@ def test_any_count(count, rng) -> None:
 def test_a_prismatic_joint(rng) -> None:
     """mm are not angles: no harmonics of a slide."""
     q = np.column_stack([rng.uniform(0, 500, 100), rng.uniform(-3, 3, 100)])
-    data = measurements(q, np.zeros((100, 3)))
+    data = build_measurements(q, np.zeros((100, 3)))
     inside = choose(data, 30, (True, False), rng)
     assert inside.sum() == 30
     assert q[inside, 0].std() > q[:, 0].std()
@@ -158,7 +158,7 @@ def test_splits_that_cannot_be(rng) -> None:
         StudyError, match=r"split\.estimation = 41, but the file has 40 configurations"
     ):
         split(data, None, Plan(1, None, estimation=41), TURNS)
-    twice = measurements(np.zeros((2, 6)), np.zeros((2, 3)), configuration=["a", "b"])
+    twice = build_measurements(np.zeros((2, 6)), np.zeros((2, 3)), configuration=["a", "b"])
     with pytest.raises(StudyError, match="equal joint readings stand on both sides"):
         split(
             twice, np.array(["estimation", "held-out"], object), Plan(1, None, column="role"), TURNS

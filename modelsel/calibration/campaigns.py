@@ -17,7 +17,7 @@ from ..exceptions import StudyError
 from ..fitting.design import design
 from ..fitting.identifiability import identify
 from ..fitting.reduction import reduce
-from ..mechanisms.geometry import setup
+from ..mechanisms.geometry import build_setup
 from ..mechanisms.terms import Term
 from .calibration import Calibration
 from .constant_part import workspace
@@ -122,7 +122,7 @@ def compare(a: Calibration, b: Calibration) -> Comparison:
         for name, (low, high) in {**b.ranges, **a.ranges, **both}.items()
     }
     at = workspace(replace(a, ranges=ranges, model=a.model + b.model.mechanisms), m=CONFIGURATIONS)
-    placing = setup(a.robot, 1, 1, True, False).terms if a.registered or b.registered else ()
+    placing = build_setup(a.robot, 1, 1, True, False).terms if a.registered or b.registered else ()
     terms = tuple(dict.fromkeys([*placing, *(t for c in (a, b) for t in c.terms)]))
     place = {t.screws: k for k, t in reversed(list(enumerate(terms)))}
     theta, factors = np.zeros((2, len(terms))), []

@@ -11,12 +11,12 @@ import numpy as np
 from .._typing import Array
 from ..fitting.design import PLACE
 from ..fitting.problem import Problem
-from ..measurements.measurements import Measurements, measurements
+from ..measurements.measurements import Measurements, build_measurements
 from ..measurements.reader import RESERVED
 from ..mechanisms.causes import Cause, Combined, Member, Number
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
-from ..robot.rigid import transform, turn
+from ..robot.rigid import rotation_matrix, transform
 from .calibration import Calibration, pose_of
 from .refitting import carries, part_of
 
@@ -125,7 +125,12 @@ def constants(c: Calibration, target: int = 0, group: int = 0) -> Array:
 
 def screw(entries: Array) -> Array:
     """H = Trans(a, b, c) Rx(α) Ry(β) Rz(γ), (4, 4)."""
-    return transform(turn(0, entries[3]) @ turn(1, entries[4]) @ turn(2, entries[5]), entries[:3])
+    return transform(
+        rotation_matrix(0, entries[3])
+        @ rotation_matrix(1, entries[4])
+        @ rotation_matrix(2, entries[5]),
+        entries[:3],
+    )
 
 
 def carried(c: Calibration, group: int = 0) -> Carried:
@@ -152,7 +157,7 @@ def workspace(c: Calibration, target: int = 0, group: int = 0, m: int = TRIED) -
     rng = np.random.default_rng(0)
     values = {name: rng.uniform(low, high, m) for name, (low, high) in c.ranges.items()}
     q = np.stack([values[f"q{j}"] for j in range(1, c.robot.n + 1)], 1)
-    data: Measurements = measurements(
+    data: Measurements = build_measurements(
         q,
         np.zeros((m, 3)),
         target=[c.targets[target]] * m,

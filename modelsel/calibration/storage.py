@@ -10,13 +10,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._json import PAIR, THREE, Each, Maybe, misfit, read, strict
+from .._json import PAIR, TRIPLE, Each, Maybe, find_misfit, parse_json, read_json_text
 from .._typing import Array
 from ..exceptions import StudyError
 from ..fitting.design import Model
 from ..fitting.noise import Floor
-from ..mechanisms.serialization import TERM, mechanism_of, mechanism_record, members
-from ..robot.files import JOINT, ROTATION, TRANSFORM, numbers, robot_of, robot_record, rotation
+from ..mechanisms.serialization import (
+    TERM,
+    collect_members,
+    mechanism_from_record,
+    mechanism_record,
+)
+from ..robot.files import (
+    JOINT,
+    ROTATION,
+    TRANSFORM,
+    bounded_array,
+    check_rotation,
+    robot_from_record,
+    robot_record,
+)
 from .calibration import Calibration
 from .refitting import REFITS, refits_of, refits_record
 
@@ -48,7 +61,9 @@ def contradiction(r: Mapping[str, Any], model: Model, standard_errors: Array) ->
             "a screw is at a frame that its robot does not have",
         ),
         (
-            all(0 <= m.index < len(names[m.kind]) for s in screws for m in members(s.cause)),
+            all(
+                0 <= m.index < len(names[m.kind]) for s in screws for m in collect_members(s.cause)
+            ),
             "a cause names a target or group that it does not have",
         ),
         (
@@ -143,8 +158,12 @@ def _record(c: Calibration) -> dict[str, Any]:
 
 def _restored(r: Mapping[str, Any]) -> Calibration:
     """The calibration of a record of its shape. Raises ValueError where its parts do not agree."""
-    model = Model(tuple(mechanism_of(m) for m in r["mechanisms"]))
-    estimates, rows, robot = r["estimates"], r["covariance_factor"]["rows"], robot_of(r["robot"])
+    model = Model(tuple(mechanism_from_record(m) for m in r["mechanisms"]))
+    estimates, rows, robot = (
+        r["estimates"],
+        r["covariance_factor"]["rows"],
+        robot_from_record(r["robot"]),
+    )
     if [(e["symbol"], e["unit"]) for e in estimates] != [(t.symbol, t.unit) for t in model.terms]:
         raise ValueError("its estimates are not those of its terms")
     kept = tuple(k for k, e in enumerate(estimates) if e["estimable"])
@@ -156,22 +175,24 @@ def _restored(r: Mapping[str, Any]) -> Calibration:
     for kind in ("targets", "groups"):
         if len({each["name"] for each in r[kind]}) < len(r[kind]):
             raise ValueError(f"two {kind} have one name")
-    turned = [None if t["rotation"] is None else rotation(t["rotation"]) for t in r["targets"]]
+    turned = [
+        None if t["rotation"] is None else check_rotation(t["rotation"]) for t in r["targets"]
+    ]
     floor, held, (x, y, z) = (
         r["noise_floor"],
         r["held_out_rms_mm"],
-        numbers(r["tracker_mm"]).tolist(),
+        bounded_array(r["tracker_mm"]).tolist(),
     )
     c = Calibration(
         r["study"],
         robot,
         tuple(t["name"] for t in r["targets"]),
         tuple(g["name"] for g in r["groups"]),
-        numbers([t["tool_mm"] for t in r["targets"]]),
+        bounded_array([t["tool_mm"] for t in r["targets"]]),
         None if any(t is None for t in turned) else np.array(turned),
         (
-            np.array([rotation(g["rotation"]) for g in r["groups"]]),
-            numbers([g["translation_mm"] for g in r["groups"]]),
+            np.array([check_rotation(g["rotation"]) for g in r["groups"]]),
+            bounded_array([g["translation_mm"] for g in r["groups"]]),
         ),
         r["registered"],
         (x, y, z),
@@ -197,7 +218,7 @@ def _restored(r: Mapping[str, Any]) -> Calibration:
 def loads(text: str, where: str = NAME) -> Calibration:
     """The calibration of a file's text. Raises StudyError."""
     try:
-        record = strict(text)
+        record = parse_json(text)
     except ValueError as error:
         raise StudyError(f"{where}: cannot be read: {error}. Run the study again.") from None
     if not isinstance(record, dict) or record.get("kind") != "calibration":
@@ -210,7 +231,7 @@ def loads(text: str, where: str = NAME) -> Calibration:
             "study again."
         )
     try:
-        if (found := misfit(record, CALIBRATION)) is not None:
+        if (found := find_misfit(record, CALIBRATION)) is not None:
             raise ValueError(found)
         return _restored(record)
     except ValueError as error:
@@ -229,7 +250,7 @@ def load_calibration(path: Path | str) -> Calibration:
         else path
     )
     try:
-        text = read(path)
+        text = read_json_text(path)
     except FileNotFoundError:
         raise StudyError(
             f"{path}: no such calibration; `modelsel study STUDY.toml` writes one beside its result.json."
@@ -248,15 +269,15 @@ CALIBRATION = {
     "robot": {
         "name": str,
         "source": str,
-        "gravity": Maybe(THREE),
+        "gravity": Maybe(TRIPLE),
         "joints": Each(JOINT, least=1),
         "last_mm": TRANSFORM,
         "usual?": PAIR,
     },
-    "targets": Each({"name": str, "tool_mm": THREE, "rotation": Maybe(ROTATION)}, least=1),
-    "groups": Each({"name": str, "rotation": ROTATION, "translation_mm": THREE}, least=1),
+    "targets": Each({"name": str, "tool_mm": TRIPLE, "rotation": Maybe(ROTATION)}, least=1),
+    "groups": Each({"name": str, "rotation": ROTATION, "translation_mm": TRIPLE}, least=1),
     "registered": bool,
-    "tracker_mm": THREE,
+    "tracker_mm": TRIPLE,
     "mechanisms": Each(
         {
             "name": str,

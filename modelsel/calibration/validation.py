@@ -17,7 +17,7 @@ from ..exceptions import DataError, sentence_list
 from ..fitting.noise import Floor
 from ..fitting.noise_check import SMALLER, Lack, against, lack, likeliest
 from ..fitting.problem import Problem
-from ..measurements.columns import SMALLEST
+from ..measurements.columns import MIN_UNCERTAINTY
 from ..measurements.measurements import Measurements
 from ..robot.rigid import rotation_vector
 from ..setup.placement import kabsch
@@ -133,7 +133,7 @@ def reference(c: Calibration) -> tuple[float, float]:
     more, or where it contradicts a stated floor."""
     floor = c.floor.coordinate_mm
     held = 0.0 if c.held_out_rms_mm is None else c.held_out_rms_mm / np.sqrt(3)
-    return max(held if _overstated(c) else floor, held, SMALLEST), c.floor.freedom
+    return max(held if _overstated(c) else floor, held, MIN_UNCERTAINTY), c.floor.freedom
 
 
 def _overstated(c: Calibration) -> bool:

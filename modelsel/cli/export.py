@@ -27,12 +27,12 @@ def export(result: Path, form: str, out: Path, as_json: bool) -> None:
 
     The file is read back and held against the fit; what the form cannot carry is said.
     """
-    from .._files import write_beside
+    from .._files import write_atomically
     from ..calibration.export import export as exported
     from ..calibration.storage import load_calibration
 
     made = exported(load_calibration(result), form)
-    write_beside(out, made.text.encode())
+    write_atomically(out, made.text.encode())
     if as_json:
         print_json(
             {

@@ -36,7 +36,7 @@ def mechanisms(
 
 
 def _begin(name: str) -> None:
-    from .._files import write_beside
+    from .._files import write_atomically
     from ..exceptions import StudyError
     from .plugin_template import skeleton
 
@@ -44,7 +44,7 @@ def _begin(name: str) -> None:
     if folder.exists():
         raise StudyError(f"{folder}: is there already; nothing was written.")
     for file, text in texts.items():
-        write_beside(folder / file, text.encode())
+        write_atomically(folder / file, text.encode())
     module = next(file for file in texts if file.endswith(".py"))
     click.echo(
         f"Written: {', '.join(str(folder / file) for file in texts)}. Next: modelsel mechanisms --test {folder / module}"
@@ -78,18 +78,18 @@ def _try(where: str, robot: str | None, as_json: bool) -> None:
 
 
 def _show(name: str | None, robot: str, as_json: bool) -> None:
-    from ..mechanisms.registry import every, parts, with_plugins
-    from ..mechanisms.serialization import mechanism_card
+    from ..mechanisms.registry import build_mechanisms, every, with_plugins
+    from ..mechanisms.serialization import describe_mechanism
     from ..robot.files import load
 
     arm = load(robot)
     registry, broken = with_plugins(robot=arm)
-    built = parts(name, arm, registry) if name else every(arm, registry)
+    built = build_mechanisms(name, arm, registry) if name else every(arm, registry)
     alike: dict[str, int] = {}
     for m in built:
         alike[m.name] = alike.get(m.name, 0) + 1
     cards = [
-        mechanism_card(m) | {"constants": alike[m.name]}
+        describe_mechanism(m) | {"constants": alike[m.name]}
         for m in {m.name: m for m in reversed(built)}.values()
     ][::-1]
     if as_json:
@@ -111,7 +111,7 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
     if name and not cards:
         click.echo(f"{name} does not apply to {robot}.")
     if not name:
-        absent = [stem for stem in registry if not parts(stem, arm, registry)]
+        absent = [stem for stem in registry if not build_mechanisms(stem, arm, registry)]
         if absent:
             click.echo(f"Not on {robot}: {', '.join(absent)}.")
     for plugin, why in broken.items():

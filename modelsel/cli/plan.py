@@ -68,7 +68,7 @@ def plan(
 ) -> None:
     """What to measure next: what best tells a study's rival explanations apart, or determines its
     parameters."""
-    from .._files import csv_bytes, write_beside
+    from .._files import csv_bytes, write_atomically
     from ..calibration.experiment_design import more_needed
     from ..config.study_file import read_study
     from ..mechanisms.registry import with_plugins
@@ -88,7 +88,7 @@ def plan(
     table, known, limit = found.to_frame(), found.configurations, result.nothing_else[1]
     more = None if size is None or limit is None else more_needed(limit, known, size)
     if out is not None:
-        write_beside(out, csv_bytes(table, "%.6f"))
+        write_atomically(out, csv_bytes(table, "%.6f"))
     if as_json:
         print_json(
             {

@@ -15,7 +15,7 @@ from types import ModuleType
 import numpy as np
 
 from ..exceptions import StudyError
-from ..mechanisms.registry import Registry, parts, unsound
+from ..mechanisms.registry import Registry, build_mechanisms, find_entry_problem
 from ..robot.kinematics import Robot
 from ..testing import broken
 
@@ -120,13 +120,13 @@ def tried(
     for name, entry in entries.items():
         found = []
         for robot in robots:
-            wrong = unsound(name, entry, robot)
+            wrong = find_entry_problem(name, entry, robot)
             if wrong is not None:
                 found.append((name, robot.name, [wrong]))
                 continue
             found += [
                 (m.name, robot.name, broken(m, robot, np.random.default_rng([seed, k])))
-                for k, m in enumerate(parts(name, robot, {name: entry}))
+                for k, m in enumerate(build_mechanisms(name, robot, {name: entry}))
             ]
         out += found or [(name, "", [])]
     return out

@@ -12,10 +12,10 @@ from unicodedata import normalize
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from .._names import unfit
-from .._text import read_text, toml
+from .._names import find_name_problem
+from .._text import parse_toml, read_text
 from ..exceptions import StudyError, suggest
-from .messages import plain_values, wording
+from .messages import describe_error, to_toml_values
 from .study_file import FileName, Name, Study, Vector, find_data, read_study
 
 # One part of a path on any system, not hidden, and not a name that Windows keeps for a device or
@@ -85,16 +85,16 @@ class Fleet:
 def read_fleet(path: Path) -> Fleet:
     """A fleet file and the study files it names. Raises StudyError with every problem and its
     place."""
-    table = toml(read_text(path, "the fleet file"), path.name)
+    table = parse_toml(read_text(path, "the fleet file"), path.name)
     try:
-        found = FleetFile.model_validate(plain_values(table))
+        found = FleetFile.model_validate(to_toml_values(table))
     except ValidationError as error:
         raise StudyError(*(f"{path.name}: {_sentence(e)}" for e in error.errors())) from None
     problems: list[str] = []
     entries = [
         StudyTable(file=str(file.relative_to(path.parent)))
         for pattern in found.studies
-        for file in matching(path.parent, pattern, problems)
+        for file in find_files(path.parent, pattern, problems)
     ]
     tasks = [
         task
@@ -113,7 +113,7 @@ def read_fleet(path: Path) -> Fleet:
     problems += [
         f'"{name}" is no name for a folder: give another name, of letters and digits.'
         for name in names
-        if not FOLDER.fullmatch(name) or unfit(name) is not None
+        if not FOLDER.fullmatch(name) or find_name_problem(name) is not None
     ]
     if not names and not problems:
         problems.append('no studies: give studies = ["*/study.toml"], [[study]] or [[parts]].')
@@ -122,7 +122,7 @@ def read_fleet(path: Path) -> Fleet:
     return Fleet(found.name, tuple(tasks), tuple(found.parts), path.parent)
 
 
-def matching(folder: Path, pattern: str, problems: list[str]) -> list[Path]:
+def find_files(folder: Path, pattern: str, problems: list[str]) -> list[Path]:
     """The files of a pattern; where there is none, a problem more."""
     try:
         files = sorted(folder.glob(pattern))
@@ -177,4 +177,4 @@ def _sentence(error: Any) -> str:
         return f'unknown key "{place}". {suggest(str(error["loc"][-1]), table.model_fields)}'
     if error["type"] == "missing":
         return f"{place} is missing."
-    return f"{place}: {wording(error)}."
+    return f"{place}: {describe_error(error)}."

@@ -19,7 +19,7 @@ def _shown(value: Any) -> str:
     )
 
 
-def wording(error: Any) -> str:
+def describe_error(error: Any) -> str:
     """What pydantic says of a value, in words of the file: expected …, found …."""
     kind, what = error["type"], error["msg"].removeprefix("Value error, ")
     if kind == "value_error":
@@ -42,22 +42,22 @@ def _float(value: float) -> float:
     return float(value) if abs(value) < 1e300 else float("inf")
 
 
-def plain_values(value: Any) -> Any:
+def to_toml_values(value: Any) -> Any:
     """Values as TOML would have them. Whole numbers inside arrays count as numbers (TOML tells 100
     from 100.0; a tool's offset need not); from Python tuples and arrays are arrays, a path is its
     text."""
     if isinstance(value, Mapping):
         lengths = ("_mm", "_ppm", "_urad", "size")
         return {
-            k: _float(v) if type(v) is int and str(k).endswith(lengths) else plain_values(v)
+            k: _float(v) if type(v) is int and str(k).endswith(lengths) else to_toml_values(v)
             for k, v in value.items()
         }
     if isinstance(value, (np.ndarray, np.generic)):
-        return plain_values(value.tolist())
+        return to_toml_values(value.tolist())
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if isinstance(value, (list, tuple)):
         if value and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in value):
             return [_float(v) for v in value]
-        return [plain_values(v) for v in value]
+        return [to_toml_values(v) for v in value]
     return value

@@ -21,18 +21,18 @@ from pydantic import (
 from pydantic import SerializerFunctionWrapHandler as Plain
 
 from .._names import as_name
-from .._text import read_text, toml
+from .._text import parse_toml, read_text
 from .._typing import LARGEST
 from ..exceptions import StudyError, suggest
-from ..measurements.table import Source, digest
-from ..robot.files import named, robot_record
+from ..measurements.table import Source, hash_source
+from ..robot.files import check_robot_name, robot_record
 from ..robot.kinematics import Robot
-from .messages import plain_values, wording
+from .messages import describe_error, to_toml_values
 
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 Positive = Annotated[float, Field(ge=1e-9, le=LARGEST, allow_inf_nan=False)]
-Nought = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1, le=10_000_000)]  # of configurations: what a computer holds
 Name = Annotated[str, AfterValidator(as_name)]
 FileName = Annotated[str, Field(min_length=1, max_length=4000, pattern=r"^[^\x00-\x1f\x7f]+$")]
@@ -68,7 +68,7 @@ class RobotTable(_Table):
     @model_validator(mode="after")
     def _one_source(self) -> RobotTable:
         if self.nominal is not None:
-            named(self.nominal)
+            check_robot_name(self.nominal)
         if [self.nominal, self.name, self.file].count(None) != 2:
             raise ValueError('give either name = "…" (built in) or file = "robot.toml"')
         if self.file is None and (self.base or self.tip):
@@ -96,7 +96,7 @@ class RobotTable(_Table):
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldFrame:
     """A DataFrame as it was when the study was described; two are equal where their cells are."""
 
     sha256: str
@@ -120,7 +120,7 @@ class MeasurementsTable(_Table):
     DataFrame alone stands for the table."""
 
     file: FileName
-    frame: Held | None = Field(None, exclude=True)  # its hash is that of the data
+    frame: HeldFrame | None = Field(None, exclude=True)  # its hash is that of the data
     columns: dict[str, str] = {}
     features: dict[Name, FeatureTable] = {}
 
@@ -146,7 +146,7 @@ class MeasurementsTable(_Table):
                 f"expected a file or a pandas DataFrame, found {type(table['frame']).__name__}"
             )
         frame = table["frame"].copy()
-        return {**table, "file": "DataFrame", "frame": Held(digest(frame), frame)}
+        return {**table, "file": "DataFrame", "frame": HeldFrame(hash_source(frame), frame)}
 
 
 class SplitTable(_Table):
@@ -192,9 +192,9 @@ class NoiseTable(_Table):
     """[noise]: a known floor, or the instrument."""
 
     floor_mm: Positive | None = None
-    range_mm: Nought = 0.0
-    range_ppm: Nought = 0.0
-    angle_urad: Nought = 0.0
+    range_mm: NonNegative = 0.0
+    range_ppm: NonNegative = 0.0
+    angle_urad: NonNegative = 0.0
     tracker_mm: Vector = [0.0, 0.0, 0.0]
 
     @property
@@ -223,7 +223,7 @@ class SimulateTable(_Table):
     are drawn."""
 
     configurations: Count = 200
-    noise_mm: Nought = 0.06
+    noise_mm: NonNegative = 0.06
     effect: list[EffectTable] = []
 
 
@@ -244,7 +244,7 @@ class Study(_Table):
 
     def __init__(self, /, **tables: Any) -> None:
         try:
-            super().__init__(**plain_values(tables))
+            super().__init__(**to_toml_values(tables))
         except ValidationError as error:
             sentences: dict[str, None] = {}
             for problem in error.errors():
@@ -299,12 +299,12 @@ def _sentence(error: Any) -> str:
         return f'{where}: unknown key "{error["loc"][-1]}". {suggest(str(error["loc"][-1]), _known(error["loc"][:-1]))}'
     if error["type"] == "missing":
         return f"{place} is missing."
-    return f"{place}: {wording(error)}."
+    return f"{place}: {describe_error(error)}."
 
 
 def parse_study(text: str, where: str) -> Study:
     """A study from TOML text. Raises StudyError with every problem and its place in `where`."""
-    table = toml(text, where)
+    table = parse_toml(text, where)
     try:
         return Study(**table)
     except StudyError as error:
@@ -335,7 +335,7 @@ def find_data(name: str, beside: Path) -> Path:
     return beside / name
 
 
-def data_of(study: Study, folder: Path) -> Source:
+def find_source(study: Study, folder: Path) -> Source:
     """A study's measurements: the DataFrame it holds, else the file."""
     held = study.measurements.frame
     return find_data(study.measurements.file, folder) if held is None else held.frame

@@ -19,11 +19,11 @@ from ..fitting.design import Model
 from ..fitting.problem import Problem
 from ..measurements.reference_temperature import TEMPERATURE
 from ..mechanisms.causes import Applied, Bump, Cause, Named, cos, q, sign, sin, torque
-from ..mechanisms.drives import WAVES, wave
-from ..mechanisms.environment import warmth
-from ..mechanisms.gravity_effects import far, near
+from ..mechanisms.drives import WAVES, wave_terms
+from ..mechanisms.environment import temperature_rise
+from ..mechanisms.gravity_effects import forearm_lever, upper_arm_lever
 from ..mechanisms.terms import Mechanism, Screw, Term
-from ..robot.gravity import arm_pair, under_gravity
+from ..robot.gravity import find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from ..selection.comparison import MOST
@@ -102,7 +102,7 @@ def cell_causes(problem: Problem) -> tuple[tuple[Cause, ...], ...]:
         along = q(j, "mm")
         out.append((along, along * along))
         out += (
-            [(warmth(problem.data.reference_celsius) * along, along)]
+            [(temperature_rise(problem.data.reference_celsius) * along, along)]
             if TEMPERATURE in problem.data.covariates
             else []
         )
@@ -113,23 +113,26 @@ def cell_causes(problem: Problem) -> tuple[tuple[Cause, ...], ...]:
             apart,
             both + apart,
         ]  # together: any product of a wave of the one and a wave of the other
-    loaded = under_gravity(robot)
+    loaded = find_gravity_joints(robot)
     out += [(torque(j),) for j in loaded] + [(sign(torque(j)),) for j in loaded]
-    if (pair := arm_pair(robot)) is not None:
-        out += [(far(pair),), (near(pair),), (sign(far(pair)),)]
+    if (pair := find_arm_pair(robot)) is not None:
+        out += [(forearm_lever(pair),), (upper_arm_lever(pair),), (sign(forearm_lever(pair)),)]
     out += [(Named(f"approach{j}"),) for j in range(1, robot.n + 1)]
     out += [(cause,) for cause in warming(problem)]
     units = problem.names()
     for name in problem.data.covariates:
         out.append(
             (
-                warmth(problem.data.reference_celsius)
+                temperature_rise(problem.data.reference_celsius)
                 if name == TEMPERATURE
                 else Named(name, units[name]),
             )
         )
         if name == "payload_kg" and pair is not None:
-            out += [(Named(name, "kg") * far(pair),), (Named(name, "kg") * near(pair),)]
+            out += [
+                (Named(name, "kg") * forearm_lever(pair),),
+                (Named(name, "kg") * upper_arm_lever(pair),),
+            ]
     return tuple(out)
 
 
@@ -177,7 +180,7 @@ def waves(robot: Robot) -> list[tuple[Mechanism, float]]:
         (
             Mechanism(
                 f"{j} rz {count:g} waves",
-                wave(j, count, "rz", "m"),
+                wave_terms(j, count, "rz", "m"),
                 f"Joint {j} turns unevenly: {count:g} waves a turn",
             ),
             weight,

@@ -15,7 +15,7 @@ import numpy as np
 from .._typing import Array
 from ..mechanisms.causes import ONE, Member
 from ..mechanisms.terms import FIXTURE_AXES, Mechanism, Screw, Term, terms_of
-from ..robot._kernels import Frame, Space, screws_into
+from ..robot._kernels import Frame, Workspace, fill_screw_field
 from ..robot.kinematics import Pose, walk
 from ..robot.rigid import AXES, rotation_vector
 from .observation import gradients, predicted
@@ -95,12 +95,12 @@ def assemble(
     terms: Sequence[Term],
     at: tuple[Sequence[Term], Array] | None = None,
     rows: slice | None = None,
-    space: Space | None = None,
+    space: Workspace | None = None,
 ) -> Array:
     """[columns | residual] (p+1, c, rows) of some rows, not whitened, linearised at the fitted
     point `at` (terms, theta) or at the nominal model. With `space` the array is overwritten by the
     next call."""
-    rows, space = rows or slice(0, len(problem)), space or Space()
+    rows, space = rows or slice(0, len(problem)), space or Workspace()
     if problem.data.gauges is not None:
         return _gauged(problem, terms, at, rows, space)
     m, n, c, p = rows.stop - rows.start, problem.robot.n, problem.components, len(terms)
@@ -124,7 +124,7 @@ def assemble(
         space,
     )
     _residual(problem, seen, rows, out[-1])
-    screws_into(field, origins, origins[-1], twist is not None, space)
+    fill_screw_field(field, origins, origins[-1], twist is not None, space)
     _products(problem, field, terms[:first], rows, out[:first], space)
     covered = min(p, first + 6 * n + 6)  # the field is read before it is overwritten
     others = space.array("others", max(covered - stop, 0), c, m)
@@ -161,7 +161,7 @@ def _gauged(
     terms: Sequence[Term],
     at: tuple[Sequence[Term], Array] | None,
     rows: slice,
-    space: Space,
+    space: Workspace,
 ) -> Array:
     """`assemble` where not every row is a point: the target's own three rows of the design, turned
     into the row's by its gradient, less those of the configuration where a distance begins; the
@@ -177,7 +177,9 @@ def _gauged(
     x, start = -block[-1, :3], None
     out = np.zeros((len(terms) + 1, *block.shape[1:]))
     out[-1] = block[-1]
-    other = None if problem.origin is None else assemble(problem.origin, arm, point, rows, Space())
+    other = (
+        None if problem.origin is None else assemble(problem.origin, arm, point, rows, Workspace())
+    )
     if other is not None:
         start = -other[-1, :3]
     G, E = gradients(gauges, problem.fixtures, values, x, start)
@@ -232,7 +234,7 @@ def directions(problem: Problem, at: Pose, rows: slice) -> Array:
 def columns_of(problem: Problem, field: Array, terms: Sequence[Term], rows: slice) -> Array:
     """Columns (p, c, rows) of terms from a screw field."""
     out = np.empty((len(terms), *field.shape[2:]))
-    _products(problem, field, terms, rows, out, Space())
+    _products(problem, field, terms, rows, out, Workspace())
     return out
 
 
@@ -256,7 +258,7 @@ def _run(terms: Sequence[Term]) -> tuple[int, int]:
 
 
 def _products(
-    problem: Problem, field: Array, terms: Sequence[Term], rows: slice, out: Array, space: Space
+    problem: Problem, field: Array, terms: Sequence[Term], rows: slice, out: Array, space: Workspace
 ) -> None:
     """Columns of terms, screw field times cause, into out (len(terms), c, rows)."""
     scaled = space.array("scaled", *out.shape[1:])
@@ -280,7 +282,7 @@ def _products(
 def residuals(problem: Problem, terms: Sequence[Term] = (), theta: Array | None = None) -> Array:
     """Exact residuals (m, c) [mm, rad], not whitened, at parameters theta; the nominal model
     without."""
-    out, space = np.empty((len(problem), problem.components)), Space()
+    out, space = np.empty((len(problem), problem.components)), Workspace()
     if problem.data.gauges is not None:
         return _gauged_residuals(problem, terms, np.zeros(len(terms)) if theta is None else theta)
     for rows, part in problem.parts():

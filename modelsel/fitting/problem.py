@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .._typing import Array, Index
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Cause
-from ..robot.gravity import moment, moments, unit_moments
+from ..robot.gravity import compute_base_moment, compute_joint_moments, compute_unit_moments
 from ..robot.kinematics import Pose, Robot, pose
 from .observation import Fixtures, readings
 
@@ -234,19 +234,19 @@ class Problem:
         if name.startswith("moment_"):
             return {
                 f"moment_{axis}": row
-                for axis, row in zip("xyz", moment(robot, at, data.q), strict=True)
+                for axis, row in zip("xyz", compute_base_moment(robot, at, data.q), strict=True)
             }
         if name.count("_") == 1 + name.startswith(
             "moment"
         ):  # moment2_x_3, torque2_3: of 1 kg at one frame
             return {
                 each: row
-                for (j, k), rows in unit_moments(robot, at).items()
+                for (j, k), rows in compute_unit_moments(robot, at).items()
                 for each, row in zip(
                     (f"moment{j}_x_{k}", f"moment{j}_y_{k}", f"torque{j}_{k}"), rows, strict=True
                 )
             }
-        bends = moments(robot, at, data.q)
+        bends = compute_joint_moments(robot, at, data.q)
         return {f"torque{j + 1}": m[2] for j, m in enumerate(bends)} | {
             f"moment{j + 1}_{axis}": m[a]
             for j, m in enumerate(bends)

@@ -30,7 +30,7 @@ def _suspects(columns: Sequence[NDArray[Any]], m: int) -> Mask:
     return suspect
 
 
-def duplicates(table: Mapping[str, NDArray[Any]], m: int) -> Mask:
+def find_duplicates(table: Mapping[str, NDArray[Any]], m: int) -> Mask:
     """(m,) rows that repeat an earlier one cell for cell; compared one by one only where a hash of
     the numbers agrees."""
     suspect = _suspects([column for column in table.values() if column.dtype != object], m)
@@ -45,7 +45,7 @@ def duplicates(table: Mapping[str, NDArray[Any]], m: int) -> Mask:
     return out
 
 
-def copies(
+def find_copies(
     q: Array, position: Array, others: Sequence[NDArray[Any]], times: Array | None = None
 ) -> tuple[Mask, tuple[int, int] | None]:
     """((m,) rows that hold the readings q (m, n), the position (m, 3) and the `others` (m,) of an

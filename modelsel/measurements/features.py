@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 KINDS = ("point", "x", "y", "z", "wire", "ball-bar", "distance", "same-point", "plane")
 PLACE = ("tx", "ty", "tz")
-UNKNOWN = {
+FREE_NUMBERS = {
     "wire": PLACE,
     "ball-bar": PLACE,
     "same-point": PLACE,
@@ -54,7 +54,7 @@ class Feature:
     free: tuple[str, ...] = ()
 
 
-def features_of(
+def collect_features(
     kind: Sequence[str], feature: Sequence[str], length: Array
 ) -> tuple[NDArray[np.intp], tuple[Feature, ...]]:
     """((m,) every row's feature, -1 for none, the features numbered by their first rows); a
@@ -65,7 +65,7 @@ def features_of(
             first.setdefault(name, k)
     number = {name: k for k, name in enumerate(first)}
     unknown = {
-        name: UNKNOWN[kind[k]]
+        name: FREE_NUMBERS[kind[k]]
         + (("length",) if kind[k] == "ball-bar" and np.isnan(length[k]) else ())
         for name, k in first.items()
     }
@@ -75,7 +75,7 @@ def features_of(
     )
 
 
-def framed(
+def add_kind_columns(
     frame: pd.DataFrame, kind: Sequence[str], feature: Sequence[str], length: Array
 ) -> pd.DataFrame:
     """The contract's columns of rows that are no points, from those that points would have: cells

@@ -14,10 +14,10 @@ from .._typing import Array, Index
 from ..exceptions import DataError
 from ..notices import Note
 from ..robot.rigid import to_quaternion
-from .features import COORDINATES, KINDS, Feature, features_of, framed
-from .reference_temperature import REFERENCE, reference
-from .resting_joints import resting, said
-from .row_order import campaign
+from .features import COORDINATES, KINDS, Feature, add_kind_columns, collect_features
+from .reference_temperature import REFERENCE, choose_reference
+from .resting_joints import describe_resting_joints, find_resting_steps
+from .row_order import compute_progress
 from .table import Where
 
 if TYPE_CHECKING:
@@ -160,7 +160,7 @@ class Measurements:
             [*(f.name for f in gauges.features), ""],
             np.flatnonzero(gauges.of("distance")),
         )
-        out = framed(
+        out = add_kind_columns(
             frame,
             [KINDS[k] for k in gauges.kind],
             [names[k] for k in gauges.feature],
@@ -170,7 +170,7 @@ class Measurements:
             return out
         feature, first = np.unique(gauges.feature[distance], return_index=True)
         start = gauges.origin.take(distance[first]).to_frame()
-        begins = framed(
+        begins = add_kind_columns(
             start,
             ["distance"] * len(first),
             [names[k] for k in feature],
@@ -187,18 +187,18 @@ class Measurements:
         return f"<p>{self!r}</p>{self.to_frame().to_html(max_rows=6, max_cols=10, float_format='%.4g')}"
 
 
-def numbered(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tuple[str, ...]]:
+def number_keys(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tuple[str, ...]]:
     """Index of each key's first appearance, and the distinct keys in that order."""
     names: dict[str, int] = {}
     index = np.array([names.setdefault(str(key), len(names)) for key in keys], dtype=np.intp)
     return index, tuple(names)
 
 
-def visits(q: Array, explicit: Sequence[object] | None, group: Index) -> Index:
+def number_visits(q: Array, explicit: Sequence[object] | None, group: Index) -> Index:
     """Configuration of every row: the given column, else adjacent rows with equal readings in one
     group."""
     if explicit is not None:
-        return numbered(explicit)[0]
+        return number_keys(explicit)[0]
     new = np.ones(len(q), bool)
     new[1:] = (np.abs(np.diff(q, axis=0)).max(1) > SAME_READING) | (np.diff(group) != 0)
     return np.asarray(np.cumsum(new) - 1, dtype=np.intp)
@@ -219,7 +219,7 @@ def _near(q: Array, order: Index, close: NDArray[np.bool_]) -> Index | None:
     return None
 
 
-def blocks(q: Array, configuration: Index) -> Index:
+def number_blocks(q: Array, configuration: Index) -> Index:
     """Rows whose readings agree to 1e-6, or that share a configuration, get one number."""
     visit, first, which = np.unique(configuration, return_index=True, return_inverse=True)
     slant = np.sqrt(
@@ -247,7 +247,7 @@ def blocks(q: Array, configuration: Index) -> Index:
     )
 
 
-def motion(
+def derive_motion(
     q: Array, configuration: Index, group: Index, order: Array, prismatic: Sequence[bool]
 ) -> tuple[Array, Array, Array]:
     """(approach, move), each (m, n), from the order of motion, and the largest flicker of each
@@ -262,7 +262,7 @@ def motion(
     step[np.abs(step) <= SAME_READING] = 0
     index = np.arange(len(start))[:, None]
     opening = np.r_[True, np.diff(group[start]) != 0] if len(start) else np.zeros(0, bool)
-    still = resting(step, opening, prismatic)
+    still = find_resting_steps(step, opening, prismatic)
     flicker = np.abs(np.where(still, step, 0.0)).max(0, initial=0.0)
     step[still] = 0
     last = np.maximum.accumulate(np.where((step != 0) | opening[:, None], index, 0), axis=0)
@@ -272,7 +272,7 @@ def motion(
     return sign[where[configuration]], np.abs(step)[where[configuration]], flicker
 
 
-def in_turn(unit: Index, progress: Array) -> tuple[Index, Index]:
+def order_units(unit: Index, progress: Array) -> tuple[Index, Index]:
     """(every row's unit (m,) numbered as the arm came to them, the first row (u,) of each): the
     same whatever the rows' order."""
     _, which = np.unique(unit, return_inverse=True)
@@ -282,7 +282,7 @@ def in_turn(unit: Index, progress: Array) -> tuple[Index, Index]:
     return np.asarray(np.argsort(order, kind="stable")[which], dtype=np.intp), first[order]
 
 
-def measurements(
+def build_measurements(
     q: Array,
     position: Array,
     *,
@@ -309,13 +309,15 @@ def measurements(
     q, position = np.asarray(q, float), np.asarray(position, float)
     m = len(q)
     target_index, targets = (
-        numbered(target) if target is not None else (np.zeros(m, np.intp), ("target",))
+        number_keys(target) if target is not None else (np.zeros(m, np.intp), ("target",))
     )
-    group_index, groups = numbered(group) if group is not None else (np.zeros(m, np.intp), ("all",))
+    group_index, groups = (
+        number_keys(group) if group is not None else (np.zeros(m, np.intp), ("all",))
+    )
     order = np.arange(m, dtype=float) if order is None else np.asarray(order, float)
-    visit = visits(q, configuration, group_index)
-    derived, move, flicker = motion(q, visit, group_index, order, prismatic)
-    if (rest := said(flicker, prismatic)) is not None:
+    visit = number_visits(q, configuration, group_index)
+    derived, move, flicker = derive_motion(q, visit, group_index, order, prismatic)
+    if (rest := describe_resting_joints(flicker, prismatic)) is not None:
         notes = (*notes, Note("joint-rests", rest))
     if approach is None:
         approach = derived
@@ -332,13 +334,13 @@ def measurements(
         position,
         np.arange(m) if row is None else row,
         visit,
-        blocks(q, visit),
+        number_blocks(q, visit),
         target_index,
         group_index,
         order,
         np.asarray(approach, float),
         move,
-        campaign(group_index, order, (covariates or {}).get("time_s")),
+        compute_progress(group_index, order, (covariates or {}).get("time_s")),
         targets,
         groups,
         dict(covariates or {}),
@@ -347,12 +349,12 @@ def measurements(
         sigma_rotation,
         notes,
         tuple(prismatic),
-        reference_celsius=reference(covariates or {}),
+        reference_celsius=choose_reference(covariates or {}),
     )
     if kind is None or set(kind) <= {"point"}:
         return made
     length = np.full(m, np.nan) if length is None else np.asarray(length, float)
-    index, features = features_of(kind, [""] * m if feature is None else feature, length)
+    index, features = collect_features(kind, [""] * m if feature is None else feature, length)
     return _from_origins(
         made,
         Gauges(

@@ -13,14 +13,28 @@ import numpy as np
 
 from .._typing import LARGEST, Array
 from ..exceptions import StudyError, suggest
-from .columns import SMALLEST, Mask, blank, measured, named, numbers, together
-from .duplicates import duplicates
-from .features import KINDS, UNKNOWN
+from .columns import (
+    MIN_UNCERTAINTY,
+    Mask,
+    check_names,
+    find_blank_cells,
+    read_column_set,
+    read_numbers,
+    read_quantity,
+)
+from .duplicates import find_duplicates
+from .features import FREE_NUMBERS, KINDS
 from .measurements import Measurements
 from .table import Table
 
-NAMED = ("wire", "ball-bar", "distance", "same-point", "plane")  # kinds whose rows name a feature
-COLUMNS = ("kind", "feature", "length_mm", "s_mm")
+KINDS_WITH_FEATURE = (
+    "wire",
+    "ball-bar",
+    "distance",
+    "same-point",
+    "plane",
+)  # kinds whose rows name a feature
+KIND_COLUMNS = ("kind", "feature", "length_mm", "s_mm")
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +57,8 @@ def _words(table: Table, name: str) -> list[str]:
         return [""] * len(table)
     column = table.columns[name]
     return [
-        "" if none else str(cell).strip() for cell, none in zip(column, blank(column), strict=True)
+        "" if none else str(cell).strip()
+        for cell, none in zip(column, find_blank_cells(column), strict=True)
     ]
 
 
@@ -61,10 +76,10 @@ def read_kinds(table: Table) -> Kinds | None:
                 column="kind",
                 remedy=f"Kinds are {', '.join(KINDS)}.",
             )
-    feature = named(table, "feature", _words(table, "feature"))
+    feature = check_names(table, "feature", _words(table, "feature"))
     first: dict[str, int] = {}
     for row, (word, name) in enumerate(zip(kind, feature, strict=True)):
-        if bool(name) != (word in NAMED):
+        if bool(name) != (word in KINDS_WITH_FEATURE):
             what = (
                 f"a row of kind {word} names no feature"
                 if name
@@ -86,7 +101,9 @@ def read_kinds(table: Table) -> Kinds | None:
                 column="feature",
                 remedy="Give each its own name.",
             )
-    again = duplicates(table.columns, len(kind))  # counted once, later: a distance may begin twice
+    again = find_duplicates(
+        table.columns, len(kind)
+    )  # counted once, later: a distance may begin twice
     for name, row in first.items():
         if (
             kind[row] == "distance"
@@ -105,7 +122,11 @@ def _lengths(
 ) -> Array:
     """(m,) lengths: in every row of a wire, all rows of a ball-bar or none, every row of a distance
     but the feature's first."""
-    empty = blank(table.columns["length_mm"]) if "length_mm" in table else np.ones(len(kind), bool)
+    empty = (
+        find_blank_cells(table.columns["length_mm"])
+        if "length_mm" in table
+        else np.ones(len(kind), bool)
+    )
     bars = {
         name
         for name, word, none in zip(feature, kind, empty, strict=True)
@@ -122,7 +143,7 @@ def _lengths(
     )
     if not rows.any() and "length_mm" not in table:
         return np.full(len(kind), np.nan)
-    out = measured(table, "length", ("mm",), rows)
+    out = read_quantity(table, "length", ("mm",), rows)
     if (out <= 0).any():
         raise table.where.refuse(
             "a length must be above zero.",
@@ -139,7 +160,7 @@ def read_positions(table: Table, kinds: Kinds) -> Array:
     for a, axis in enumerate("xyz"):
         rows = kinds.of("point", axis)
         if rows.any() or any(f"{axis}_{unit}" in table for unit in ("mm", "m")):
-            out[:, a] = measured(table, axis, ("mm", "m"), rows)
+            out[:, a] = read_quantity(table, axis, ("mm", "m"), rows)
     return out
 
 
@@ -148,13 +169,15 @@ def read_uncertainties(table: Table, kinds: Kinds) -> Array | None:
     one or the other in every row, or none at all. Raises DataError."""
     own = None
     if "s_mm" in table:
-        own = numbers(table, "s_mm", -LARGEST, LARGEST, ~blank(table.columns["s_mm"]))
+        own = read_numbers(
+            table, "s_mm", -LARGEST, LARGEST, ~find_blank_cells(table.columns["s_mm"])
+        )
     each = np.full((len(kinds.kind), 3), np.nan)
     if any(f"s{axis}_mm" in table for axis in "xyz"):
         free = np.ones(len(each), bool) if own is None else ~np.isfinite(own)
         for a, axis in enumerate("xyz"):
             if f"s{axis}_mm" in table:
-                each[:, a] = numbers(
+                each[:, a] = read_numbers(
                     table, f"s{axis}_mm", -LARGEST, LARGEST, kinds.of("point", axis) & free
                 )
     elif own is None:
@@ -168,11 +191,11 @@ def read_uncertainties(table: Table, kinds: Kinds) -> Array | None:
     out[kinds.of("distance") & np.isnan(kinds.length) & ~np.isfinite(out).all(1)] = (
         1.0  # where one begins, none is measured
     )
-    good = (np.isfinite(out) & (out >= SMALLEST)).all(1)
+    good = (np.isfinite(out) & (out >= MIN_UNCERTAINTY)).all(1)
     if not good.all():
         row = int(np.argmin(good))
         raise table.where.refuse(
-            f"a row of kind {kinds.kind[row]} has no standard uncertainty above zero, {SMALLEST:g} at "
+            f"a row of kind {kinds.kind[row]} has no standard uncertainty above zero, {MIN_UNCERTAINTY:g} at "
             "least.",
             row=row,
             column="s_mm",
@@ -185,8 +208,8 @@ def read_quaternions(table: Table, kinds: Kinds) -> tuple[Array | None, Array | 
     """(quaternions, their uncertainties) of the points; the other rows' are 1 0 0 0, and nobody
     looks at them. Raises DataError."""
     rows = kinds.of("point")
-    turned = together(table, ("qw", "qx", "qy", "qz"), "zero", rows)
-    spread = together(table, ("srx_rad", "sry_rad", "srz_rad"), "not positive", rows)
+    turned = read_column_set(table, ("qw", "qx", "qy", "qz"), "zero", rows)
+    spread = read_column_set(table, ("srx_rad", "sry_rad", "srz_rad"), "not positive", rows)
     if turned is not None:
         turned[~rows] = 1.0, 0.0, 0.0, 0.0
     if spread is not None:
@@ -199,7 +222,7 @@ def read_quaternions(table: Table, kinds: Kinds) -> tuple[Array | None, Array | 
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownFeature:
     """What a study says of a feature: where it is, a plane's normal, a ball-bar's length;
     `estimate`: these are a first guess; `zero`: the wire's reading leaves out a length that is not
     known."""
@@ -211,7 +234,7 @@ class Known:
     zero: bool = False
 
 
-def with_known(data: Measurements, known: Mapping[str, Known]) -> Measurements:
+def apply_known_features(data: Measurements, known: Mapping[str, KnownFeature]) -> Measurements:
     """The measurements with their features as a study knows them. Raises StudyError with every
     problem."""
     features = () if data.gauges is None else data.gauges.features
@@ -223,7 +246,7 @@ def with_known(data: Measurements, known: Mapping[str, Known]) -> Measurements:
     ]
     out = []
     for f in features:
-        k = known.get(f.name, Known())
+        k = known.get(f.name, KnownFeature())
         problems += [
             f"measurements.features.{f.name}: {what} goes with {kinds}, but its rows are of kind {f.kind}."
             for what, given, kinds in (
@@ -243,7 +266,7 @@ def with_known(data: Measurements, known: Mapping[str, Known]) -> Measurements:
                 f"measurements.features.{f.name}: length_mm stands in its rows already; give it once."
             )
         placed = k.position is not None and not k.estimate
-        free = (() if placed else UNKNOWN[f.kind]) + (("length",) if k.zero else ())
+        free = (() if placed else FREE_NUMBERS[f.kind]) + (("length",) if k.zero else ())
         if f.kind == "ball-bar" and k.length is None and "length" in f.free:
             free += ("length",)
         out.append(replace(f, position=k.position, normal=k.normal, length=k.length, free=free))

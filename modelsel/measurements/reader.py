@@ -11,24 +11,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._names import plain_word
+from .._names import is_plain_word
 from .._typing import Array
 from ..exceptions import StudyError, one_line, suggest
 from ..notices import Note
 from ..robot.rigid import from_quaternion
-from .columns import READINGS, as_numbers, labels, measured, numbers, together
-from .duplicates import copies, duplicates
-from .measurements import Measurements, measurements, numbered
+from .columns import (
+    READING_UNITS,
+    convert_to_numbers,
+    read_column_set,
+    read_names,
+    read_numbers,
+    read_quantity,
+)
+from .duplicates import find_copies, find_duplicates
+from .measurements import Measurements, build_measurements, number_keys
 from .observation_columns import (
-    COLUMNS,
+    KIND_COLUMNS,
     Kinds,
     read_kinds,
     read_positions,
     read_quaternions,
     read_uncertainties,
 )
-from .table import Source, Table, Where, read_table, renamed
-from .unit_names import mapped_units, other_units
+from .table import Source, Table, Where, load_table, rename_columns
+from .unit_names import refuse_mapped_units, refuse_other_units
 
 JOINT = re.compile(r"q([0-9]{1,9})_(?:rad|deg|mm|m)")
 TEXT = ("target", "configuration", "group")
@@ -62,7 +69,7 @@ RESERVED = re.compile(
 def _joints(table: Table, prismatic: Sequence[bool]) -> Array:
     columns, where = [], table.where
     for j, slides in enumerate(prismatic, 1):
-        q = measured(table, f"q{j}", READINGS[slides])
+        q = read_quantity(table, f"q{j}", READING_UNITS[slides])
         if not slides and f"q{j}_rad" in table and len(q) and np.abs(q).max() > 4 * np.pi:
             row = int(np.argmax(np.abs(q) > 4 * np.pi))
             raise where.refuse(
@@ -89,13 +96,15 @@ def _covariates(table: Table, used: set[str]) -> tuple[dict[str, Array], list[No
         if name in used or JOINT.fullmatch(name):
             continue
         values = (
-            numbers(table, name, -1e12, 1e12) if name in KNOWN else as_numbers(table.columns[name])
+            read_numbers(table, name, -1e12, 1e12)
+            if name in KNOWN
+            else convert_to_numbers(table.columns[name])
         )
         if not np.isfinite(values).any():
             ignored.append(name)
         elif (
             not (np.abs(values) <= 1e30).all()
-            or not plain_word(name)
+            or not is_plain_word(name)
             or name in FUNCTIONS
             or RESERVED.fullmatch(name)
         ):
@@ -141,12 +150,14 @@ def read_measurements(
     stands there twice is one. Raises DataError with file, line and column, or row (from 0) and
     column of the DataFrame; StudyError for a contract name that is none."""
     _known(columns or {}, prismatic)
-    table = read_table(source, group)
-    mapped_units(columns or {}, prismatic, table.where)
-    table = renamed(table, columns or {})
+    table = load_table(source, group)
+    refuse_mapped_units(columns or {}, prismatic, table.where)
+    table = rename_columns(table, columns or {})
     where, n, m = table.where, len(prismatic), len(table)
     gauged = "kind" in table and "feature" in table
-    other_units(table, _names(prismatic) - set(() if gauged else COLUMNS), prismatic, gauged)
+    refuse_other_units(
+        table, _names(prismatic) - set(() if gauged else KIND_COLUMNS), prismatic, gauged
+    )
     q = _joints(table, prismatic)
     there = positions or any(
         name in table for axis in "xyz" for name in (axis, f"{axis}_mm", f"{axis}_m")
@@ -156,14 +167,14 @@ def read_measurements(
         position = read_positions(table, kinds)
     else:
         position = (
-            np.stack([measured(table, axis, ("mm", "m")) for axis in "xyz"], 1)
+            np.stack([read_quantity(table, axis, ("mm", "m")) for axis in "xyz"], 1)
             if there
             else np.full((m, 3), np.nan)
         )
     if not m:
         raise where.refuse("a header, but no rows.", row=0, remedy="Each measured point is a row.")
     sigma, quaternion, sigma_rotation = _spreads(table, kinds)
-    approach = together(table, [f"approach{j}" for j in range(1, n + 1)])
+    approach = read_column_set(table, [f"approach{j}" for j in range(1, n + 1)])
     if approach is not None and not np.isin(approach, (-1.0, 0.0, 1.0)).all():
         at, j = np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))[0]
         raise where.refuse(
@@ -172,15 +183,15 @@ def read_measurements(
             column=f"approach{j + 1}",
             remedy="Correct the cell, or leave the approach columns out.",
         )
-    text = {name: labels(table, name) for name in TEXT if name in table}
-    order = numbers(table, "order") if "order" in table else None
+    text = {name: read_names(table, name) for name in TEXT if name in table}
+    order = read_numbers(table, "order") if "order" in table else None
     covariates, notes = _covariates(
-        table, _names(prismatic) - {*KNOWN, *(() if kinds is not None else COLUMNS)}
+        table, _names(prismatic) - {*KNOWN, *(() if kinds is not None else KIND_COLUMNS)}
     )
     if "configuration" in text:
         _one_reading_each(text["configuration"], q, prismatic, where)
     others = [] if quaternion is None else list(quaternion.T)
-    others += [numbered(text["target"])[0]] if "target" in text else []
+    others += [number_keys(text["target"])[0]] if "target" in text else []
     others += [covariates[name] for name in ("payload_kg", "temperature_C") if name in covariates]
     keep = np.ones(m, bool)
     if once:
@@ -190,7 +201,7 @@ def read_measurements(
     def kept(values: Any) -> Any:
         return None if values is None else np.asarray(values)[keep]
 
-    made = measurements(
+    made = build_measurements(
         q[keep],
         position[keep],
         row=np.flatnonzero(keep),
@@ -219,7 +230,7 @@ def read_measurements(
         made,
         where=where,
         units=tuple(
-            next(u for u in READINGS[slides] if f"q{j}_{u}" in table)
+            next(u for u in READING_UNITS[slides] if f"q{j}_{u}" in table)
             for j, slides in enumerate(prismatic, 1)
         ),
     )
@@ -230,9 +241,9 @@ def _spreads(table: Table, kinds: Kinds | None) -> tuple[Array | None, Array | N
     if kinds is not None:
         return read_uncertainties(table, kinds), *read_quaternions(table, kinds)
     return (
-        together(table, ("sx_mm", "sy_mm", "sz_mm"), "not positive"),
-        together(table, ("qw", "qx", "qy", "qz"), "zero"),
-        together(table, ("srx_rad", "sry_rad", "srz_rad"), "not positive"),
+        read_column_set(table, ("sx_mm", "sy_mm", "sz_mm"), "not positive"),
+        read_column_set(table, ("qw", "qx", "qy", "qz"), "zero"),
+        read_column_set(table, ("srx_rad", "sry_rad", "srz_rad"), "not positive"),
     )
 
 
@@ -257,7 +268,7 @@ def _compared(
             *others,
             *(
                 np.asarray(c, float)
-                for c in (numbered(kinds.kind)[0], numbered(kinds.feature)[0], begins)
+                for c in (number_keys(kinds.kind)[0], number_keys(kinds.feature)[0], begins)
             ),
         ],
         times,
@@ -269,7 +280,7 @@ def _once(
 ) -> tuple[NDArray[np.bool_], list[Note]]:
     """((m,) rows that count, what is said of the others): a measurement that stands in the file
     twice is one."""
-    again, notes = duplicates(table.columns, len(q)), []
+    again, notes = find_duplicates(table.columns, len(q)), []
     if again.any():
         notes.append(
             Note(
@@ -278,7 +289,9 @@ def _once(
             )
         )
     rows = np.flatnonzero(~again)
-    found, pair = copies(q[rows], position[rows], [values[rows] for values in others], times[rows])
+    found, pair = find_copies(
+        q[rows], position[rows], [values[rows] for values in others], times[rows]
+    )
     if pair is not None:
         first, second = (table.where.named(int(rows[k])) for k in reversed(pair))
         notes.append(
@@ -300,10 +313,10 @@ def _names(prismatic: Sequence[bool]) -> set[str]:
     return {
         *USED,
         *KNOWN,
-        *COLUMNS,
+        *KIND_COLUMNS,
         *(f"{axis}_{u}" for axis in "xyz" for u in ("mm", "m")),
         *(f"approach{j}" for j in range(1, n + 1)),
-        *(f"q{j}_{u}" for j, slides in enumerate(prismatic, 1) for u in READINGS[slides]),
+        *(f"q{j}_{u}" for j, slides in enumerate(prismatic, 1) for u in READING_UNITS[slides]),
     }
 
 
@@ -343,9 +356,9 @@ def _one_reading_each(names: list[str], q: Array, prismatic: Sequence[bool], whe
 
 def read_labels(source: Source, column: str) -> NDArray[np.object_]:
     """A text column (the split's) of every row of the file or DataFrame. Raises DataError."""
-    table = read_table(source)
+    table = load_table(source)
     if column not in table:
         raise table.where.refuse(
             f'the study\'s split column "{column}" is missing. {suggest(column, table.columns)}'
         )
-    return np.array(labels(table, column), dtype=object)
+    return np.array(read_names(table, column), dtype=object)

@@ -17,7 +17,7 @@ APART = 10.0  # by this factor the smallest motion is larger than the largest fl
 FEWEST = 5
 
 
-def resting(
+def find_resting_steps(
     step: Array, opening: NDArray[np.bool_], prismatic: Sequence[bool]
 ) -> NDArray[np.bool_]:
     """(v, n) whether a joint's reading changed by noise alone from the visit before: `step` (v, n)
@@ -48,7 +48,7 @@ def _span(step: Array, begins: NDArray[np.bool_]) -> float:
     return float((np.maximum.reduceat(place, order) - np.minimum.reduceat(place, order)).max())
 
 
-def said(rest: Array, prismatic: Sequence[bool]) -> str | None:
+def describe_resting_joints(rest: Array, prismatic: Sequence[bool]) -> str | None:
     """What is told of the largest flicker (n,) of each joint, 0 where it has none; None where none
     rests."""
     each = []

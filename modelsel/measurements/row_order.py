@@ -10,7 +10,7 @@ from .._typing import Array
 Index = NDArray[np.intp]
 
 
-def campaign(group: Index, order: Array, time: Array | None = None) -> Array:
+def compute_progress(group: Index, order: Array, time: Array | None = None) -> Array:
     """(m,) place of every row in the campaign, 0 to 1: groups by the clock where one clock runs
     through all of them, else in the order of their first rows; each in order of motion."""
     rank = np.empty(len(group))

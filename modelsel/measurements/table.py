@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from .._text import unreadable
+from .._text import find_read_problem
 from ..exceptions import DataError, suggest
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ class Table:
         return len(next(iter(self.columns.values()), ()))
 
 
-def where_of(record: Mapping[str, Any] | None) -> Where:
+def where_from_record(record: Mapping[str, Any] | None) -> Where:
     """What rows are called, of a record of it; lines of a text file where there is none."""
     if record is None:
         return Where("the file")
@@ -140,7 +140,7 @@ def where_of(record: Mapping[str, Any] | None) -> Where:
     )
 
 
-def read_table(source: Source, group: int | None = None) -> Table:
+def load_table(source: Source, group: int | None = None) -> Table:
     """A CSV or Parquet file (`group`: one row group of it alone) or a DataFrame. Raises
     DataError."""
     if isinstance(source, (str, os.PathLike)):
@@ -157,7 +157,7 @@ def read_table(source: Source, group: int | None = None) -> Table:
     return _frame(source, Where(""))
 
 
-def digest(source: Source) -> str:
+def hash_source(source: Source) -> str:
     """SHA-256 of a file's bytes; of a DataFrame, of the CSV file that `to_csv(index=False)` would
     write. Raises DataError."""
     if isinstance(source, (str, os.PathLike)):
@@ -260,7 +260,7 @@ def _starts(chunk: list[list[str]], line: int) -> NDArray[np.intp]:
 
 def _there(path: Path) -> None:
     """Refuses what is not a file."""
-    if (why := unreadable(path)) is not None:
+    if (why := find_read_problem(path)) is not None:
         raise DataError(
             f"{why}.",
             file=path.name,
@@ -340,7 +340,7 @@ def _parquet(path: Path, group: int | None) -> Table:
         )
 
 
-def damaged() -> tuple[type[Exception], ...]:
+def parquet_errors() -> tuple[type[Exception], ...]:
     """What pyarrow raises of a file that is no Parquet file, or a damaged one."""
     import pyarrow.lib
 
@@ -364,13 +364,13 @@ def _opened(path: Path) -> Iterator[Any]:
     try:
         with pq.ParquetFile(path) as file:
             yield file
-    except damaged():
+    except parquet_errors():
         raise DataError(
             "not a readable Parquet file.", file=path.name, remedy="Write it anew, or give a CSV."
         ) from None
 
 
-def row_groups(path: Path) -> tuple[int, ...]:
+def count_row_groups(path: Path) -> tuple[int, ...]:
     """Rows of every row group of a Parquet file; each can be read alone. Raises DataError."""
     with _opened(path) as file:
         return tuple(
@@ -388,7 +388,7 @@ def _distinct(header: Sequence[str], where: Where) -> None:
             )
 
 
-def renamed(table: Table, columns: Mapping[str, str]) -> Table:
+def rename_columns(table: Table, columns: Mapping[str, str]) -> Table:
     """A table under the contract's names; `columns` maps these to its own. Raises DataError."""
     for wanted, given in columns.items():
         if given not in table:

@@ -21,7 +21,7 @@ def all_joints(robot: Robot) -> tuple[int, ...]:
     return tuple(range(1, robot.n + 1))
 
 
-def wave(joint: int, count: float, axis: str, symbol: str) -> tuple[Term, Term]:
+def wave_terms(joint: int, count: float, axis: str, symbol: str) -> tuple[Term, Term]:
     """A wave of unknown phase: sine and cosine of `count` times the joint's angle at one place of
     its frame."""
     angle = q(joint) if count == 1 else float(count) * q(joint)
@@ -35,7 +35,7 @@ def gear_eccentricity(robot: Robot, joint: int) -> Mechanism:
     """The output gear turns about a point beside its centre: once a turn."""
     return Mechanism(
         f"gear-eccentricity:{joint}",
-        wave(joint, 1, "rz", f"e{joint}"),
+        wave_terms(joint, 1, "rz", f"e{joint}"),
         f"Joint {joint} turns unevenly, once a turn: its gear runs out of centre.",
         f"θ{joint} = q{joint} + es sin(q{joint}) + ec cos(q{joint})",
         "Whitney, Lozinski & Rourke 1986",
@@ -46,7 +46,7 @@ def encoder_eccentricity(robot: Robot, joint: int) -> Mechanism:
     """What two reading heads leave of a disk's eccentricity, and an oval ring: twice a turn."""
     return Mechanism(
         f"encoder-eccentricity:{joint}",
-        wave(joint, 2, "rz", f"d{joint}"),
+        wave_terms(joint, 2, "rz", f"d{joint}"),
         f"Joint {joint} turns unevenly, twice a turn: its encoder disk or ring is oval or read by two heads.",
         f"θ{joint} = q{joint} + ds sin(2 q{joint}) + dc cos(2 q{joint})",
         "Lopez-Rubio et al. 2010, encoder errors",
@@ -57,7 +57,7 @@ def gear_ripple(robot: Robot, joint: int, waves: int) -> Mechanism:
     """Tooth mesh and strain-wave gears: some tens of waves a turn; the number is scanned."""
     return Mechanism(
         f"gear-ripple:{joint}",
-        wave(joint, waves, "rz", f"r{joint}"),
+        wave_terms(joint, waves, "rz", f"r{joint}"),
         f"Joint {joint} turns unevenly: {waves} waves per turn, gear ripple.",
         f"θ{joint} = q{joint} + rs sin({waves} q{joint}) + rc cos({waves} q{joint})",
         "Tuttle & Seering 1996, harmonic-drive gear transmission",
@@ -80,7 +80,9 @@ def encoder_scale(robot: Robot, joint: int) -> Mechanism:
 def axis_wobble(robot: Robot, joint: int, waves: int) -> Mechanism:
     """The joint's axis tilts as its bearing turns: once a turn (an inclined race) or twice (an oval
     one)."""
-    terms = wave(joint, waves, "rx", f"x{joint}") + wave(joint, waves, "ry", f"y{joint}")
+    terms = wave_terms(joint, waves, "rx", f"x{joint}") + wave_terms(
+        joint, waves, "ry", f"y{joint}"
+    )
     return Mechanism(
         f"axis-wobble:{joint}",
         terms,
@@ -170,7 +172,7 @@ def read_too_early(robot: Robot) -> Mechanism:
     )
 
 
-def settle(robot: Robot, joint: int) -> Mechanism:
+def settling(robot: Robot, joint: int) -> Mechanism:
     """Joints read (or the target measured) before the arm stood still: a share of the last move is
     still missing."""
     slides = robot.joints[joint - 1].prismatic

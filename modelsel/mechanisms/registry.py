@@ -45,7 +45,7 @@ Entry = Callable[[Robot], Mechanism | None] | PerJoint | Scanned
 Registry = Mapping[str, Entry]
 
 
-def thermal(reference: float = REFERENCE) -> Registry:
+def build_thermal(reference: float = REFERENCE) -> Registry:
     """What temperature does, counted from the reference [°C]."""
     return {
         "thermal-growth": PerJoint(
@@ -84,7 +84,7 @@ BUILTIN: Registry = {
     ),
     "lateral-compliance": PerJoint(compliance.lateral_compliance, compliance.gravity_joints),
     "link-bending": Scanned(
-        compliance.link_bending, compliance.mass_choices_beyond, compliance.links
+        compliance.link_bending, compliance.mass_choices_beyond, compliance.find_bending_links
     ),
     "payload-deflection": PerJoint(compliance.payload_deflection, compliance.gravity_joints),
     "payload-tilt": gravity_effects.payload_tilt,
@@ -92,8 +92,8 @@ BUILTIN: Registry = {
     "tool-droop": compliance.tool_droop,
     "approach-backlash": PerJoint(motion.approach_backlash, transmission.all_joints),
     "overshoot": PerJoint(motion.overshoot, transmission.all_joints),
-    "settle": PerJoint(motion.settle, transmission.all_joints),
-    **thermal(),
+    "settle": PerJoint(motion.settling, transmission.all_joints),
+    **build_thermal(),
     "tracker-drift": Scanned(environment.tracker_drift, lambda robot: (1.0, 0.25, 0.1)),
     "tracker-step": Scanned(
         environment.tracker_step, lambda robot: environment.STEPS, range=(0.0, 1.0)
@@ -106,16 +106,16 @@ BUILTIN: Registry = {
 }
 
 
-def counted_from(registry: Registry, reference: float) -> Registry:
+def set_reference(registry: Registry, reference: float) -> Registry:
     """The registry with modelsel's own thermal mechanisms counted from a reference [°C]."""
-    own = thermal(reference)
+    own = build_thermal(reference)
     return {
         name: own[name] if name in own and entry is BUILTIN[name] else entry
         for name, entry in registry.items()
     }
 
 
-def faults(robot: Robot) -> tuple[Mechanism, ...]:
+def build_faults(robot: Robot) -> tuple[Mechanism, ...]:
     """Faults of the data that act as screws; naming offers them beside the mechanisms, under
     `fault:` names."""
     return (
@@ -124,7 +124,9 @@ def faults(robot: Robot) -> tuple[Mechanism, ...]:
     )
 
 
-def parts(name: str, robot: Robot, registry: Registry = BUILTIN) -> tuple[Mechanism, ...]:
+def build_mechanisms(
+    name: str, robot: Robot, registry: Registry = BUILTIN
+) -> tuple[Mechanism, ...]:
     """The mechanisms a registered name stands for on this robot, one a joint and a constant where
     it has them.
 
@@ -173,7 +175,7 @@ def parts(name: str, robot: Robot, registry: Registry = BUILTIN) -> tuple[Mechan
 def mechanism(name: str, robot: Robot, registry: Registry = BUILTIN) -> Mechanism:
     """One mechanism for a name: all its joints together where it has joints; of a scanned one
     without its constant, the first. Raises StudyError where none applies."""
-    found = {m.name: m for m in reversed(parts(name, robot, registry))}
+    found = {m.name: m for m in reversed(build_mechanisms(name, robot, registry))}
     if not found:
         raise StudyError(f'"{name}" does not apply to {robot.name}.')
     each = tuple(reversed(found.values()))
@@ -190,7 +192,7 @@ def mechanism(name: str, robot: Robot, registry: Registry = BUILTIN) -> Mechanis
 
 def every(robot: Robot, registry: Registry = BUILTIN) -> tuple[Mechanism, ...]:
     """Every mechanism that applies to the robot, one a joint and a constant where it has them."""
-    return tuple(part for name in registry for part in parts(name, robot, registry))
+    return tuple(part for name in registry for part in build_mechanisms(name, robot, registry))
 
 
 def with_plugins(
@@ -214,7 +216,7 @@ def with_plugins(
                 if name in table
                 else None
                 if robot is None
-                else unsound(name, entry, robot)
+                else find_entry_problem(name, entry, robot)
             )
             if wrong is None:
                 table[name] = entry
@@ -223,11 +225,11 @@ def with_plugins(
     return table, broken
 
 
-def unsound(name: str, entry: Entry, robot: Robot) -> str | None:
+def find_entry_problem(name: str, entry: Entry, robot: Robot) -> str | None:
     """What keeps a stranger's entry from being used on a robot, in words; None where it can be
     built and printed."""
     try:
-        for m in parts(name, robot, {name: entry}):
+        for m in build_mechanisms(name, robot, {name: entry}):
             if m.name.partition(":")[0] != name:
                 return f'it is registered as "{name}" and calls itself "{m.name}"'
             for t in m.terms:

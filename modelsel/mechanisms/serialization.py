@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from .._json import PAIR, Each, Maybe, misfit
-from .._names import TEXT, plain_word, unfit
+from .._json import PAIR, Each, Maybe, find_misfit
+from .._names import MAX_TEXT_LENGTH, find_name_problem, is_plain_word
 from .._typing import LARGEST
 from ..exceptions import StudyError
 from ..robot.rigid import AXES
@@ -14,7 +14,7 @@ from .causes import FUNCTIONS, RANK, Applied, Bump, Cause, Combined, Member, Nam
 from .terms import Mechanism, Screw, Term, foreign
 
 
-def mechanism_card(mechanism: Mechanism) -> dict[str, Any]:
+def describe_mechanism(mechanism: Mechanism) -> dict[str, Any]:
     """A mechanism as plain values."""
 
     def expected(size: tuple[float, float] | None, sign: int) -> str:
@@ -77,14 +77,14 @@ def cause_record(cause: Cause) -> dict[str, Any]:
     raise AssertionError(f"{type(cause).__name__} is one of KINDS without a record")
 
 
-def cause_of(record: Any, depth: int = 0) -> Cause:
+def cause_from_record(record: Any, depth: int = 0) -> Cause:
     """The cause of a record. Raises ValueError for anything else."""
     if not isinstance(record, Mapping) or depth > DEEPEST:
         raise ValueError(f"not a cause: {str(record)[:60]}")
     found = [
         make
         for shape, make in CAUSES
-        if record.keys() == shape.keys() and misfit(dict(record), shape) is None
+        if record.keys() == shape.keys() and find_misfit(dict(record), shape) is None
     ]
     if not found:
         raise ValueError(f"not a cause: {str(dict(record))[:80]}")
@@ -93,7 +93,7 @@ def cause_of(record: Any, depth: int = 0) -> Cause:
 
 def _word(name: str) -> str:
     """A name of the state. Raises ValueError for a text that is no plain word."""
-    if not plain_word(name):
+    if not is_plain_word(name):
         raise ValueError(f'"{name[:40]}" is not a name of the state')
     return name
 
@@ -103,12 +103,12 @@ CAUSES: tuple[tuple[dict[str, Any], Callable[[Mapping[str, Any], int], Cause]], 
     ({"name": str, "unit": str}, lambda r, _: Named(_word(r["name"]), r["unit"])),
     (
         {"function": frozenset(FUNCTIONS), "of": {}},
-        lambda r, deep: Applied(r["function"], cause_of(r["of"], deep)),
+        lambda r, deep: Applied(r["function"], cause_from_record(r["of"], deep)),
     ),
     (
         {"operator": frozenset(RANK), "left": {}, "right": {}},
         lambda r, deep: Combined(
-            r["operator"], cause_of(r["left"], deep), cause_of(r["right"], deep)
+            r["operator"], cause_from_record(r["left"], deep), cause_from_record(r["right"], deep)
         ),
     ),
     (
@@ -122,15 +122,15 @@ CAUSES: tuple[tuple[dict[str, Any], Callable[[Mapping[str, Any], int], Cause]], 
 )
 
 
-def members(cause: Cause) -> list[Member]:
+def collect_members(cause: Cause) -> list[Member]:
     """The targets and groups that a cause is of."""
     match cause:
         case Member():
             return [cause]
         case Applied(_, argument):
-            return members(argument)
+            return collect_members(argument)
         case Combined(_, left, right):
-            return [*members(left), *members(right)]
+            return [*collect_members(left), *collect_members(right)]
     return []
 
 
@@ -165,13 +165,13 @@ def mechanism_record(mechanism: Mechanism) -> dict[str, Any]:
     }
 
 
-def mechanism_of(record: Mapping[str, Any]) -> Mechanism:
+def mechanism_from_record(record: Mapping[str, Any]) -> Mechanism:
     """The mechanism of a record of its shape. Raises ValueError where its units or what its causes
     print are not the stored ones."""
     terms = tuple(
         Term(
             t["symbol"],
-            tuple(Screw(s["frame"], s["axis"], cause_of(s["cause"])) for s in t["screws"]),
+            tuple(Screw(s["frame"], s["axis"], cause_from_record(s["cause"])) for s in t["screws"]),
             None if t["size"] is None else (float(t["size"][0]), float(t["size"][1])),
             t["sign"],
             None if "usual" not in t else float(t["usual"]),
@@ -191,7 +191,7 @@ def mechanism_of(record: Mapping[str, Any]) -> Mechanism:
             and not 0 <= term.size[0] <= term.size[1]
         ):
             raise ValueError(f"the usual size or sign of {term.symbol} of {record['name']} is none")
-    if (why := unfit(record["name"], TEXT)) is not None:
+    if (why := find_name_problem(record["name"], MAX_TEXT_LENGTH)) is not None:
         raise ValueError(f"the name of a mechanism is not one: {why}")
     if any(t.usual is not None and not 0 < t.usual < LARGEST for t in terms):
         raise ValueError(f"the usual size of a parameter of {record['name']} must be above 0")

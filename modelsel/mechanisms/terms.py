@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from .._hashing import hashed_once
-from .._names import TEXT, unfit, unseen
+from .._hashing import cache_hash
+from .._names import MAX_TEXT_LENGTH, find_hidden_character, find_name_problem
 from ..robot.rigid import AXES
 from .causes import FUNCTIONS, ONE, Applied, Bump, Cause, Combined, Member, Named, Number
 
@@ -20,7 +20,7 @@ PLAIN = {"rad/rad": "1", "mm/mm": "1"}  # a share: a turn by another, a shift by
 LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
 
 
-@hashed_once
+@cache_hash
 @dataclass(frozen=True)
 class Screw:
     """WHERE x WHY: a small twist on one axis of one frame, scaled by its cause. Frame 0 is no frame
@@ -158,7 +158,7 @@ def foreign(cause: Cause) -> str | None:
 
 def unstorable(mechanism: Mechanism) -> str | None:
     """Why no calibration could store a mechanism, in a sentence; None where one can."""
-    if (why := unfit(mechanism.name, TEXT)) is not None:
+    if (why := find_name_problem(mechanism.name, MAX_TEXT_LENGTH)) is not None:
         return f"its name is not one: {why}."
     texts = (
         mechanism.sentence,
@@ -166,7 +166,7 @@ def unstorable(mechanism: Mechanism) -> str | None:
         mechanism.source,
         *(t.symbol for t in mechanism.terms),
     )
-    if (c := unseen("".join(texts))) is not None:
+    if (c := find_hidden_character("".join(texts))) is not None:
         return f"its texts hold U+{ord(c):04X}, which nobody sees and no report can show: write them without, each on one line."
     found = next(
         (what for t in mechanism.terms for s in t.screws if (what := foreign(s.cause))), None

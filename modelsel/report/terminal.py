@@ -8,7 +8,7 @@ import numpy as np
 
 from ..diagnosis.error_map import strongest_causes
 from ..exceptions import sentence_list
-from ..notices import ALARMS, HOPELESS, alarms
+from ..notices import ALARMS, HOPELESS_FIT, list_alarms
 from ..results.placements import standing_sentences
 from ..results.tables import adds
 from ..selection.evaluation import Errors
@@ -259,7 +259,10 @@ def sentences(result: Result) -> list[str]:
     """The study in words."""
     first, last = result.ladder[0], result.chosen
     called = sentence_list(last.names) if last.names else "nominal"
-    out = [*alarms(result.warnings), *(w.sentence for w in result.warnings if w.code == HOPELESS)]
+    out = [
+        *list_alarms(result.warnings),
+        *(w.sentence for w in result.warnings if w.code == HOPELESS_FIT),
+    ]
     out += [
         (
             f"Nominal model: {mm(first.estimation.mean_mm)} mm mean, {mm(first.estimation.max_mm)} mm worst. Chosen model "

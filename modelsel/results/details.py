@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from .._typing import Array, Index
 from ..fitting.design import directions, field_of, residuals
 from ..fitting.problem import Problem
-from ..mechanisms.serialization import mechanism_card
+from ..mechanisms.serialization import describe_mechanism
 from .map_details import cells_dict
 from .panels import finding_panels
 
@@ -126,7 +126,7 @@ def details(result: Result) -> dict[str, Any]:
             for r in result.ladder
         ],
         "map": cells_dict(result, base_rung, problem, seen),
-        "cards": {m.name: mechanism_card(m) for m in _mentioned(result)},
+        "cards": {m.name: describe_mechanism(m) for m in _mentioned(result)},
         "findings": finding_panels(result, problem, field, rows),
     }
 

@@ -19,7 +19,7 @@ from ..fitting.problem import Problem
 from ..measurements.measurements import SAME_READING, Measurements
 from ..mechanisms.causes import Member
 from ..notices import Note
-from ..robot.rigid import turn
+from ..robot.rigid import rotation_matrix
 from ..selection.evaluation import Evaluation, Split
 from .finding_records import CLEARLY, RARELY
 
@@ -169,7 +169,11 @@ def features(problem: Problem, fitted: Fit) -> tuple[Placed, ...]:
             continue
         place, normal = problem.fixtures.centre[k] + values[k, :3], None
         if f.kind == "plane":
-            local = turn(0, values[k, 3]) @ turn(1, values[k, 4]) @ np.array([0.0, 0.0, 1.0])
+            local = (
+                rotation_matrix(0, values[k, 3])
+                @ rotation_matrix(1, values[k, 4])
+                @ np.array([0.0, 0.0, 1.0])
+            )
             normal = local @ problem.fixtures.axes[k]
             place = problem.fixtures.centre[k] + values[k, 2] * normal
         length = float(problem.fixtures.length[k] + values[k, LENGTH])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
-from .._json import plain
+from .._json import to_plain
 from ..config.study_file import Study
 from ..diagnosis.error_map import ErrorMap
 from ..diagnosis.outliers import Fault
@@ -18,7 +18,7 @@ from ..diagnosis.stepwise import Diagnosis
 from ..diagnosis.unexplained import Predictable
 from ..fitting.identifiability import Unidentifiable
 from ..fitting.noise import Floor
-from ..notices import HOPELESS, Note
+from ..notices import HOPELESS_FIT, Note
 from ..robot.kinematics import Robot
 from ..selection.comparison import Comparison
 from ..selection.evaluation import Evaluation, Gain, Split, turned
@@ -113,7 +113,7 @@ class Result(Views):
                         self.nothing_else[0],
                     ),
                     turned(self.data, self.ladder[0], self.chosen),
-                    next((w.sentence for w in self.warnings if w.code == HOPELESS), None),
+                    next((w.sentence for w in self.warnings if w.code == HOPELESS_FIT), None),
                 )
             ),
             "configurations": {
@@ -178,7 +178,7 @@ class Result(Views):
     @cached_property
     def record(self) -> dict[str, Any]:
         """result.json's content."""
-        out: dict[str, Any] = plain(self.to_dict())
+        out: dict[str, Any] = to_plain(self.to_dict())
         return out
 
     def residuals(self) -> pd.DataFrame:

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._files import write_all
-from .._json import misfit, strict
-from .._json import read as text
+from .._json import find_misfit, parse_json
+from .._json import read_json_text as text
 from ..calibration.calibration import Calibration, calibrate
 from ..calibration.refitting import refitted
 from ..calibration.storage import NAME, calibration_text, load_calibration
 from ..exceptions import StudyError
-from ..measurements.table import damaged
+from ..measurements.table import parquet_errors
 from .details import details
 from .details import dumps as compact
 from .result import Result
@@ -166,7 +166,7 @@ def _read_parquet(path: Path, rows: int) -> tuple[pd.DataFrame, dict[str, str]]:
         of = {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()}
         _whole(columns, rows)
         index = pd.Index(columns.pop("row"), name="row")
-    except damaged() as error:
+    except parquet_errors() as error:
         why = (
             str(error) if isinstance(error, _Damaged) else "it is no Parquet file, or a damaged one"
         )
@@ -228,7 +228,7 @@ def read(folder: Path) -> Source:
     found = list[dict[str, Any]]()
     for name, shape in (("result.json", RESULT), ("details.json", DETAILS)):
         try:
-            table = strict(text(folder / name))
+            table = parse_json(text(folder / name))
             if (
                 not isinstance(table, dict)
                 or table.get("schema") != SCHEMA
@@ -246,7 +246,7 @@ def read(folder: Path) -> Source:
                 raise StudyError(
                     f"{folder}: details.json belongs to another run than result.json; {again} anew."
                 )
-            if (why := misfit(table, shape)) is not None:
+            if (why := find_misfit(table, shape)) is not None:
                 raise ValueError(f"damaged: {why}")
         except FileNotFoundError:
             raise StudyError(f"{folder}: there is no {name}; {again}.") from None

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from .._json import dumps
+from .._json import to_json
 from ..exceptions import StudyError, suggest
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class Views(ABC):
 
     def to_json(self) -> str:
         """result.json's text."""
-        return dumps(self.record)
+        return to_json(self.record)
 
     def __repr__(self) -> str:
         return (

@@ -18,39 +18,39 @@ Frame = tuple[
     Array, Array
 ]  # its axes (3, 3, m) or (3, 3, 1), an axis a row, and its origin (3, m) or (3, 1)
 # configurations x frames whose cross products are made together: few calls, and they stay in cache
-TOGETHER = 3000
-BASE: Frame = (np.eye(3)[:, :, None], np.zeros((3, 1)))
-Sparse = tuple[tuple[int, float], ...]  # (index, value) of what is not nought
+CROSS_PRODUCT_BLOCK = 3000
+BASE_FRAME: Frame = (np.eye(3)[:, :, None], np.zeros((3, 1)))
+SparseVector = tuple[tuple[int, float], ...]  # (index, value) of what is not nought
 
 
-def sparse(vector: Array) -> Sparse:
+def nonzero_entries(vector: Array) -> SparseVector:
     """What a vector has that is not nought: fixed transforms are mostly noughts."""
     return tuple((i, v) for i, v in enumerate(vector.tolist()) if v)
 
 
 @dataclass(frozen=True)
-class Fixed:
+class FixedTransform:
     """A fixed transform: the `offset` of its origin on its own axes, these axes' `columns` on the
     earlier ones, and where each of the earlier ones goes, (index, ±1), if it goes whole."""
 
-    offset: Sparse
-    columns: tuple[Sparse, ...]
+    offset: SparseVector
+    columns: tuple[SparseVector, ...]
     moves: tuple[tuple[int, float], ...]
 
     @staticmethod
-    def of(N: Array) -> Fixed:
+    def of(N: Array) -> FixedTransform:
         """Of (4, 4); what rounding leaves of cos 90° is nought."""
         R = np.where(np.abs(N[:3, :3]) < 1e-15, 0.0, N[:3, :3])
         whole = bool(np.isin(R, (-1.0, 0.0, 1.0)).all())
-        return Fixed(
-            sparse(R.T @ N[:3, 3]),
-            tuple(sparse(column) for column in R.T),
-            tuple(sparse(row)[0] for row in R) if whole else (),
+        return FixedTransform(
+            nonzero_entries(R.T @ N[:3, 3]),
+            tuple(nonzero_entries(column) for column in R.T),
+            tuple(nonzero_entries(row)[0] for row in R) if whole else (),
         )
 
 
 @dataclass(frozen=True, eq=False)
-class Space:
+class Workspace:
     """Arrays by name, made once for blocks of one size: walking the chain again then allocates
     nothing."""
 
@@ -72,7 +72,7 @@ class Space:
         return found
 
 
-def turns_of(q: Array, space: Space) -> Array:
+def compute_joint_turns(q: Array, space: Workspace) -> Array:
     """(n, 3, 3, m): cos, sin and −sin of the readings, thrice for the three components, from t =
     tan(q/2): (1 − t²)/(1 + t²) and 2t/(1 + t²); numpy's tan is the fast one."""
     m, n = q.shape
@@ -91,7 +91,7 @@ def turns_of(q: Array, space: Space) -> Array:
     return wide
 
 
-def add(
+def add_weighted(
     out: Array, vectors: Array, weights: Sequence[tuple[int, Array | float]], scratch: Array
 ) -> None:
     """out += Σ weight · vector over (which vector, weight)."""
@@ -100,15 +100,17 @@ def add(
         out += scratch
 
 
-def turn_into(axes: Array, columns: Sequence[Sparse], out: Array, scratch: Array) -> None:
+def rotate_by_fixed(
+    axes: Array, columns: Sequence[SparseVector], out: Array, scratch: Array
+) -> None:
     """Axes (three of (3, m)) times a constant rotation, given by its columns, into out (3, 3,
     m)."""
     for j, ((first, weight), *others) in enumerate(columns):
         np.multiply(axes[first], weight, out=out[j])
-        add(out[j], axes, others, scratch)
+        add_weighted(out[j], axes, others, scratch)
 
 
-def spin_into(
+def rotate_about_axis(
     axes: Array, axis: int, turn: Array, to: Sequence[tuple[int, float]], out: Array, scratch: Array
 ) -> None:
     """Axes (3, 3, m) after a turn about one of them by an angle whose (cos; sin, −sin) stand in
@@ -125,15 +127,15 @@ def spin_into(
     np.multiply(flat[axis], kept, out=there[still])
 
 
-SAME = ((0, 1.0), (1, 1.0), (2, 1.0))  # every axis stays where it is
+AXES_IN_PLACE = ((0, 1.0), (1, 1.0), (2, 1.0))  # every axis stays where it is
 
 
-def twisted(here: Array, origin: Array, entries: Array, space: Space) -> Frame:
+def apply_error_transform(here: Array, origin: Array, entries: Array, space: Workspace) -> Frame:
     """The frame after its H: Trans, then Rx, Ry, Rz, each about the axis that the earlier ones left
     it; entries (6, m)."""
     m = entries.shape[1]
     two, turn = space.array("scratch", 2, 3, m), space.array("turn", 3, 3, m)
-    add(origin, here, tuple(enumerate(entries[:3])), two[0])
+    add_weighted(origin, here, tuple(enumerate(entries[:3])), two[0])
     R = here[:3]
     for a in range(3):
         here[3 + a] = R[a]
@@ -144,16 +146,18 @@ def twisted(here: Array, origin: Array, entries: Array, space: Space) -> Frame:
             turn[0], turn[1] = np.cos(one), np.sin(one)
             np.negative(turn[1], out=turn[2])
             out = space.array(f"twisted{a}", 3, 3, m)
-            spin_into(R, a, turn, SAME, out, two)
+            rotate_about_axis(R, a, turn, AXES_IN_PLACE, out, two)
             R = out
     return R, origin
 
 
-def screws_into(field_: Array, origins: Array, target: Array, twisted: bool, space: Space) -> None:
+def fill_screw_field(
+    field_: Array, origins: Array, target: Array, twisted: bool, space: Workspace
+) -> None:
     """Axes (n+1, 6, c, m) become the screw field, in place: tx ty tz the axis, rx ry rz axis x
     lever; with c = 6 the target frame's rotation below."""
     frames, _, c, m = field_.shape
-    step = min(max(1, TOGETHER // max(m, 1)), frames)
+    step = min(max(1, CROSS_PRODUCT_BLOCK // max(m, 1)), frames)
     levers, products = (
         space.array("lever", step, 4, m),
         space.array("product", step, 3, 3, m),

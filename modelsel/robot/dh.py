@@ -16,7 +16,7 @@ import numpy as np
 from .._typing import Array
 from ..exceptions import one_line
 from .kinematics import Robot
-from .rigid import inverse, transform, turn
+from .rigid import inverse, rotation_matrix, transform
 
 PARALLEL = (
     1e-9  # rad: two axes closer than this have no common normal worth naming; 1e-6 mm at a metre
@@ -25,7 +25,7 @@ NEARLY = 0.02  # rad: below this, offsets along the axes are many times the link
 
 
 @dataclass(frozen=True)
-class Rows:
+class DhRows:
     """`base` (4, 4) from frame 0 to the first row; one row a joint: θ [rad], d, a [mm], α [rad];
     `shift` (n, 4, 4): from a joint's frame in the chain to its frame here; `nearly` (k, k+1) joints
     whose axes are almost, not quite, parallel."""
@@ -54,11 +54,11 @@ def _normal(N: Array) -> tuple[float, float, float, float, float, float]:
         e = float(-(p @ across) / sine)
         d = float(p[2] - e * u[2])
     a = float(p[0] * np.cos(phi) + p[1] * np.sin(phi))
-    rest = (turn(2, phi) @ turn(0, alpha)).T @ N[:3, :3]
+    rest = (rotation_matrix(2, phi) @ rotation_matrix(0, alpha)).T @ N[:3, :3]
     return phi, d, a, float(alpha), float(np.arctan2(rest[1, 0], rest[0, 0])), e
 
 
-def rows_of(robot: Robot, modified: bool) -> Rows:
+def compute_dh_rows(robot: Robot, modified: bool) -> DhRows:
     """DH rows of a chain; `robot.last` stays as it is, after the last row."""
     rows, shift, nearly = list[tuple[float, float, float, float]](), list[Array](), []
     turned = slid = 0.0  # what the transform before left for this joint's own axis
@@ -70,14 +70,14 @@ def rows_of(robot: Robot, modified: bool) -> Rows:
             if PARALLEL < np.sin(alpha) < NEARLY:
                 nearly.append((k + 1, k + 2))
         rows.append((turned + phi, slid + d, *(before if modified else (a, alpha))))
-        shift.append(transform(turn(2, phi), (0.0, 0.0, d if modified else -slid)))
+        shift.append(transform(rotation_matrix(2, phi), (0.0, 0.0, d if modified else -slid)))
         before, turned, slid = (a, alpha), psi, e
-    return Rows(robot.joints[0].before, tuple(rows), tuple(shift), tuple(nearly))
+    return DhRows(robot.joints[0].before, tuple(rows), tuple(shift), tuple(nearly))
 
 
-def robot_file(robot: Robot, modified: bool, notes: Sequence[str] = ()) -> str:
+def format_dh_file(robot: Robot, modified: bool, notes: Sequence[str] = ()) -> str:
     """A robot file (TOML) of DH rows; numbers in full, masses and limits move along."""
-    found = rows_of(robot, modified)
+    found = compute_dh_rows(robot, modified)
     lines = [
         *(f"# {one_line(note)}" for note in notes),
         f"name = {_text(robot.name)}",

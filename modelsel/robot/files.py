@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from .._json import PAIR, THREE, Each, Maybe
-from .._names import TEXT, unfit
-from .._text import read_text, toml
+from .._json import PAIR, TRIPLE, Each, Maybe
+from .._names import MAX_TEXT_LENGTH, find_name_problem
+from .._text import parse_toml, read_text
 from .._typing import LARGEST, Array
 from ..exceptions import StudyError, suggest
 from .kinematics import Joint, Robot
-from .rigid import align_z, inverse, rpy, transform, turn
+from .rigid import align_z, from_rpy, inverse, rotation_matrix, transform
 
-FORMS = ("transform_mm", "xyz_mm", "dh")
+JOINT_FORMS = ("transform_mm", "xyz_mm", "dh")
 JOINT_KEYS = {
-    *FORMS,
+    *JOINT_FORMS,
     "rpy_deg",
     "axis",
     "kind",
@@ -83,11 +83,11 @@ class _Reader:
 
 def _form(read: _Reader, place: str, row: Mapping[str, Any], modified: bool) -> tuple[Array, Array]:
     """(transform before the joint, what is left for the next row) of one joint or of [last]."""
-    given = [form for form in FORMS if form in row]
+    given = [form for form in JOINT_FORMS if form in row]
     if len(given) != 1:
         read.say(
             place,
-            f"give exactly one of {', '.join(FORMS)}"
+            f"give exactly one of {', '.join(JOINT_FORMS)}"
             + (f", not {' and '.join(given)}" if given else ""),
         )
         return np.eye(4), np.eye(4)
@@ -102,7 +102,9 @@ def _form(read: _Reader, place: str, row: Mapping[str, Any], modified: bool) -> 
         return transform(N[:, :3], N[:, 3]), np.eye(4)
     if given == ["xyz_mm"]:
         origin = transform(
-            rpy(*np.radians(read.numbers(f"{place}.rpy_deg", row.get("rpy_deg", (0, 0, 0)), (3,)))),
+            from_rpy(
+                *np.radians(read.numbers(f"{place}.rpy_deg", row.get("rpy_deg", (0, 0, 0)), (3,)))
+            ),
             read.numbers(f"{place}.xyz_mm", row["xyz_mm"], (3,)),
         )
         axis = read.numbers(f"{place}.axis", row.get("axis", (0, 0, 1)), (3,))
@@ -120,7 +122,10 @@ def _form(read: _Reader, place: str, row: Mapping[str, Any], modified: bool) -> 
         float(read.numbers(f"{place}.dh.{key}", dh.get(key, 0), ()))
         for key in ("theta_deg", "d_mm", "a_mm", "alpha_deg")
     )
-    Rz, Rx = transform(turn(2, np.radians(theta))), transform(turn(0, np.radians(alpha)))
+    Rz, Rx = (
+        transform(rotation_matrix(2, np.radians(theta))),
+        transform(rotation_matrix(0, np.radians(alpha))),
+    )
     Tz, Tx = transform(t=(0, 0, d)), transform(t=(a, 0, 0))
     return (Rx @ Tx @ Tz @ Rz, np.eye(4)) if modified else (Rz, Tz @ Tx @ Rx)
 
@@ -208,7 +213,7 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
         _usual(read, table),
     )
     try:
-        named(robot)
+        check_robot_name(robot)
     except ValueError as error:
         read.problems.append(f"{where}: {error}.")
     if read.problems:
@@ -216,13 +221,13 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
     return robot
 
 
-def named(robot: Robot) -> None:
+def check_robot_name(robot: Robot) -> None:
     """Raises ValueError where a robot's name or source cannot be one."""
-    if (why := unfit(robot.name)) is not None or (
-        why := unfit(robot.source or "none", TEXT)
+    if (why := find_name_problem(robot.name)) is not None or (
+        why := find_name_problem(robot.source or "none", MAX_TEXT_LENGTH)
     ) is not None:
         raise ValueError(
-            f"the robot's {'source' if unfit(robot.name) is None else 'name'} is not one: {why}"
+            f"the robot's {'source' if find_name_problem(robot.name) is None else 'name'} is not one: {why}"
         )
 
 
@@ -237,7 +242,7 @@ def read_robot(path: Path, base: str | None = None, tip: str | None = None) -> R
         raise StudyError(
             f"{path.name}: base and tip choose a chain of a URDF; a TOML robot file has one chain."
         )
-    return robot_from_table(toml(read_text(path, "the robot file"), path.name), path.name)
+    return robot_from_table(parse_toml(read_text(path, "the robot file"), path.name), path.name)
 
 
 def builtin_names() -> list[str]:
@@ -259,17 +264,17 @@ def load(name: str) -> Robot:
         .joinpath(f"{name}.toml")
         .read_text(encoding="utf-8")
     )
-    return robot_from_table(toml(text, f"{name}.toml"), f"{name}.toml")
+    return robot_from_table(parse_toml(text, f"{name}.toml"), f"{name}.toml")
 
 
-RIGID = 1e-6  # a stored rotation differs from one by less
-ROTATION, TRANSFORM = Each(THREE, 3), Each(Each(float, 4), 3)
+ROTATION_TOLERANCE = 1e-6  # a stored rotation differs from one by less
+ROTATION, TRANSFORM = Each(TRIPLE, 3), Each(Each(float, 4), 3)
 JOINT = {
     "before_mm": TRANSFORM,
     "prismatic": bool,
     "limits": Maybe(PAIR),
     "mass_kg": Maybe(float),
-    "com_mm": THREE,
+    "com_mm": TRIPLE,
 }
 
 
@@ -294,12 +299,12 @@ def robot_record(robot: Robot) -> dict[str, Any]:
     }
 
 
-def robot_of(record: Mapping[str, Any]) -> Robot:
+def robot_from_record(record: Mapping[str, Any]) -> Robot:
     """The nominal robot of a record of its shape. Raises ValueError where a transform is not rigid,
     or a limit none."""
     joints = []
     for k, j in enumerate(record["joints"], 1):
-        limits, (x, y, z) = j["limits"], numbers(j["com_mm"]).tolist()
+        limits, (x, y, z) = j["limits"], bounded_array(j["com_mm"]).tolist()
         if (
             limits is not None
             and not -LARGEST < limits[0] < limits[1] < LARGEST
@@ -308,7 +313,7 @@ def robot_of(record: Mapping[str, Any]) -> Robot:
             raise ValueError(f"the limits or the mass of joint {k} are none")
         joints.append(
             Joint(
-                square(j["before_mm"]),
+                rigid_transform(j["before_mm"]),
                 j["prismatic"],
                 None if limits is None else (float(limits[0]), float(limits[1])),
                 None if j["mass_kg"] is None else float(j["mass_kg"]),
@@ -316,13 +321,13 @@ def robot_of(record: Mapping[str, Any]) -> Robot:
             )
         )
     g = record["gravity"]
-    if g is not None and abs(float(np.linalg.norm(g)) - 1) > RIGID:
+    if g is not None and abs(float(np.linalg.norm(g)) - 1) > ROTATION_TOLERANCE:
         raise ValueError("the direction of gravity is not of length one")
     return Robot(
         record["name"],
         record["source"],
         tuple(joints),
-        square(record["last_mm"]),
+        rigid_transform(record["last_mm"]),
         None if g is None else (float(g[0]), float(g[1]), float(g[2])),
         _usual_pair(record.get("usual", Robot.usual)),
     )
@@ -334,21 +339,21 @@ def _usual_pair(pair: Sequence[float]) -> tuple[float, float]:
     return float(pair[0]), float(pair[1])
 
 
-def square(rows: Sequence[Sequence[float]]) -> Array:
+def rigid_transform(rows: Sequence[Sequence[float]]) -> Array:
     """The (4, 4) transform of its upper three rows [mm]. Raises ValueError."""
-    upper = numbers(rows)
-    return np.vstack([np.column_stack([rotation(upper[:, :3]), upper[:, 3]]), [0, 0, 0, 1]])
+    upper = bounded_array(rows)
+    return np.vstack([np.column_stack([check_rotation(upper[:, :3]), upper[:, 3]]), [0, 0, 0, 1]])
 
 
-def rotation(rows: Array | Sequence[Sequence[float]]) -> Array:
+def check_rotation(rows: Array | Sequence[Sequence[float]]) -> Array:
     """A rotation (3, 3). Raises ValueError."""
-    R = numbers(rows)
-    if np.abs(R @ R.T - np.eye(3)).max() > RIGID or np.linalg.det(R) < 0:
+    R = bounded_array(rows)
+    if np.abs(R @ R.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(R) < 0:
         raise ValueError(f"three columns are not a rotation: {R.round(6).tolist()}")
     return R
 
 
-def numbers(value: Any) -> Array:
+def bounded_array(value: Any) -> Array:
     """An array of lengths no arm or room exceeds. Raises ValueError."""
     out = np.array(value, dtype=float)
     if not (np.abs(out) <= LARGEST).all():

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array
-from .kinematics import Pose, Robot, cross, pose, spin
+from .kinematics import Pose, Robot, cross_product, pose, rotate_frame
 
 G = 9.81
 NEGLIGIBLE = 1e-6  # of a metre of lever
 
 
-def loads(robot: Robot, at: Pose, q: Array) -> tuple[Array, Array]:
+def place_masses(robot: Robot, at: Pose, q: Array) -> tuple[Array, Array]:
     """Masses (b,) [kg] and their positions (b, 3, m) [mm, frame 0]; body k moves with joint k, the
     last is the target."""
     if any(joint.mass for joint in robot.joints):
@@ -25,22 +25,22 @@ def loads(robot: Robot, at: Pose, q: Array) -> tuple[Array, Array]:
         for k, joint in enumerate(robot.joints):
             R, o = at.axes[k, :3].transpose(1, 0, 2), at.origins[k]
             o = o + R[:, 2] * q[:, k] if joint.prismatic else o
-            R = R if joint.prismatic else spin(R, 2, q[:, k])
+            R = R if joint.prismatic else rotate_frame(R, 2, q[:, k])
             positions.append(o + np.einsum("ijm,j->im", R, np.array(joint.com)))
         return np.array([joint.mass or 0.0 for joint in robot.joints]), np.stack(positions)
     return np.ones(robot.n), np.concatenate([at.origins[1 : robot.n], at.target[None]])
 
 
-def moments(robot: Robot, at: Pose, q: Array) -> Array:
+def compute_joint_moments(robot: Robot, at: Pose, q: Array) -> Array:
     """Moment of the weight beyond each joint about the x, y, z axes of its frame, (n, 3, m) [N m];
     about z (a slide: the force along z [N]) it is the joint's gravity torque."""
-    mass, position = loads(robot, at, q)
+    mass, position = place_masses(robot, at, q)
     g = np.array(robot.gravity)[:, None]
     out = np.empty((robot.n, 3, len(q)))
     for j, joint in enumerate(robot.joints):
         weight = mass[j:, None, None] * G * g
         arm = (position[j:] - at.origins[j]) / 1e3
-        total = cross(
+        total = cross_product(
             arm.transpose(1, 0, 2), np.broadcast_to(weight, arm.shape).transpose(1, 0, 2)
         ).sum(1)
         out[j] = np.einsum("aim,im->am", at.axes[j, :3], total)
@@ -49,13 +49,13 @@ def moments(robot: Robot, at: Pose, q: Array) -> Array:
     return out
 
 
-def torques(robot: Robot, at: Pose, q: Array) -> Array:
+def compute_joint_torques(robot: Robot, at: Pose, q: Array) -> Array:
     """Gravity torque about each joint's axis, (n, m) [N m] (force [N] along the axis of a prismatic
     joint)."""
-    return np.asarray(moments(robot, at, q)[:, 2])
+    return np.asarray(compute_joint_moments(robot, at, q)[:, 2])
 
 
-def unit_moments(robot: Robot, at: Pose) -> dict[tuple[int, int], Array]:
+def compute_unit_moments(robot: Robot, at: Pose) -> dict[tuple[int, int], Array]:
     """(joint, frame) -> (3, m) moment about the joint's x, y, z axes of 1 kg at a later frame's
     origin (n+1: the target) [N m/kg]; about z (a slide: the force along z [N/kg]) it is the gravity
     torque."""
@@ -66,19 +66,19 @@ def unit_moments(robot: Robot, at: Pose) -> dict[tuple[int, int], Array]:
         for k in range(j + 1, robot.n + 1):
             pull = np.broadcast_to(G * g, ends[k].shape)
             out[j + 1, k + 1] = np.einsum(
-                "aim,im->am", at.axes[j, :3], cross((ends[k] - at.origins[j]) / 1e3, pull)
+                "aim,im->am", at.axes[j, :3], cross_product((ends[k] - at.origins[j]) / 1e3, pull)
             )
             if joint.prismatic:
                 out[j + 1, k + 1][2] = (at.axes[j, 2] * pull).sum(0)
     return out
 
 
-def moment(robot: Robot, at: Pose, q: Array) -> Array:
+def compute_base_moment(robot: Robot, at: Pose, q: Array) -> Array:
     """Moment of the whole arm's weight about frame 0's origin, (3, m) [N m]."""
-    mass, position = loads(robot, at, q)
+    mass, position = place_masses(robot, at, q)
     weight = mass[:, None, None] * G * np.array(robot.gravity)[None, :, None]
     return np.asarray(
-        cross(
+        cross_product(
             position.transpose(1, 0, 2) / 1e3,
             np.broadcast_to(weight, position.shape).transpose(1, 0, 2),
         ).sum(1)
@@ -90,13 +90,13 @@ def _sample(robot: Robot) -> tuple[Array, Pose]:
     return q, pose(robot, q, np.array([0.0, 0.0, 100.0]))
 
 
-def under_gravity(robot: Robot) -> tuple[int, ...]:
+def find_gravity_joints(robot: Robot) -> tuple[int, ...]:
     """Revolute joints (1-based) whose gravity torque changes with the configuration; none where
     gravity is not known."""
     if robot.gravity is None:
         return ()
     q, at = _sample(robot)
-    spread = np.ptp(torques(robot, at, q), axis=1)
+    spread = np.ptp(compute_joint_torques(robot, at, q), axis=1)
     return tuple(
         j + 1
         for j in range(robot.n)
@@ -138,7 +138,7 @@ def _fixed_behind(robot: Robot, joint: int) -> list[int]:
     return [*sorted(still, key=lambda k: -k), *range(joint + 1, robot.n + 1)]
 
 
-def arm_pair(robot: Robot) -> ArmPair | None:
+def find_arm_pair(robot: Robot) -> ArmPair | None:
     """The first two successive joints that stay horizontal and parallel (shoulder and elbow), or
     None."""
     if robot.gravity is None:
@@ -162,7 +162,7 @@ def arm_pair(robot: Robot) -> ArmPair | None:
         axis = turned.axes[j, 2]
 
         def lever(a: Array, b: Array, axis: Array = axis) -> Array:
-            return np.asarray((axis * cross(b - a, np.broadcast_to(g, a.shape))).sum(0))
+            return np.asarray((axis * cross_product(b - a, np.broadcast_to(g, a.shape))).sum(0))
 
         near = lever(ends[j], ends[j + 1])
         fixed = _fixed_behind(robot, j + 1)

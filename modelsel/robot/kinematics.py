@@ -18,18 +18,18 @@ import numpy as np
 
 from .._typing import Array
 from ._kernels import (
-    BASE,
-    SAME,
-    Fixed,
+    AXES_IN_PLACE,
+    BASE_FRAME,
+    FixedTransform,
     Frame,
-    Space,
-    add,
-    screws_into,
-    sparse,
-    spin_into,
-    turn_into,
-    turns_of,
-    twisted,
+    Workspace,
+    add_weighted,
+    apply_error_transform,
+    compute_joint_turns,
+    fill_screw_field,
+    nonzero_entries,
+    rotate_about_axis,
+    rotate_by_fixed,
 )
 
 
@@ -77,9 +77,9 @@ class Robot:
         return moved + slide + float(np.linalg.norm(self.last[:3, 3]))
 
     @cached_property
-    def fixed(self) -> tuple[Fixed, ...]:
+    def fixed(self) -> tuple[FixedTransform, ...]:
         """N_1 … N_n and the last one, ready to be walked."""
-        return tuple(Fixed.of(N) for N in (*(j.before for j in self.joints), self.last))
+        return tuple(FixedTransform.of(N) for N in (*(j.before for j in self.joints), self.last))
 
     def unit(self, joint: int) -> str:
         """Unit of a joint's reading (1-based joint)."""
@@ -111,18 +111,18 @@ class Pose:
         """Screw field (n+1, 6, 3, m): mm of the target per unit screw (tx ty tz: axis; rx ry rz:
         axis x lever)."""
         out = self.axes.copy()
-        screws_into(out, self.origins, self.target, True, Space())
+        fill_screw_field(out, self.origins, self.target, True, Workspace())
         return out
 
 
-def cross(a: Array, b: Array) -> Array:
+def cross_product(a: Array, b: Array) -> Array:
     """Cross product along axis 0 of (3, m) arrays."""
     return np.stack(
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
     )
 
 
-def spin(R: Array, axis: int, angle: Array) -> Array:
+def rotate_frame(R: Array, axis: int, angle: Array) -> Array:
     """R (3, 3, m) times the rotation about its own axis 0, 1 or 2 by angle (m,): two columns mix,
     one stays."""
     i, j = [(1, 2), (2, 0), (0, 1)][axis]
@@ -139,14 +139,14 @@ def walk(
     tool: Array,
     into: tuple[Array, Array],
     twist: Array | None = None,
-    start: Frame = BASE,
-    space: Space | None = None,
+    start: Frame = BASE_FRAME,
+    space: Workspace | None = None,
 ) -> Frame:
     """The exact chain from frame `start` to the target, written into (axes (n+1, 6, 3, m), of the
     nominal model the first three only, origins (n+1, 3, m)); arguments as in `pose`. Returns the
     target's frame."""
-    m, space, (axes, origins) = len(q), space or Space(), into
-    turns, fixed = turns_of(q, space), robot.fixed
+    m, space, (axes, origins) = len(q), space or Workspace(), into
+    turns, fixed = compute_joint_turns(q, space), robot.fixed
     two, spun = space.array("scratch", 2, 3, m), space.array("spun", 3, 3, m)
     scratch = two[0]
 
@@ -155,30 +155,38 @@ def walk(
         (first, weight), *others = (*fixed[f].offset, *offset) or ((0, 0.0),)
         np.multiply(here[first], weight, out=origin)
         origin += o
-        add(origin, here, others, scratch)
-        return (here[:3], origin) if twist is None else twisted(here, origin, twist[f], space)
+        add_weighted(origin, here, others, scratch)
+        return (
+            (here[:3], origin)
+            if twist is None
+            else apply_error_transform(here, origin, twist[f], space)
+        )
 
-    turn_into(start[0], fixed[0].columns, axes[0], scratch)
+    rotate_by_fixed(start[0], fixed[0].columns, axes[0], scratch)
     R, o = settle(0, start[1])
     for k, joint in enumerate(robot.joints):
         following = fixed[k + 1]
         if joint.prismatic:
             o = o + R[2] * q[:, k]
-            turn_into(R, following.columns, axes[k + 1], scratch)
+            rotate_by_fixed(R, following.columns, axes[k + 1], scratch)
         elif following.moves:
             there = axes[k + 1, :3]
-            spin_into(
+            rotate_about_axis(
                 R, 2, turns[k], following.moves, there if there.flags.c_contiguous else spun, two
             )
             if not there.flags.c_contiguous:
                 there[:] = spun
         else:
-            spin_into(R, 2, turns[k], SAME, spun, two)
-            turn_into(spun, following.columns, axes[k + 1], scratch)
+            rotate_about_axis(R, 2, turns[k], AXES_IN_PLACE, spun, two)
+            rotate_by_fixed(spun, following.columns, axes[k + 1], scratch)
         R, o = settle(
             k + 1,
             o,
-            () if k + 1 < robot.n else tuple(enumerate(tool.T)) if tool.ndim > 1 else sparse(tool),
+            ()
+            if k + 1 < robot.n
+            else tuple(enumerate(tool.T))
+            if tool.ndim > 1
+            else nonzero_entries(tool),
         )
     return R, o
 

@@ -11,7 +11,7 @@ from .._typing import Array
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
-def turn(axis: int, angle: ArrayLike) -> Array:
+def rotation_matrix(axis: int, angle: ArrayLike) -> Array:
     """Rotation about coordinate axis 0, 1 or 2 by `angle` [rad], shape (..., 3, 3)."""
     angle = np.asarray(angle, float)
     c, s = np.cos(angle), np.sin(angle)
@@ -36,16 +36,16 @@ def inverse(T: Array) -> Array:
     return transform(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])
 
 
-def rpy(roll: float, pitch: float, yaw: float) -> Array:
+def from_rpy(roll: float, pitch: float, yaw: float) -> Array:
     """Rz(yaw) Ry(pitch) Rx(roll), a URDF's fixed-axis angles [rad]; (3, 3)."""
-    return turn(2, yaw) @ turn(1, pitch) @ turn(0, roll)
+    return rotation_matrix(2, yaw) @ rotation_matrix(1, pitch) @ rotation_matrix(0, roll)
 
 
 def to_rpy(R: Array) -> tuple[float, float, float]:
     """(roll, pitch, yaw) of a rotation (3, 3), yaw first and the others from what it leaves: exact
     at pitch ±90° too."""
     yaw = float(np.arctan2(R[1, 0], R[0, 0])) if np.hypot(R[1, 0], R[0, 0]) > 1e-12 else 0.0
-    rest = turn(2, -yaw) @ R
+    rest = rotation_matrix(2, -yaw) @ R
     return (
         float(np.arctan2(-rest[1, 2], rest[1, 1])),
         float(np.arctan2(-rest[2, 0], rest[0, 0])),
@@ -59,7 +59,7 @@ def align_z(axis: ArrayLike) -> Array:
     u = np.asarray(axis, float)
     u = u / np.linalg.norm(u)
     if u[2] < -1 + 1e-12:
-        return turn(0, np.pi)
+        return rotation_matrix(0, np.pi)
     x, y, z = u
     K = np.array([[0, 0, x], [0, 0, y], [-x, -y, 0]])
     return np.asarray(np.eye(3) + K + K @ K / (1 + z))

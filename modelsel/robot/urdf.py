@@ -11,12 +11,12 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from .._names import unfit
+from .._names import find_name_problem
 from .._text import read_text
 from .._typing import LARGEST, Array
 from ..exceptions import StudyError, one_line, suggest
 from .kinematics import Joint, Robot
-from .rigid import align_z, inverse, rpy, to_rpy, transform
+from .rigid import align_z, from_rpy, inverse, to_rpy, transform
 
 MOVING = ("revolute", "continuous", "prismatic")
 AROUND = 'Or name a chain without it: base = "…", tip = "…".'
@@ -42,7 +42,7 @@ def _vector(element: ET.Element | None, key: str, default: tuple[float, ...]) ->
 def _origin(element: ET.Element) -> Array:
     origin = element.find("origin")
     roll, pitch, yaw = _vector(origin, "rpy", (0.0, 0.0, 0.0))
-    return transform(rpy(roll, pitch, yaw), _vector(origin, "xyz", (0.0, 0.0, 0.0)) * 1e3)
+    return transform(from_rpy(roll, pitch, yaw), _vector(origin, "xyz", (0.0, 0.0, 0.0)) * 1e3)
 
 
 def _end(joint: ET.Element, which: str) -> str | None:
@@ -292,7 +292,7 @@ def _robot(root: ET.Element, where: str, base: str | None, tip: str | None) -> R
         )
         pending = inverse(B)
     name = str(root.get("name", Path(where).stem))
-    if (why := unfit(name)) is not None:
+    if (why := find_name_problem(name)) is not None:
         raise StudyError(f"{where}: the robot's name is not one: {why}.")
     gravity = _gravity(root, str(_end(chain[0], "parent")), where)
     return Robot(name, f"URDF {one_line(where)}", tuple(joints), pending, gravity)

@@ -22,7 +22,7 @@ from ..fitting.identifiability import identify, solve
 from ..fitting.problem import BLOCK, Problem
 from ..fitting.reduction import STREAM, Reduction, spread
 from ..mechanisms.terms import Term
-from ..robot._kernels import Space
+from ..robot._kernels import Workspace
 
 DEPENDENT = (
     1e-9  # 1 − largest eigenvalue of Q_kᵀQ_k: below it the model is not estimable without the fold
@@ -105,7 +105,7 @@ def folds(problem: Problem, points: Sequence[Point], fold_of: Index) -> list[Fol
         [*(range(len(terms)) if only is None else only), len(terms)] for terms, _, only in points
     ]
     found = [[Reduction.empty(len(some) - 1)] * count for some in picked]
-    spaces = [Space() for _ in points]
+    spaces = [Workspace() for _ in points]
     order = np.argsort(fold_of, kind="stable")
     for rows in (order[start : start + STREAM] for start in range(0, len(problem), STREAM)):
         part, (own, first) = problem.take(rows), np.unique(fold_of[rows], return_index=True)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array, Index
-from ..measurements.measurements import Measurements, in_turn
+from ..measurements.measurements import Measurements, order_units
 
 SWEEPS = 40
 LARGE = 20_000  # beyond it a seeded random choice covers everything by itself
@@ -38,7 +38,7 @@ def choose(
 
     Fedorov's exchange on the features' information: a start from the seed, then the pair of blocks
     that raises the determinant most changes places until none does (Fedorov 1972)."""
-    block, first = in_turn(data.block, data.progress)
+    block, first = order_units(data.block, data.progress)
     weight = np.bincount(np.unique(np.stack([block, data.configuration]), axis=1)[0])
     order = rng.permutation(len(first))
     inside = np.zeros(len(first), bool)
@@ -75,7 +75,7 @@ def assign(
 ) -> Index:
     """(m,) fold of every row: equal readings never apart; by="group" keeps groups whole. folds = 0
     leaves one out."""
-    unit, first = in_turn(data.group if by == "group" else data.block, data.progress)
+    unit, first = order_units(data.group if by == "group" else data.block, data.progress)
     count = len(first) if folds <= 0 else min(folds, len(first))
     order = rng.permutation(len(first))
     if (

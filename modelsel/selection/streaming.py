@@ -23,7 +23,7 @@ from ..fitting.problem import Problem, make_problem
 from ..fitting.reduction import Reduction, Source, merged, reduce_problem
 from ..measurements.measurements import SAME_READING, Measurements
 from ..measurements.reader import read_measurements
-from ..measurements.table import row_groups
+from ..measurements.table import count_row_groups
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Robot
 from .cross_validation import CrossValidation, Folded, cross_validate, pad
@@ -122,7 +122,9 @@ class Part:
 def parts_of(files: Sequence[Path]) -> tuple[Part, ...]:
     """Every row group of Parquet files, in order. Raises DataError."""
     return tuple(
-        Part(path, group, rows) for path in files for group, rows in enumerate(row_groups(path))
+        Part(path, group, rows)
+        for path in files
+        for group, rows in enumerate(count_row_groups(path))
     )
 
 

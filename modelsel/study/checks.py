@@ -19,9 +19,19 @@ from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
 from ..fitting.noise_check import Lack, against, lack, likeliest
 from ..fitting.problem import Problem
-from ..measurements.columns import SMALLEST
+from ..measurements.columns import MIN_UNCERTAINTY
 from ..mechanisms.causes import ONE
-from ..notices import ALARMS, HOPELESS, MISTAKEN, NOISE, OTHER, ROWS, SAME_ROWS, Note, alarms
+from ..notices import (
+    ALARM_OF_FAULT,
+    ALARMS,
+    HOPELESS_FIT,
+    NOISE_CODES,
+    OTHER_ROBOT,
+    ROWS_MISTAKEN,
+    SETUP_MISTAKE,
+    Note,
+    list_alarms,
+)
 from ..robot.files import builtin_names, load
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Evaluation, Split, turned
@@ -52,14 +62,14 @@ def setup_notes(
         bound, use, builtin
     )  # asked first: another robot's links are no mistake in this one's
     found = [
-        (MISTAKEN, mistake(bound, use, registered, per_group, links=other is None)),
+        (SETUP_MISTAKE, mistake(bound, use, registered, per_group, links=other is None)),
         ("orientation-mistake", orientation_mistake(bound, use, registered)),
         ("labels-swapped", labels_mistake(bound, np.ones(len(bound), bool), registered, per_group)),
-        (OTHER, other),
+        (OTHER_ROBOT, other),
     ]
     if not any(said for _, said in found):
         found += [
-            (ROWS, slipped_before(bound, registered, per_group)),
+            (ROWS_MISTAKEN, slipped_before(bound, registered, per_group)),
             ("rows-shifted", shifted_rows(bound, np.ones(len(bound), bool))),
         ]
     return tuple(Note(code, said) for code, said in found if said)
@@ -72,7 +82,7 @@ def told_with(notes: Sequence[Note]) -> Iterator[None]:
     try:
         yield
     except NotEstimable as error:
-        said = alarms(notes)
+        said = list_alarms(notes)
         if not said:
             raise
         raise NotEstimable(f"{error} {' '.join(said)}", parameters=error.parameters) from None
@@ -143,7 +153,7 @@ def _lack(
     if floor is None or freedom < 1:
         return None
     left = float(np.sqrt(np.where(seen, np.square(residual), 0.0)[:, part].sum() / freedom))
-    factor = left / max(floor.coordinate_mm, SMALLEST)
+    factor = left / max(floor.coordinate_mm, MIN_UNCERTAINTY)
     if np.isinf(floor.freedom):  # stated, row by row
         factor = float(
             np.sqrt(
@@ -197,7 +207,7 @@ def _unlike(floor: Floor, asked: Lack, left: float) -> Note:
 
 def unsaid(faults: Sequence[Fault], notes: Sequence[Note]) -> tuple[Fault, ...]:
     """The faults of the data but those that an alarm has said of the same rows."""
-    return tuple(f for f in faults if SAME_ROWS.get(f.name) not in {n.code for n in notes})
+    return tuple(f for f in faults if ALARM_OF_FAULT.get(f.name) not in {n.code for n in notes})
 
 
 def outcome(
@@ -217,15 +227,18 @@ def outcome(
     codes = {n.code for n in notes}
     more = list(notes)
     named = np.isin(split.problem.data.row, [row for f in faults for row in f.rows])
-    if ROWS not in codes and (split.outlying & split.estimation).mean() < 1:
+    if ROWS_MISTAKEN not in codes and (split.outlying & split.estimation).mean() < 1:
         more += [
-            Note(ROWS, said)
+            Note(ROWS_MISTAKEN, said)
             for said in slipped(split.problem, chosen.fit.residuals, split.outlying, named=named)
         ]
-    if not codes & {MISTAKEN, OTHER} and (said := _beyond(split, chosen.fit)) is not None:
+    if (
+        not codes & {SETUP_MISTAKE, OTHER_ROBOT}
+        and (said := _beyond(split, chosen.fit)) is not None
+    ):
         more.append(Note("beyond-tolerance", said))
     if (said := _hopeless(split, chosen, floor, more, per_group)) is not None:
-        return (*more, Note(HOPELESS, said))
+        return (*more, Note(HOPELESS_FIT, said))
     left, noise = (
         chosen.estimation.rms_mm or 0.0,
         floor.coordinate_mm * float(np.sqrt(floor.coordinates)),
@@ -310,7 +323,7 @@ def _hopeless(
     leads = [
         lead.removeprefix("Check ")
         for code, lead in ALARMS.items()
-        if code in {n.code for n in notes} - NOISE
+        if code in {n.code for n in notes} - NOISE_CODES
     ]
     reasons = (
         f"Likeliest reason: what the warnings say of {sentence_list(list(dict.fromkeys(leads)))}"

@@ -15,8 +15,8 @@ from ..fitting.problem import make_problem
 from ..fitting.reduction import reduce_problem
 from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
-from ..mechanisms.geometry import geometric, setup
-from ..notices import MISTAKEN, alarms
+from ..mechanisms.geometry import build_setup, geometric
+from ..notices import SETUP_MISTAKE, list_alarms
 from ..results.placements import standing, standing_sentences
 from ..robot.kinematics import Robot
 from ..setup.feature_positions import place
@@ -63,7 +63,7 @@ def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
     features, gauges = data.gauges.features if data.gauges is not None else (), data.gauges
     bound = place(bound, np.ones(len(data), bool))
     model = Model(
-        (setup(robot, len(data.targets), 1, False, orientation, features), geometric(robot))
+        (build_setup(robot, len(data.targets), 1, False, orientation, features), geometric(robot))
     )
     found = as_drawn(identify(reduce_problem(bound, model.terms)), bound, model.terms)
     rank, condition = found.rank, found.condition
@@ -139,8 +139,8 @@ def _registered(robot: Robot, data: Measurements) -> dict[str, Any]:
         "registered": {
             "median_mm": left,
             **standing(bound, False),
-            "mistake": next((n.sentence for n in doubts if n.code == MISTAKEN), None),
-            "alarms": alarms(doubts),
+            "mistake": next((n.sentence for n in doubts if n.code == SETUP_MISTAKE), None),
+            "alarms": list_alarms(doubts),
         }
     }
 

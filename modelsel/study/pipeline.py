@@ -30,7 +30,7 @@ from ..fitting.design import Model, whitened
 from ..fitting.identifiability import unidentifiable
 from ..fitting.noise import Floor
 from ..measurements.measurements import Measurements
-from ..mechanisms.geometry import setup
+from ..mechanisms.geometry import build_setup
 from ..mechanisms.registry import Registry, mechanism
 from ..mechanisms.terms import Mechanism, Screw
 from ..notices import Note
@@ -68,7 +68,7 @@ class Question:
         scanned name stands for."""
         groups = len(measured.groups) if self.plan.per_group else 1
         features = () if measured.gauges is None else measured.gauges.features
-        placement = setup(
+        placement = build_setup(
             self.robot,
             len(measured.targets),
             groups,

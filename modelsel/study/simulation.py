@@ -12,7 +12,7 @@ from .._typing import Array
 from ..exceptions import StudyError
 from ..fitting.design import residuals
 from ..fitting.problem import make_problem
-from ..measurements.measurements import Measurements, measurements
+from ..measurements.measurements import Measurements, build_measurements
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..setup.feature_positions import place
@@ -64,7 +64,7 @@ def _known(at: Measurements) -> dict[str, Any]:
         out["order"] = at.order
     if all(note.code != "approach-from-order" for note in at.notes):
         out |= {f"approach{j + 1}": at.approach[:, j].astype(int) for j in range(at.q.shape[1])}
-    if measurements(at.q, at.position, group=at.group.tolist()).configurations != len(at):
+    if build_measurements(at.q, at.position, group=at.group.tolist()).configurations != len(at):
         out["configuration"] = np.arange(
             len(at)
         )  # visits one after the other with the same readings

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from ..._names import quoted, unfit
+from ..._names import find_name_problem, quote_name
 from ...exceptions import StudyError
 from ...mechanisms.causes import Named
-from ...mechanisms.serialization import cause_of, cause_record
+from ...mechanisms.serialization import cause_from_record, cause_record
 from ...mechanisms.terms import Screw, Term
 from ...robot.rigid import AXES
 from ..calibration import Calibration
@@ -48,9 +48,9 @@ def export(c: Calibration, form: str) -> Exported:
         *(("group", g) for g in c.groups),
     ]
     if wrong := [
-        f"{what} {quoted(name)}: not a name: {why}."
+        f"{what} {quote_name(name)}: not a name: {why}."
         for what, name in named
-        if (why := unfit(name)) is not None
+        if (why := find_name_problem(name)) is not None
     ]:
         raise StudyError(*wrong)
     what = enough(c, CARRIES.get(form, "whole"))
@@ -111,7 +111,7 @@ def _from_json(record: Mapping[str, Any], target: str) -> list[Part]:
     return out + [
         Part(
             "",
-            Term(e["symbol"], (Screw(e["frame"], e["axis"], cause_of(e["cause"])),)),
+            Term(e["symbol"], (Screw(e["frame"], e["axis"], cause_from_record(e["cause"])),)),
             e["estimate"],
             0.0,
         )

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..._typing import Array
-from ...robot.dh import robot_file, rows_of
+from ...robot.dh import compute_dh_rows, format_dh_file
 from ...robot.files import robot_from_table
 from ...robot.kinematics import Robot, forward
 from ...robot.rigid import inverse, transform
@@ -99,13 +99,13 @@ def _to_dh(c: Calibration, modified: bool, notes: Sequence[str]) -> Exported:
     made = carried(c)
     nearly = tuple(
         f"joints {a} and {b} are almost parallel: their rows have a large d; small changes of the angle change it much"
-        for a, b in rows_of(made.robot, modified).nearly
+        for a, b in compute_dh_rows(made.robot, modified).nearly
     )
     where = tuple(
         f"target {name} on the flange: x, y, z = {', '.join(repr(float(v)) for v in T[:3, 3])} mm"
         for name, T in made.targets.items()
     )
-    text = robot_file(made.robot, modified, [*notes, *where, *nearly])
+    text = format_dh_file(made.robot, modified, [*notes, *where, *nearly])
 
     def read(text: str, target: int) -> Callable[[Array], Array]:
         back = robot_from_table(tomllib.loads(text), "the export")

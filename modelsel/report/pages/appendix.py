@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...measurements.table import where_of
+from ...measurements.table import where_from_record
 from ...results.storage import Source
 from ...results.tables import name_of
 from ..document import Block, heading, points, table, text
@@ -33,7 +33,7 @@ def outliers(source: Source) -> list[Block]:
     """Rows left out, faults of the data, warnings."""
     result = source.result
     rows = result["outliers"]
-    where = where_of(source.details.get("places"))
+    where = where_from_record(source.details.get("places"))
     shown = where.listed(rows, ROWS) + (
         " of the file; the header is line 1" if where.is_text else ""
     )

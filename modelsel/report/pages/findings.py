@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 from ...diagnosis.sentences import quantity
-from ...measurements.table import Where, where_of
+from ...measurements.table import Where, where_from_record
 from ...results.storage import Source
 from ...results.tables import name_of
 from ..document import Block, heading, points, table, text
@@ -35,7 +35,7 @@ def findings(source: Source) -> list[Block]:
 
 
 def _one(source: Source, k: int, found: dict[str, Any], said: dict[str, Any]) -> list[Block]:
-    where = where_of(source.details.get("places"))
+    where = where_from_record(source.details.get("places"))
     blocks = [
         heading(f"Finding {k}: {said['label']}"),
         text(found["sentence"]),

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...notices import Note, alarms
+from ...notices import Note, list_alarms
 from ...results.placements import standing_sentences
 from ...results.storage import Source
 from ...results.tables import alike, name_of
@@ -42,7 +42,7 @@ def sure(finding: dict[str, Any]) -> str:
 def opening(result: dict[str, Any]) -> list[str]:
     """The verdict's sentences; before them, what in the set-up or the data looks wrong."""
     return [
-        *alarms([Note(w["code"], w["sentence"]) for w in result["warnings"]]),
+        *list_alarms([Note(w["code"], w["sentence"]) for w in result["warnings"]]),
         *result["verdict"],
     ]
 
