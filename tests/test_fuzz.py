@@ -272,7 +272,7 @@ FOUND = {
         "urdf",
         lambda: URDF.replace('<parent link="base"', '<parent link="nowhere"'),
         2,
-        "is no <link>",
+        "is not a <link>",
     ),
     "out of the folder": (
         "fleet",

@@ -16,7 +16,8 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.prior import usual_sizes
 from modelsel.mechanisms.geometry import OPEN, build_setup, geometric
 from modelsel.mechanisms.serialization import mechanism_from_record, mechanism_record
-from modelsel.robot.files import load, robot_from_record, robot_from_table, robot_record
+from modelsel.robot.files import load, robot_from_table
+from modelsel.robot.plain_values import robot_from_record, robot_record
 
 PUMA = load("puma760")
 TABLE = {"joint": [{"dh": {"theta_deg": 0, "d_mm": 100, "a_mm": 300, "alpha_deg": 90}}] * 3}

@@ -21,7 +21,7 @@ from ..mechanisms.serialization import (
     mechanism_from_record,
     mechanism_record,
 )
-from ..robot.files import (
+from ..robot.plain_values import (
     JOINT,
     ROTATION,
     TRANSFORM,

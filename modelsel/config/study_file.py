@@ -25,8 +25,8 @@ from .._text import parse_toml, read_text
 from .._typing import LARGEST
 from ..exceptions import StudyError, suggest
 from ..measurements.table import Source, hash_source
-from ..robot.files import check_robot_name, robot_record
 from ..robot.kinematics import Robot
+from ..robot.plain_values import check_robot_name, robot_record
 from .messages import describe_error, to_toml_values
 
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]

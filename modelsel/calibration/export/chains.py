@@ -13,7 +13,8 @@ from ...robot.dh import compute_dh_rows, format_dh_file
 from ...robot.files import robot_from_table
 from ...robot.kinematics import Robot, forward
 from ...robot.rigid import inverse, transform
-from ...robot.urdf import read_urdf_text, write_urdf
+from ...robot.urdf import read_urdf_text
+from ...robot.urdf_writer import write_urdf
 from ..calibration import Calibration
 from ..constant_part import Carried, carried, parts, points, workspace
 from .form import Exported
