@@ -28,7 +28,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor, Instrument
 from modelsel.fitting.observation import Fixtures
 from modelsel.fitting.problem import Problem, make_problem
-from modelsel.measurements.features import FREE_NUMBERS, KINDS
+from modelsel.measurements.features import FREE_NUMBERS, KINDS, KindColumns
 from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.measurements.observation_columns import KnownFeature, apply_known_features
 from modelsel.measurements.reader import read_measurements
@@ -156,9 +156,7 @@ def every_kind(rng: np.random.Generator) -> tuple[Problem, tuple[Term, ...], np.
     data = build_measurements(
         PUMA.draw(rng, len(kind)),
         rng.normal(0, 500, (len(kind), 3)),
-        kind=kind,
-        feature=shared,
-        length=length,
+        kinds=KindColumns(kind, shared, length),
     )
     count = len(data.gauges.features)
     turned = np.linalg.qr(rng.normal(size=(count + 1, 3, 3)))[0]
@@ -534,10 +532,10 @@ GOOD = [
     "0,0.5,distance,d,12,,,",
 ]
 BAD = {
-    "0,1,wires,w,900,,,": r'line 7, column kind: "wires" is no kind of measurement. Did you mean "wire"\?',
+    "0,1,wires,w,900,,,": r'line 7, column kind: "wires" is not a kind of measurement. Did you mean "wire"\?',
     "0,1,,w,900,,,": 'line 7, column kind: "" is no kind',
     "0,1,wire,,900,,,": "line 7, column feature: a row of kind wire has to name its feature",
-    "0,1,point,w,,1,2,3": "line 7, column feature: a row of kind point names no feature",
+    "0,1,point,w,,1,2,3": "line 7, column feature: a row of kind point does not name a feature",
     "0,1,ball-bar,w,900,,,": 'feature "w" is of kind wire on line 4 and of kind ball-bar here',
     "0,1,wire,w,,,,": "line 7, column length_mm: expected a finite number, found an empty cell",
     "0,1,wire,w,-3,,,": "line 7, column length_mm: a length must be above zero",

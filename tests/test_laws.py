@@ -204,9 +204,9 @@ def test_setup_columns_with_orientation(rng) -> None:
     at = drawn(robot, rng, 20)
     turned = at.pose(slice(None)).rotation.transpose(2, 0, 1)
     from modelsel.fitting.problem import make_problem
-    from modelsel.measurements.measurements import build_measurements
+    from modelsel.measurements.measurements import Orientation, build_measurements
 
-    data = build_measurements(at.data.q, at.data.position, rotation=turned)
+    data = build_measurements(at.data.q, at.data.position, orientation=Orientation(turned))
     six = make_problem(robot, data, at.tools)
     assert six.components == 6
     whole = build_setup(robot, 1, 1, True, True)

@@ -13,8 +13,9 @@ from builders import drawn, seeds
 
 from modelsel.exceptions import DataError
 from modelsel.fitting.noise import from_repeats
-from modelsel.measurements.measurements import Measurements, build_measurements, order_units
+from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.measurements.reader import read_labels, read_measurements
+from modelsel.measurements.visits import order_units
 from modelsel.robot.files import load
 from modelsel.study.preparation import Plan, prepare
 

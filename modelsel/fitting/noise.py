@@ -9,7 +9,8 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import StudyError
-from ..measurements.measurements import SAME_READING, Measurements
+from ..measurements.measurements import Measurements
+from ..measurements.visits import SAME_READING
 from .problem import Problem
 
 # standard deviation over median absolute deviation: a swapped reflector must not set the floor

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array, Index
-from ..measurements.measurements import Measurements, order_units
+from ..measurements.measurements import Measurements
+from ..measurements.visits import order_units
 
 SWEEPS = 40
 LARGE = 20_000  # beyond it a seeded random choice covers everything by itself
