@@ -533,7 +533,7 @@ GOOD = [
 ]
 BAD = {
     "0,1,wires,w,900,,,": r'line 7, column kind: "wires" is not a kind of measurement. Did you mean "wire"\?',
-    "0,1,,w,900,,,": 'line 7, column kind: "" is no kind',
+    "0,1,,w,900,,,": 'line 7, column kind: "" is not a kind',
     "0,1,wire,,900,,,": "line 7, column feature: a row of kind wire has to name its feature",
     "0,1,point,w,,1,2,3": "line 7, column feature: a row of kind point does not name a feature",
     "0,1,ball-bar,w,900,,,": 'feature "w" is of kind wire on line 4 and of kind ball-bar here',

@@ -34,33 +34,37 @@ class _Table(BaseModel):
 class StudyTable(_Table):
     """[[study]]: a study file, and what is different here: a robot, a day, a what-if."""
 
-    file: FileName
-    name: Name | None = None
-    measurements: FileName | None = None
-    estimation: Annotated[int, Field(ge=1)] | None = None
-    candidates: list[str] | None = None
-    seed: Annotated[int, Field(ge=0)] | None = None
+    file: FileName = Field(description="Study file, or its folder.")
+    name: Name | None = Field(default=None, description="Name of its output folder.")
+    measurements: FileName | None = Field(default=None, description="Another measurements file.")
+    estimation: Annotated[int, Field(ge=1)] | None = Field(
+        default=None, description="Another number of estimation configurations."
+    )
+    candidates: list[str] | None = Field(default=None, description="Other candidates.")
+    seed: Annotated[int, Field(ge=0)] | None = Field(default=None, description="Another seed.")
 
 
 class PartsTable(_Table):
     """[[parts]]: one measurement set in many Parquet files, fitted without ever being held
     whole."""
 
-    name: Name
-    files: Annotated[list[FileName], Field(min_length=1)]
-    robot: FileName
-    tool_mm: Vector
-    base: list[str] = ["geometric"]
-    folds: Annotated[int, Field(ge=2, le=1000)] = 10
+    name: Name = Field(description="Name of its output folder.")
+    files: list[FileName] = Field(min_length=1, description="Parquet files, or patterns of them.")
+    robot: FileName = Field(description="Name of a built-in robot, or a robot file.")
+    tool_mm: Vector = Field(description="Nominal target in the flange frame [mm].")
+    base: list[str] = Field(default=["geometric"], description="Mechanisms of the model.")
+    folds: int = Field(default=10, ge=2, le=1000, description="Folds of the cross-validation.")
 
 
 class FleetFile(_Table):
     """A fleet file, checked."""
 
-    name: Name
-    studies: list[FileName] = []
-    study: list[StudyTable] = []
-    parts: list[PartsTable] = []
+    name: Name = Field(description="Name of the fleet.")
+    studies: list[FileName] = Field(default=[], description="Patterns of study files.")
+    study: list[StudyTable] = Field(
+        default=[], description="Studies, and what is different in each."
+    )
+    parts: list[PartsTable] = Field(default=[], description="Measurement sets in many files.")
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,15 @@ late."""
 
 from __future__ import annotations
 
+from typing import Literal, get_args
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._typing import Array
 
-AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
+Axis = Literal["tx", "ty", "tz", "rx", "ry", "rz"]
+AXES: tuple[str, ...] = get_args(Axis)
 # the two axes that a rotation about axis 0, 1 or 2 mixes, in right-handed order
 MIXED_AXES = ((1, 2), (2, 0), (0, 1))
 
