@@ -278,7 +278,7 @@ FOUND = {
         "fleet",
         lambda: FLEET.replace('name = "again"', 'name = ".."'),
         2,
-        '".." is no name for a folder',
+        '".." is not a name for a folder',
     ),
     "no pattern": ("fleet", lambda: FLEET.replace("*/study.toml", "."), 2, 'no file matches "."'),
 }
