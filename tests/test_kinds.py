@@ -780,7 +780,9 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
 
 
 def test_the_page_s_example_is_read(tmp_path) -> None:
-    text = (Path(__file__).parents[1] / "docs" / "kinds.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[1] / "docs" / "how-to" / "other-measurements.md").read_text(
+        encoding="utf-8"
+    )
     rows, known = (
         text.partition(f"```{language}\n")[2].partition("```")[0] for language in ("csv", "toml")
     )
