@@ -15,7 +15,7 @@ from .terms import Mechanism, Screw, Term, foreign
 
 
 def describe_mechanism(mechanism: Mechanism) -> dict[str, Any]:
-    """A mechanism as plain values."""
+    """Describe a mechanism by plain values, for people and programs."""
 
     def expected(size: tuple[float, float] | None, sign: int) -> str:
         words = [] if size is None else [f"usually {size[0]:g} to {size[1]:g}"]
@@ -55,7 +55,7 @@ TERM = {
 
 
 def cause_record(cause: Cause) -> dict[str, Any]:
-    """A cause as nested JSON values. Raises StudyError for a kind of cause that is not of
+    """Return a cause as nested JSON values. Raises StudyError for a kind of cause that is not of
     modelsel.mechanisms.causes."""
     if (what := foreign(cause)) is not None:
         raise StudyError(
@@ -78,7 +78,7 @@ def cause_record(cause: Cause) -> dict[str, Any]:
 
 
 def cause_from_record(record: Any, depth: int = 0) -> Cause:
-    """The cause of a record. Raises ValueError for anything else."""
+    """Restore the cause of a record. Raises ValueError for anything else."""
     if not isinstance(record, Mapping) or depth > DEEPEST:
         raise ValueError(f"not a cause: {str(record)[:60]}")
     found = [
@@ -123,7 +123,7 @@ CAUSES: tuple[tuple[dict[str, Any], Callable[[Mapping[str, Any], int], Cause]], 
 
 
 def collect_members(cause: Cause) -> list[Member]:
-    """The targets and groups that a cause is of."""
+    """Collect the targets and groups that a cause is of."""
     match cause:
         case Member():
             return [cause]
@@ -135,7 +135,7 @@ def collect_members(cause: Cause) -> list[Member]:
 
 
 def mechanism_record(mechanism: Mechanism) -> dict[str, Any]:
-    """A mechanism with its terms, each with its screws; what a term's causes look like in print
+    """Return a mechanism with its terms, each with its screws; what a term's causes look like in print
     stands beside them."""
     return {
         "name": mechanism.name,
@@ -166,7 +166,7 @@ def mechanism_record(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def mechanism_from_record(record: Mapping[str, Any]) -> Mechanism:
-    """The mechanism of a record of its shape. Raises ValueError where its units or what its causes
+    """Restore the mechanism of a record of its shape. Raises ValueError where its units or what its causes
     print are not the stored ones."""
     terms = tuple(
         Term(
@@ -190,9 +190,11 @@ def mechanism_from_record(record: Mapping[str, Any]) -> Mechanism:
             or term.size is not None
             and not 0 <= term.size[0] <= term.size[1]
         ):
-            raise ValueError(f"the usual size or sign of {term.symbol} of {record['name']} is none")
+            raise ValueError(
+                f"the usual size or sign of {term.symbol} of {record['name']} is not valid"
+            )
     if (why := find_name_problem(record["name"], MAX_TEXT_LENGTH)) is not None:
-        raise ValueError(f"the name of a mechanism is not one: {why}")
+        raise ValueError(f"the name of a mechanism is not valid: {why}")
     if any(t.usual is not None and not 0 < t.usual < LARGEST for t in terms):
         raise ValueError(f"the usual size of a parameter of {record['name']} must be above 0")
     return Mechanism(
