@@ -1,5 +1,4 @@
-"""Values that are asked for their hash often: nested ones, which work it out anew from all they
-hold."""
+"""Cache the hash of nested frozen dataclasses, which is asked for often."""
 
 from __future__ import annotations
 
@@ -11,8 +10,8 @@ Class = TypeVar("Class", bound=type)
 
 
 def cache_hash(cls: Class) -> Class:
-    """A frozen dataclass whose values remember their hash. It never travels: another process hashes
-    strings another way."""
+    """Make the values of a frozen dataclass remember their hash. It is not pickled: another process
+    hashes strings another way."""
     work_out: Callable[[Any], int] = cls.__hash__  # type: ignore[assignment]
 
     def remembered(self: Any) -> int:

@@ -46,7 +46,7 @@ class Maybe:
 
 
 def find_misfit(value: Any, shape: Any, place: str = "") -> str | None:
-    """What in a JSON value is not of a shape, the first, with its place; None where all is."""
+    """Describe the first place where a JSON value is not of a shape; None where all of it is."""
     if isinstance(shape, Maybe):
         return None if value is None else find_misfit(value, shape.of, place)
     if isinstance(shape, Each):
@@ -133,7 +133,7 @@ def _not(place: str, expected: str, value: Any) -> str:
 
 
 def parse_json(text: str) -> Any:
-    """The value of a JSON text. Raises ValueError in plain words: no NaN or infinity, no key twice,
+    """Parse a JSON text. Raises ValueError in plain words: no NaN or infinity, no key twice,
     not too deep."""
 
     def none(word: str) -> Any:
@@ -166,7 +166,7 @@ class _Words(ValueError):
 
 
 def read_json_text(path: Path) -> str:
-    """A file's text. Raises FileNotFoundError, else ValueError in plain words."""
+    """Read a file's text. Raises FileNotFoundError, else ValueError in plain words."""
     why = find_read_problem(path)
     if why == "no such file":
         raise FileNotFoundError(path)
@@ -181,7 +181,8 @@ def read_json_text(path: Path) -> str:
 
 
 def to_plain(value: Any) -> Any:
-    """Floats to 10 significant digits, undefined ones null, arrays as lists."""
+    """Convert to plain values: floats to 10 significant digits, undefined ones null, arrays as
+    lists."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, float):  # most of them, and so first
@@ -196,7 +197,7 @@ def to_plain(value: Any) -> Any:
 
 
 def to_json(result: Mapping[str, Any]) -> str:
-    """The file's text."""
+    """Write the text of a JSON file."""
     return json.dumps(to_plain(result), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
 
 

@@ -12,7 +12,7 @@ import keyword
 import re
 import unicodedata
 
-LONGEST = 200  # characters of a name
+MAX_NAME_LENGTH = 200  # characters of a name
 MAX_TEXT_LENGTH = 4000  # characters of a source or a sentence
 HIDDEN_CATEGORIES = frozenset(("Cc", "Cf", "Cs", "Zl", "Zp"))  # categories of Unicode
 JOINERS = "\u200c\u200d"  # of Persian and Indic letters, and of emoji: they are part of a word
@@ -23,7 +23,7 @@ NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
 def find_hidden_character(text: str) -> str | None:
-    """The first character that no name may hold; None where there is none."""
+    """Find the first character that no name may hold; None where there is none."""
     if text.isascii() and text.isprintable():
         return None
     return next(
@@ -41,8 +41,8 @@ def _none(c: str) -> bool:
     return ord(c) & 0xFFFE == 0xFFFE or 0xFDD0 <= ord(c) <= 0xFDEF
 
 
-def find_name_problem(name: str, longest: int = LONGEST) -> str | None:
-    """Why a text cannot be a name (or, with `longest` = TEXT, a sentence of a file), in words; None
+def find_name_problem(name: str, longest: int = MAX_NAME_LENGTH) -> str | None:
+    """Say why a text cannot be a name (or, with `longest` = TEXT, a sentence of a file), in words; None
     where it can."""
     if (c := find_hidden_character(name)) is not None:
         called = unicodedata.name(c, "a control character").lower()
@@ -55,7 +55,7 @@ def find_name_problem(name: str, longest: int = LONGEST) -> str | None:
 
 
 def as_name(text: str) -> str:
-    """The text itself. Raises ValueError for one that cannot be a name."""
+    """Return the text itself. Raises ValueError for one that cannot be a name."""
     if (why := find_name_problem(text)) is not None:
         raise ValueError(f"not a name: {why}")
     return text
@@ -72,7 +72,7 @@ def is_plain_word(name: str) -> bool:
 
 
 def quote_name(name: str) -> str:
-    """A name between quotes, short enough for a message."""
+    """Quote a name, short enough for a message."""
     return f'"{name if len(name) <= 40 else name[:39] + "…"}"'
 
 
@@ -81,7 +81,7 @@ def quote_name(name: str) -> str:
 
 
 def guard_cell(cell: str) -> str:
-    """A text cell as it is written to a CSV: an apostrophe goes before what a spreadsheet would run
+    """Write a text cell for a CSV: an apostrophe goes before what a spreadsheet would run
     as a formula (OWASP, CSV injection). A plain number stays as it is. `unguarded` gives the cell
     back."""
     bare = cell.lstrip("'")
@@ -91,5 +91,5 @@ def guard_cell(cell: str) -> str:
 
 
 def unguard_cell(cell: str) -> str:
-    """A text cell as it was before `guarded`."""
+    """Return a text cell as it was before `guarded`."""
     return cell[1:] if cell[:1] == "'" and FORMULA.match(cell.lstrip("'")) else cell

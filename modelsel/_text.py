@@ -18,7 +18,7 @@ DEEP_KEY = re.compile(
 
 
 def find_read_problem(path: Path) -> str | None:
-    """Why a path cannot be read as a file, in a few words; None where it can. A device or a pipe
+    """Say in a few words why a path cannot be read as a file; None where it can. A device or a pipe
     may never end."""
     try:
         mode = path.stat().st_mode
@@ -36,7 +36,7 @@ def find_read_problem(path: Path) -> str | None:
 
 
 def read_text(path: Path, what: str) -> str:
-    """A file's text; `what` it is, for the message. Raises StudyError."""
+    """Read a file's text; `what` it is, for the message. Raises StudyError."""
     why = find_read_problem(path)
     if why is None:
         try:
@@ -59,7 +59,7 @@ def read_text(path: Path, what: str) -> str:
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """A TOML file's table. Raises StudyError with line and column of what is wrong."""
+    """Parse a TOML file's table. Raises StudyError with line and column of what is wrong."""
     try:
         if DEEP_KEY.search(text):
             raise RecursionError

@@ -113,10 +113,10 @@ def test_a_frame_is_refused_in_a_file_s_words(case, tmp_path) -> None:
     )
     for given in ("z", "NAME"):
         words = words.replace(
-            f'in the study file: [measurements] columns = {{ z_mm = "{given}" }} (of a command without one: '
+            f'in the study file: [measurements] columns = {{ z_mm = "{given}" }} (for a command without a study file: '
             f"--column z_mm={given})",
             (
-                f'by columns={{"z_mm": "{given}"}} (of a Study: measurements={{"frame": …, "columns": …}})'
+                f'by columns={{"z_mm": "{given}"}} (for a Study: measurements={{"frame": …, "columns": …}})'
             ),
         )
     assert str(other).partition(": ")[2] == words

@@ -338,7 +338,7 @@ def test_refused_everywhere_else(name, tmp_path) -> None:
         )
     with pytest.raises(StudyError, match="name: not a name"):
         Study(name=name, robot={"name": "ur5", "tool_mm": [0, 0, 0]}, measurements="m.csv")
-    with pytest.raises(StudyError, match="robot's name is not one"):
+    with pytest.raises(StudyError, match="robot's name is not valid"):
         robot_from_table({"name": name, "joint": [{"dh": {}}]}, "robot.toml")
     record = json.loads(plain()["calibration.json"])
     for place in (

@@ -157,9 +157,7 @@ def every_kind(rng: np.random.Generator) -> tuple[Problem, tuple[Term, ...], np.
     data = build_measurements(
         PUMA.draw(rng, len(kind)),
         rng.normal(0, 500, (len(kind), 3)),
-        kind=kind,
-        feature=shared,
-        length=length,
+        kinds=KindColumns(kind, shared, length),
     )
     count = len(data.gauges.features)
     turned = np.linalg.qr(rng.normal(size=(count + 1, 3, 3)))[0]
@@ -536,10 +534,10 @@ GOOD = [
     "0,0.5,distance,d,12,,,",
 ]
 BAD = {
-    "0,1,wires,w,900,,,": r'line 7, column kind: "wires" is no kind of measurement. Did you mean "wire"\?',
-    "0,1,,w,900,,,": 'line 7, column kind: "" is no kind',
+    "0,1,wires,w,900,,,": r'line 7, column kind: "wires" is not a kind of measurement. Did you mean "wire"\?',
+    "0,1,,w,900,,,": 'line 7, column kind: "" is not a kind',
     "0,1,wire,,900,,,": "line 7, column feature: a row of kind wire has to name its feature",
-    "0,1,point,w,,1,2,3": "line 7, column feature: a row of kind point names no feature",
+    "0,1,point,w,,1,2,3": "line 7, column feature: a row of kind point does not name a feature",
     "0,1,ball-bar,w,900,,,": 'feature "w" is of kind wire on line 4 and of kind ball-bar here',
     "0,1,wire,w,,,,": "line 7, column length_mm: expected a finite number, found an empty cell",
     "0,1,wire,w,-3,,,": "line 7, column length_mm: a length must be above zero",
@@ -782,7 +780,9 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
 
 
 def test_the_page_s_example_is_read(tmp_path) -> None:
-    text = (Path(__file__).parents[1] / "docs" / "kinds.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[1] / "docs" / "how-to" / "other-measurements.md").read_text(
+        encoding="utf-8"
+    )
     rows, known = (
         text.partition(f"```{language}\n")[2].partition("```")[0] for language in ("csv", "toml")
     )

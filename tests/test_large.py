@@ -10,7 +10,7 @@ from builders import drawn, one, planted
 
 from modelsel.config.study_file import parse_study
 from modelsel.diagnosis import procedure as explain
-from modelsel.measurements.measurements import blocks
+from modelsel.measurements.visits import number_blocks
 from modelsel.mechanisms.causes import q
 from modelsel.selection.evaluation import ResamplingOptions, estimate_gain
 from modelsel.study.runner import run
@@ -58,15 +58,11 @@ def test_bundled_bootstrap_has_the_same_interval(rng) -> None:
     assert bundled.interval_mm == pytest.approx(whole.interval_mm, rel=0.01)
 
 
-def test_readings_alike_by_neighbours_or_by_tree(rng, monkeypatch) -> None:
+def test_readings_alike_by_neighbours_or_by_tree(rng) -> None:
     """Few close neighbours are compared along one direction, many by a tree: the same blocks."""
-    from modelsel.measurements import measurements
-
     few = np.repeat(rng.uniform(-1, 1, (50, 3)), 2, axis=0) + rng.uniform(-4e-7, 4e-7, (100, 3))
-    monkeypatch.setattr(measurements, "_near", lambda q, order, close: None)
-    by_tree = blocks(few, np.arange(100))
-    monkeypatch.undo()
-    assert np.array_equal(blocks(few, np.arange(100)), by_tree)
+    by_tree = number_blocks(few, np.arange(100), max_lag=0)
+    assert np.array_equal(number_blocks(few, np.arange(100)), by_tree)
     assert len(np.unique(by_tree)) == 50
     many = np.zeros((40, 3))
-    assert len(np.unique(blocks(many, np.arange(40)))) == 1
+    assert len(np.unique(number_blocks(many, np.arange(40)))) == 1

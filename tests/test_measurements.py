@@ -13,8 +13,9 @@ from builders import drawn, seeds
 
 from modelsel.exceptions import DataError
 from modelsel.fitting.noise import from_repeats
-from modelsel.measurements.measurements import Measurements, build_measurements, in_turn
+from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.measurements.reader import read_labels, read_measurements
+from modelsel.measurements.visits import order_units
 from modelsel.robot.files import load
 from modelsel.study.preparation import Plan, prepare
 
@@ -236,11 +237,11 @@ def test_groups_follow_one_another_by_the_clock() -> None:
 
 def test_units_are_numbered_as_the_arm_came_to_them(rng) -> None:
     unit, progress = np.array([7, 3, 7, 5, 3]), np.array([0.9, 0.4, 0.1, 0.2, 0.3])
-    number, first = in_turn(unit, progress)
+    number, first = order_units(unit, progress)
     assert number.tolist() == [0, 2, 0, 1, 2]
     assert first.tolist() == [2, 3, 4]
     mixed = rng.permutation(5)
-    again, _ = in_turn(unit[mixed], progress[mixed])
+    again, _ = order_units(unit[mixed], progress[mixed])
     assert again.tolist() == number[mixed].tolist()
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._files import write_atomically
 from ..mechanisms.serialization import mechanism_record
-from ..robot.files import robot_record
+from ..robot.plain_values import robot_record
 from .refitting import refits_record
 from .schema import SCHEMA_VERSION
 

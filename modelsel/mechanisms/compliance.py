@@ -8,14 +8,11 @@ from ..robot.kinematics import Robot
 from .causes import Named, q, shifted, sin, torque
 from .terms import Mechanism, Screw, Term
 
-COMPLIANCE = (1e-8, 1e-3)  # rad/(N m)
-HEAVY = (1e-8, 1e-3)  # rad/(N m) times some kg
+# rad/(N m): usual size of a compliance
+COMPLIANCE = (1e-8, 1e-3)
+# rad/(N m) times some kg: of a compliance with an unknown mass
+HEAVY = (1e-8, 1e-3)
 SOURCE = "Klimchik, Furet, Caro & Pashkevich 2015, elastostatic calibration"
-
-
-def gravity_joints(robot: Robot) -> tuple[int, ...]:
-    """Joints whose gravity torque changes with the configuration."""
-    return find_gravity_joints(robot)
 
 
 def find_bending_links(robot: Robot) -> tuple[int, ...]:

@@ -151,8 +151,3 @@ def payload_tilt(robot: Robot) -> Mechanism | None:
         "rotation of frame 0 = p · payload_kg · horizontal lever of the target",
         "Whitney, Lozinski & Rourke 1986",
     )
-
-
-def gravity_joints(robot: Robot) -> tuple[int, ...]:
-    """Joints whose gravity torque changes with the configuration."""
-    return find_gravity_joints(robot)

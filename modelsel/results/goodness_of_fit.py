@@ -16,7 +16,8 @@ from ..fitting.least_squares import Fit
 from ..fitting.noise import LACKING, MEDIAN, Floor
 from ..fitting.observation import LENGTH
 from ..fitting.problem import Problem
-from ..measurements.measurements import SAME_READING, Measurements
+from ..measurements.measurements import Measurements
+from ..measurements.visits import SAME_READING
 from ..mechanisms.terms import FixtureTerm
 from ..notices import Note
 from ..robot.rigid import rotation_matrix

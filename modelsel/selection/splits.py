@@ -6,7 +6,8 @@ from __future__ import annotations
 import numpy as np
 
 from .._typing import Array, Index, Mask
-from ..measurements.measurements import Measurements, in_turn
+from ..measurements.measurements import Measurements
+from ..measurements.visits import order_units
 
 # exchanges per square root of the number of estimation blocks
 MAX_EXCHANGES = 40
@@ -26,7 +27,7 @@ def split_configurations(
     Equal readings stay together. Fedorov's exchange on the features' information: from a random
     start, the pair of blocks whose exchange raises the determinant most changes places until none
     does (Fedorov 1972)."""
-    block, first = in_turn(data.block, data.progress)
+    block, first = order_units(data.block, data.progress)
     configurations = np.unique(np.stack([block, data.configuration]), axis=1)
     weight = np.bincount(configurations[0])
     order = rng.permutation(len(first))
@@ -94,7 +95,7 @@ def assign_folds(
     """Assign every row (m,) to a fold; equal readings stay together.
 
     by="group" keeps groups whole. folds = 0 leaves one unit out at a time."""
-    unit, first = in_turn(data.group if by == "group" else data.block, data.progress)
+    unit, first = order_units(data.group if by == "group" else data.block, data.progress)
     count = len(first) if folds <= 0 else min(folds, len(first))
     order = rng.permutation(len(first))
     if data.gauges is not None:

@@ -25,7 +25,7 @@ from ..notices import (
     ALARM_OF_FAULT,
     ALARMS,
     HOPELESS_FIT,
-    NOISE,
+    NOISE_CODES,
     OTHER_ROBOT,
     ROWS_MISTAKEN,
     SETUP_MISTAKE,
@@ -320,7 +320,7 @@ def _hopeless(
     leads = [
         lead.removeprefix("Check ")
         for code, lead in ALARMS.items()
-        if code in {n.code for n in notes} - NOISE
+        if code in {n.code for n in notes} - NOISE_CODES
     ]
     reasons = (
         f"Likeliest reason: what the warnings say of {sentence_list(list(dict.fromkeys(leads)))}"

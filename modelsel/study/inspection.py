@@ -28,34 +28,6 @@ from .checks import setup_notes
 MOST = 2000  # points that are registered
 
 
-def robot_card(robot: Robot) -> dict[str, Any]:
-    """A robot as plain values."""
-
-    def limits(joint: Any) -> str:
-        if joint.limits is None:
-            return "not known"
-        low, high = joint.limits if joint.prismatic else np.degrees(joint.limits)
-        return f"{low:.4g} to {high:.4g} {'mm' if joint.prismatic else 'deg'}"
-
-    return {
-        "name": robot.name,
-        "source": robot.source,
-        "joints": robot.n,
-        "reach_mm": robot.reach,
-        "gravity": robot.gravity,
-        "chain": [
-            {
-                "kind": "prismatic" if j.prismatic else "revolute",
-                "limits": limits(j),
-                "mass_kg": j.mass,
-                "transform_mm": j.before[:3].tolist(),
-            }
-            for j in robot.joints
-        ],
-        "last_mm": robot.last[:3].tolist(),
-    }
-
-
 def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
     """What a file holds, what its configurations determine of the geometry, and what they do
     not."""

@@ -14,7 +14,8 @@ from ...robot.dh import compute_dh_rows, format_dh_file
 from ...robot.files import robot_from_table
 from ...robot.kinematics import Robot, forward
 from ...robot.rigid import inverse, transform
-from ...robot.urdf import read_urdf_text, write_urdf
+from ...robot.urdf import read_urdf_text
+from ...robot.urdf_writer import write_urdf
 from ..constant_part import (
     ConstantChain,
     build_constant_chain,
