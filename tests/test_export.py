@@ -39,7 +39,8 @@ from modelsel.robot.files import builtin_names, load, read_robot, robot_from_tab
 from modelsel.robot.gravity import compute_joint_torques
 from modelsel.robot.kinematics import Joint, Robot, forward, pose
 from modelsel.robot.rigid import from_rpy, to_rpy, transform
-from modelsel.robot.urdf import read_urdf_text, write_urdf
+from modelsel.robot.urdf import read_urdf_text
+from modelsel.robot.urdf_writer import write_urdf
 from modelsel.selection.evaluation import Split
 
 

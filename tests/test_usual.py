@@ -16,7 +16,8 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.prior import usual_sizes
 from modelsel.mechanisms.geometry import OPEN, build_setup, geometric
 from modelsel.mechanisms.serialization import mechanism_from_record, mechanism_record
-from modelsel.robot.files import load, robot_from_table, robot_of, robot_record
+from modelsel.robot.files import load, robot_from_table
+from modelsel.robot.plain_values import robot_from_record, robot_record
 
 PUMA = load("puma760")
 TABLE = {"joint": [{"dh": {"theta_deg": 0, "d_mm": 100, "a_mm": 300, "alpha_deg": 90}}] * 3}
@@ -74,7 +75,7 @@ def test_the_robot_file_may_say_more(rng) -> None:
         OPEN["r"],
         OPEN["t"],
     )  # found by registration
-    assert robot_of(robot_record(robot)).usual == robot.usual
+    assert robot_from_record(robot_record(robot)).usual == robot.usual
     assert mechanism_from_record(mechanism_record(geometric(robot))) == geometric(robot)
 
 
