@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy import integrate, stats
 
 from modelsel.diagnosis.candidates import Candidate
-from modelsel.diagnosis.evidence import single_f
-from modelsel.diagnosis.scan import basis, columns, scan, stacked
+from modelsel.diagnosis.evidence import compute_single_f
+from modelsel.diagnosis.scan import columns, compute_basis, scan, stacked
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.causes import ONE
@@ -193,8 +193,8 @@ def test_single_f_is_the_nested_f_test(rng) -> None:
     offered = tuple(Candidate(m, True, 0.25) for m in some)
     A, r = stacked(at, base.terms, fitted.at())
     A = A[:, list(fitted.found.kept)]
-    found = single_f(
-        scan(columns(at, offered, fitted.at()), basis(A)),
+    found = compute_single_f(
+        scan(columns(at, offered, fitted.at()), compute_basis(A)),
         r - A @ np.linalg.lstsq(A, r, rcond=None)[0],
     )
     small = sm.OLS(r, A).fit()
@@ -215,10 +215,10 @@ def test_single_f_of_a_candidate_that_explains_all(size, rng) -> None:
     ]
     cols = columns(at, offered, fitted.at())
     A, _ = stacked(at, fitted.terms, fitted.at())
-    Q = basis(A)
+    Q = compute_basis(A)
     r = cols.XT[cols.slices[1][0]]
     r = r - Q @ (Q.T @ r)
-    f = single_f(scan(cols, Q), size * r / np.linalg.norm(r))
+    f = compute_single_f(scan(cols, Q), size * r / np.linalg.norm(r))
     assert np.isfinite(f).all()
     assert f.argmax() == 1
     assert f[1] > 1e10

@@ -13,7 +13,7 @@ import arm
 import numpy as np
 
 from modelsel._typing import Array
-from modelsel.diagnosis.scan import basis
+from modelsel.diagnosis.scan import compute_basis
 from modelsel.fitting.design import compute_design
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
@@ -73,7 +73,7 @@ def beyond(
 ) -> tuple[dict[str, float], dict[str, Array]]:
     """({name: share of its displacement that geometry absorbs}, {name: basis (3m, k) of what is
     left}) of every name a joint."""
-    Q = basis(
+    Q = compute_basis(
         compute_design(at, build_mechanisms("geometric", robot)[0].terms)[0].reshape(
             3 * len(at), -1
         )
@@ -87,7 +87,7 @@ def beyond(
             absorbed[m.name] = (
                 float(np.sqrt(max(1 - np.square(rest).sum() / size, 0.0))) if size > 0 else 1.0
             )
-            left[m.name] = basis(
+            left[m.name] = compute_basis(
                 rest[:, np.linalg.norm(rest, axis=0) > 1e-6 * np.linalg.norm(X, axis=0)]
             )
     return absorbed, left

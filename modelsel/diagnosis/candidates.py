@@ -29,7 +29,7 @@ from ..robot.rigid import AXES
 from ..selection.comparison import MAX_CANDIDATES
 
 REGISTERED = 0.6
-KNOTS = tuple(np.radians(degrees) for degrees in (40.0, 20.0, 10.0, 4.0, 2.0))
+Screws = tuple(np.radians(degrees) for degrees in (40.0, 20.0, 10.0, 4.0, 2.0))
 DENSITY = 3.0  # configurations per knot interval that a free function needs
 BETWEEN = tuple(
     k + part for k in range(3, 60) for part in (0.25, 0.5, 0.75)
@@ -136,7 +136,7 @@ def cell_causes(problem: Problem) -> tuple[tuple[Cause, ...], ...]:
     return tuple(out)
 
 
-def crowded(problem: Problem) -> bool:
+def exceeds_cell_limit(problem: Problem) -> bool:
     """Whether the whole error map would have more than CELLS cells."""
     return len(places(problem)) * len(cell_causes(problem)) > CELLS
 
@@ -226,7 +226,7 @@ def free_functions(problem: Problem) -> list[Mechanism]:
         values = np.sort(data.q[first, j - 1])
         if joint.prismatic or np.ptp(values) < np.radians(20.0):
             continue
-        for width in KNOTS:
+        for width in Screws:
             centres = (
                 np.arange(np.floor(values[0] / width), np.ceil(values[-1] / width) + 1) * width
             )
@@ -253,7 +253,7 @@ def free_functions(problem: Problem) -> list[Mechanism]:
     return out
 
 
-def candidates(
+def build_candidates(
     problem: Problem, base: Model, mechanisms: Sequence[Mechanism], cells: bool = True
 ) -> tuple[Candidate, ...]:
     """Every explanation the data could carry beyond the base, with priors that sum to one.
@@ -274,7 +274,7 @@ def candidates(
     others: list[tuple[Mechanism, float]] = []
     if cells:
         every_cause = [(causes, " & ".join(map(str, causes))) for causes in cell_causes(problem)]
-        some = crowded(problem)
+        some = exceeds_cell_limit(problem)
         beside = [_beside(causes) if some else lambda frame: True for causes, _ in every_cause]
         pool = [
             (_cell(place, causes, words), 1.0)
@@ -338,7 +338,7 @@ def _distinct(problem: Problem, mechanisms: Sequence[Mechanism]) -> list[Mechani
     return out
 
 
-def strongest(
+def choose_strongest(
     found: Sequence[Candidate],
     single_f: Array,
     named: Sequence[Candidate] = (),

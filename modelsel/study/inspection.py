@@ -20,7 +20,7 @@ from ..mechanisms.geometry import build_setup, geometric
 from ..notices import SETUP_MISTAKE, list_alarms
 from ..results.placements import standing, standing_sentences
 from ..robot.kinematics import Robot
-from ..setup.feature_positions import place
+from ..setup.feature_positions import place_features
 from ..setup.mistakes import LEAST
 from ..setup.registration import register
 from .checks import setup_notes
@@ -34,7 +34,7 @@ def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
     orientation = data.rotation is not None
     bound = Problem(robot, data, np.tile([0.0, 0.0, 100.0], (len(data.targets), 1)))
     features, gauges = data.gauges.features if data.gauges is not None else (), data.gauges
-    bound = place(bound, np.ones(len(data), bool))
+    bound = place_features(bound, np.ones(len(data), bool))
     model = Model(
         (build_setup(robot, len(data.targets), 1, False, orientation, features), geometric(robot))
     )

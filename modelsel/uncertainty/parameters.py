@@ -10,7 +10,7 @@ import numpy as np
 
 from .._linalg import connected_components
 from .._typing import Array, Mask
-from ..diagnosis.residual_tests import LASTING, together
+from ..diagnosis.residual_tests import GROUP_LEVEL, compute_group_p
 from ..fitting.design import Model, blocks
 from ..fitting.least_squares import Fit
 from ..mechanisms.causes import Bump
@@ -107,7 +107,7 @@ def bootstrap_parameters(split: Split, fitted: Fit, rng: np.random.Generator) ->
     correlated."""
     training = split.training()
     residual = fitted.residuals(training)
-    grouped = together(training.data, residual[:, :3], rng) <= LASTING
+    grouped = compute_group_p(training.data, residual[:, :3], rng) <= GROUP_LEVEL
     unit = training.data.group if grouped else training.data.block
     parts = fold_by_unit(training, fitted.terms, unit, fitted.at())
     return replace(run_bootstrap(parts, fitted, rng), grouped=grouped)
