@@ -28,9 +28,9 @@ import modelsel.uncertainty.bootstrap
 import modelsel.uncertainty.parameters
 from modelsel import Model, mechanism
 from modelsel._random import generator
-from modelsel.diagnosis.outliers import misplaced
-from modelsel.diagnosis.procedure import explain
-from modelsel.diagnosis.unexplained import predictable
+from modelsel.diagnosis.outliers import find_misplaced_rows
+from modelsel.diagnosis.procedure import diagnose_split
+from modelsel.diagnosis.unexplained import estimate_predictability
 from modelsel.fitting.design import residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem, make_problem
@@ -167,7 +167,7 @@ def study(condition: str, seed: Sequence[int]) -> Study:
         assign(at.data, 10, generator(seed[-1], "folds")),
         False,
     )
-    data, extension, _ = explain(data, BASE, every(ARM), seed[-1], True)
+    data, extension, _ = diagnose_split(data, BASE, every(ARM), seed[-1], True)
     base_fit = fit(data.training(), BASE)
     both = fit(data.training(), Model((*BASE.mechanisms, TESTED)))
     own = [
@@ -176,8 +176,10 @@ def study(condition: str, seed: Sequence[int]) -> Study:
         if t.screws == TESTED.terms[0].screws and k in both.found.kept
     ]
     left = extension.fit.residuals(at)[data.used]
-    told = predictable(at.data.take(data.used), left, (False,) * 3, generator(seed[-1], "flips"))
-    wrong = misplaced(at, data.outlying, extension.fit, generator(seed[-1], "null"))
+    told = estimate_predictability(
+        at.data.take(data.used), left, (False,) * 3, generator(seed[-1], "flips")
+    )
+    wrong = find_misplaced_rows(at, data.outlying, extension.fit, generator(seed[-1], "null"))
     single = (
         nested(both, own, resampled(data, both, generator(seed[-1], "halves")))[1] if own else None
     )

@@ -23,7 +23,7 @@ import numpy as np
 
 from modelsel import Model, mechanism
 from modelsel._random import generator
-from modelsel.diagnosis.procedure import explain
+from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.fitting.design import Model as Terms
 from modelsel.fitting.design import design, residuals
 from modelsel.fitting.least_squares import fit
@@ -138,7 +138,7 @@ def study(condition: str, arm: str, seed: Sequence[int]) -> Study:
         assign(at.data, 10, generator(seed[-1], "folds")),
         False,
     )
-    data, extension, _ = explain(data, base, every(robot), seed[-1], True)
+    data, extension, _ = diagnose_split(data, base, every(robot), seed[-1], True)
     fitted = fit(data.training(), base)
     table = parameters(data, fitted, resampled(data, fitted, generator(seed[-1], "bootstrap")))
     size = dict(zip([t.symbol for t in fitted.terms], truth, strict=True))

@@ -30,10 +30,10 @@ from modelsel.results.result import Result
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward, pose
 from modelsel.robot.rigid import rpy
-from modelsel.setup.measured_orientations import orientation_mistake
-from modelsel.setup.mistakes import mistake
+from modelsel.setup.measured_orientations import describe_orientation_mistake
+from modelsel.setup.mistakes import describe_setup_mistake
 from modelsel.setup.registration import register
-from modelsel.setup.target_labels import labels_mistake
+from modelsel.setup.target_labels import describe_swapped_labels
 from modelsel.study.checks import outcome, setup_notes, told_with
 from modelsel.study.runner import rehearse, run
 
@@ -332,7 +332,7 @@ def test_mistaken_quaternions_are_said(name, rng, tmp_path) -> None:
     data = turned(rng)
     at = bind("ur5", read_measurements(change(data), load("ur5").prismatic), (0.0, 0.0, 0.0))
     use = np.ones(len(at), bool)
-    assert words in (orientation_mistake(register(at, use, False), use, True) or "")
+    assert words in (describe_orientation_mistake(register(at, use, False), use, True) or "")
     result = studied(tmp_path, change(turned(rng, registered=False)), registered=False)
     assert words in said(result, "orientation-mistake")
     assert "of orientation are left" in result.record["verdict"][0]
@@ -406,8 +406,8 @@ def test_another_robots_links_are_no_mistake_in_this_ones(rng, tmp_path) -> None
     use = np.ones(len(at), bool)
     placed = register(at, use, False)
     assert {n.code for n in setup_notes(placed, use, True, False)} == {"other-robot"}
-    assert "the nominal arm's" in (mistake(placed, use, True) or "")
-    assert mistake(placed, use, True, links=False) is None
+    assert "the nominal arm's" in (describe_setup_mistake(placed, use, True) or "")
+    assert describe_setup_mistake(placed, use, True, links=False) is None
 
 
 def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:
@@ -490,7 +490,10 @@ def test_swapped_labels_are_said(share, registered, rng) -> None:
     at = bind("ur5", read_measurements(mixed, load("ur5").prismatic), TOOLS["A"])
     at = at.anew(tools=np.array([TOOLS[name] for name in at.data.targets]))
     use = np.ones(len(at), bool)
-    sentence = labels_mistake(register(at, use, False) if registered else at, use, registered) or ""
+    sentence = (
+        describe_swapped_labels(register(at, use, False) if registered else at, use, registered)
+        or ""
+    )
     assert sentence.startswith(
         f"In {late.sum()} of 120 rows targets have each other's names (rows "
     )
@@ -686,7 +689,7 @@ def test_validate_finds_a_new_target_where_it_registers(rng, tmp_path) -> None:
 def test_drawn_scenes_have_no_slips(rng) -> None:
     """The nominal arm with the errors of an assembled one, gross rows in random directions: no slip
     explains these."""
-    from modelsel.diagnosis.mistaken_rows import slipped
+    from modelsel.diagnosis.mistaken_rows import describe_slips
     from modelsel.fitting.design import residuals
 
     for _ in range(20):
@@ -699,4 +702,4 @@ def test_drawn_scenes_have_no_slips(rng) -> None:
             * direction
             / np.linalg.norm(direction, axis=1)[:, None]
         )
-        assert slipped(at.anew(data=replace(at.data, position=x)), residuals, gross) == ()
+        assert describe_slips(at.anew(data=replace(at.data, position=x)), residuals, gross) == ()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from builders import drawn, planted, seeds
 
-from modelsel.diagnosis.candidates import candidates, strongest
+from modelsel.diagnosis.candidates import build_candidates, choose_strongest
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.causes import ONE, Named, cos, q, sin
@@ -225,7 +225,7 @@ def test_the_twelve_of_largest_f(rng) -> None:
     alone; the others named."""
     noise = tuple(harmonics(k, rng, 1) for k in range(14))
     ripples = tuple(Mechanism("ripple", harmonics(20 + k, rng, 1).terms) for k in range(3))
-    offered = candidates(
+    offered = build_candidates(
         drawn(ARM, rng, 5),
         BASE,
         (*noise, *ripples, *(mechanism(name, ARM) for name in TRUE)),
@@ -233,7 +233,7 @@ def test_the_twelve_of_largest_f(rng) -> None:
     )
     F = np.r_[rng.uniform(0, 2, 14), 5.0, 9.0, 7.0, 50.0, 60.0]
     F[3] = 0.0  # adds no column
-    taken, aside = strongest(offered, F)
+    taken, aside = choose_strongest(offered, F)
     assert len(taken) == MOST
     assert ripples[1] in taken
     assert not {ripples[0], ripples[2]} & set(taken)
@@ -250,12 +250,14 @@ def test_what_was_named_stands_in_the_table(rng) -> None:
     whole = mechanism("gravity-twist", ARM)
     parts = tuple(mechanism(name, ARM) for name in ("joint2-twist", "joint3-twist"))
     ripples = tuple(Mechanism("ripple", harmonics(20 + k, rng, 1).terms) for k in range(2))
-    offered = candidates(drawn(ARM, rng, 5), BASE, (*noise, *ripples, whole, *parts), cells=False)
+    offered = build_candidates(
+        drawn(ARM, rng, 5), BASE, (*noise, *ripples, whole, *parts), cells=False
+    )
     F = np.r_[rng.uniform(5, 9, 14), 0.5, 4.0, 1.0, 50.0, 60.0]
-    plain, _ = strongest(offered, F)
+    plain, _ = choose_strongest(offered, F)
     assert whole not in plain
     assert set(parts) <= set(plain)
-    taken, aside = strongest(offered, F, [offered[14], offered[16]])
+    taken, aside = choose_strongest(offered, F, [offered[14], offered[16]])
     assert {ripples[0], whole} <= set(taken)
     assert not {ripples[1], *parts} & set(taken)
     assert len(taken) == MOST
@@ -266,7 +268,7 @@ def test_what_may_extend(rng) -> None:
     """What the base holds already, and what the data have no columns for, is no candidate; the
     prior sums to one."""
     at = drawn(ARM, rng, 10, covariates={})
-    offered = candidates(at, BASE, every(ARM), cells=False)
+    offered = build_candidates(at, BASE, every(ARM), cells=False)
     names = {c.mechanism.name for c in offered}
     assert "geometric" not in names
     assert "payload-deflection:2" not in names
@@ -275,4 +277,4 @@ def test_what_may_extend(rng) -> None:
     lacking = Mechanism(
         "heat", (Term("t", (Screw(2, "tx", Named("temperature_C", "°C") - 20.0),)),)
     )
-    assert candidates(at, BASE, (lacking,), cells=False) == ()
+    assert build_candidates(at, BASE, (lacking,), cells=False) == ()

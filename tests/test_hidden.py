@@ -24,9 +24,9 @@ from hidden_engine import Engine
 from hidden_oracle import critical_p, detection, held_by, naming_limit
 
 from modelsel.diagnosis import state as search
-from modelsel.diagnosis.candidates import Candidate, candidates
-from modelsel.diagnosis.scan import Scan, basis, columns, scan, stacked
-from modelsel.diagnosis.stepwise import Diagnosis, extend
+from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.scan import Scan, build_columns, build_scan, compute_basis, stack_design
+from modelsel.diagnosis.stepwise import Diagnosis, run_stepwise_search
 from modelsel.diagnosis.stepwise import Effect as Found
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
@@ -89,7 +89,7 @@ class Ground:
         """What the tool says of positions (m, 3) of the campaign."""
         at = self.problem(x)
         base = Model((mechanism("geometric", at.robot),))
-        return extend(at, base, fit(at, base), self.found, np.random.default_rng(0))
+        return run_stepwise_search(at, base, fit(at, base), self.found, np.random.default_rng(0))
 
     def enough(self, displacement: np.ndarray, rank: int) -> float | None:
         """Factor on a displacement (3 m,) from which the oracle is sure to find it and to tell it
@@ -157,11 +157,11 @@ def ground() -> Iterator[Ground]:
         body.tool[None],
     )
     base = Model((mechanism("geometric", robot),))
-    found = candidates(at, base, every(robot))
+    found = build_candidates(at, base, every(robot))
     fitted = fit(at, base)
-    seen = scan(
-        columns(at, found, fitted.at()),
-        basis(stacked(at, base.terms, fitted.at())[0][:, list(fitted.found.kept)]),
+    seen = build_scan(
+        build_columns(at, found, fitted.at()),
+        compute_basis(stack_design(at, base.terms, fitted.at())[0][:, list(fitted.found.kept)]),
     )
     J = body.screws(fresh.q)
     with pytest.MonkeyPatch.context() as patch:

@@ -18,8 +18,8 @@ from modelsel.calibration.experiment_design import pool
 from modelsel.calibration.storage import calibration_text, loads
 from modelsel.calibration.validation import judge
 from modelsel.config.study_file import parse_study
-from modelsel.diagnosis.outliers import gross, scale_of
-from modelsel.diagnosis.procedure import explain
+from modelsel.diagnosis.outliers import estimate_scale, find_gross_outliers
+from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.batch import Ensemble
 from modelsel.fitting.design import Model, design, residuals
@@ -131,7 +131,7 @@ def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> Non
     )  # points tell 27 numbers of this arm; six are where the base stands
     assert sum(not base.terms[k].fixture for k in base.representatives) == TELL.get(what, 21)
     assert all(k in base.found.kept for k, t in enumerate(base.terms) if t.fixture)
-    data, extension, _ = explain(data, model(measured), OFFERED, 1, cells=False)
+    data, extension, _ = diagnose_split(data, model(measured), OFFERED, 1, cells=False)
     assert [e.candidate.mechanism.name for e in extension.effects] == ["wrist-coupling:5"]
     (effect,) = extension.effects
     assert effect.estimate[0] == pytest.approx(1.2e-3, abs=4 * effect.standard_error[0])
@@ -308,7 +308,9 @@ def test_a_wrong_wire_length_is_an_outlier_and_a_wrong_point_too(tmp_path) -> No
     c.rows[70]["length_mm"] += 3.0
     c.rows[11]["y_mm"] += 3.0
     measured = made(c, tmp_path)
-    flagged = gross(prepared(measured, 130).problem, model(measured, "wrist-coupling:5"))
+    flagged = find_gross_outliers(
+        prepared(measured, 130).problem, model(measured, "wrist-coupling:5")
+    )
     assert np.flatnonzero(flagged).tolist() == [11, 70]
 
 
@@ -318,7 +320,7 @@ def test_single_numbers_and_points_have_one_robust_scale(rng) -> None:
     )  # all three, or the first alone
     size = np.linalg.norm(rng.normal(size=seen.shape) * seen, axis=1)
     for rows in (slice(0, None, 2), slice(1, None, 2), slice(None)):
-        assert scale_of(size[rows], seen[rows]) == pytest.approx(1, rel=0.03)
+        assert estimate_scale(size[rows], seen[rows]) == pytest.approx(1, rel=0.03)
 
 
 def test_what_a_set_up_cannot_be_is_refused(tmp_path) -> None:

@@ -28,7 +28,7 @@ from modelsel.report.pages.front import opening
 from modelsel.report.terminal import sentences
 from modelsel.robot.files import load
 from modelsel.robot.rigid import rpy
-from modelsel.setup.mistakes import mistake
+from modelsel.setup.mistakes import describe_setup_mistake
 from modelsel.setup.registration import register
 from modelsel.study.preparation import Plan, prepare
 from modelsel.study.runner import asked, run
@@ -57,7 +57,9 @@ def said(at: Problem, change: Change, registered: bool = True) -> str | None:
     data = replace(measurements(q, position), notes=())
     wrong = at.anew(data=data)
     use = np.ones(len(at), bool)
-    return mistake(register(wrong, use, per_group=False) if registered else wrong, use, registered)
+    return describe_setup_mistake(
+        register(wrong, use, per_group=False) if registered else wrong, use, registered
+    )
 
 
 def sense(*joints: int) -> Change:

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 from builders import drawn, seeds, small_arm
 
-from modelsel.diagnosis.candidates import candidates
-from modelsel.diagnosis.scan import basis, columns, scan, stacked
+from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.scan import build_columns, build_scan, compute_basis, stack_design
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.measurements.measurements import Measurements, measurements
@@ -89,9 +89,9 @@ def test_a_resting_joint_is_the_place_of_no_cause_of_motion(rng: np.random.Gener
     at = drawn(robot, rng, 40)
     at = at.anew(data=measurements(q, at.data.position))
     base = Model((mechanism("geometric", robot),))
-    fitted, found = fit(at, base), candidates(at, base, every(robot), cells=False)
-    X, _ = stacked(at, base.terms, fitted.at())
-    sizes = scan(columns(at, found, fitted.at()), basis(X)).sizes
+    fitted, found = fit(at, base), build_candidates(at, base, every(robot), cells=False)
+    X, _ = stack_design(at, base.terms, fitted.at())
+    sizes = build_scan(build_columns(at, found, fitted.at()), compute_basis(X)).sizes
     moved = {c.label: k for c, k in zip(found, sizes, strict=True)}
     assert [moved[f"{stem}:2"] for stem in ("approach-backlash", "overshoot", "settle")] == [
         0,

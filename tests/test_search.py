@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy import integrate, stats
 
 from modelsel.diagnosis.candidates import Candidate
-from modelsel.diagnosis.evidence import single_f
-from modelsel.diagnosis.scan import basis, columns, scan, stacked
+from modelsel.diagnosis.evidence import compute_single_f
+from modelsel.diagnosis.scan import build_columns, build_scan, compute_basis, stack_design
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.causes import ONE
@@ -190,14 +190,14 @@ def test_single_f_is_the_nested_f_test(rng) -> None:
     at = planted(drawn("puma760", rng, 50), base.terms, rng.normal(size=39) * 1e-3, rng, 0.1)
     fitted = fit(at, base, held="nothing")
     offered = tuple(Candidate(m, True, 0.25) for m in some)
-    A, r = stacked(at, base.terms, fitted.at())
+    A, r = stack_design(at, base.terms, fitted.at())
     A = A[:, list(fitted.found.kept)]
-    found = single_f(
-        scan(columns(at, offered, fitted.at()), basis(A)),
+    found = compute_single_f(
+        build_scan(build_columns(at, offered, fitted.at()), compute_basis(A)),
         r - A @ np.linalg.lstsq(A, r, rcond=None)[0],
     )
     small = sm.OLS(r, A).fit()
-    both = [np.column_stack([A, stacked(at, m.terms, fitted.at())[0]]) for m in some[:3]]
+    both = [np.column_stack([A, stack_design(at, m.terms, fitted.at())[0]]) for m in some[:3]]
     want = [sm.OLS(r, X).fit().compare_f_test(small)[0] for X in both]
     np.testing.assert_allclose(found, [*want, 0.0], rtol=1e-7)
 
@@ -212,12 +212,12 @@ def test_single_f_of_a_candidate_that_explains_all(size, rng) -> None:
         Candidate(m, True, 0.5)
         for m in (mechanism("wrist-coupling:5", at.robot), mechanism("backlash:3", at.robot))
     ]
-    cols = columns(at, offered, fitted.at())
-    A, _ = stacked(at, fitted.terms, fitted.at())
-    Q = basis(A)
+    cols = build_columns(at, offered, fitted.at())
+    A, _ = stack_design(at, fitted.terms, fitted.at())
+    Q = compute_basis(A)
     r = cols.XT[cols.slices[1][0]]
     r = r - Q @ (Q.T @ r)
-    f = single_f(scan(cols, Q), size * r / np.linalg.norm(r))
+    f = compute_single_f(build_scan(cols, Q), size * r / np.linalg.norm(r))
     assert np.isfinite(f).all()
     assert f.argmax() == 1
     assert f[1] > 1e10

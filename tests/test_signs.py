@@ -13,11 +13,11 @@ import pytest
 from builders import bind, drawn, measured, seeds, small_arm, study_of
 from scipy.integrate import quad
 
-from modelsel.diagnosis.candidates import Candidate, candidates
-from modelsel.diagnosis.evidence import log_bayes_factors, shares
-from modelsel.diagnosis.procedure import explain
-from modelsel.diagnosis.scan import Scan, basis, columns, scan, stacked
-from modelsel.diagnosis.sentences import sentence
+from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.evidence import compute_log_bayes_factors, normalise_strength
+from modelsel.diagnosis.procedure import diagnose_split
+from modelsel.diagnosis.scan import Scan, build_columns, build_scan, compute_basis, stack_design
+from modelsel.diagnosis.sentences import describe_effect
 from modelsel.diagnosis.stepwise import Effect
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
@@ -41,7 +41,7 @@ def named(
     at = bind(arm, measurements(q, position, prismatic=arm.prismatic), TOOL)
     at = measured(at, at.data.position + rng.normal(0, SIGMA, position.shape))
     base = Model((mechanism("geometric", arm),))
-    return explain(study_of(at), base, (*every(arm), *faults(arm)), 1, cells=True)[1].effects
+    return diagnose_split(study_of(at), base, (*every(arm), *faults(arm)), 1, cells=True)[1].effects
 
 
 def turned(joint: int, by: Array, q: Array) -> Array:
@@ -52,10 +52,10 @@ def turned(joint: int, by: Array, q: Array) -> Array:
 
 
 def from_base(at: Problem) -> tuple[Scan, tuple[Candidate, ...], Array]:
-    fitted, found = fit(at, BASE), candidates(at, BASE, every(ARM))
-    X, _ = stacked(at, BASE.terms, fitted.at())
-    Q = basis(X[:, list(fitted.found.kept)])
-    return scan(columns(at, found, fitted.at()), Q), found, Q
+    fitted, found = fit(at, BASE), build_candidates(at, BASE, every(ARM))
+    X, _ = stack_design(at, BASE.terms, fitted.at())
+    Q = compute_basis(X[:, list(fitted.found.kept)])
+    return build_scan(build_columns(at, found, fitted.at()), Q), found, Q
 
 
 # -- the evidence
@@ -86,7 +86,7 @@ def test_a_one_sided_term_has_the_evidence_of_half_a_normal_prior(
     for size in (-8.0, -5.0, -2.0, 0.0, 1.0, 4.0):
         y = noise + size * column
         total = float(y @ y)
-        share = shares(seen.strength(y[:, None]), np.array([total]))
+        share = normalise_strength(seen.strength(y[:, None]), np.array([total]))
         for ratio in (3.0, 1e3):
 
             def density(
@@ -108,15 +108,15 @@ def test_a_one_sided_term_has_the_evidence_of_half_a_normal_prior(
             )
             explained = size * size / total * ratio / (1 + ratio)
             both = -0.5 * np.log1p(ratio) - 0.5 * nu * np.log1p(-explained)
-            got = float(log_bayes_factors(seen, share, ratio)[g, 0])
+            got = float(compute_log_bayes_factors(seen, share, ratio)[g, 0])
             assert got == pytest.approx(both + np.log(2 * right / whole), abs=0.1), (
                 size,
                 ratio,
             )  # Wallace's
     y = noise - 300 * column
-    share = shares(seen.strength(y[:, None]), np.array([y @ y]))
+    share = normalise_strength(seen.strength(y[:, None]), np.array([y @ y]))
     assert (
-        -20 < float(log_bayes_factors(seen, share, 1e3)[g, 0]) < -3
+        -20 < float(compute_log_bayes_factors(seen, share, 1e3)[g, 0]) < -3
     )  # however strong: worth less than no effect
 
 
@@ -167,14 +167,14 @@ def test_what_gravity_forbids_is_not_named_after_it(
     for e in effects:
         if e.candidate.registered:
             each = zip(e.candidate.mechanism.terms, e.estimate, e.standard_error, strict=True)
-            assert not any(t.sign * v < -3 * s for t, v, s in each), sentence(e)
+            assert not any(t.sign * v < -3 * s for t, v, s in each), describe_effect(e)
     expected = (
         {"backlash"} if kind == "play" else {"joint-compliance", "joint2-twist", "joint3-twist"}
     )
-    assert bool(stems & expected) == (sign > 0), [sentence(e) for e in effects]
+    assert bool(stems & expected) == (sign > 0), [describe_effect(e) for e in effects]
     if sign < 0:
         assert any(
-            "would do the same with the other sign only, so that this is not" in sentence(e)
+            "would do the same with the other sign only, so that this is not" in describe_effect(e)
             for e in effects
         )
 
@@ -194,7 +194,7 @@ def test_play_is_short_of_the_reading_and_overshoot_past_it(
     last = np.sign(np.diff(q[:, joint - 1], prepend=q[0, joint - 1]))
     (effect,) = named(turned(joint, sign * 3e-4 * last, q), q, rng)
     assert effect.candidate.label == f"{name}:{joint}"
-    assert words in sentence(effect)
+    assert words in describe_effect(effect)
 
 
 def test_a_one_sided_mechanism_has_a_cell_without_a_name_beside_it(
@@ -206,7 +206,7 @@ def test_a_one_sided_mechanism_has_a_cell_without_a_name_beside_it(
     own = Mechanism("sag", (Term("s", (Screw(4, "rz", cause),), None, -1),))
     either = Mechanism("either", (Term("s", (Screw(5, "rx", cause),)),))
     two = mechanism("approach-backlash:2", ARM), mechanism("overshoot:2", ARM)
-    found = candidates(drawn(ARM, rng, 20), BASE, (*two, own, either))
+    found = build_candidates(drawn(ARM, rng, 20), BASE, (*two, own, either))
 
     def same(m: Mechanism) -> list[bool]:
         return [
@@ -256,7 +256,7 @@ def test_a_target_that_was_moved_is_a_step_at_the_target_and_its_size_the_whole_
     position[60:] = forward(ARM, q, TOOL + move)[60:]
     (effect,) = named(position, q, rng)
     assert effect.candidate.label == "target-step"
-    assert "The target was moved on the flange after 6" in sentence(effect)
+    assert "The target was moved on the flange after 6" in describe_effect(effect)
     assert np.abs((effect.estimate - move) / effect.standard_error).max() < 4
     assert effect.standard_error.max() < 0.05
 
@@ -286,7 +286,7 @@ def test_an_arm_with_slides_that_is_read_too_early_is_told(
     assert effect.candidate.label == "fault:read-too-early"
     assert effect.candidate.mechanism.terms[0].unit == "1"
     assert effect.estimate[0] == pytest.approx(2e-3 * sign, abs=4 * effect.standard_error[0])
-    assert words in sentence(effect)
+    assert words in describe_effect(effect)
 
 
 def test_units_that_are_no_shares_still_differ() -> None:

@@ -13,7 +13,7 @@ import arm
 import numpy as np
 
 from modelsel._typing import Array
-from modelsel.diagnosis.scan import basis
+from modelsel.diagnosis.scan import compute_basis
 from modelsel.fitting.design import design
 from modelsel.fitting.problem import Problem, make_problem
 from modelsel.measurements.measurements import measurements
@@ -73,7 +73,7 @@ def beyond(
 ) -> tuple[dict[str, float], dict[str, Array]]:
     """({name: share of its displacement that geometry absorbs}, {name: basis (3m, k) of what is
     left}) of every name a joint."""
-    Q = basis(design(at, parts("geometric", robot)[0].terms)[0].reshape(3 * len(at), -1))
+    Q = compute_basis(design(at, parts("geometric", robot)[0].terms)[0].reshape(3 * len(at), -1))
     absorbed, left = {}, {}
     for stem in registry:
         for m in {m.name: m for m in reversed(parts(stem, robot, registry))}.values():
@@ -83,7 +83,7 @@ def beyond(
             absorbed[m.name] = (
                 float(np.sqrt(max(1 - np.square(rest).sum() / size, 0.0))) if size > 0 else 1.0
             )
-            left[m.name] = basis(
+            left[m.name] = compute_basis(
                 rest[:, np.linalg.norm(rest, axis=0) > 1e-6 * np.linalg.norm(X, axis=0)]
             )
     return absorbed, left

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array, Index
-from ..diagnosis.mistaken_rows import slipped
+from ..diagnosis.mistaken_rows import describe_slips
 from ..exceptions import DataError, sentence_list
 from ..fitting.noise import Floor
 from ..fitting.noise_check import SMALLER, Lack, against, lack, likeliest
@@ -20,7 +20,7 @@ from ..fitting.problem import Problem
 from ..measurements.columns import SMALLEST
 from ..measurements.measurements import Measurements
 from ..robot.rigid import rotation_vector
-from ..setup.placement import kabsch
+from ..setup.placement import fit_rigid_transform
 from .calibration import Calibration, pose_of, predict, uncertainty
 
 SURE = 0.01  # p below which a calibration is called drifted
@@ -88,7 +88,7 @@ def _registered(
     offset, weight = np.zeros((len(seen), 3)), np.ones(len(x))
     for k in range(ROUNDS):
         p = o + np.einsum("mij,mj->mi", axes, offset[which])
-        R, t = kabsch(x, p, weight)
+        R, t = fit_rigid_transform(x, p, weight)
         free = _setup_columns(R, p, axes, which)
         r = x - p @ R.T - t
         W = np.sqrt(weight)[:, None, None]
@@ -229,7 +229,7 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
     doubts = _doubts(c, data, residual, found)
     if not free_setup and p <= SURE:
         rows = np.isin(np.arange(len(size)), beyond)
-        doubts += slipped(
+        doubts += describe_slips(
             at, lambda other: other.data.position - predict(c, other), rows, float(expected)
         )
     return Verdict(

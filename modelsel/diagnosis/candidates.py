@@ -80,7 +80,7 @@ class Candidate:
         return joint.join(each)
 
 
-def places(problem: Problem) -> tuple[tuple[int, str], ...]:
+def list_places(problem: Problem) -> tuple[tuple[int, str], ...]:
     """(frame, axis) where a screw can show: the target's rotations only where orientation is
     measured."""
     n = problem.robot.n
@@ -88,7 +88,7 @@ def places(problem: Problem) -> tuple[tuple[int, str], ...]:
     return tuple((f, a) for f in range(1, n + 1) for a in AXES) + tuple((n + 1, a) for a in last)
 
 
-def cell_causes(problem: Problem) -> tuple[tuple[Cause, ...], ...]:
+def build_cell_causes(problem: Problem) -> tuple[tuple[Cause, ...], ...]:
     """Causes of the map's columns: one function each, or a sine and cosine of unknown phase."""
     robot, out = problem.robot, list[tuple[Cause, ...]]()
     turning = [j for j in range(1, robot.n + 1) if not robot.joints[j - 1].prismatic]
@@ -118,7 +118,7 @@ def cell_causes(problem: Problem) -> tuple[tuple[Cause, ...], ...]:
     if (pair := arm_pair(robot)) is not None:
         out += [(far(pair),), (near(pair),), (sign(far(pair)),)]
     out += [(Named(f"approach{j}"),) for j in range(1, robot.n + 1)]
-    out += [(cause,) for cause in warming(problem)]
+    out += [(cause,) for cause in build_warming_causes(problem)]
     units = problem.names()
     for name in problem.data.covariates:
         out.append(
@@ -133,9 +133,9 @@ def cell_causes(problem: Problem) -> tuple[tuple[Cause, ...], ...]:
     return tuple(out)
 
 
-def crowded(problem: Problem) -> bool:
+def exceeds_cell_limit(problem: Problem) -> bool:
     """Whether the whole error map would have more than CELLS cells."""
-    return len(places(problem)) * len(cell_causes(problem)) > CELLS
+    return len(list_places(problem)) * len(build_cell_causes(problem)) > CELLS
 
 
 def _beside(causes: Sequence[Cause]) -> Callable[[int], bool]:
@@ -157,7 +157,7 @@ def _cell(place: tuple[int, str], causes: Sequence[Cause], words: str) -> Mechan
     return Mechanism(f"{place[0]} {place[1]} {words}", terms)
 
 
-def warming(problem: Problem) -> tuple[Cause, ...]:
+def build_warming_causes(problem: Problem) -> tuple[Cause, ...]:
     """Drift and exponential warm-up, by the clock where the file has one, else by the place in the
     order of motion."""
     data = problem.data
@@ -169,7 +169,7 @@ def warming(problem: Problem) -> tuple[Cause, ...]:
     return tuple(Applied("exp", since / -float(f"{share * span:.6g}")) for share in WARMING if span)
 
 
-def waves(robot: Robot) -> list[tuple[Mechanism, float]]:
+def build_waves(robot: Robot) -> list[tuple[Mechanism, float]]:
     """(waves of a joint's own angle, 3 to 60 a turn, at its own rotation; weight in the prior):
     whole numbers where no registered ripple is offered, and quarters between."""
     turning = [j for j, joint in enumerate(robot.joints, 1) if not joint.prismatic]
@@ -188,7 +188,7 @@ def waves(robot: Robot) -> list[tuple[Mechanism, float]]:
     ]
 
 
-def pitches(problem: Problem) -> list[tuple[Mechanism, float]]:
+def build_pitch_waves(problem: Problem) -> list[tuple[Mechanism, float]]:
     """(waves of a slide's own reading, half to 60 over the travel seen, weight in the prior): a
     screw's pitch, a rack's teeth, a scale's joints. The travel is no multiple of them, so eighths
     stand for all."""
@@ -213,7 +213,7 @@ def pitches(problem: Problem) -> list[tuple[Mechanism, float]]:
     return out
 
 
-def free_functions(problem: Problem) -> list[Mechanism]:
+def build_free_functions(problem: Problem) -> list[Mechanism]:
     """Cubic splines of every turning joint's own angle at its own rotation, knots 10, 4 and 2
     degrees apart, where the data are dense enough to carry them."""
     out = []
@@ -250,7 +250,7 @@ def free_functions(problem: Problem) -> list[Mechanism]:
     return out
 
 
-def candidates(
+def build_candidates(
     problem: Problem, base: Model, mechanisms: Sequence[Mechanism], cells: bool = True
 ) -> tuple[Candidate, ...]:
     """Every explanation the data could carry beyond the base, with priors that sum to one.
@@ -270,20 +270,22 @@ def candidates(
     seen, one_sided = _taken(fitting)
     others: list[tuple[Mechanism, float]] = []
     if cells:
-        every_cause = [(causes, " & ".join(map(str, causes))) for causes in cell_causes(problem)]
-        some = crowded(problem)
+        every_cause = [
+            (causes, " & ".join(map(str, causes))) for causes in build_cell_causes(problem)
+        ]
+        some = exceeds_cell_limit(problem)
         beside = [_beside(causes) if some else lambda frame: True for causes, _ in every_cause]
         pool = [
             (_cell(place, causes, words), 1.0)
-            for place in places(problem)
+            for place in list_places(problem)
             for (causes, words), near in zip(every_cause, beside, strict=True)
             if near(place[0])
         ]
         for m, weight in [
             *pool,
-            *waves(problem.robot),
-            *pitches(problem),
-            *((f, ODD) for f in free_functions(problem)),
+            *build_waves(problem.robot),
+            *build_pitch_waves(problem),
+            *((f, ODD) for f in build_free_functions(problem)),
         ]:
             key = frozenset(t.screws for t in m.terms)
             if key not in seen and not key <= inside:
@@ -337,7 +339,7 @@ def _distinct(problem: Problem, mechanisms: Sequence[Mechanism]) -> list[Mechani
     return out
 
 
-def strongest(
+def choose_strongest(
     found: Sequence[Candidate], single_f: Array, named: Sequence[Candidate] = (), most: int = MOST
 ) -> tuple[tuple[Mechanism, ...], tuple[str, ...]]:
     """(at most `most` registered mechanisms: the `named`, then those of largest single F, in the

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._typing import Array, Index
 from .candidates import Candidate
-from .evidence import evidence, factors
+from .evidence import compute_factors, sum_evidence
 from .scan import Scan
 
 CREDIBLE = 0.95
@@ -45,7 +45,7 @@ class CredibleSet:
     top: int = -1
 
 
-def name(
+def name_effect(
     seen: Scan, candidates: tuple[Candidate, ...], response: Array, without: Index | None = None
 ) -> CredibleSet:
     """Name what explains a response (N,) that the model's basis has been projected off; `without`
@@ -54,7 +54,7 @@ def name(
         seen,
         candidates,
         response,
-        factors(seen, response),
+        compute_factors(seen, response),
         np.log([c.prior for c in candidates]),
         without,
     )
@@ -71,7 +71,7 @@ def _named(
     if without is not None:
         log_prior = log_prior.copy()
         log_prior[without] = -np.inf
-    value, joint = evidence(known, log_prior)
+    value, joint = sum_evidence(known, log_prior)
     relative = (
         joint - value if np.isfinite(value) else joint
     )  # no candidate may explain it: each has probability 0
@@ -86,7 +86,7 @@ def _named(
             candidates[g],
             float(probability[g]),
             bool(a),
-            coefficients(seen, int(g), response),
+            fit_candidate_alone(seen, int(g), response),
             int(g),
         )
         for g, a in zip(shown, alike, strict=True)
@@ -96,7 +96,7 @@ def _named(
     return CredibleSet(value, entries, max(count - len(shown), 0), verdict, relative, int(order[0]))
 
 
-def coefficients(seen: Scan, g: int, response: Array) -> Array:
+def fit_candidate_alone(seen: Scan, g: int, response: Array) -> Array:
     """(k,) least-squares terms of candidate g, fitted alone beyond the model."""
     bucket = next(b for b in seen.buckets if g in b.block.which)
     at = int(np.flatnonzero(bucket.block.which == g)[0])
@@ -105,35 +105,35 @@ def coefficients(seen: Scan, g: int, response: Array) -> Array:
     return np.asarray(W.T @ (W @ (own @ response[: own.shape[1]])))
 
 
-def fitted_displacement(seen: Scan, g: int, response: Array) -> Array:
+def compute_displacement(seen: Scan, g: int, response: Array) -> Array:
     """(N,) what candidate g, fitted alone beyond the model, makes of the response."""
-    raw = seen.columns.sum_of(coefficients(seen, g, response), g, len(response))
+    raw = seen.columns.sum_of(fit_candidate_alone(seen, g, response), g, len(response))
     return np.asarray(raw - seen.Q @ (seen.Q.T @ raw))
 
 
-def own_evidence(seen: Scan, named: CredibleSet, g: int, response: Array) -> float:
+def compute_own_evidence(seen: Scan, named: CredibleSet, g: int, response: Array) -> float:
     """Log evidence of what moves the target as candidate g does: of the listed entries alike to it,
     and of itself. What else may be left in the response does not count for it."""
-    mine = fitted_displacement(seen, g, response)
+    mine = compute_displacement(seen, g, response)
     mass = np.exp(named.log_probability[g])
     for entry in named.entries:
         if (
             entry.place != g
-            and similar(mine, fitted_displacement(seen, entry.place, response)) > RELATED
+            and compute_cosine(mine, compute_displacement(seen, entry.place, response)) > RELATED
         ):
             mass += entry.probability
     return named.evidence + float(np.log(max(mass, 1e-300)))
 
 
-def name_again(
+def rename_effect(
     seen: Scan, candidates: tuple[Candidate, ...], g: int, response: Array, without: Index
 ) -> CredibleSet:
     """Candidate g named given all else: among the explanations that speak of the same effect. What
     may be left beside it in the response belongs to another finding; `without` leaves candidates
     out from the start."""
-    mine = fitted_displacement(seen, g, response)
+    mine = compute_displacement(seen, g, response)
     strange: list[int] = without.tolist()
-    known, log_prior = factors(seen, response), np.log([c.prior for c in candidates])
+    known, log_prior = compute_factors(seen, response), np.log([c.prior for c in candidates])
     named = _named(seen, candidates, response, known, log_prior, without)
     for _ in range(
         PASSES if np.any(mine) else 0
@@ -142,7 +142,7 @@ def name_again(
             e.place
             for e in named.entries
             if e.place != g
-            and similar(mine, fitted_displacement(seen, e.place, response)) <= RELATED
+            and compute_cosine(mine, compute_displacement(seen, e.place, response)) <= RELATED
         ]
         if not others or named.top == g:
             break
@@ -153,7 +153,7 @@ def name_again(
     return named
 
 
-def with_candidate(
+def include_candidate(
     named: CredibleSet, seen: Scan, candidates: tuple[Candidate, ...], g: int, response: Array
 ) -> CredibleSet:
     """The same with candidate g, which stands in the model, in the set: where a search that went in
@@ -165,7 +165,7 @@ def with_candidate(
         candidates[g],
         float(np.exp(named.log_probability[g])),
         False,
-        coefficients(seen, g, response),
+        fit_candidate_alone(seen, g, response),
         g,
     )
     return replace(
@@ -176,14 +176,14 @@ def with_candidate(
     )
 
 
-def similar(a: Array, b: Array) -> float:
+def compute_cosine(a: Array, b: Array) -> float:
     """Cosine between two displacements; nought where one vanishes."""
     size = np.linalg.norm(a) * np.linalg.norm(b)
     return float(a @ b / size) if size > 0 else 0.0
 
 
 def _alike(seen: Scan, shown: Index, response: Array) -> Array:
-    first = fitted_displacement(seen, int(shown[0]), response)
+    first = compute_displacement(seen, int(shown[0]), response)
     return np.array(
-        [similar(first, fitted_displacement(seen, int(g), response)) > ALIKE for g in shown]
+        [compute_cosine(first, compute_displacement(seen, int(g), response)) > ALIKE for g in shown]
     )

@@ -17,22 +17,22 @@ from ..fitting.reduction import reduce
 TRIM = 0.75  # share of the rows that the concentration steps fit
 MEDIAN_3 = 1.5382  # median length of three standard normals
 MEDIAN_1 = 0.6745  # and of one
-GROSS = (
+GROSS_THRESHOLD = (
     8.0  # robust standard deviations of one coordinate, before naming: systematic error is still in
 )
-LEFT = 6.0  # the same, once the named effects are taken out
-MOST = 0.15  # of the rows: more are not outliers but an effect
+REFINED_THRESHOLD = 6.0  # the same, once the named effects are taken out
+MAX_OUTLIER_SHARE = 0.15  # of the rows: more are not outliers but an effect
 STEPS = 12
 
 Mask = NDArray[np.bool_]
 
 
-def lengths(residual: Array) -> Array:
+def compute_lengths(residual: Array) -> Array:
     """(m,) lengths of the positional part of residuals (m, c)."""
     return np.asarray(np.linalg.norm(residual[:, :3], axis=1))
 
 
-def scale_of(size: Array, measured: Mask | None = None) -> float:
+def estimate_scale(size: Array, measured: Mask | None = None) -> float:
     """Robust standard deviation of one coordinate from lengths of residual vectors; `measured` (m,
     c): which coordinates each has (None: three)."""
     return float(np.median(_alike(size, measured))) / MEDIAN_3
@@ -47,7 +47,7 @@ def _alike(size: Array, measured: Mask | None) -> Array:
     )
 
 
-def gross(problem: Problem, base: Model) -> Mask:
+def find_gross_outliers(problem: Problem, base: Model) -> Mask:
     """(m,) rows far off, whatever the base does not explain: concentration steps from the plain fit
     (Rousseeuw & Van Driessen 1999), then residuals in robust standard deviations, each divided by
     what its leverage makes of it."""
@@ -60,7 +60,7 @@ def gross(problem: Problem, base: Model) -> Mask:
     if keep >= m:
         return np.zeros(m, bool)
     inside = np.ones(m, bool)
-    size = lengths(r)
+    size = compute_lengths(r)
     for _ in range(STEPS):
         chosen = np.zeros(m, bool)
         chosen[np.argsort(_alike(size, seen), kind="stable")[:keep]] = True
@@ -68,18 +68,18 @@ def gross(problem: Problem, base: Model) -> Mask:
             break
         inside = chosen
         left, spread = _refit(X, r, inside, seen)
-        size = lengths(left / spread[:, None])
-    flagged = size > GROSS * scale_of(
+        size = compute_lengths(left / spread[:, None])
+    flagged = size > GROSS_THRESHOLD * estimate_scale(
         size[inside], None if seen is None else seen[inside]
     ) / _shrinkage(TRIM, round(min(c, 3)))
     for _ in range(3):
         left, spread = _refit(X, r, ~flagged, seen)
-        size = lengths(left / spread[:, None])
-        again = size > GROSS * scale_of(size, seen)
-        if (again == flagged).all() or again.mean() > MOST:
+        size = compute_lengths(left / spread[:, None])
+        again = size > GROSS_THRESHOLD * estimate_scale(size, seen)
+        if (again == flagged).all() or again.mean() > MAX_OUTLIER_SHARE:
             break
         flagged = again
-    return flagged if flagged.mean() <= MOST else np.zeros(m, bool)
+    return flagged if flagged.mean() <= MAX_OUTLIER_SHARE else np.zeros(m, bool)
 
 
 def _shrinkage(share: float, c: int) -> float:
@@ -108,22 +108,24 @@ def _refit(X: Array, r: Array, inside: Mask, measured: Mask | None) -> tuple[Arr
     return left, np.sqrt(np.where(inside, np.maximum(1 - leverage, 0.05), 1 + leverage))
 
 
-def far_off(
+def find_far_rows(
     residual: Array, reference: Array, threshold: float, measured: Mask | None = None
 ) -> Mask:
     """Rows of `residual` longer than `threshold` robust standard deviations of the `reference`
     rows, whose coordinates are `measured` (None: all)."""
-    return np.asarray(lengths(residual) > threshold * scale_of(lengths(reference), measured))
+    return np.asarray(
+        compute_lengths(residual) > threshold * estimate_scale(compute_lengths(reference), measured)
+    )
 
 
 # Faults of the data, found among the gross outliers: rows whose position belongs to another row.
 
-MATCH = 8.0  # robust standard deviations within which a position fits another row
+MATCH_THRESHOLD = 8.0  # robust standard deviations within which a position fits another row
 DRAWS = 1999
 CERTAIN = 0.05
 CREDIBLE = 0.95  # posterior probability from which a fault is told
 TAIL = 4  # degrees of freedom of a good position about its prediction
-MOST_ROWS = 1000  # outlying rows: among more, every position finds a reading that it fits
+MAX_OUTLIERS = 1000  # outlying rows: among more, every position finds a reading that it fits
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +141,7 @@ class Fault:
     probability: float
 
 
-def misplaced(
+def find_misplaced_rows(
     problem: Problem, outlying: Mask, fitted: Fit, rng: np.random.Generator
 ) -> tuple[Fault, ...]:
     """Outlying rows whose positions fit each other's joint readings or targets: swapped reflectors
@@ -149,11 +151,11 @@ def misplaced(
     gauges = problem.data.gauges
     points = np.ones(len(outlying), bool) if gauges is None else gauges.of("point")
     at = np.flatnonzero(outlying & points)
-    if not 2 <= len(at) <= MOST_ROWS:
+    if not 2 <= len(at) <= MAX_OUTLIERS:
         return ()
     residual = fitted.residuals(problem)[:, :3]
-    scale = scale_of(np.linalg.norm(residual[~outlying & points], axis=1))
-    near = MATCH * scale
+    scale = estimate_scale(np.linalg.norm(residual[~outlying & points], axis=1))
+    near = MATCH_THRESHOLD * scale
     measured = problem.data.position[at]
     predicted = measured - residual[at]
     fits = _fits(measured, predicted, near)
@@ -214,7 +216,7 @@ def _log_ratio(distance: Array, length: Array, scale: float, reach: float) -> Ar
     count as outlying to the arm's `reach`."""
     from scipy.special import gammaln
 
-    k, length = len(distance), np.maximum(length, MATCH * scale)
+    k, length = len(distance), np.maximum(length, MATCH_THRESHOLD * scale)
     there = (
         gammaln((TAIL + 3) / 2)
         - gammaln(TAIL / 2)
@@ -223,7 +225,7 @@ def _log_ratio(distance: Array, length: Array, scale: float, reach: float) -> Ar
         - (TAIL + 3) / 2 * np.log1p(np.square(distance / scale) / TAIL)
         - np.log(k - 1)
     )
-    spread = np.log(max(reach / (MATCH * scale), np.e))
+    spread = np.log(max(reach / (MATCH_THRESHOLD * scale), np.e))
     return np.asarray(there + np.log(4 * np.pi * spread) + 3 * np.log(length))
 
 

@@ -20,15 +20,21 @@ from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Errors, Split, errors
 from ..selection.splits import assign
-from .candidates import Candidate, candidates
-from .outliers import GROSS, LEFT, MOST, far_off, gross
-from .stepwise import Diagnosis, extend
+from .candidates import Candidate, build_candidates
+from .outliers import (
+    GROSS_THRESHOLD,
+    MAX_OUTLIER_SHARE,
+    REFINED_THRESHOLD,
+    find_far_rows,
+    find_gross_outliers,
+)
+from .stepwise import Diagnosis, run_stepwise_search
 
 OUTLIER_ROUNDS = 3
 SCANNED = 2500  # rows: beyond it the columns of all candidates take a gigabyte and more
 
 
-def explain(
+def diagnose_split(
     split: Split,
     base: Model,
     everything: tuple[Mechanism, ...],
@@ -43,43 +49,45 @@ def explain(
     too. Of more than SCANNED rows a seeded choice of configurations is scanned, so that the scan's
     columns fit into memory; outliers are judged in all rows."""
     if split.estimation.sum() > SCANNED:
-        some, extension, found = explain(
+        some, extension, found = diagnose_split(
             replace(split, estimation=_chosen(split, seed)), base, everything, seed, cells, say
         )
         size, used = whitened(split.problem, extension.fit.residuals(split.problem)), some.used
         seen = None if split.problem.measured is None else split.problem.measured[used]
-        outlying = split.estimation & far_off(
-            size, size[used], LEFT if extension.effects else GROSS, seen
+        outlying = split.estimation & find_far_rows(
+            size, size[used], REFINED_THRESHOLD if extension.effects else GROSS_THRESHOLD, seen
         )
         return (
             replace(
                 split,
-                outlying=outlying if outlying[split.estimation].mean() <= MOST else some.outlying,
+                outlying=outlying
+                if outlying[split.estimation].mean() <= MAX_OUTLIER_SHARE
+                else some.outlying,
             ),
             extension,
             found,
         )
     training = split.problem.take(split.estimation)
     rows = np.flatnonzero(split.estimation)
-    outlying = gross(training, base)
+    outlying = find_gross_outliers(training, base)
     for _ in range(OUTLIER_ROUNDS):
         split = replace(split, outlying=_mask(len(split.estimation), rows[outlying]))
         kept = split.training()
         base_fit = fit(kept, base)
-        found = candidates(kept, base, everything, cells=cells)
+        found = build_candidates(kept, base, everything, cells=cells)
         say(f"naming: {len(found)} candidates")
-        extension = extend(kept, base, base_fit, found, generator(seed, "naming"), say)
+        extension = run_stepwise_search(kept, base, base_fit, found, generator(seed, "naming"), say)
         again = _left_over(training, extension, outlying)
         if (
             outlying.any()
         ):  # an effect of a few rows looks like outliers: does it still, once it may be named?
             everyone = replace(split, outlying=np.zeros(len(split.estimation), bool)).training()
-            other = extend(
+            other = run_stepwise_search(
                 everyone, base, fit(everyone, base), found, generator(seed, "naming"), say
             )
             fewer = _left_over(everyone, other, np.zeros(len(everyone), bool))
             again = fewer if fewer.sum() <= outlying.sum() / 2 else again
-        if (again == outlying).all() or again.mean() > MOST:
+        if (again == outlying).all() or again.mean() > MAX_OUTLIER_SHARE:
             break
         outlying = again
     return split, extension, found
@@ -100,7 +108,9 @@ def _left_over(
     """Rows far off the extended model, in robust standard deviations of the rows that made it."""
     size = whitened(problem, diagnosis.fit.residuals(problem))
     seen = None if problem.measured is None else problem.measured[~outlying]
-    return far_off(size, size[~outlying], LEFT if diagnosis.effects else GROSS, seen)
+    return find_far_rows(
+        size, size[~outlying], REFINED_THRESHOLD if diagnosis.effects else GROSS_THRESHOLD, seen
+    )
 
 
 def _mask(m: int, rows: Index) -> NDArray[np.bool_]:
@@ -132,7 +142,7 @@ def _one_fold(
     inside = replace(
         split, estimation=split.estimation & (fold != k), outlying=np.zeros(len(fold), bool)
     )
-    inside, extension, _ = explain(inside, base, everything, seed, cells)
+    inside, extension, _ = diagnose_split(inside, base, everything, seed, cells)
     out = fold == k
     problem = split.problem.take(out)
     base_fit = fit(inside.training(), base)
@@ -144,7 +154,7 @@ def _one_fold(
     )
 
 
-def nested(
+def run_nested_folds(
     split: Split, base: Model, everything: tuple[Mechanism, ...], seed: int, cells: bool, folds: int
 ) -> Nested:
     """Outliers, naming and fit redone without each fold of the estimation configurations, in

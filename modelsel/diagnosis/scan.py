@@ -23,7 +23,7 @@ from ..fitting.problem import Problem
 from ..fitting.splines import spline, splines
 from ..mechanisms.terms import Term
 from .candidates import Candidate
-from .sign_constraints import Sides, least, sides
+from .sign_constraints import Sides, build_sides, compute_least_of_sign
 
 ABSORBED = (
     1e-5  # share of a direction's squared norm that must be left beyond the model for it to count
@@ -102,7 +102,7 @@ class Columns:
         return out
 
 
-def columns(
+def build_columns(
     problem: Problem, found: Sequence[Candidate], at: tuple[Sequence[Term], Array] | None = None
 ) -> Columns:
     """Columns of every candidate, each screw's evaluated once. Rows are ordered block, component,
@@ -113,7 +113,10 @@ def columns(
             terms.setdefault(t.screws, t)
     place = {screws: k for k, screws in enumerate(terms)}
     slices = [np.array([place[t.screws] for t in c.mechanism.terms], dtype=np.intp) for c in found]
-    parts = [flat(problem, rows, c) for rows, c, _ in blocks(problem, tuple(terms.values()), at)]
+    parts = [
+        flatten_measured(problem, rows, c)
+        for rows, c, _ in blocks(problem, tuple(terms.values()), at)
+    ]
     XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
     rms: dict[int, float] = {}  # by the cause's identity: a hundred places share one
     most = np.array([_most(problem, t, rms) for t in terms.values()])
@@ -124,7 +127,7 @@ def columns(
             [g for g, s in enumerate(slices) if len(s) == size and soft[g] == smooth], dtype=np.intp
         )
         index = np.stack([slices[g] for g in which])
-        gram = np.stack([XT[i] @ XT[i].T for i in index]) if size > 4 else grams_of(XT, index)
+        gram = np.stack([XT[i] @ XT[i].T for i in index]) if size > 4 else compute_grams(XT, index)
         roots = (
             [_root(found[g].mechanism.terms, np.diag(G)) for g, G in zip(which, gram, strict=True)]
             if smooth
@@ -141,23 +144,23 @@ def columns(
     )
 
 
-def grams_of(XT: Array, index: Index) -> Array:
+def compute_grams(XT: Array, index: Index) -> Array:
     """(n, k, k) products of the columns `index` (n, k) of few-column candidates, some at a time:
     they stay in cache."""
     out = np.empty((*index.shape, index.shape[1]))
-    for some in pieces(len(index), CACHED // (index.shape[1] * XT.shape[1])):
+    for some in split_range(len(index), CACHED // (index.shape[1] * XT.shape[1])):
         X = XT[index[some]]
         np.einsum("nkr,nlr->nkl", X, X, out=out[some])
     return out
 
 
-def pieces(count: int, size: int) -> Iterator[slice]:
+def split_range(count: int, size: int) -> Iterator[slice]:
     """Slices of at most `size` that cover `count`."""
     size = max(size, 1)
     return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
 
-def flat(problem: Problem, rows: slice, values: NDArray[Any]) -> NDArray[Any]:
+def flatten_measured(problem: Problem, rows: slice, values: NDArray[Any]) -> NDArray[Any]:
     """(k, N) measured coordinates of values (k, c, rows)."""
     every = values.reshape(len(values), values.shape[1] * values.shape[2])  # of no columns, too
     return every if problem.measured is None else every[:, problem.measured[rows].T.reshape(-1)]
@@ -182,7 +185,7 @@ def _root(terms: Sequence[Term], norms: Array) -> Array:
     return out
 
 
-def subset(cols: Columns, which: Index) -> Columns:
+def select_columns(cols: Columns, which: Index) -> Columns:
     """The columns of some candidates alone, in the order of `which`."""
     used, place = np.unique(np.concatenate([cols.slices[g] for g in which]), return_inverse=True)
     bounds = np.cumsum([0, *(len(cols.slices[g]) for g in which)])
@@ -206,18 +209,18 @@ def subset(cols: Columns, which: Index) -> Columns:
     return Columns(cols.XT[used], slices, tuple(grams), tuple(cols.signs[g] for g in which))
 
 
-def stacked(
+def stack_design(
     problem: Problem, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None
 ) -> tuple[Array, Array]:
     """(columns (N, p), residual (N,)) whitened, in the row order of `columns`."""
     parts = [
-        (flat(problem, rows, c), flat(problem, rows, r[None])[0])
+        (flatten_measured(problem, rows, c), flatten_measured(problem, rows, r[None])[0])
         for rows, c, r in blocks(problem, terms, at)
     ]
     return np.concatenate([c for c, _ in parts], axis=1).T, np.concatenate([r for _, r in parts])
 
 
-def basis(matrix: Array) -> Array:
+def compute_basis(matrix: Array) -> Array:
     """Orthonormal basis (N, r) of the columns of (N, p), rank by pivoted QR on unit columns."""
     from scipy.linalg import qr
 
@@ -265,7 +268,7 @@ class Scan:
     def sides(self) -> tuple[Sides, ...]:
         """Of every bucket, how the terms with a sign follow from its Zᵀr."""
         return tuple(
-            sides(b.block.which, b.W, self.columns.signs, self.signed) for b in self.buckets
+            build_sides(b.block.which, b.W, self.columns.signs, self.signed) for b in self.buckets
         )
 
     def strength(self, response: Array) -> Strength:
@@ -301,7 +304,7 @@ class Scan:
         smooth, at = np.zeros((*self.smooth[1].shape, draws), kind), 0
         for bucket, z, side in zip(self.buckets, products, self.sides, strict=True):
             which, k = bucket.block.which, z.shape[1]
-            root[side.signed] = least(z, side)
+            root[side.signed] = compute_least_of_sign(z, side)
             np.square(z, out=z)
             whole[which] = z[:, 0] if k == 1 else z.sum(1)
             if bucket.weights is not None:
@@ -310,14 +313,14 @@ class Scan:
         return Strength(whole, root, smooth)
 
 
-def scan(cols: Columns, Q: Array) -> Scan:
+def build_scan(cols: Columns, Q: Array) -> Scan:
     """Project every candidate off the model's basis Q (N, r)."""
     A = cols.dot(Q)
     lefts = [b.gram - np.matmul(A[b.index], A[b.index].swapaxes(1, 2)) for b in cols.grams]
     return _scan(cols, Q, lefts)
 
 
-def scan_without(seen: Scan, D: Array) -> Scan:
+def build_scan_without(seen: Scan, D: Array) -> Scan:
     """The scan from a smaller model, whose basis lacks the directions D (N, d) of `seen.Q`'s span:
     they are given back."""
     A = seen.columns.dot(D)

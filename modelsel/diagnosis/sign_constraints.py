@@ -21,7 +21,7 @@ class Sides(NamedTuple):
     free: Array
 
 
-def sides(which: Index, W: Array, signs: Sequence[Array], signed: Index) -> Sides:
+def build_sides(which: Index, W: Array, signs: Sequence[Array], signed: Index) -> Sides:
     """Of a bucket of candidates `which` (n,) with Zᵀr = W Xᵀr (W (n, k, k)); a term that the model
     has already gets 0."""
     place = np.flatnonzero(np.isin(which, signed))
@@ -37,7 +37,7 @@ def sides(which: Index, W: Array, signs: Sequence[Array], signed: Index) -> Side
     )
 
 
-def least(z: Array, side: Sides) -> Array:
+def compute_least_of_sign(z: Array, side: Sides) -> Array:
     """(s, B) the term of each signed candidate that is least of its sign, from the bucket's Zᵀr z
     (n, k, B), in its precision."""
     return np.asarray(

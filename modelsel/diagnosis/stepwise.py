@@ -20,10 +20,10 @@ from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
 from .candidates import Candidate
 from .credible_sets import CredibleSet
-from .evidence import p_value, single_f
-from .state import BETTER, LEVEL, Search, View
+from .evidence import compute_p_value, compute_single_f
+from .state import LEVEL, MIN_LOG_ODDS, Search, View
 
-MOST = 24  # effects
+MAX_EFFECTS = 24  # effects
 UNDONE = 0.5  # share of either of two effects below which what is left of both is said
 
 
@@ -62,7 +62,7 @@ class Diagnosis:
     map_p: Array = field(repr=False)
 
 
-def extend(
+def run_stepwise_search(
     problem: Problem,
     base: Model,
     base_fit: Fit,
@@ -94,17 +94,17 @@ def extend(
     view, settled_all = search.first, False
     while True:
         left = search.next(view, chosen)
-        left_p, held_back = p_value(left.evidence, search.null), None
+        left_p, held_back = compute_p_value(left.evidence, search.null), None
         new = _untried(search, left, view, chosen, tried)
         if new is not None and (by_signs := search.by_signs(view, chosen, left.evidence)) > LEVEL:
             new, left_p, held_back = None, by_signs, left_p
-        if new is None or len(chosen) >= MOST:
+        if new is None or len(chosen) >= MAX_EFFECTS:
             if settled_all:
                 break
             before = list(
                 chosen
             )  # nothing more to add: every effect is named once more, and what that frees, too
-            chosen, view = settle(search, chosen, view, None, path)
+            chosen, view = settle_names(search, chosen, view, None, path)
             tried.add(frozenset(chosen))
             settled_all = True
             if set(chosen) == set(before):
@@ -123,7 +123,7 @@ def extend(
             path.pop()
             continue
         steps: list[str] = []
-        settled, after = settle(search, trial, first, view, steps)
+        settled, after = settle_names(search, trial, first, view, steps)
         if (
             frozenset(settled) in tried
         ):  # re-naming would go in a circle: the addition stays as it is
@@ -131,7 +131,7 @@ def extend(
         chosen, view, path = settled, after, path + steps
         tried |= {frozenset(trial), frozenset(settled)}
     before = list(chosen)
-    chosen, view = pruned(search, chosen, view, path)
+    chosen, view = prune_effects(search, chosen, view, path)
     known, map_p, view = _proven(search, chosen, view, path)
     chosen = list(known)
     if chosen != before:  # what the dropped ones explained is left
@@ -155,7 +155,7 @@ def extend(
         left_p,
         held_back,
         search.bound,
-        single_f(search.first.seen, search.first.r),
+        compute_single_f(search.first.seen, search.first.r),
         map_p,
     )
 
@@ -163,7 +163,7 @@ def extend(
 def _left(search: Search, view: View, chosen: Sequence[int]) -> tuple[CredibleSet, float]:
     """The strongest of what a model leaves, and its p."""
     left = search.next(view, chosen)
-    p = p_value(left.evidence, search.null)
+    p = compute_p_value(left.evidence, search.null)
     return left, p if p > LEVEL else max(p, search.by_signs(view, chosen, left.evidence))
 
 
@@ -198,7 +198,8 @@ def _proven(
             )  # to the last tenth of a micrometre, where it settles
         nothing, map_p = search.by_chance(view)
         known = {
-            g: max(p_value(search.again(g, view)[1], some) for some in nothing) for g in chosen
+            g: max(compute_p_value(search.again(g, view)[1], some) for some in nothing)
+            for g in chosen
         }
         weakest = max(chosen, key=lambda g: known[g], default=-1)
         if (
@@ -217,7 +218,7 @@ def _untried(
     """The most probable explanation beyond chance whose addition gives a model not seen before."""
     blocked = list(chosen)
     for _ in range(ROUNDS):
-        if p_value(left.evidence, search.null) > LEVEL:
+        if compute_p_value(left.evidence, search.null) > LEVEL:
             break
         if frozenset(search.joined(chosen, left.top)) not in tried:
             return left.top
@@ -235,7 +236,7 @@ SHIFT = (
 )
 
 
-def pruned(
+def prune_effects(
     search: Search, chosen: list[int], view: View, path: list[str]
 ) -> tuple[list[int], View]:
     """Without the effects whose size the others leave open, and those that chance alone would
@@ -254,7 +255,7 @@ def pruned(
         weakest = min(chosen, key=lambda g: own[g])
         rest = [g for g in chosen if g != weakest]
         if (
-            p_value(own[weakest], search.null) <= LEVEL
+            compute_p_value(own[weakest], search.null) <= LEVEL
             or (after := search.attempt(rest, view.fitted)) is None
         ):
             break
@@ -275,7 +276,7 @@ def _moved(before: View, after: View, candidate: Candidate) -> bool:
     return float(np.linalg.norm(change)) > SHIFT * float(np.linalg.norm(now))
 
 
-def settle(
+def settle_names(
     search: Search, chosen: list[int], view: View, before: View | None, path: list[str]
 ) -> tuple[list[int], View]:
     """Name again, given the others, every effect that the newcomer moved (all, where nothing stood
@@ -293,7 +294,11 @@ def settle(
                 named, own = search.again(g, view)
                 odds = named.log_probability[named.top] - named.log_probability[g]
                 better = (
-                    -1 if p_value(own, search.null) > LEVEL else named.top if odds > BETTER else g
+                    -1
+                    if compute_p_value(own, search.null) > LEVEL
+                    else named.top
+                    if odds > MIN_LOG_ODDS
+                    else g
                 )
                 known[g] = (own, better)
         change = next(

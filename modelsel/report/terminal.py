@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..diagnosis.error_map import strongest_causes
+from ..diagnosis.error_map import select_strongest_causes
 from ..exceptions import sentence_list
 from ..notices import ALARMS, HOPELESS, alarms
 from ..results.placements import standing_sentences
@@ -132,7 +132,7 @@ def show_map(result: Result, console: Console) -> None:
         padding=(0, 1),
     )
     table.add_column("place")
-    columns = strongest_causes(whole, MAP_COLUMNS)
+    columns = select_strongest_causes(whole, MAP_COLUMNS)
     for j in columns:
         table.add_column(
             Text(whole.causes[j].replace(" & ", "\n")), justify="center", overflow="fold"

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from .._typing import Array
-from ..diagnosis.candidates import Candidate, crowded
+from ..diagnosis.candidates import Candidate, exceeds_cell_limit
 from ..diagnosis.credible_sets import Entry
 from ..diagnosis.outliers import Fault
-from ..diagnosis.sentences import display, sentence
+from ..diagnosis.sentences import describe_effect, format_length
 from ..diagnosis.stepwise import Diagnosis, Effect
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Bump
@@ -37,7 +37,7 @@ class Finding:
     @property
     def sentence(self) -> str:
         """In a metrologist's words, and whether held-out configurations speak against it."""
-        return sentence(self.effect) + (
+        return describe_effect(self.effect) + (
             f" Held-out configurations speak against it: {self.against}." if self.against else ""
         )
 
@@ -48,7 +48,7 @@ class Finding:
         interval = self.gain.interval_mm
         if interval is None or interval[1] >= 0:
             return ""
-        return f"their error grows by {display(-interval[1])} to {display(-interval[0])} rms with it (95 %)"
+        return f"their error grows by {format_length(-interval[1])} to {format_length(-interval[0])} rms with it (95 %)"
 
 
 def derived(names: frozenset[str], problem: Problem) -> bool:
@@ -202,8 +202,8 @@ def surprised(split: Split, chosen: Evaluation) -> tuple[Note, ...]:
     return (
         Note(
             "held-out-surprise",
-            f"The held-out configurations err by {display(rms(seen))} rms where cross-validation "
-            f"within the estimation configurations promises {display(rms(chosen.crossed))} (by chance with probability "
+            f"The held-out configurations err by {format_length(rms(seen))} rms where cross-validation "
+            f"within the estimation configurations promises {format_length(rms(chosen.crossed))} (by chance with probability "
             f"{p:.1g}): something acts there that the estimation configurations do not show. Neither the findings nor their "
             "absence speak of it: let such configurations estimate, too.",
         ),
@@ -217,7 +217,7 @@ def rms(values: Array) -> float:
 
 def beside(problem: Problem) -> tuple[Note, ...]:
     """Where the arm has so many joints that the error map is not whole."""
-    if not crowded(problem):
+    if not exceeds_cell_limit(problem):
         return ()
     return (
         Note(

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from .._typing import Array
-from ..diagnosis.sentences import display
-from ..diagnosis.unexplained import ENOUGH, VERY_MANY
+from ..diagnosis.sentences import format_length
+from ..diagnosis.unexplained import MIN_FLOOR_FREEDOM, STATED_FLOOR_FREEDOM
 from ..fitting.design import fixture_values, whitened
 from ..fitting.least_squares import Fit
 from ..fitting.noise import LACKING, MEDIAN, Floor
@@ -59,7 +59,7 @@ def lack_of_fit(chosen: Evaluation, floor: Floor | None, split: Split) -> LackOf
     pure, each, known = (
         1.0,
         1.0,
-        float(np.where(np.isfinite(floor.freedom), MEDIAN * floor.freedom, VERY_MANY)),
+        float(np.where(np.isfinite(floor.freedom), MEDIAN * floor.freedom, STATED_FLOOR_FREEDOM)),
     )
     if floor.source == "repeats":
         within, known = pure_error(training)
@@ -67,7 +67,7 @@ def lack_of_fit(chosen: Evaluation, floor: Floor | None, split: Split) -> LackOf
         each = (
             3 * len(training) / (3 * len(training) - known)
         )  # rows of a posture, all with what is unexplained
-    if freedom < 1 or known < ENOUGH or pure <= 0:
+    if freedom < 1 or known < MIN_FLOOR_FREEDOM or pure <= 0:
         return None
     f = max(total / freedom / pure, 0.0)
     sigma = floor.coordinate_mm * np.sqrt(pure)
@@ -110,7 +110,7 @@ def lacking(found: LackOfFit | None, stated: bool = True) -> tuple[Note, ...]:
                 LACKING,
                 "The chosen model leaves less than the noise floor (lack-of-fit test: F = "
                 f"{found.f:.3g}, so little by chance with probability below {RARELY:g}): of the floor of "
-                f"{display(found.floor_mm)} per coordinate it leaves {display(found.floor_mm * float(np.sqrt(found.f)))}. "
+                f"{format_length(found.floor_mm)} per coordinate it leaves {format_length(found.floor_mm * float(np.sqrt(found.f)))}. "
                 "The figure is too large.",
             ),
         )
@@ -123,8 +123,8 @@ def lacking(found: LackOfFit | None, stated: bool = True) -> tuple[Note, ...]:
         Note(
             LACKING,
             "The chosen model leaves more than the noise floor explains (lack-of-fit test: F = "
-            f"{found.f:.3g}, by chance with probability {found.p:.1g}): beyond the floor of {display(found.floor_mm)} per "
-            f"coordinate, {display(found.unexplained_mm)} (95 %: {display(found.low_mm)} to {display(found.high_mm)}) is "
+            f"{found.f:.3g}, by chance with probability {found.p:.1g}): beyond the floor of {format_length(found.floor_mm)} per "
+            f"coordinate, {format_length(found.unexplained_mm)} (95 %: {format_length(found.low_mm)} to {format_length(found.high_mm)}) is "
             "unexplained. Either the model lacks something, or the floor leaves out a part of the noise: what rows measured "
             "together share, or what changes from one approach to the next.",
         ),

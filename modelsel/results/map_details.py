@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._typing import Array
-from ..diagnosis.scan import basis
+from ..diagnosis.scan import compute_basis
 from ..fitting.design import PLACE, blocks, field_of
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Applied, Cause, Combined, Named, Number
@@ -123,7 +123,7 @@ def _slopes(result: Result, base_rung: Evaluation) -> list[Any]:
     fitted, white = base_rung.fit, some.whiten
     _, columns, residual = next(blocks(some, fitted.terms, fitted.at()))  # MOST rows are one block
     Q, r = (
-        basis(columns[list(fitted.found.kept)].reshape(fitted.found.rank, residual.size).T),
+        compute_basis(columns[list(fitted.found.kept)].reshape(fitted.found.rank, residual.size).T),
         residual.reshape(-1),
     )
     field = field_of(some, some.pose(every), every)

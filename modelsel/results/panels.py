@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._typing import Array, Index
-from ..diagnosis.sentences import what
+from ..diagnosis.sentences import describe_candidate
 from ..fitting.design import PLACE, columns_of
 from ..fitting.problem import Problem
 from ..mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named
@@ -203,7 +203,7 @@ def _finding(finding: Finding, problem: Problem, field: Array, residual: Array) 
         shown = [one]
     return {
         "label": finding.effect.candidate.label,
-        "what": what(finding.effect.candidate, finding.effect.estimate),
+        "what": describe_candidate(finding.effect.candidate, finding.effect.estimate),
         "panels": shown,
         "more_panels": max(len(panels) - PANELS, 0),
         "rivals": [e.candidate.label for e in finding.effect.named.entries],

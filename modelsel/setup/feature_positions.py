@@ -25,7 +25,7 @@ SCALE_MM = 5.0  # what a nominal arm is off by: residuals beyond count less
 LEAST = {"wire": 4, "ball-bar": 4, "plane": 4, "same-point": 1, "distance": 1}
 
 
-def place(problem: Problem, use: NDArray[np.bool_]) -> Problem:
+def place_features(problem: Problem, use: NDArray[np.bool_]) -> Problem:
     """The problem with its features placed from the rows `use` (mask), those that are known as they
     are known. Raises DataError where the rows do not say where one is."""
     gauges = problem.data.gauges
@@ -45,7 +45,7 @@ def place(problem: Problem, use: NDArray[np.bool_]) -> Problem:
     return problem.anew(fixtures=found)
 
 
-def unseen(data: Measurements, use: NDArray[np.bool_]) -> Index:
+def find_unmeasured_features(data: Measurements, use: NDArray[np.bool_]) -> Index:
     """Features that are not known and that no row of `use` (mask) measures."""
     gauges = data.gauges
     some = () if gauges is None else gauges.features

@@ -19,8 +19,18 @@ from ..exceptions import sentence_list
 from ..fitting.problem import Problem
 from ..robot.kinematics import Pose, Robot, pose
 from ..robot.rigid import nearest_rotation, transform
-from .placement import COARSE, LOSS, NORMAL, ROUNDS, STATED_MM, USUAL_MM, cross, descend, kabsch
-from .simple_mistakes import Mistake, linear
+from .placement import (
+    COARSE,
+    LOSS,
+    NORMAL,
+    ROUNDS,
+    STATED_MM,
+    USUAL_MM,
+    cross_matrices,
+    fit_rigid_transform,
+    minimise,
+)
+from .simple_mistakes import Mistake, score_linearly
 
 STEP = np.pi / 18  # of the angles that are tried of a joint's zero
 PEAKS = 2  # angles of each joint from which it is descended
@@ -91,7 +101,7 @@ class Arm:
         )
 
 
-def start(problem: Problem) -> Arm:
+def build_nominal_arm(problem: Problem) -> Arm:
     """The set-up of a problem of one target and one placement, the nominal arm."""
     n = problem.robot.n
     R, t = problem.placement
@@ -110,7 +120,7 @@ def _columns(problem: Problem, arm: Arm, at: Pose) -> Array:
     own = np.concatenate(
         [at.axes[n, :3], zeros, at.axes[:n, :3].reshape(3 * n, 3, -1)]
     )  # (3 + 4 n, 3, m)
-    turn = -cross(y - np.median(y, axis=0))
+    turn = -cross_matrices(y - np.median(y, axis=0))
     return np.concatenate(
         [turn, np.tile(np.eye(3), (len(y), 1, 1)), np.einsum("ij,kjm->mik", arm.R, own)], axis=2
     )
@@ -131,7 +141,7 @@ def _moved(problem: Problem, arm: Arm, step: Array) -> Arm:
     )
 
 
-def adjusted(problem: Problem, arm: Arm, free: Sequence[int], set_up: bool) -> Arm:
+def fit_offsets(problem: Problem, arm: Arm, free: Sequence[int], set_up: bool) -> Arm:
     """The nearest minimum over the numbers `free` of the arm (0 … n-1 zeros, n … 4n-1 links) and,
     where `set_up`, the placement and target."""
     n, usual = problem.robot.n, problem.tools[problem.data.target[0]]
@@ -173,7 +183,7 @@ def adjusted(problem: Problem, arm: Arm, free: Sequence[int], set_up: bool) -> A
             whole[use] = step
             return _moved(problem, a, whole)
 
-        arm = descend(arm, cost, equations, moved, COARSE)
+        arm = minimise(arm, cost, equations, moved, COARSE)
     return arm
 
 
@@ -182,45 +192,47 @@ def _placed(problem: Problem, arm: Arm) -> Arm:
     y = arm.walked(problem)[0].target.T
     weight = np.ones(len(y))
     for _ in range(ROUNDS):
-        R, t = kabsch(problem.data.position, y, weight)
+        R, t = fit_rigid_transform(problem.data.position, y, weight)
         size = np.linalg.norm(problem.data.position - y @ R.T - t, axis=1)
         weight = 1 / (1 + (size / max(LOSS * float(np.median(size)), 1e-6)) ** 2) ** 2
     return replace(arm, R=R, t=t)
 
 
-def of_joint(problem: Problem, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
+def fit_each_zero(problem: Problem, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
     """Every turning joint's zero off by any angle, as it fits best."""
-    nominal, angles = start(problem), np.arange(1, 36) * STEP
+    nominal, angles = build_nominal_arm(problem), np.arange(1, 36) * STEP
     for j, slides in enumerate(problem.robot.prismatic):
         if slides:
-            yield from _named(problem, adjusted(problem, nominal, [j], set_up))
+            yield from _named(problem, fit_offsets(problem, nominal, [j], set_up))
             continue
         tried = [replace(nominal, zeros=angle * np.eye(problem.robot.n)[j]) for angle in angles]
         if set_up:
-            score = linear(
+            score = score_linearly(
                 problem,
                 [Mistake("", "", np.eye(problem.robot.n), a.zeros, np.eye(3)) for a in tried],
             )[0]
         else:
             score = np.array([a.left(problem) for a in tried])
         first = [tried[k] for k in np.argsort(score, kind="stable")[:PEAKS]]
-        ends = [adjusted(problem, _placed(problem, a) if set_up else a, [j], set_up) for a in first]
+        ends = [
+            fit_offsets(problem, _placed(problem, a) if set_up else a, [j], set_up) for a in first
+        ]
         yield from _named(
             problem,
-            min([adjusted(problem, nominal, [j], set_up), *ends], key=lambda a: a.left(problem)),
+            min([fit_offsets(problem, nominal, [j], set_up), *ends], key=lambda a: a.left(problem)),
         )
 
 
-def of_links(problem: Problem, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
+def fit_each_link(problem: Problem, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
     """Every link's a b c off by any length."""
-    n, nominal = problem.robot.n, start(problem)
+    n, nominal = problem.robot.n, build_nominal_arm(problem)
     for j in range(1 if set_up else 0, n):
         yield from _named(
-            problem, adjusted(problem, nominal, [n + 3 * j + a for a in range(3)], set_up)
+            problem, fit_offsets(problem, nominal, [n + 3 * j + a for a in range(3)], set_up)
         )
 
 
-def several(
+def fit_several(
     problem: Problem, good: float, first: Sequence[Arm], links: bool = True
 ) -> Iterator[tuple[Mistake, Arm]]:
     """Several of them at once that leave no more than `good` [mm]: zeros, those of joints that
@@ -232,7 +244,9 @@ def several(
         [[n + 3 * j + a for a in range(3)] for j in range(1, n)],
     )
     for groups in (zeros, [*zeros, *frames]) if links else (zeros,):
-        begun = [a for a in first if groups is not zeros or not a.links.any()] or [start(problem)]
+        begun = [a for a in first if groups is not zeros or not a.links.any()] or [
+            build_nominal_arm(problem)
+        ]
         ends = [
             _extended(problem, good, arm, groups)
             for arm in sorted(begun, key=lambda a: a.left(problem))[:PEAKS]
@@ -252,7 +266,7 @@ def _extended(problem: Problem, good: float, arm: Arm, groups: Sequence[list[int
     while len(taken) < PARTS and good < arm.left(problem) < FALL * before:
         before = arm.left(problem)
         more = [
-            (adjusted(problem, arm, [k for each in [*taken, g] for k in each], True), g)
+            (fit_offsets(problem, arm, [k for each in [*taken, g] for k in each], True), g)
             for g in groups
             if g not in taken and (len(g) == 1 or sum(len(each) > 1 for each in taken) < FRAMES)
         ]
@@ -272,12 +286,12 @@ def _resting(problem: Problem) -> list[Arm]:
     )
     if not 2 <= len(rest) <= MOST_REST:
         return []
-    n, nominal = problem.robot.n, start(problem)
+    n, nominal = problem.robot.n, build_nominal_arm(problem)
     turns = [
         replace(nominal, zeros=np.eye(n)[rest].T @ np.array(angles))
         for angles in product(THIRDS, repeat=len(rest))
     ]
-    return [adjusted(problem, _placed(problem, arm), rest, True) for arm in turns]
+    return [fit_offsets(problem, _placed(problem, arm), rest, True) for arm in turns]
 
 
 def _named(problem: Problem, arm: Arm) -> Iterator[tuple[Mistake, Arm]]:

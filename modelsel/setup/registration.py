@@ -21,8 +21,18 @@ from .._typing import Array, Index
 from ..exceptions import DataError, NotEstimable, sentence_list
 from ..fitting.problem import Problem
 from ..notices import Note
-from .placement import GROSS, NORMAL, Placed, Sight, lengths, middle, robust, settled, spread
-from .starting_values import THIN, about_lines, starts
+from .placement import (
+    GROSS,
+    NORMAL,
+    Placed,
+    Sight,
+    compute_misfits,
+    compute_trimmed_median,
+    compute_uncertainty,
+    refine_robustly,
+    refine_without_gross_rows,
+)
+from .starting_values import THIN, generate_starts, turn_about_lines
 
 LEAST = 4  # configurations per placement
 # rows on which starts are tried, spread over the data, or LEAST_ROWS of every group and target
@@ -58,7 +68,7 @@ def register(problem: Problem, use: NDArray[np.bool_], per_group: bool) -> Probl
     )
     for part, groups, targets in _parts(sight):
         at, good = _found(part)
-        sure = spread(part, at, good)[0]
+        sure = compute_uncertainty(part, at, good)[0]
         if sure.max() > LOST:
             raise _lost(
                 part,
@@ -74,7 +84,7 @@ def register(problem: Problem, use: NDArray[np.bool_], per_group: bool) -> Probl
     return problem.anew(placement=(R[rows], t[rows]), tools=tools, tool_rotations=turned)
 
 
-def undetermined(
+def note_undetermined(
     problem: Problem, use: NDArray[np.bool_], per_group: bool, usual: Array
 ) -> tuple[Note, ...]:
     """What the rows `use` (mask) of a registered problem tell poorly: a placement's turn, a target's
@@ -93,8 +103,10 @@ def undetermined(
             some.tools[targets],
             None if some.tool_rotations is None else some.tool_rotations[targets],
         )
-        size = lengths(part, at)
-        turn, place = spread(part, at, size <= GROSS * middle(size, part.open))
+        size = compute_misfits(part, at)
+        turn, place = compute_uncertainty(
+            part, at, size <= GROSS * compute_trimmed_median(size, part.open)
+        )
         notes += [
             _weak(part, at, int(g), float(turn[g]), _where(some, int(groups[g]), per_group))
             for g in np.flatnonzero(turn > DOUBT)
@@ -214,19 +226,19 @@ def _found(sight: Sight) -> tuple[Placed, NDArray[np.bool_]]:
         )
     )
     tried: list[Placed] = []
-    for start in starts(some):
-        tried.append(robust(some, start))
+    for start in generate_starts(some):
+        tried.append(refine_robustly(some, start))
         if len(tried) > 1 and _agreed(some, tried, WELL * extent):
             break
     best = tried[_least(some, tried)]
-    tried = [best, *(robust(some, start) for start in about_lines(some, best))]
-    return settled(sight, robust(sight, tried[_least(some, tried)]))
+    tried = [best, *(refine_robustly(some, start) for start in turn_about_lines(some, best))]
+    return refine_without_gross_rows(sight, refine_robustly(sight, tried[_least(some, tried)]))
 
 
 def _misfits(sight: Sight, tried: list[Placed]) -> Array:
     """Squares cut off at a common length, and how far targets are from where they are expected."""
-    size = np.array([lengths(sight, at) for at in tried])
-    scale = float(middle(size, sight.open).min())
+    size = np.array([compute_misfits(sight, at) for at in tried])
+    scale = float(compute_trimmed_median(size, sight.open).min())
     away = (
         np.array([np.square((at.tools - sight.usual) / sight.trust).sum() for at in tried])
         * (scale / NORMAL) ** 2
@@ -244,7 +256,7 @@ def _agreed(sight: Sight, tried: list[Placed], well: float) -> bool:
     best = int(misfit.argmin())
     return (
         int((misfit <= misfit[best] * (1 + ALIKE)).sum()) > 1
-        and float(np.median(lengths(sight, tried[best]))) < well
+        and float(np.median(compute_misfits(sight, tried[best]))) < well
     )
 
 
@@ -252,7 +264,7 @@ def _shape(sight: Sight, at: Placed, g: int) -> str:
     """What keeps a placement from being told, of its points' extents."""
     x = sight.x[sight.group == g]
     extent = np.linalg.svd(x - np.median(x, axis=0), compute_uv=False) / np.sqrt(len(x))
-    off = float(np.median(lengths(sight, at)[sight.group == g]))
+    off = float(np.median(compute_misfits(sight, at)[sight.group == g]))
     if extent[1] < THIN * extent[0]:
         return f"the points lie along a line, {extent[1]:.2g} mm off it where {off:.2g} mm are left (rms, median)"
     return f"the points lie within {extent[0]:.2g} mm of their middle where {off:.2g} mm are left (rms, median)"

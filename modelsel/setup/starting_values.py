@@ -14,7 +14,7 @@ import numpy as np
 
 from .._typing import Array
 from ..robot.rigid import nearest_rotation, rotation_vector
-from .placement import Placed, Sight, rigid
+from .placement import Placed, Sight, fit_placements
 
 REWEIGHT = 12
 FAR = 2.8  # rad between two orientations, beyond which the axis of their turn is not trusted
@@ -22,11 +22,11 @@ SIDE_MM = 250.0  # how far around the expected targets starts are taken
 THIN = 0.1  # second over first extent of points from which they are taken for a line
 
 
-def starts(sight: Sight) -> Iterator[Placed]:
+def generate_starts(sight: Sight) -> Iterator[Placed]:
     """Start values, likeliest first."""
 
     def placed(tools: Array) -> Placed:
-        return _turned(sight, rigid(sight, tools))
+        return _turned(sight, fit_placements(sight, tools))
 
     if sight.seen is not None and (start := _oriented(sight)) is not None:
         yield _turned(sight, start)
@@ -40,7 +40,7 @@ def starts(sight: Sight) -> Iterator[Placed]:
             yield placed(sight.usual + side * np.eye(3)[axis])
 
 
-def about_lines(sight: Sight, at: Placed) -> Iterator[Placed]:
+def turn_about_lines(sight: Sight, at: Placed) -> Iterator[Placed]:
     """The placement turned about the points of every group, where they are nearly a line: what a
     rigid fit leaves open."""
     from scipy.spatial.transform import Rotation

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..diagnosis.mistaken_rows import slipped, slipped_before
+from ..diagnosis.mistaken_rows import describe_slip_before_fit, describe_slips
 from ..diagnosis.outliers import Fault
 from ..exceptions import NotEstimable, sentence_list
 from ..fitting.design import whitened
@@ -25,10 +25,10 @@ from ..notices import ALARMS, HOPELESS, MISTAKEN, NOISE, OTHER, ROWS, SAME_ROWS,
 from ..robot.files import builtin_names, load
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Evaluation, Split, turned
-from ..setup.measured_orientations import orientation_mistake
-from ..setup.mistakes import mistake
-from ..setup.other_robots import other_robot, shifted_rows
-from ..setup.target_labels import labels_mistake
+from ..setup.measured_orientations import describe_orientation_mistake
+from ..setup.mistakes import describe_setup_mistake
+from ..setup.other_robots import describe_other_robot, describe_shifted_rows
+from ..setup.target_labels import describe_swapped_labels
 
 TOLERANCE = {"mm": 5.0, "rad": np.pi / 180}  # what makers allow a link or an axis at most
 SURE = 10.0  # standard errors beyond it, before it is said: those of a misfit are too small
@@ -48,19 +48,22 @@ def setup_notes(
 ) -> tuple[Note, ...]:
     """What simple mistake explains how the positions of the rows `use` (mask) lie, of a problem at
     its placement and tools."""
-    other = other_robot(
+    other = describe_other_robot(
         bound, use, builtin
     )  # asked first: another robot's links are no mistake in this one's
     found = [
-        (MISTAKEN, mistake(bound, use, registered, per_group, links=other is None)),
-        ("orientation-mistake", orientation_mistake(bound, use, registered)),
-        ("labels-swapped", labels_mistake(bound, np.ones(len(bound), bool), registered, per_group)),
+        (MISTAKEN, describe_setup_mistake(bound, use, registered, per_group, links=other is None)),
+        ("orientation-mistake", describe_orientation_mistake(bound, use, registered)),
+        (
+            "labels-swapped",
+            describe_swapped_labels(bound, np.ones(len(bound), bool), registered, per_group),
+        ),
         (OTHER, other),
     ]
     if not any(said for _, said in found):
         found += [
-            (ROWS, slipped_before(bound, registered, per_group)),
-            ("rows-shifted", shifted_rows(bound, np.ones(len(bound), bool))),
+            (ROWS, describe_slip_before_fit(bound, registered, per_group)),
+            ("rows-shifted", describe_shifted_rows(bound, np.ones(len(bound), bool))),
         ]
     return tuple(Note(code, said) for code, said in found if said)
 
@@ -220,7 +223,9 @@ def outcome(
     if ROWS not in codes and (split.outlying & split.estimation).mean() < 1:
         more += [
             Note(ROWS, said)
-            for said in slipped(split.problem, chosen.fit.residuals, split.outlying, named=named)
+            for said in describe_slips(
+                split.problem, chosen.fit.residuals, split.outlying, named=named
+            )
         ]
     if not codes & {MISTAKEN, OTHER} and (said := _beyond(split, chosen.fit)) is not None:
         more.append(Note("beyond-tolerance", said))
@@ -270,7 +275,7 @@ def _beyond(split: Split, fitted: Fit) -> str | None:
         for _, symbol, value, error, unit in some[:LISTED]
     ]
     more = f" and {len(some) - LISTED} more" if len(some) > LISTED else ""
-    other = other_robot(split.problem, split.used, builtin, always=True)
+    other = describe_other_robot(split.problem, split.used, builtin, always=True)
     return f"{', '.join(words)}{more}: beyond what makers' tolerances allow (1 to 5 mm, 1°). " + (
         other or "Check the robot's name or file, and where the joints' zeros are."
     )

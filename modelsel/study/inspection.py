@@ -19,8 +19,8 @@ from ..mechanisms.geometry import geometric, setup
 from ..notices import MISTAKEN, alarms
 from ..results.placements import standing, standing_sentences
 from ..robot.kinematics import Robot
-from ..setup.feature_positions import place
-from ..setup.mistakes import LEAST
+from ..setup.feature_positions import place_features
+from ..setup.mistakes import MIN_CONFIGURATIONS
 from ..setup.registration import register
 from .checks import setup_notes
 
@@ -61,7 +61,7 @@ def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
     orientation = data.rotation is not None
     bound = make_problem(robot, data, np.tile([0.0, 0.0, 100.0], (len(data.targets), 1)))
     features, gauges = data.gauges.features if data.gauges is not None else (), data.gauges
-    bound = place(bound, np.ones(len(data), bool))
+    bound = place_features(bound, np.ones(len(data), bool))
     model = Model(
         (setup(robot, len(data.targets), 1, False, orientation, features), geometric(robot))
     )
@@ -127,7 +127,7 @@ def _registered(robot: Robot, data: Measurements) -> dict[str, Any]:
     )
     use = np.zeros(len(data), bool)
     use[points[:: max(len(points) // MOST, 1)]] = True
-    if len(np.unique(data.block[use])) < LEAST:
+    if len(np.unique(data.block[use])) < MIN_CONFIGURATIONS:
         return {}
     try:
         bound = register(bound, use, per_group=False)

@@ -13,18 +13,18 @@ from .._random import generator
 from .._typing import Say
 from .._version import VERSION
 from ..config.study_file import Study
-from ..diagnosis.candidates import Candidate, strongest
-from ..diagnosis.error_map import error_map
-from ..diagnosis.outliers import GROSS, far_off, misplaced
-from ..diagnosis.procedure import explain, nested
-from ..diagnosis.state import models
+from ..diagnosis.candidates import Candidate, choose_strongest
+from ..diagnosis.error_map import build_error_map
+from ..diagnosis.outliers import GROSS_THRESHOLD, find_far_rows, find_misplaced_rows
+from ..diagnosis.procedure import diagnose_split, run_nested_folds
+from ..diagnosis.state import extend_model
 from ..diagnosis.stepwise import Diagnosis
 from ..diagnosis.unexplained import (
-    estimated_floor,
-    nothing_else,
-    predictable_left,
-    rows_seen,
-    thinned,
+    count_rows_seen,
+    describe_unexplained,
+    estimate_floor,
+    is_subsampled,
+    predict_remainder,
 )
 from ..fitting.design import Model, whitened
 from ..fitting.identifiability import unidentifiable
@@ -120,7 +120,7 @@ def _analysed(
     base, base_names = question.model(study.model.base, measured), tuple(study.model.base)
     split = _weighed(question, split, base)
     say("looking for outliers")
-    split, extension, found = explain(
+    split, extension, found = diagnose_split(
         split, base, question.everything, study.seed, question.cells, say
     )
     split, floor, doubts = believed(split, floor, extension.fit)
@@ -128,12 +128,12 @@ def _analysed(
         evaluate(split, question.model((), measured), ("nominal",)),
         evaluate(split, base, base_names),
     )
-    if thinned(extension, split):
+    if is_subsampled(extension, split):
         notes = (
             *notes,
             Note(
                 "scan-of-some",
-                f"What is wrong was looked for in {rows_seen(extension, split)} of "
+                f"What is wrong was looked for in {count_rows_seen(extension, split)} of "
                 f"the {int(split.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
                 "all rows.",
             ),
@@ -147,7 +147,7 @@ def _analysed(
         *(beside(split.problem) if question.cells else ()),
     )
     say("comparing all subsets of the candidates")
-    offered, aside = strongest(
+    offered, aside = choose_strongest(
         found,
         extension.single_f,
         [e.candidate for e in extension.effects],
@@ -180,7 +180,10 @@ def _analysed(
         outlying=split.outlying | held_out_outliers(split, [r for r in rungs if r is not nominal]),
     )
     faults = unsaid(
-        misplaced(split.problem, split.outlying, chosen.fit, generator(study.seed, "null")), notes
+        find_misplaced_rows(
+            split.problem, split.outlying, chosen.fit, generator(study.seed, "null")
+        ),
+        notes,
     )
     held = ~split.estimation & ~split.outlying
     drawn = Resampled.of(measured.block[held], generator(study.seed, "gain"))
@@ -209,7 +212,7 @@ def _analysed(
     within = None
     if study.split.nested_folds:
         say(f"the whole procedure again in {study.split.nested_folds} folds")
-        within = nested(
+        within = run_nested_folds(
             split, base, question.everything, study.seed, question.cells, study.split.nested_folds
         )
     ladder = tuple(remeasured(r, split) for r in rungs)
@@ -227,8 +230,8 @@ def _analysed(
     say("weighing every mechanism of the chosen model")
     sure = confidence(split, chosen.fit, chosen.names, study.seed)
     noise, nothing = (
-        per_row(floor or estimated_floor(chosen, split), split),
-        nothing_else(extension, found, split, steps[-1]),
+        per_row(floor or estimate_floor(chosen, split), split),
+        describe_unexplained(extension, found, split, steps[-1]),
     )
     notes = outcome(
         split,
@@ -252,9 +255,9 @@ def _analysed(
         findings,
         faults,
         extension,
-        error_map(extension, found),
+        build_error_map(extension, found),
         nothing,
-        predictable_left(split, steps[-1], generator(study.seed, "flips")),
+        predict_remainder(split, steps[-1], generator(study.seed, "flips")),
         within,
         untold,
         notes,
@@ -360,10 +363,12 @@ def _steps(split: Split, base_rung: Evaluation, diagnosis: Diagnosis) -> list[Ev
         so_far = [e.candidate for e in diagnosis.effects[:k]]
         names = (*base_rung.names, *(c.label for c in so_far))
         last = (
-            diagnosis.fit if k == len(diagnosis.effects) and not thinned(diagnosis, split) else None
+            diagnosis.fit
+            if k == len(diagnosis.effects) and not is_subsampled(diagnosis, split)
+            else None
         )
         steps.append(
-            evaluate(split, models(diagnosis.base, so_far), names, last, start=steps[-1].fit)
+            evaluate(split, extend_model(diagnosis.base, so_far), names, last, start=steps[-1].fit)
         )
     return steps
 
@@ -387,10 +392,10 @@ def held_out_outliers(split: Split, rungs: Sequence[Evaluation]) -> NDArray[np.b
     out = ~split.estimation
     for r in rungs:
         size = whitened(split.problem, r.residual)
-        out = out & far_off(
+        out = out & find_far_rows(
             size,
             size[split.used],
-            GROSS,
+            GROSS_THRESHOLD,
             None if split.problem.measured is None else split.problem.measured[split.used],
         )
     return np.asarray(out)

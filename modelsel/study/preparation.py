@@ -20,8 +20,8 @@ from ..notices import Note
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
 from ..selection.splits import assign, choose
-from ..setup.feature_positions import place, unseen
-from ..setup.registration import register, undetermined
+from ..setup.feature_positions import find_unmeasured_features, place_features
+from ..setup.registration import note_undetermined, register
 from .checks import setup_notes
 
 
@@ -131,11 +131,11 @@ def prepare(
     if plan.register:
         expected = bound.tools
         bound = register(bound, estimation, plan.per_group)
-        notes += undetermined(bound, estimation, plan.per_group, expected)
+        notes += note_undetermined(bound, estimation, plan.per_group, expected)
     doubts = setup_notes(bound, estimation, plan.register, plan.per_group)
     notes[:0] = doubts
     why = " ".join(n.sentence for n in doubts)
-    bound = place(bound, estimation)
+    bound = place_features(bound, estimation)
     size, reach = np.linalg.norm(residuals(bound)[:, :3], axis=1), bound.reach_mm
     if np.median(size) > reach / 4:
         hint = (
@@ -253,7 +253,7 @@ def _seen(
                 f'robot.register = "per group": feature "{feature.name}" stands in several groups, whose trackers '
                 "stand apart; give it a name in each."
             )
-    lost = unseen(data, estimation)
+    lost = find_unmeasured_features(data, estimation)
     gone = np.isin(gauges.feature, lost)
     if gone.any():
         names = ", ".join(gauges.features[k].name for k in lost)

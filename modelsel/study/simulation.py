@@ -15,7 +15,7 @@ from ..fitting.problem import make_problem
 from ..measurements.measurements import Measurements, measurements
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
-from ..setup.feature_positions import place
+from ..setup.feature_positions import place_features
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -99,7 +99,7 @@ def simulate_rows(
             f"simulate: rows of kind {' and '.join(fixed)} hold the arm to a place: the readings of the joints, "
             "not a measured value, would have to be made; leave them out."
         )
-    bound = place(make_problem(robot, data, tools), np.ones(len(data), bool))
+    bound = place_features(make_problem(robot, data, tools), np.ones(len(data), bool))
     terms = tuple(Term(f"p{k}", (screw,)) for k, (screw, _) in enumerate(effects))
     with np.errstate(all="ignore"):
         read = (

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .._typing import Array
-from ..diagnosis.residual_tests import LASTING, together
+from ..diagnosis.residual_tests import GROUP_LEVEL, compute_group_p
 from ..fitting.design import Model, blocks
 from ..fitting.least_squares import Fit
 from ..mechanisms.causes import Bump
@@ -91,7 +91,7 @@ def resampled(split: Split, fitted: Fit, rng: np.random.Generator) -> Bootstrap:
     together within them."""
     training = split.training()
     residual = fitted.residuals(training)
-    grouped = together(training.data, residual[:, :3], rng) <= LASTING
+    grouped = compute_group_p(training.data, residual[:, :3], rng) <= GROUP_LEVEL
     unit = training.data.group if grouped else training.data.block
     boot = bootstrap(by_unit(training, fitted.terms, unit, fitted.at()), fitted, rng)
     return replace(boot, grouped=grouped)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...diagnosis.sentences import quantity
+from ...diagnosis.sentences import format_quantity
 from ...measurements.table import Where, where_of
 from ...results.storage import Source
 from ...results.tables import name_of
@@ -96,7 +96,7 @@ def _estimates(estimate: list[dict[str, Any]]) -> Block:
         [
             [
                 "estimate ± standard error",
-                *(quantity(e["value"], e["standard_error"], e["unit"]) for e in shown),
+                *(format_quantity(e["value"], e["standard_error"], e["unit"]) for e in shown),
             ]
         ],
         f"And {rest} more numbers: in result.json." if rest else "",

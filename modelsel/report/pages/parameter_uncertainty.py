@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...diagnosis.sentences import prefixed
+from ...diagnosis.sentences import choose_prefix
 from ...results.storage import Source
 from ..document import Block, heading, points, table, text
 from ..figures import ladder, space
@@ -258,6 +258,6 @@ def _quantiles(found: dict[str, Any]) -> list[str]:
     give; then the unit."""
     values = [found[k] for k in ("low", "median", "high", "closed_form_low", "closed_form_high")]
     biggest = max((abs(v) for v in values if v is not None), default=0.0)
-    factor, unit = prefixed(biggest, found["unit"])
+    factor, unit = choose_prefix(biggest, found["unit"])
     places = max(2 - int(f"{biggest / factor:.2e}".partition("e")[2]), 0)
     return [*("–" if v is None else f"{v / factor:.{places}f}" for v in values), unit]
