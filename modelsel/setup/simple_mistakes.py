@@ -15,7 +15,7 @@ from ..robot.kinematics import Robot, pose
 
 REWEIGHT = 8
 TOGETHER = 64  # in one block of the linear solution
-RAD = np.pi / 180
+DEGREE = np.pi / 180
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def list_joint_mistakes(robot: Robot) -> Iterator[Mistake]:
                 yield one(
                     f"{abs(degrees)}° is {'added to' if degrees > 0 else 'taken from'} q{j + 1}",
                     f"check where {name} is zero in the controller and in the robot file",
-                    c=eye[j] * degrees * RAD,
+                    c=eye[j] * degrees * DEGREE,
                 )
         for k in range(j + 1, n):
             if turns[j] == turns[k]:
@@ -122,7 +122,7 @@ def list_joint_mistakes(robot: Robot) -> Iterator[Mistake]:
                     f"check whether the controller counts joint {j + 1} from the link before it or from the base",
                     coupled,
                 )
-    for factor, words in ((1 / RAD, "radians, not degrees"), (RAD, "degrees, not radians")):
+    for factor, words in ((1 / DEGREE, "radians, not degrees"), (DEGREE, "degrees, not radians")):
         unit = "_deg" if factor < 1 else "_rad"
         for j in (j for j in range(n) if turns[j]):
             scaled = eye.copy()

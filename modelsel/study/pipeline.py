@@ -14,11 +14,12 @@ from .._typing import Say
 from .._version import VERSION
 from ..config.study_file import Study
 from ..diagnosis.candidates import Candidate, choose_strongest
+from ..diagnosis.data_faults import find_misplaced_rows
 from ..diagnosis.error_map import build_error_map
-from ..diagnosis.outliers import GROSS_THRESHOLD, find_far_rows, find_misplaced_rows
+from ..diagnosis.outcome import Diagnosis
+from ..diagnosis.outliers import GROSS_THRESHOLD, find_far_rows
 from ..diagnosis.procedure import diagnose_split, run_nested_folds
 from ..diagnosis.state import extend_model
-from ..diagnosis.stepwise import Diagnosis
 from ..diagnosis.unexplained import (
     count_rows_seen,
     describe_unexplained,

@@ -23,7 +23,7 @@ from ..calibration.experiment_design import (
     tell_apart,
     told_with,
 )
-from ..diagnosis.stepwise import Effect
+from ..diagnosis.effects import Effect
 from ..exceptions import StudyError, suggest
 from ..measurements.columns import READINGS, UNITS
 from ..measurements.measurements import Measurements, measurements
