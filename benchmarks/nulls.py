@@ -28,7 +28,7 @@ import modelsel.uncertainty.bootstrap
 import modelsel.uncertainty.parameters
 from modelsel import Model, mechanism
 from modelsel._random import generator
-from modelsel.diagnosis.outliers import find_misplaced_rows
+from modelsel.diagnosis.data_faults import find_misplaced_rows
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.unexplained import estimate_predictability
 from modelsel.fitting.design import residuals

@@ -102,7 +102,7 @@ def test_causes_that_differ_where_no_configuration_went(angle, truth, rng) -> No
         if truth in {e.candidate.mechanism.name for e in f.effect.named.entries}
     )
     unsure = rivals.effect.named.verdict == "cannot be told apart"
-    assert unsure or "would move the target alike" in rivals.sentence, rivals.sentence
+    assert unsure or "would move the target in the same way" in rivals.sentence, rivals.sentence
 
 
 def test_a_cause_that_runs_with_another(rng) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from builders import drawn, planted, study_of
 
-from modelsel.diagnosis.scan import stack_design
+from modelsel.diagnosis.candidate_columns import stack_design
 from modelsel.fitting import problem
 from modelsel.fitting import reduction as reduce
 from modelsel.fitting.design import Model, residuals

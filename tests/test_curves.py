@@ -10,18 +10,15 @@ import pytest
 from builders import drawn, measured, planted, seeds
 
 from modelsel._typing import Array
-from modelsel.diagnosis.candidates import BETWEEN, Candidate, build_candidates
+from modelsel.diagnosis.candidate_columns import build_columns, select_columns, stack_design
+from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.credible_sets import include_candidate, name_effect
 from modelsel.diagnosis.joint_curves import chain_effects, collect_curves, find_own_joint
-from modelsel.diagnosis.scan import (
-    build_columns,
-    build_scan,
-    compute_basis,
-    select_columns,
-    stack_design,
-)
+from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.scan import build_scan, compute_basis
 from modelsel.diagnosis.state import LEVEL, Search
-from modelsel.diagnosis.stepwise import Diagnosis, run_stepwise_search
+from modelsel.diagnosis.stepwise import run_stepwise_search
+from modelsel.diagnosis.unregistered import BETWEEN
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
@@ -218,7 +215,7 @@ def test_beyond_a_shrunk_model_is_beyond_it_with_its_terms_integrated_out(
     found = build_candidates(bent, base, every(at.robot))
     search = Search(bent, base, found, rng, fit(bent, base))
     free = next(g for g, c in enumerate(found) if c.mechanism.name == "free(q4) 20")
-    view = search.fit([free], None)
+    view = search.fit_model([free], None)
     fitted, kept = view.fitted, list(view.kept)
     precision = fitted.precision
     assert precision is not None
@@ -234,9 +231,9 @@ def test_beyond_a_shrunk_model_is_beyond_it_with_its_terms_integrated_out(
     for name_ in ("encoder-scale:4", "refraction", "settle:2"):
         g = next(k for k, c in enumerate(found) if c.mechanism.name == name_)
         x = search.columns.XT[search.columns.slices[g][0]]
-        bucket = next(b for b in view.seen.buckets if g in b.block.which)
+        bucket = next(b for b in view.scan.buckets if g in b.block.which)
         left = bucket.left[list(bucket.block.which).index(g)][0, 0]
         assert left == pytest.approx(x @ P @ x, rel=1e-6)
-        strength = view.seen.strength(view.r[:, None]).whole[g, 0]
+        strength = view.scan.strength(view.residual[:, None]).whole[g, 0]
         assert strength == pytest.approx((x @ P @ y) ** 2 / (x @ P @ x), rel=1e-5)
-    assert view.r @ view.r == pytest.approx(y @ P @ y, rel=1e-6)
+    assert view.residual @ view.residual == pytest.approx(y @ P @ y, rel=1e-6)

@@ -12,7 +12,7 @@ from builders import bind, planted, small_arm, study_of
 from scipy.stats import f as fisher
 from scipy.stats import kstest, multivariate_t
 
-from modelsel.diagnosis.outliers import DRAWS, find_misplaced_rows
+from modelsel.diagnosis.data_faults import DRAWS, find_misplaced_rows
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor, from_repeats

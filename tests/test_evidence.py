@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from builders import drawn, seeds
 
+from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.evidence import (
     RATIOS,
@@ -16,7 +17,7 @@ from modelsel.diagnosis.evidence import (
     normalise_strength,
     sum_evidence,
 )
-from modelsel.diagnosis.scan import Scan, build_columns, build_scan, compute_basis, stack_design
+from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import every, mechanism
@@ -66,7 +67,7 @@ def test_evidence_of_a_response_is_that_of_its_strengths(rng: np.random.Generato
     log_prior = np.log([c.prior for c in found])
     known = compute_factors(seen, y)
     share = normalise_strength(seen.strength(np.stack([y, r], 1)), np.array([y @ y, r @ r]))
-    small = seen.judged(y)[1]
+    small = seen.judge(y)[1]
     assert small.any()
     for ratio, row in zip(RATIOS, known, strict=True):
         assert row[small] == pytest.approx(

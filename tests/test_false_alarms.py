@@ -16,10 +16,11 @@ from scipy.special import bdtrc
 from scipy.stats import binom, kstest, t
 
 from modelsel.diagnosis.evidence import draw_null
+from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.residual_tests import adjust_residual, compute_group_p, partition_rows
 from modelsel.diagnosis.state import build_view
-from modelsel.diagnosis.stepwise import Diagnosis, run_stepwise_search
+from modelsel.diagnosis.stepwise import run_stepwise_search
 from modelsel.diagnosis.unexplained import estimate_predictability
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import Fit, fit
@@ -321,27 +322,31 @@ def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:
     has."""
     from scipy.stats import ks_2samp
 
+    from modelsel.diagnosis.candidate_columns import build_columns
     from modelsel.diagnosis.candidates import build_candidates
-    from modelsel.diagnosis.evidence import compute_null_evidence, group_by_size, normalise_strength
-    from modelsel.diagnosis.scan import build_columns
+    from modelsel.diagnosis.evidence import (
+        compute_null_evidence,
+        find_largest_shares,
+        normalise_strength,
+    )
 
     at, _ = campaign(even, rng)
     base_fit = fit(at, BASE, held="nothing")
     found = build_candidates(at, BASE, every(ARM))
     log_prior = np.log([c.prior for c in found])
     first = build_view(at, build_columns(at, found, base_fit.at()), BASE, base_fit)
-    exact, _ = draw_null(first.seen, log_prior, 300, rng)
+    exact, _ = draw_null(first.scan, log_prior, 300, rng)
     flips = []
     for _ in range(10):
-        noise = rng.standard_normal(len(first.r))
+        noise = rng.standard_normal(len(first.residual))
         e = adjust_residual(
             first.Q, noise - first.Q @ (first.Q.T @ noise), np.tile(np.arange(M), 3)
         )
         u = np.tile(2.0 * rng.integers(0, 2, (M, 30)) - 1, (3, 1)) * e[:, None]
         u -= first.Q @ (first.Q.T @ u)
-        share = normalise_strength(first.seen.strength(u), np.square(u).sum(0))
-        top = {k: share.whole[which].max(0) for k, which in group_by_size(first.seen).items()}
-        flips.append(compute_null_evidence(first.seen, log_prior, share, top))
+        share = normalise_strength(first.scan.strength(u), np.square(u).sum(0))
+        top = find_largest_shares(first.scan, share)
+        flips.append(compute_null_evidence(first.scan, log_prior, share, top))
     assert ks_2samp(exact, np.concatenate(flips)).pvalue > CHANCE
     assert (
         run_stepwise_search(at, BASE, base_fit, found, np.random.default_rng(1)).held_back is None

@@ -24,10 +24,12 @@ from hidden_engine import Engine
 from hidden_oracle import critical_p, detection, held_by, naming_limit
 
 from modelsel.diagnosis import state as search
+from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.scan import Scan, build_columns, build_scan, compute_basis, stack_design
-from modelsel.diagnosis.stepwise import Diagnosis, run_stepwise_search
-from modelsel.diagnosis.stepwise import Effect as Found
+from modelsel.diagnosis.effects import Effect as Found
+from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
+from modelsel.diagnosis.stepwise import run_stepwise_search
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem, make_problem
@@ -165,7 +167,7 @@ def ground() -> Iterator[Ground]:
     )
     J = body.screws(fresh.q)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(search, "null", once(search.null))
+        patch.setattr(search, "draw_null", once(search.draw_null))
         yield Ground(body, state, fresh, found, seen, critical_p(seen, rng), J, geometry(J))
 
 

@@ -3,17 +3,21 @@ rows."""
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pandas as pd
 import pytest
 from builders import drawn, one, planted
 
 from modelsel.config.study_file import parse_study
-from modelsel.diagnosis import procedure as explain
+from modelsel.diagnosis.options import DiagnosisOptions
+from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.measurements.measurements import blocks
 from modelsel.mechanisms.causes import q
 from modelsel.selection import evaluation as validate
 from modelsel.selection.evaluation import gain
+from modelsel.study import pipeline
 from modelsel.study.runner import run
 
 STUDY = """
@@ -39,7 +43,8 @@ def test_naming_sees_a_share_and_says_so(rng, tmp_path, monkeypatch) -> None:
     pd.DataFrame(np.column_stack([at.data.q, position]), columns=names).to_csv(
         tmp_path / "measurements.csv", index=False
     )
-    monkeypatch.setattr(explain, "SCANNED", 90)
+    of_sample = partial(diagnose_split, options=DiagnosisOptions(max_rows=90))
+    monkeypatch.setattr(pipeline, "diagnose_split", of_sample)
     result = run(parse_study(STUDY, "study.toml"), tmp_path, sampling=False)
     assert "wrist-coupling" in " ".join(result.chosen.names)
     assert result.extension.fit.rows == 3 * 90

@@ -6,8 +6,9 @@ from __future__ import annotations
 import numpy as np
 from builders import drawn, seeds, small_arm
 
+from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import build_candidates
-from modelsel.diagnosis.scan import build_columns, build_scan, compute_basis, stack_design
+from modelsel.diagnosis.scan import build_scan, compute_basis
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.measurements.measurements import Measurements, measurements

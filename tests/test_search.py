@@ -13,9 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
+from modelsel.diagnosis.candidate_columns import build_columns, stack_design
+from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.evidence import compute_single_f
-from modelsel.diagnosis.scan import build_columns, build_scan, compute_basis, stack_design
+from modelsel.diagnosis.scan import build_scan, compute_basis
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.causes import ONE
@@ -189,7 +191,7 @@ def test_single_f_is_the_nested_f_test(rng) -> None:
     )
     at = planted(drawn("puma760", rng, 50), base.terms, rng.normal(size=39) * 1e-3, rng, 0.1)
     fitted = fit(at, base, held="nothing")
-    offered = tuple(Candidate(m, True, 0.25) for m in some)
+    offered = tuple(Candidate(m, CandidateKind.MECHANISM, 0.25) for m in some)
     A, r = stack_design(at, base.terms, fitted.at())
     A = A[:, list(fitted.found.kept)]
     found = compute_single_f(
@@ -209,7 +211,7 @@ def test_single_f_of_a_candidate_that_explains_all(size, rng) -> None:
     at = drawn("puma760", rng, 30)
     fitted = fit(at, Model((mechanism("geometric", at.robot),)))
     offered = [
-        Candidate(m, True, 0.5)
+        Candidate(m, CandidateKind.MECHANISM, 0.5)
         for m in (mechanism("wrist-coupling:5", at.robot), mechanism("backlash:3", at.robot))
     ]
     cols = build_columns(at, offered, fitted.at())

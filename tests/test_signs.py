@@ -13,12 +13,13 @@ import pytest
 from builders import bind, drawn, measured, seeds, small_arm, study_of
 from scipy.integrate import quad
 
+from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.evidence import compute_log_bayes_factors, normalise_strength
 from modelsel.diagnosis.procedure import diagnose_split
-from modelsel.diagnosis.scan import Scan, build_columns, build_scan, compute_basis, stack_design
+from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
 from modelsel.diagnosis.sentences import describe_effect
-from modelsel.diagnosis.stepwise import Effect
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
@@ -174,7 +175,7 @@ def test_what_gravity_forbids_is_not_named_after_it(
     assert bool(stems & expected) == (sign > 0), [describe_effect(e) for e in effects]
     if sign < 0:
         assert any(
-            "would do the same with the other sign only, so that this is not" in describe_effect(e)
+            "would do the same with the opposite sign only, so this is not" in describe_effect(e)
             for e in effects
         )
 

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from modelsel.diagnosis.candidate_columns import Block, Columns, compute_grams
 from modelsel.diagnosis.evidence import compute_factors, compute_p_value, draw_null, sum_evidence
-from modelsel.diagnosis.scan import Block, Columns, Scan, build_scan, compute_basis, compute_grams
+from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
 
 from .timing import interleaved
 

@@ -9,15 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from modelsel._typing import Array
+from modelsel.diagnosis.candidate_columns import Columns, build_columns, stack_design
 from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.scan import (
-    Columns,
-    Scan,
-    build_columns,
-    build_scan,
-    compute_basis,
-    stack_design,
-)
+from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem, make_problem
