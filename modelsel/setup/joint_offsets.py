@@ -29,7 +29,7 @@ from .placement import (
     cross_matrices,
     fit_rigid_transform,
 )
-from .robust_weights import compute_redescending_weights
+from .robust_weights import compute_redescending_loss, compute_redescending_weights
 from .simple_mistakes import Mistake, score_linearly
 
 # angles of a joint's zero that are tried, and how many of the best are fitted from
@@ -184,7 +184,7 @@ class _Objective:
     def cost(self, arm: Arm) -> float:
         """Compute the redescending loss and the prior's squares."""
         square = np.square(arm.compute_residuals(self.problem)[1]).sum(1)
-        loss = square / (1 + square / self.scale**2)
+        loss = compute_redescending_loss(square, self.scale)[0]
         return float(loss.sum() + self.prior @ self._offset(arm) ** 2)
 
     def equations(self, arm: Arm) -> tuple[Array, Array]:
@@ -192,7 +192,7 @@ class _Objective:
         free = self.free
         at, residual = arm.compute_residuals(self.problem)
         J = _compute_jacobian(self.problem, arm, at)[:, :, free]
-        weight = compute_redescending_weights(np.linalg.norm(residual, axis=1), self.scale)
+        weight = compute_redescending_loss(np.square(residual).sum(1), self.scale)[1]
         H = np.einsum("m,mik,mil->kl", weight, J, J, optimize=True) + np.diag(self.prior[free])
         g = np.einsum("m,mik,mi->k", weight, J, residual)
         return H, g - self.prior[free] * self._offset(arm)[free]

@@ -18,7 +18,7 @@ from .._linalg import TINY
 from .._typing import Array, Index, Mask
 from ..robot.rigid import nearest_rotation, rotation_vector
 from .minimisation import COARSE, CONVERGED, minimise
-from .robust_weights import compute_redescending_weights
+from .robust_weights import compute_redescending_loss, compute_redescending_weights
 
 # prior standard deviation of a target's coordinates: about the flange where the study states none,
 # and about those that it states
@@ -278,10 +278,9 @@ class _Objective:
     def cost(self, at: Placed) -> float:
         """Compute the loss and the prior's squares."""
         square = np.square(compute_residuals(self.sight, at)).sum(1)
-        if self.scale is None:
-            loss = self.weight * square
-        else:
-            loss = square / (1 + square / self.scale**2)
+        loss = self.weight * square
+        if self.scale is not None:
+            loss = compute_redescending_loss(square, self.scale)[0]
         return float(loss.sum() + self.prior @ self._offset(at) ** 2)
 
     def _offset(self, at: Placed) -> Array:
@@ -292,7 +291,8 @@ class _Objective:
         """Compute the normal equations of a step."""
         weight = self.weight
         if self.scale is not None:
-            weight = compute_redescending_weights(compute_misfits(self.sight, at), self.scale)
+            square = np.square(compute_residuals(self.sight, at)).sum(1)
+            weight = compute_redescending_loss(square, self.scale)[1]
         H, g = normal_equations(self.sight, at, weight)
         tools = 6 * self.sight.groups + np.arange(len(self.prior))
         H[tools, tools] += self.prior

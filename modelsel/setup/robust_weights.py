@@ -24,3 +24,9 @@ def compute_redescending_weights(size: Array, scale: Array | float) -> Array:
     """Compute weights 1 / (1 + (size / scale)²)²: a row far off has no influence (Geman & McClure
     1985)."""
     return np.asarray(1 / (1 + (size / scale) ** 2) ** 2)
+
+
+def compute_redescending_loss(square: Array, scale: float) -> tuple[Array, Array]:
+    """Compute (losses, weights) of the redescending loss from squared lengths of residuals."""
+    ratio = square / scale**2
+    return square / (1 + ratio), 1 / (1 + ratio) ** 2

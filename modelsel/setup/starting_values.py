@@ -129,8 +129,10 @@ def _start_from_affine_map(sight: Sight) -> Placed:
     solution = _solve_robustly(M, sight.points(sight.usual))
     maps = solution[: 12 * groups].reshape(groups, 3, 4)
     to_base = np.array([nearest_rotation(part[:, :3] / span) for part in maps])
-    R = to_base.transpose(0, 2, 1)
-    t = middle - np.einsum("gij,gj->gi", R, maps[:, :, 3])
+    R = np.ascontiguousarray(to_base.transpose(0, 2, 1))
+    t = np.array(
+        [m - rotation @ part[:, 3] for m, rotation, part in zip(middle, R, maps, strict=True)]
+    )
     return Placed(R, t, sight.usual + solution[12 * groups :].reshape(targets, 3))
 
 
