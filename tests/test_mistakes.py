@@ -89,7 +89,10 @@ MISTAKES: dict[str, tuple[Change, str]] = {
     "columns": (columns(2, 3), "q2 and q3 are exchanged"),
     "wrist columns": (columns(4, 5), "q4 and q5 are exchanged"),
     "reversed": (lambda q, x: (q[:, ::-1], x), "the joints are counted from the flange"),
-    "coupled": (lambda q, x: (q + np.outer(q[:, 1], np.arange(6) == 2), x), "q2 is subtracted from q3"),
+    "coupled": (
+        lambda q, x: (q + np.outer(q[:, 1], np.arange(6) == 2), x),
+        "q2 is subtracted from q3",
+    ),
     "degrees": (lambda q, x: (np.degrees(q), x), "all readings are in degrees, not radians"),
     "radians": (lambda q, x: (np.radians(q), x), "all readings are in radians, not degrees"),
     "one radians": (
