@@ -15,11 +15,11 @@ from itertools import product
 import numpy as np
 
 from .._typing import Array, Index
-from ..exceptions import sentence_list
 from ..fitting.problem import Problem
 from ..robot.kinematics import Pose, Robot, pose
 from ..robot.rigid import nearest_rotation, transform
 from .minimisation import COARSE, minimise
+from .offset_words import REST_RANGE, describe_offsets
 from .placement import (
     LOSS,
     MAX_ROUNDS,
@@ -35,10 +35,6 @@ from .simple_mistakes import Mistake, score_linearly
 # angles of a joint's zero that are tried, and how many of the best are fitted from
 ANGLE_STEP = np.pi / 18
 PEAKS = 2
-# smallest zero [degrees], and length of a link or a slide's zero [mm], that is called a mistake: less
-# is an arm's own error, which is calibrated
-MIN_DEGREES = 3.0
-MIN_MM = 15.0
 # prior standard deviations of zeros [rad; mm of a slide] and of lengths [mm]
 ZERO_SIGMA = 1.0
 LENGTH_SIGMA_MM = 200.0
@@ -55,14 +51,9 @@ SCALE_ROUNDS = 4
 STALLED = 0.95
 # median below which the scale of the loss does not fall
 MIN_MEDIAN_MM = 1e-6
-# range of readings [rad or mm] below which a joint rests
-REST_RANGE = 2e-3
 # resting joints whose angles are looked for together, and the angles that are tried
 MAX_RESTING = 3
 THIRDS = (-2 * np.pi / 3, 0.0, 2 * np.pi / 3)
-
-CHECK_FILE = "check the robot file"
-CHECK_ROBOT = "check the robot file, and whether it describes this robot"
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,72 +340,8 @@ def _find_resting(problem: Problem) -> list[int]:
     return [j for j in between if j not in moving and not problem.robot.prismatic[j]]
 
 
-# Words.
-
-
 def _describe(problem: Problem, arm: Arm) -> Iterator[tuple[Mistake, Arm]]:
-    """Describe an arm's offsets as a mistake, without those that are too small to be one; nothing
-    where none is left."""
-    robot = problem.robot
-    zeros = {j: _describe_zero(robot, j, zero) for j, zero in enumerate(arm.zeros)}
-    links = [_describe_link(j, link) for j, link in enumerate(arm.links)]
-    named_zeros = {j: words for j, words in zeros.items() if words}
-    named_links = [words for words in links if words]
-    words = [*named_zeros.values(), *named_links]
-    if not words:
-        return
-    looks = _list_looks(problem, list(named_zeros))
-    if named_links:
-        looks.append(CHECK_ROBOT if len(words) > 1 else CHECK_FILE)
-    A, B = np.eye(robot.n), np.eye(3)
-    yield Mistake(" and ".join(words), ", and ".join(looks), A, arm.zeros, B, len(words)), arm
-
-
-def _describe_zero(robot: Robot, j: int, zero: float) -> str:
-    """Describe a joint's zero; empty where it is too small."""
-    if robot.prismatic[j]:
-        offset, smallest, unit, sign = zero, MIN_MM, "mm", " mm"
-    else:
-        offset = np.degrees((zero + np.pi) % (2 * np.pi) - np.pi)
-        smallest, unit, sign = MIN_DEGREES, "degrees", "°"
-    if abs(offset) < smallest:
-        return ""
-    change = "added to" if offset > 0 else "subtracted from"
-    return (
-        f"joint {j + 1}'s zero is off by {abs(offset):.1f} {unit} "
-        f"({abs(offset):.1f}{sign} is {change} q{j + 1})"
-    )
-
-
-def _describe_link(j: int, link: Array) -> str:
-    """Describe the lengths of a joint's link; empty where all are too small."""
-    far = [
-        f"{letter}{j + 1} is off by {length:+.1f} mm"
-        for letter, length in zip("abc", link, strict=True)
-        if abs(length) >= MIN_MM
-    ]
-    return f"the nominal arm's {' and '.join(far)}" if far else ""
-
-
-def _list_looks(problem: Problem, wrong: Sequence[int]) -> list[str]:
-    """List where to look for the zeros of joints (counted from 0) that are off."""
-    resting = [j for j in wrong if float(np.ptp(problem.data.q[:, j])) < REST_RANGE]
-    moving = [j for j in wrong if j not in resting]
-    looks = []
-    if resting:
-        verb = "rests" if len(resting) == 1 else "rest"
-        looks.append(
-            f"check the readings of {_name_joints(resting)}, which {verb}: 0 may mean that nothing "
-            "was recorded"
-        )
-    if moving:
-        verb = "is" if len(moving) == 1 else "are"
-        looks.append(
-            f"check where {_name_joints(moving)} {verb} zero in the controller and in the robot file"
-        )
-    return looks
-
-
-def _name_joints(joints: Sequence[int]) -> str:
-    names = sentence_list([str(j + 1) for j in joints])
-    return f"joint {names}" if len(joints) == 1 else f"joints {names}"
+    """Pair an arm with its offsets as a mistake; nothing where these are too small to be one."""
+    mistake = describe_offsets(problem, arm.zeros, arm.links)
+    if mistake is not None:
+        yield mistake, arm
