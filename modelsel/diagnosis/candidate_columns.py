@@ -60,10 +60,17 @@ class Columns:
         """Number of candidates."""
         return len(self.slices)
 
+    def largest_terms(self, g: int) -> Array:
+        """(k,) largest coefficients of candidate g with which its screws are small."""
+        block = next(b for b in self.grams if g in b.which)
+        row = int(np.flatnonzero(block.which == g)[0])
+        return np.asarray(block.most[row])
+
     def dot(self, values: Array) -> Array:
         """Compute (C, ...) products of every column with values (N + k, ...); in the k rows of a
         model's prior the columns are zero."""
-        return np.asarray(self.XT @ values[: self.XT.shape[1]])
+        rows = self.XT.shape[1]
+        return np.asarray(self.XT @ values[:rows])
 
     def sum_of(self, weights: Array, g: int, rows: int) -> Array:
         """Sum up (rows, ...) candidate g's columns times weights (k, ...), zero in the rows of a
@@ -133,8 +140,12 @@ def split_range(count: int, size: int) -> Iterator[slice]:
 
 def flatten_measured(problem: Problem, rows: slice, values: NDArray[Any]) -> NDArray[Any]:
     """Flatten values (k, c, rows) to their measured coordinates (k, N)."""
-    every = values.reshape(len(values), values.shape[1] * values.shape[2])
-    return every if problem.measured is None else every[:, problem.measured[rows].T.reshape(-1)]
+    k, components, count = values.shape
+    every = values.reshape(k, components * count)
+    if problem.measured is None:
+        return every
+    is_measured = problem.measured[rows].T.reshape(-1)
+    return every[:, is_measured]
 
 
 def _compute_largest(problem: Problem, terms: Sequence[Term]) -> Array:

@@ -90,7 +90,9 @@ def collect_screws(mechanism: Mechanism) -> Screws:
 
 def exceeds_cell_limit(problem: Problem, options: DiagnosisOptions = DEFAULT_OPTIONS) -> bool:
     """Return whether the whole error map would have more than `max_cells` cells."""
-    return len(list_places(problem)) * len(build_cell_causes(problem)) > options.max_cells
+    places = list_places(problem)
+    causes = build_cell_causes(problem)
+    return len(places) * len(causes) > options.max_cells
 
 
 def build_candidates(
@@ -152,7 +154,9 @@ def _find_one_sided(mechanisms: Sequence[Mechanism]) -> dict[Screws, tuple[Mecha
 
 
 def _allow_one_sign(mechanisms: Sequence[Mechanism]) -> bool:
-    return not any(0 in m.signs for m in mechanisms) and len({m.signs for m in mechanisms}) == 1
+    signs = {m.signs for m in mechanisms}
+    has_free_sign = any(0 in own for own in signs)
+    return len(signs) == 1 and not has_free_sign
 
 
 def _select_new(

@@ -159,8 +159,9 @@ def _fit_waves(grid: Array, curve: Array, count: int) -> tuple[float, Array]:
 
 def has_contrary_signs(mechanism: Mechanism, estimate: Array) -> bool:
     """Return whether every term (k,) that physics gives a sign is fitted with the opposite one."""
-    signed = [(t.sign, v) for t, v in zip(mechanism.terms, estimate, strict=True) if t.sign]
-    return bool(signed) and all(value * sign < 0 for sign, value in signed)
+    signs = np.array([term.sign for term in mechanism.terms])
+    is_contrary = signs * estimate < 0
+    return bool(signs.any() and is_contrary[signs != 0].all())
 
 
 def describe_candidate(candidate: Candidate, estimate: Array) -> str:

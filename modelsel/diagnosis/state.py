@@ -164,18 +164,23 @@ class Search:
     def is_unbounded(self, g: int, view: View) -> bool:
         """Return whether the fit leaves an effect's size open: a term, or its standard error, is
         beyond what a small screw can be."""
+        terms = self.locate_terms(g, view)
+        size = np.abs(view.fitted.theta[terms])
+        error = view.fitted.standard_errors[terms]
+        most = self.columns.largest_terms(g)
+        return bool((size > most).any() or (error > most).any())
+
+    def locate_terms(self, g: int, view: View) -> list[int]:
+        """Locate an effect's terms among those of the model."""
         position = {term.screws: k for k, term in enumerate(view.model.terms)}
-        terms = [position[term.screws] for term in self.found[g].mechanism.terms]
-        block = next(b for b in self.columns.grams if g in b.which)
-        most = block.most[int(np.flatnonzero(block.which == g)[0])]
-        is_large = np.abs(view.fitted.theta[terms]) > most
-        return bool(is_large.any() or (view.fitted.standard_errors[terms] > most).any())
+        return [position[term.screws] for term in self.found[g].mechanism.terms]
 
     def compute_displacement(self, g: int, view: View) -> Array:
         """Compute (N,) what an effect, as fitted, does to the target beyond the base; whitened."""
-        own, rows = view.mask_terms(self.found[g]), len(self.first.Q)
-        moved = view.A[:rows, own] @ view.fitted.theta[own]
-        return np.asarray(moved - self.first.Q @ (self.first.Q.T @ moved))
+        Q, own = self.first.Q, view.mask_terms(self.found[g])
+        columns = view.A[: len(Q), own]
+        moved = columns @ view.fitted.theta[own]
+        return np.asarray(moved - Q @ (Q.T @ moved))
 
     def name_strongest(self, view: View, known: Sequence[int]) -> CredibleSet:
         """Name what explains most of the residual; `known` candidates have had their turn (what the

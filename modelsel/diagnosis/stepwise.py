@@ -275,12 +275,11 @@ def _assess_remainder(search: Search, view: View, chosen: Sequence[int]) -> _Rem
 def _build_effects(
     search: Search, view: View, fitted: Fit, p: dict[int, float]
 ) -> tuple[Effect, ...]:
-    position = {term.screws: k for k, term in enumerate(view.model.terms)}
     cancelled = _find_cancelling(search, list(p), view)
     effects = []
     for g, p_value in p.items():
         candidate = search.found[g]
-        terms = [position[term.screws] for term in candidate.mechanism.terms]
+        terms = search.locate_terms(g, view)
         estimate, standard_error = fitted.theta[terms], fitted.standard_errors[terms]
         named = search.rename(g, view).named
         effect = Effect(candidate, named, p_value, estimate, standard_error, cancelled.get(g))

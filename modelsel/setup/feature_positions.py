@@ -109,7 +109,8 @@ def _find_anchor(feature: Feature, x: Array, reading: Array) -> _Place:
 
 def _compute_offset(position: Array, x: Array, reading: Array) -> float:
     """Compute the median of the distances from an anchor beyond the readings [mm]."""
-    return float(np.median(np.linalg.norm(x - position, axis=1) - reading))
+    distance = np.linalg.norm(x - position, axis=1)
+    return float(np.median(distance - reading))
 
 
 def _solve_anchor(feature: Feature, x: Array, reading: Array, known: float, is_open: bool) -> Array:

@@ -46,7 +46,9 @@ def compute_registered_misfit(problem: Problem) -> float:
 
 
 def _compute_median(problem: Problem) -> float:
-    return float(np.median(np.linalg.norm(residuals(problem)[:, :3], axis=1)))
+    offset = residuals(problem)[:, :3]
+    distance = np.linalg.norm(offset, axis=1)
+    return float(np.median(distance))
 
 
 def sample_positions(problem: Problem, use: Mask, one_group: bool = True) -> Problem | None:

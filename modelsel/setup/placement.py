@@ -95,11 +95,14 @@ class Sight:
 
     def points(self, tools: Array) -> Array:
         """Compute (m, 3) nominal positions of the targets in frame 0 for offsets (T, 3) [mm]."""
-        return np.asarray(self.o + np.einsum("mij,mj->mi", self.F, tools[self.target]))
+        offset = tools[self.target]
+        rotated = np.einsum("mij,mj->mi", self.F, offset)
+        return np.asarray(self.o + rotated)
 
     def middle(self, group: int) -> Array:
         """Compute (3,) the median of a group's measured points [mm]."""
-        return np.asarray(np.median(self.x[self.group == group], axis=0))
+        points = self.x[self.group == group]
+        return np.asarray(np.median(points, axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,7 +365,9 @@ def _estimate_sigma(sight: Sight, at: Placed, good: Mask) -> float:
 
 def _compute_rms_distance(points: Array) -> float:
     """Compute the root mean square distance of points (k, 3) from their median."""
-    return float(np.sqrt(np.square(points - np.median(points, axis=0)).sum(1).mean()))
+    offset = points - np.median(points, axis=0)
+    square = np.square(offset).sum(1)
+    return float(np.sqrt(square.mean()))
 
 
 def _invert(H: Array) -> Array:

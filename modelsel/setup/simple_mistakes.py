@@ -90,7 +90,9 @@ REGISTER = replace(
 
 
 def _change_readings(words: str, look: str, A: Array, c: Array | None = None) -> Mistake:
-    return Mistake(words, look, A, np.zeros(len(A)) if c is None else c, np.eye(3))
+    if c is None:
+        c = np.zeros(len(A))
+    return Mistake(words, look, A, c, B=np.eye(3))
 
 
 def _change_positions(words: str, look: str, B: Array, joints: int) -> Mistake:

@@ -130,7 +130,9 @@ def _relabel(problem: Problem, label: Index, registered: bool, per_group: bool) 
 
 def _compute_mean(problem: Problem, label: Index) -> float:
     """Compute the mean distance [mm] of the measured positions from the targets named (m,)."""
-    return float(_compute_distances(problem)[np.arange(len(label)), label].mean())
+    distances = _compute_distances(problem)
+    to_named = distances[np.arange(len(label)), label]
+    return float(to_named.mean())
 
 
 def _compute_distances(problem: Problem) -> Array:
