@@ -20,19 +20,19 @@ from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.kinematics import Robot
 from modelsel.robot.rigid import AXES
 from modelsel.testing import (
-    M,
+    CONFIGURATIONS,
+    draw_size,
     law1_columns_are_derivatives,
     law2_rows_are_local,
     law3_linear_in_the_cause,
     law5_symbols_and_units,
-    step,
-    usual,
+    step_size,
 )
 
 
 def check_mechanism(mechanism: Mechanism, robot: Robot, rng: np.random.Generator) -> None:
     """Every law in turn."""
-    at = drawn(robot, rng, M)
+    at = drawn(robot, rng, CONFIGURATIONS)
     carried(mechanism, at)
     for law in LAWS:
         law(mechanism, at, rng)
@@ -107,7 +107,7 @@ def law6_a_value(mechanism: Mechanism, at: Problem, rng: np.random.Generator) ->
 def law7_inputs_stay(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
     """L7: nothing writes into what it was given (all inputs are locked), and what comes out is no
     view of what went in. L4's fit runs on locked inputs too."""
-    terms, theta = mechanism.terms, np.array([usual(t, rng, 0.02) for t in mechanism.terms])
+    terms, theta = mechanism.terms, np.array([draw_size(t, rng, 0.02) for t in mechanism.terms])
     with locked(bind(at.robot, at.data, at.tools[0]), theta) as fresh:
         for out in (*design(fresh, terms, (terms, theta)), residuals(fresh, terms, theta)):
             out[...] = np.nan
@@ -122,4 +122,4 @@ LAWS = (
     law6_a_value,
     law7_inputs_stay,
 )
-__all__ = ["AXES", "LAWS", "M", "step", "usual"]
+__all__ = ["AXES", "CONFIGURATIONS", "LAWS", "draw_size", "step_size"]

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 from modelsel._typing import Array
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.noise import Floor, from_target_pairs
 from modelsel.fitting.noise_check import lack, likeliest
@@ -342,7 +342,7 @@ def test_mistaken_quaternions_are_said(name, rng, tmp_path) -> None:
 def test_check_says_it_too(rng, tmp_path) -> None:
     data = turned(rng)
     data.assign(qw=-data.qw).to_csv(tmp_path / "d.csv", index=False)
-    ran = CliRunner().invoke(main, ["check", str(tmp_path / "d.csv"), "--robot", "ur5"])
+    ran = CliRunner().invoke(run_command_line, ["check", str(tmp_path / "d.csv"), "--robot", "ur5"])
     assert ran.exit_code == 0, ran.output
     assert "Check the orientations: The orientations fit " in ran.output
 
@@ -616,10 +616,12 @@ def calibrated(folder: Path, data: pd.DataFrame, more: str = "") -> Path:
 def validated(folder: Path, data: pd.DataFrame, *more: str) -> tuple[int, dict[str, object], str]:
     data.to_csv(folder / "new.csv", index=False)
     ran = CliRunner().invoke(
-        main, ["validate", str(folder), str(folder / "new.csv"), "--json", *more]
+        run_command_line, ["validate", str(folder), str(folder / "new.csv"), "--json", *more]
     )
     assert ran.exit_code in (0, 5), ran.output
-    plain = CliRunner().invoke(main, ["validate", str(folder), str(folder / "new.csv"), *more])
+    plain = CliRunner().invoke(
+        run_command_line, ["validate", str(folder), str(folder / "new.csv"), *more]
+    )
     return ran.exit_code, json.loads(ran.output), plain.output
 
 
@@ -636,7 +638,7 @@ def test_validate_does_not_believe_a_stated_uncertainty(rng, tmp_path) -> None:
     record = json.loads((folder / "calibration.json").read_text())
     for held, drifted, words in (
         (0.09, True, "which is expected here instead"),
-        (None, False, "No drift can be told"),
+        (None, False, "Drift cannot be judged"),
     ):
         old = record | {
             "noise_floor": {"coordinate_mm": 40.0, "source": "stated", "freedom": None},
@@ -677,11 +679,11 @@ def test_validate_finds_a_new_target_where_it_registers(rng, tmp_path) -> None:
     new = late.assign(target=late.target.map({"A": "A", "B": "C"}))
     _, found, text = validated(folder, new, "--register")
     assert found["drifted"] is False
-    assert 'Target "C" was not calibrated: where it sits was found from the new data' in text
+    assert 'Target "C" was not calibrated: its place was found from the new data' in text
     assert found["registered"]["target_mm"] < 0.2
     only = new[new.target == "C"]
     assert validated(folder, only, "--register")[1]["drifted"] is False
-    ran = CliRunner().invoke(main, ["validate", str(folder), str(folder / "new.csv")])
+    ran = CliRunner().invoke(run_command_line, ["validate", str(folder), str(folder / "new.csv")])
     assert ran.exit_code == 3
     assert "--register" in ran.output
 

@@ -19,7 +19,7 @@ from click.testing import CliRunner
 from pypdf import PdfReader
 
 from modelsel._files import claimed
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 from modelsel.config.fleet_file import read_fleet
 from modelsel.config.study_file import read_study
 from modelsel.exceptions import StudyError
@@ -161,7 +161,9 @@ def test_fleet_on_two_workers(folder) -> None:
     assert all(row["name"] in words for row in rows)
     assert "line 9" in words
     assert {path.name for path in (out / "arm0").iterdir()} == set(WRITES)
-    drawn_again = CliRunner().invoke(main, ["report", str(out / "arm0"), "--pages", "provenance"])
+    drawn_again = CliRunner().invoke(
+        run_command_line, ["report", str(out / "arm0"), "--pages", "provenance"]
+    )
     assert drawn_again.exit_code == 0, drawn_again.output
     assert "Written" in drawn_again.output
 

@@ -13,9 +13,10 @@ import pytest
 from gauged import ANCHORS, NOISE, TOOL, Campaign, hold
 from hidden_effects import at, one
 
-from modelsel.calibration.calibration import predict
-from modelsel.calibration.experiment_design import pool
-from modelsel.calibration.storage import calibration_text, loads
+from modelsel.calibration.experiment_design import build_pool
+from modelsel.calibration.loading import parse_calibration
+from modelsel.calibration.prediction import predict
+from modelsel.calibration.storage import calibration_text
 from modelsel.calibration.validation import judge
 from modelsel.config.study_file import parse_study
 from modelsel.diagnosis.outliers import estimate_scale, find_gross_outliers
@@ -438,13 +439,13 @@ def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path
         line.startswith("Feature plate0 (plane): a point of it is at") for line in sentences(result)
     )
     assert "NaN" not in dumps(details(result))
-    stored = loads(calibration_text(calibration_of(result)))
+    stored = parse_calibration(calibration_text(calibration_of(result)))
     assert not any(t.fixture for t in stored.terms)
     q = c.arm.draw(c.rng, 50)
     fresh = measurements(q, c.exact(q) + c.noise(50, 3))
     assert np.linalg.norm(predict(stored, stored.problem(fresh)) - c.exact(q), axis=1).mean() < 0.1
     assert not judge(stored, fresh, free_setup=False).drifted
-    with pytest.raises(DataError, match="rows that are no points"):
+    with pytest.raises(DataError, match="some rows are not points"):
         judge(stored, read_measurements(tmp_path / "measurements.csv", ARM), free_setup=False)
 
 
@@ -773,7 +774,7 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
         fitted.at(),
         make_problem(PUMA, measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL])),
     )
-    p = pool(known, pool_scene, fitted.terms, at, NOISE)
+    p = build_pool(known, pool_scene, fitted.terms, at, NOISE)
     X = design(replace(known, whiten=1.0), some, at)[0].reshape(-1, len(some))
     own = [k for k, t in enumerate(some) if not t.fixture]
     columns = p.known.reshape(-1, len(p.terms))[:, p.of(some)]

@@ -12,7 +12,7 @@ import pytest
 from builders import bind, drawn, one, planted, study_of
 from click.testing import CliRunner
 
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 from modelsel.diagnosis.candidates import build_candidates, exceeds_cell_limit
 from modelsel.diagnosis.options import DiagnosisOptions
 from modelsel.diagnosis.procedure import diagnose_split
@@ -59,7 +59,7 @@ def told(folder: Path, table: pd.DataFrame, status: int) -> str:
     table.to_csv(folder / "measurements.csv", index=False)
     out = folder / "out"
     ran = CliRunner().invoke(
-        main, ["study", str(folder), "--out", str(out), "--no-report", "--no-sampling"]
+        run_command_line, ["study", str(folder), "--out", str(out), "--no-report", "--no-sampling"]
     )
     assert ran.exit_code == status, ran.output
     assert "Traceback" not in ran.output

@@ -21,7 +21,7 @@ from click.testing import CliRunner
 from test_floors import FLOORS, PACKAGE
 
 import modelsel
-from modelsel.cli.main import COMMANDS, main
+from modelsel.cli.main import COMMANDS, run_command_line
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import design, residuals
@@ -238,7 +238,7 @@ def test_example_prints_as_shown(plugin) -> None:
     text = section("A mechanism in ten lines", CONTRIBUTING.read_text(encoding="utf-8"))
     (shown,) = fenced("console", text)
     command, _, output = shown.partition("\n")
-    result = CliRunner().invoke(main, command.removeprefix("$ modelsel ").split())
+    result = CliRunner().invoke(run_command_line, command.removeprefix("$ modelsel ").split())
     assert result.output == output
 
 

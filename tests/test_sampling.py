@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from scipy.integrate import quad
 
 from modelsel._typing import Array
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model, design
 from modelsel.fitting.least_squares import Fit, fit
@@ -445,7 +445,7 @@ def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, str]:
     """The command; its chains on the QR-reduced data, which take a second."""
     monkeypatch.setattr("modelsel.uncertainty.summary.ROWS", 0)
     monkeypatch.setattr(sys, "argv", ["modelsel", *arguments])
-    done = CliRunner().invoke(main, list(arguments))
+    done = CliRunner().invoke(run_command_line, list(arguments))
     return done.exit_code, done.output
 
 

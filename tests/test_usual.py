@@ -15,7 +15,7 @@ from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.prior import usual_sizes
 from modelsel.mechanisms.geometry import OPEN, geometric, setup
-from modelsel.mechanisms.serialization import mechanism_of, mechanism_record
+from modelsel.mechanisms.serialization import mechanism_from_record, mechanism_record
 from modelsel.robot.files import load, robot_from_table, robot_of, robot_record
 
 PUMA = load("puma760")
@@ -75,7 +75,7 @@ def test_the_robot_file_may_say_more(rng) -> None:
         OPEN["t"],
     )  # found by registration
     assert robot_of(robot_record(robot)).usual == robot.usual
-    assert mechanism_of(mechanism_record(geometric(robot))) == geometric(robot)
+    assert mechanism_from_record(mechanism_record(geometric(robot))) == geometric(robot)
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,9 @@ from .._files import write_all
 from .._json import misfit, strict
 from .._json import read as text
 from ..calibration.calibration import Calibration, calibrate
-from ..calibration.refitting import refitted
-from ..calibration.storage import NAME, calibration_text, load_calibration
+from ..calibration.loading import load_calibration
+from ..calibration.refitting import refit_forms
+from ..calibration.storage import CALIBRATION_FILE, calibration_text
 from ..exceptions import StudyError
 from ..measurements.table import damaged
 from .details import details
@@ -30,7 +31,12 @@ if TYPE_CHECKING:
     import pandas as pd
 
 RESIDUALS = "residuals.parquet"
-WRITES = (RESIDUALS, "details.json", NAME, "result.json")  # the last says that all are there
+WRITES = (
+    RESIDUALS,
+    "details.json",
+    CALIBRATION_FILE,
+    "result.json",
+)  # the last says that all are there
 SAME_RUN = ("data_sha256", "study_sha256")
 
 
@@ -72,7 +78,7 @@ def calibration_of(result: Result | StoredResult) -> Calibration:
         bool(result.study.robot.register_),
         result.provenance,
     )
-    return replace(made, refits=refitted(data, fitted, result.ladder))
+    return replace(made, refits=refit_forms(data, fitted, result.ladder))
 
 
 def _details(result: Result | StoredResult) -> str:
@@ -87,7 +93,7 @@ def save(result: Result | StoredResult, folder: Path | str) -> list[Path]:
     made = {
         RESIDUALS: _parquet(result),
         "details.json": _details(result).encode(),
-        NAME: calibration_text(calibration_of(result)).encode(),
+        CALIBRATION_FILE: calibration_text(calibration_of(result)).encode(),
         "result.json": result.to_json().encode(),
     }
     write_all(
@@ -103,7 +109,7 @@ def load_result(folder: Path | str) -> StoredResult:
     folder = folder.parent if folder.name == "result.json" else folder
     source = read(folder)
     calibration = load_calibration(folder)
-    _one_run(calibration.provenance, source.result, folder, NAME)
+    _one_run(calibration.provenance, source.result, folder, CALIBRATION_FILE)
     table = None
     if (folder / RESIDUALS).exists():
         counts = source.result["configurations"]
