@@ -19,8 +19,9 @@ from hidden_effects import one
 from modelsel.config.study_file import parse_study
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import BUILTIN
+from modelsel.results.result import Result
 from modelsel.robot.kinematics import Robot
-from modelsel.study.pipeline import Question, Result, analyse
+from modelsel.study.pipeline import Question, analyse
 from modelsel.study.runner import candidates_of, plan_of
 
 ROBOT: Robot = replace(small_arm(), gravity=(0.0, 0.0, -1.0))
@@ -102,7 +103,7 @@ def test_causes_that_differ_where_no_configuration_went(angle, truth, rng) -> No
         if truth in {e.candidate.mechanism.name for e in f.effect.named.entries}
     )
     unsure = rivals.effect.named.verdict == "cannot be told apart"
-    assert unsure or "would move the target alike" in rivals.sentence, rivals.sentence
+    assert unsure or "would move the target in the same way" in rivals.sentence, rivals.sentence
 
 
 def test_a_cause_that_runs_with_another(rng) -> None:

@@ -545,7 +545,7 @@ SLIPS: dict[str, tuple[Callable[[Array], Array], str]] = {
     "metres": (lambda x: x / 1000, "in metres, not millimetres"),
     "inches": (lambda x: x / 25.4, "in inches, not millimetres"),
     "sign": (lambda x: x * [1, -1, 1], "given with the wrong sign of y"),
-    "axes": (lambda x: x[:, [2, 1, 0]], "given with x and z in each other's place"),
+    "axes": (lambda x: x[:, [2, 1, 0]], "given with x and z exchanged"),
 }
 
 

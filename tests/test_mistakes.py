@@ -83,13 +83,16 @@ MISTAKES: dict[str, tuple[Change, str]] = {
     **{f"sense {j}": (sense(j), f"joint {j} turns the other way") for j in (1, 2, 3, 4, 5, 6)},
     "two senses": (sense(2, 3), "joint 2 turns the other way and joint 3 turns the other way"),
     "many senses": (sense(1, 2, 4, 5), "joints 1, 2, 4 and 5 turn the other way"),
-    "zero 90": (shifted(3, RIGHT_ANGLE), "90° is taken from q3"),
+    "zero 90": (shifted(3, RIGHT_ANGLE), "90° is subtracted from q3"),
     "zero -90": (shifted(2, -RIGHT_ANGLE), "90° is added to q2"),
     "zero 180": (shifted(4, 2 * RIGHT_ANGLE), "180° is added to q4"),
-    "columns": (columns(2, 3), "q2 and q3 change places"),
-    "wrist columns": (columns(4, 5), "q4 and q5 change places"),
+    "columns": (columns(2, 3), "q2 and q3 are exchanged"),
+    "wrist columns": (columns(4, 5), "q4 and q5 are exchanged"),
     "reversed": (lambda q, x: (q[:, ::-1], x), "the joints are counted from the flange"),
-    "coupled": (lambda q, x: (q + np.outer(q[:, 1], np.arange(6) == 2), x), "q2 is taken from q3"),
+    "coupled": (
+        lambda q, x: (q + np.outer(q[:, 1], np.arange(6) == 2), x),
+        "q2 is subtracted from q3",
+    ),
     "degrees": (lambda q, x: (np.degrees(q), x), "all readings are in degrees, not radians"),
     "radians": (lambda q, x: (np.radians(q), x), "all readings are in radians, not degrees"),
     "one radians": (
@@ -109,7 +112,7 @@ def test_a_planted_mistake_is_named_with_its_numbers(robot, name, rng) -> None:
     assert sentence is not None
     assert words in sentence
     assert re.search(
-        r"fit \d+ times better \([\d.]+ mm in place of \d+ mm, median\) if [^:]+: (check|name|convert) ",
+        r"fit \d+ times better \([\d.]+ mm instead of \d+ mm, median\) if [^:]+: (check|name|convert) ",
         sentence,
     )
 
@@ -119,7 +122,7 @@ def test_mirrored_positions(axis, rng) -> None:
     flip = np.where(np.arange(3) == axis, -1.0, 1.0)
     assert "left-handed" in (said(arm(rng, "ur5"), lambda q, x: (q, x * flip)) or "")
     own = said(arm(rng, "ur5", registered=False), lambda q, x: (q, x * flip), False) or ""
-    assert f"{'xyz'[axis]} counts the other way" in own
+    assert f"{'xyz'[axis]} has the opposite sign" in own
 
 
 @pytest.mark.parametrize("name", ["sense 1", "sense 3", "zero 90", "columns", "degrees", "metres"])

@@ -145,7 +145,7 @@ def test_rows_along_a_line_are_refused_in_words(turned, error, rng) -> None:
     data, _ = site(rng, robot, along_a_line(rng, robot, turned, 0.0), error=error)
     with pytest.raises(
         NotEstimable,
-        match=r"the tracker is turned is told .* by the data: the points lie along a line.*tool_mm",
+        match=r"the data determines? the orientation of the tracker .*: the points lie along a line.*tool_mm",
     ):
         prepare(robot, data, Plan(1, (0.0, 0.0, 100.0), register=True))
 

@@ -11,9 +11,10 @@ import numpy as np
 from .._typing import Array
 from ..diagnosis.candidates import Candidate, exceeds_cell_limit
 from ..diagnosis.credible_sets import Entry
-from ..diagnosis.outliers import Fault
+from ..diagnosis.data_faults import Fault, find_concerned_rows
+from ..diagnosis.effects import Effect
+from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.sentences import describe_effect, format_length
-from ..diagnosis.stepwise import Diagnosis, Effect
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Bump
 from ..mechanisms.terms import Term
@@ -103,13 +104,8 @@ def finding_dict(finding: Finding, problem: Problem) -> dict[str, Any]:
         return curve_of(entry.candidate.mechanism.terms, estimate, problem)
 
     rows = {}
-    if effect.candidate.mechanism.name.startswith("fault:"):
-        cause = problem.cause(effect.candidate.mechanism.terms[0].screws[0].cause)
-        rows = {
-            "rows": problem.data.row[np.broadcast_to(cause, (len(problem),)) > 0]
-            if "bumped" in effect.candidate.mechanism.name
-            else problem.data.row
-        }
+    if effect.candidate.fault is not None:
+        rows = {"rows": find_concerned_rows(effect.candidate.mechanism, problem)}
     return {
         "sentence": finding.sentence,
         "verdict": effect.named.verdict,
@@ -147,7 +143,7 @@ def fault_dict(fault: Fault) -> dict[str, Any]:
         "rows": fault.rows,
         "credible_set": [
             {
-                "mechanism": f"fault:{fault.name}",
+                "mechanism": fault.kind.label,
                 "probability": fault.probability,
                 "screws": [],
                 "alike": True,

@@ -219,11 +219,11 @@ def finding_panels(
     return [
         *(
             {
-                "label": f"fault:{f.name}",
+                "label": f.kind.label,
                 "what": f.sentence.rstrip("."),
                 "panels": [],
                 "more_panels": 0,
-                "rivals": [f"fault:{f.name}"],
+                "rivals": [f.kind.label],
             }
             for f in result.faults
         ),

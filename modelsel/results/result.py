@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from .._json import to_plain
 from ..config.study_file import Study
+from ..diagnosis.data_faults import Fault
 from ..diagnosis.error_map import ErrorMap
-from ..diagnosis.outliers import Fault
+from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.procedure import Nested
-from ..diagnosis.stepwise import Diagnosis
 from ..diagnosis.unexplained import Predictable
 from ..fitting.noise import Floor
 from ..fitting.undetermined import Unidentifiable
@@ -81,7 +81,7 @@ class Result(Views):
         """(name, verdict) of every finding, faults of single rows first, as result.json lists
         them."""
         return [
-            *((f"fault:{f.name}", "found") for f in self.faults),
+            *((f.kind.label, "found") for f in self.faults),
             *((f.effect.candidate.label, f.effect.named.verdict) for f in self.findings),
         ]
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
+from ..diagnosis.data_faults import Fault
 from ..diagnosis.mistaken_rows import describe_slip_before_fit, describe_slips
-from ..diagnosis.outliers import Fault
 from ..exceptions import NotEstimable, sentence_list
 from ..fitting.design import whitened
 from ..fitting.least_squares import Fit

@@ -21,7 +21,7 @@ from ..notices import SETUP_MISTAKE, list_alarms
 from ..results.placements import standing, standing_sentences
 from ..robot.kinematics import Robot
 from ..setup.feature_positions import place_features
-from ..setup.mistakes import LEAST
+from ..setup.mistakes import MIN_CONFIGURATIONS
 from ..setup.registration import register
 from .checks import setup_notes
 
@@ -100,7 +100,7 @@ def _registered(robot: Robot, data: Measurements) -> dict[str, Any]:
     )
     use = np.zeros(len(data), bool)
     use[points[:: max(len(points) // MOST, 1)]] = True
-    if len(np.unique(data.block[use])) < LEAST:
+    if len(np.unique(data.block[use])) < MIN_CONFIGURATIONS:
         return {}
     try:
         bound = register(bound, use, per_group=False)

@@ -14,11 +14,12 @@ from .._typing import Say
 from .._version import VERSION
 from ..config.study_file import Study
 from ..diagnosis.candidates import Candidate, choose_strongest
+from ..diagnosis.data_faults import find_misplaced_rows
 from ..diagnosis.error_map import build_error_map
-from ..diagnosis.outliers import GROSS_THRESHOLD, find_far_rows, misplaced
+from ..diagnosis.outcome import Diagnosis
+from ..diagnosis.outliers import GROSS_THRESHOLD, find_far_rows
 from ..diagnosis.procedure import diagnose_split, run_nested_folds
 from ..diagnosis.state import extend_model
-from ..diagnosis.stepwise import Diagnosis
 from ..diagnosis.unexplained import (
     count_rows_seen,
     describe_unexplained,
@@ -188,7 +189,10 @@ def _analysed(
         outlying=split.outlying | held_out_outliers(split, [r for r in rungs if r is not nominal]),
     )
     faults = unsaid(
-        misplaced(split.problem, split.outlying, chosen.fit, generator(study.seed, "null")), notes
+        find_misplaced_rows(
+            split.problem, split.outlying, chosen.fit, generator(study.seed, "null")
+        ),
+        notes,
     )
     held = ~split.estimation & ~split.outlying
     drawn = RowResampling.prepare(measured.block[held], generator(study.seed, "gain"))

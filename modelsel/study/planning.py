@@ -23,7 +23,7 @@ from ..calibration.experiment_design import (
     count_more_needed,
     merge_indistinct,
 )
-from ..diagnosis.stepwise import Effect
+from ..diagnosis.effects import Effect
 from ..exceptions import StudyError, suggest
 from ..measurements.columns import READING_UNITS, UNITS
 from ..measurements.measurements import Measurements, build_measurements
