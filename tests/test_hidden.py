@@ -26,10 +26,10 @@ from hidden_oracle import critical_p, detection, held_by, naming_limit
 from modelsel.diagnosis import state as search
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.effects import Effect as Found
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
 from modelsel.diagnosis.stepwise import run_stepwise_search
-from modelsel.diagnosis.effects import Effect as Found
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem

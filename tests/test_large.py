@@ -11,9 +11,12 @@ import pytest
 from builders import drawn, one, planted
 
 from modelsel.config.study_file import parse_study
+from modelsel.diagnosis.options import DiagnosisOptions
+from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.measurements.visits import number_blocks
 from modelsel.mechanisms.causes import q
 from modelsel.selection.evaluation import ResamplingOptions, estimate_gain
+from modelsel.study import pipeline
 from modelsel.study.runner import run
 
 STUDY = """
