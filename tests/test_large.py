@@ -17,7 +17,7 @@ from modelsel.measurements.visits import number_blocks
 from modelsel.mechanisms.causes import q
 from modelsel.selection.evaluation import ResamplingOptions, estimate_gain
 from modelsel.study import pipeline
-from modelsel.study.runner import run
+from modelsel.study.runner import run_study
 
 STUDY = """
 name = "large"
@@ -44,7 +44,7 @@ def test_naming_sees_a_share_and_says_so(rng, tmp_path, monkeypatch) -> None:
     )
     of_sample = partial(diagnose_split, options=DiagnosisOptions(max_rows=90))
     monkeypatch.setattr(pipeline, "diagnose_split", of_sample)
-    result = run(parse_study(STUDY, "study.toml"), tmp_path, sampling=False)
+    result = run_study(parse_study(STUDY, "study.toml"), tmp_path, sampling=False)
     assert "wrist-coupling" in " ".join(result.chosen.names)
     assert result.extension.fit.rows == 3 * 90
     assert result.chosen.fit.rows == 3 * int(result.data.used.sum()) >= 3 * 198

@@ -31,7 +31,7 @@ from modelsel.robot.rigid import from_rpy
 from modelsel.setup.mistakes import describe_setup_mistake
 from modelsel.setup.registration import register
 from modelsel.study.preparation import Plan, prepare
-from modelsel.study.runner import asked, run
+from modelsel.study.runner import asked, run_study
 
 STUDIES = Path(__file__).parents[1] / "studies"
 RIGHT_ANGLE = np.pi / 2
@@ -238,7 +238,7 @@ def test_it_is_told_first_and_nothing_is_changed(rng, tmp_path) -> None:
         ran = CliRunner().invoke(run_command_line, command)
         assert ran.exit_code == 0, ran.output
         assert words in ran.output
-    result = run(tmp_path, sampling=False)
+    result = run_study(tmp_path, sampling=False)
     assert next(w.code for w in result.warnings) == SETUP_MISTAKE
     np.testing.assert_array_equal(result.data.problem.data.q, q)
     lines = sentences(result)

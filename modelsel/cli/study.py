@@ -56,7 +56,7 @@ def study_command(
     from ..report.drawing import draw
     from ..results.storage import WRITES, save
     from ..study.checkpoint import Checkpoint
-    from ..study.runner import rehearse, robot_of, run
+    from ..study.runner import rehearse_study, robot_of, run_study
 
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
@@ -66,7 +66,7 @@ def study_command(
     folder = out if out is not None else Path("reports") / path.resolve().parent.name
     check_writable(folder)
     if dry_run:
-        found = rehearse(read, path.parent, registry=registry)
+        found = rehearse_study(read, path.parent, registry=registry)
         if as_json:
             print_json(found | {"writes": list(WRITES)})
         else:
@@ -75,7 +75,7 @@ def study_command(
     say = make_progress()
     with claim_folder(folder):
         keeper = Checkpoint(folder, resume)
-        result = run(
+        result = run_study(
             read,
             path.parent,
             registry=registry,

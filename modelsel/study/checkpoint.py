@@ -17,8 +17,8 @@ from .._files import HIDDEN, write_atomically
 from ..exceptions import StudyError
 from ..uncertainty.sampler import State
 
-EVERY = 5.0  # seconds between two copies; what is written has no part in the result
-WHAT = {
+COPY_INTERVAL_S = 5.0  # seconds between two copies; what is written has no part in the result
+IDENTITY = {
     "data_sha256": "the measurements",
     "study_sha256": "the study file",
     "modelsel": "modelsel's version",
@@ -38,7 +38,7 @@ class Checkpoint:
     def bind(self, identity: Mapping[str, str]) -> None:
         """Say which data, study and versions the run has. Raises StudyError where the chain on disk
         has others."""
-        self.identity = {key: identity[key] for key in WHAT if key in identity}
+        self.identity = {key: identity[key] for key in IDENTITY if key in identity}
         if self.resume:
             self._compare(self._read(), self.identity)
 
@@ -58,7 +58,7 @@ class Checkpoint:
 
     def keep(self, names: Sequence[str], state: State, *, now: bool = False) -> None:
         """Write the chain, unless it was written moments ago."""
-        if not now and time.monotonic() - self.last < EVERY:
+        if not now and time.monotonic() - self.last < COPY_INTERVAL_S:
             return
         out = io.BytesIO()
         _, key, position, has_gauss, gauss = state.random
@@ -97,7 +97,7 @@ class Checkpoint:
         if held is None:
             return
         found = json.loads(str(held["identity"]))
-        other = [WHAT[key] for key in expected if found.get(key) != expected[key]]
+        other = [IDENTITY[key] for key in expected if found.get(key) != expected[key]]
         if other:
             raise StudyError(
                 f"--resume: the unfinished chain in {self.path.parent} belongs to another run: "

@@ -41,25 +41,27 @@ from ..setup.other_robots import describe_other_robot, describe_shifted_rows
 from ..setup.target_labels import describe_swapped_labels
 
 TOLERANCE = {"mm": 5.0, "rad": np.pi / 180}  # what makers allow a link or an axis at most
-SURE = 10.0  # standard errors beyond it, before it is said: those of a misfit are too small
-LISTED = 6
+MIN_STANDARD_ERRORS = (
+    10.0  # standard errors beyond it, before it is said: those of a misfit are too small
+)
+MAX_LISTED = 6
 THOUSANDTH = 1e-3  # of the reach: what a calibrated arm leaves at most
-HOPELESS_TIMES = 5.0  # that, or
-NOISE_TIMES = 50.0  # the known noise, if more than a thousandth of the reach is left
-TURNED = 0.1  # rad of orientation left (rms)
+HOPELESS_RATIO = 5.0  # that, or
+HOPELESS_NOISE_RATIO = 50.0  # the known noise, if more than a thousandth of the reach is left
+HOPELESS_ANGLE = 0.1  # rad of orientation left (rms)
 BELOW = (
     5.0  # times that a detection limit is below what is left, where the noise does not explain it
 )
-FAINT = 2.0  # times the noise, from which it does not
+MIN_LEFT_OVER_NOISE = 2.0  # times the noise, from which it does not
 
 
-def setup_notes(
+def check_setup(
     bound: Problem, use: NDArray[np.bool_], registered: bool, per_group: bool
 ) -> tuple[Note, ...]:
     """What simple mistake explains how the positions of the rows `use` (mask) lie, of a problem at
     its placement and tools."""
     other = describe_other_robot(
-        bound, use, builtin
+        bound, use, load_builtin_robots
     )  # asked first: another robot's links are no mistake in this one's
     found = [
         (
@@ -82,7 +84,7 @@ def setup_notes(
 
 
 @contextmanager
-def told_with(notes: Sequence[Note]) -> Iterator[None]:
+def add_alarms_to_errors(notes: Sequence[Note]) -> Iterator[None]:
     """Whatever cannot be estimated is refused together with what looks wrong in the set-up or the
     data."""
     try:
@@ -94,7 +96,7 @@ def told_with(notes: Sequence[Note]) -> Iterator[None]:
         raise NotEstimable(f"{error} {' '.join(said)}", parameters=error.parameters) from None
 
 
-def builtin() -> dict[str, Robot]:
+def load_builtin_robots() -> dict[str, Robot]:
     """The built-in robots by name."""
     return {name: load(name) for name in builtin_names()}
 
@@ -216,7 +218,7 @@ def unsaid(faults: Sequence[Fault], notes: Sequence[Note]) -> tuple[Fault, ...]:
     return tuple(f for f in faults if ALARM_OF_FAULT.get(f.name) not in {n.code for n in notes})
 
 
-def outcome(
+def check_chosen_model(
     split: Split,
     chosen: Evaluation,
     floor: Floor,
@@ -251,7 +253,7 @@ def outcome(
         chosen.estimation.rms_mm or 0.0,
         floor.coordinate_mm * float(np.sqrt(floor.coordinates)),
     )
-    if limit is not None and left > FAINT * noise and limit < left / BELOW:
+    if limit is not None and left > MIN_LEFT_OVER_NOISE * noise and limit < left / BELOW:
         more.append(
             Note(
                 "limit-below-left",
@@ -278,17 +280,17 @@ def _beyond(split: Split, fitted: Fit) -> str | None:
         screw = term.screws[0]
         own = screw.cause == ONE and 1 < screw.frame <= split.problem.robot.n
         limit = TOLERANCE.get(term.unit, np.inf)
-        if own and abs(value) - SURE * error > limit:
+        if own and abs(value) - MIN_STANDARD_ERRORS * error > limit:
             some.append((abs(value) / limit, term.symbol, value, error, term.unit))
     if not some:
         return None
     some.sort(reverse=True)
     words = [
         f"{symbol} = {_with_unit(value, error, unit)}"
-        for _, symbol, value, error, unit in some[:LISTED]
+        for _, symbol, value, error, unit in some[:MAX_LISTED]
     ]
-    more = f" and {len(some) - LISTED} more" if len(some) > LISTED else ""
-    other = describe_other_robot(split.problem, split.used, builtin, always=True)
+    more = f" and {len(some) - MAX_LISTED} more" if len(some) > MAX_LISTED else ""
+    other = describe_other_robot(split.problem, split.used, load_builtin_robots, always=True)
     return f"{', '.join(words)}{more}: beyond what makers' tolerances allow (1 to 5 mm, 1°). " + (
         other or "Check the robot's name or file, and where the joints' zeros are."
     )
@@ -312,11 +314,11 @@ def _hopeless(
     known = floor.source != "estimated"
     angle = (measure_orientation(split, chosen, chosen) or (0.0, 0.0))[1]
     far = (
-        left > HOPELESS_TIMES * THOUSANDTH * reach
+        left > HOPELESS_RATIO * THOUSANDTH * reach
         or known
-        and left > max(NOISE_TIMES * noise, THOUSANDTH * reach)
+        and left > max(HOPELESS_NOISE_RATIO * noise, THOUSANDTH * reach)
     )
-    if not far and angle < TURNED:
+    if not far and angle < HOPELESS_ANGLE:
         return None
     what = (
         f"{left:.3g} mm rms are left, {left / reach:.2%} of the arm's reach, where a calibrated arm leaves less than a "

@@ -23,12 +23,12 @@ from ..robot.kinematics import Robot
 from ..setup.feature_positions import place_features
 from ..setup.mistakes import MIN_CONFIGURATIONS
 from ..setup.registration import register
-from .checks import setup_notes
+from .checks import check_setup
 
-MOST = 2000  # points that are registered
+MAX_REGISTERED_POINTS = 2000  # points that are registered
 
 
-def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
+def inspect_measurements(robot: Robot, data: Measurements) -> dict[str, Any]:
     """What a file holds, what its configurations determine of the geometry, and what they do
     not."""
     orientation = data.rotation is not None
@@ -99,7 +99,7 @@ def _registered(robot: Robot, data: Measurements) -> dict[str, Any]:
         np.ones(len(data), bool) if data.gauges is None else data.gauges.of("point")
     )
     use = np.zeros(len(data), bool)
-    use[points[:: max(len(points) // MOST, 1)]] = True
+    use[points[:: max(len(points) // MAX_REGISTERED_POINTS, 1)]] = True
     if len(np.unique(data.block[use])) < MIN_CONFIGURATIONS:
         return {}
     try:
@@ -107,7 +107,7 @@ def _registered(robot: Robot, data: Measurements) -> dict[str, Any]:
         left = float(np.median(np.linalg.norm(residuals(bound.take(use))[:, :3], axis=1)))
     except (DataError, NotEstimable):
         return {}
-    doubts = setup_notes(bound, use, True, False)
+    doubts = check_setup(bound, use, True, False)
     return {
         "registered": {
             "median_mm": left,

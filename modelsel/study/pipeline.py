@@ -52,7 +52,7 @@ from ..selection.evaluation import (
 )
 from ..uncertainty.sampler import Keeper
 from ..uncertainty.summary import assess_confidence, build_log_posterior, sample_confidence
-from .checks import believed, outcome, told_with, turns_believed, unsaid
+from .checks import add_alarms_to_errors, believed, check_chosen_model, turns_believed, unsaid
 from .preparation import Plan, prepare, reweigh_rotation
 
 
@@ -111,7 +111,7 @@ def analyse(
     plan = question.plan
     say("registering and splitting" if plan.register else "splitting")
     data, floor, notes = prepare(question.robot, measured, plan, labels)
-    with told_with(notes):
+    with add_alarms_to_errors(notes):
         return _analysed(question, data, floor, notes, say, data_sha256)
 
 
@@ -242,7 +242,7 @@ def _analysed(
         per_row(floor or estimate_floor(chosen, split), split),
         describe_unexplained(extension, found, split, steps[-1]),
     )
-    notes = outcome(
+    notes = check_chosen_model(
         split,
         remeasured(chosen, split),
         noise,
@@ -271,7 +271,7 @@ def _analysed(
         untold,
         notes,
         sure,
-        provenance(study, data_sha256),
+        record_provenance(study, data_sha256),
     )
 
 
@@ -301,7 +301,7 @@ def _of_table(comparison: SubsetComparison | None, chosen: Evaluation) -> tuple[
     return tuple(out)
 
 
-def with_sampling(
+def sample_posterior(
     question: Question, result: Result, say: Say = lambda _: None, keeper: Keeper | None = None
 ) -> Result:
     """A result with its chosen model's posterior sampled."""
@@ -384,7 +384,7 @@ def _steps(split: Split, base_rung: Evaluation, diagnosis: Diagnosis) -> list[Ev
     return steps
 
 
-def provenance(study: Study, data_sha256: str) -> dict[str, str]:
+def record_provenance(study: Study, data_sha256: str) -> dict[str, str]:
     """Versions and hashes; no path, time or host."""
     import scipy
 

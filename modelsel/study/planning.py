@@ -39,11 +39,11 @@ if TYPE_CHECKING:
 
 DRAWN = 2000  # configurations of a pool that is drawn from the limits
 COMPARED = 20  # random choices that a plan is held against
-SIZES = (2.0, 1.0, 0.5, 0.25)  # of the detection limit, for the learning curve
+LEARNING_SIZES = (2.0, 1.0, 0.5, 0.25)  # of the detection limit, for the learning curve
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Planned:
+class MeasurementPlan:
     """Configurations of the pool in the order to measure them, as columns of a measurements file in
     the units of the study's own; what they are for; figures before and after; `configurations`
     measured already; `within`: from where the pool was drawn."""
@@ -68,17 +68,17 @@ class Planned:
         return pd.DataFrame(self.table)
 
     def __repr__(self) -> str:
-        return " ".join(sentences(self))
+        return " ".join(format_plan(self))
 
     def _repr_html_(self) -> str:
         """The plan in words and its configurations, for a notebook."""
         from html import escape
 
-        said = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences(self))
+        said = "".join(f"<li>{escape(sentence)}</li>" for sentence in format_plan(self))
         return f"<ul>{said}</ul>{self.to_frame().to_html(index=False, max_rows=20, float_format='%.4f')}"
 
 
-def rivals_of(result: Result) -> list[Rivals]:
+def find_rivals(result: Result) -> list[Rivals]:
     """Every finding whose credible set has rivals that do not move the target alike, with their
     estimates."""
     return [r for e in result.extension.effects if (r := _rivals(result, e)) is not None]
@@ -177,12 +177,12 @@ def sided(data: Measurements, seed: int) -> Measurements:
 
 def plan(
     result: Result, c: Calibration, possible: Measurements, count: int, purpose: str | None
-) -> Planned:
+) -> MeasurementPlan:
     """`count` configurations of a pool: to tell the study's rivals apart ("rivals", the default
     where it has any), or by one of the criteria of `_choices.PLAN_CRITERIA` for the chosen model's terms
     ("d" is the default elsewhere). Raises DataError or StudyError."""
     fitted = result.chosen.fit
-    sets = rivals_of(result)
+    sets = find_rivals(result)
     known = result.data.training()
     terms: list[Term] = [*fitted.terms, *(t for r in sets for some in r.terms for t in some)]
     sigma = result.floor.coordinate_mm
@@ -217,11 +217,11 @@ def plan(
     learning = (
         ()
         if limit is None
-        else tuple((s * limit, count_more_needed(limit, n, s * limit)) for s in SIZES)
+        else tuple((s * limit, count_more_needed(limit, n, s * limit)) for s in LEARNING_SIZES)
     )
-    return Planned(
+    return MeasurementPlan(
         tuple(rows),
-        table_of(c, possible, rows, known.data.units),
+        tabulate_configurations(c, possible, rows, known.data.units),
         n,
         purpose,
         tuple(r.names for r in sets),
@@ -233,7 +233,7 @@ def plan(
     )
 
 
-def table_of(
+def tabulate_configurations(
     c: Calibration, possible: Measurements, rows: Sequence[int], units: Sequence[str] = ()
 ) -> dict[str, Array]:
     """The chosen configurations as columns of a measurements file that lacks the measured
@@ -256,7 +256,7 @@ def plan_next(
     purpose: str | None = None,
     limits: bool = False,
     joints: Mapping[str, tuple[float, float]] | None = None,
-) -> Planned:
+) -> MeasurementPlan:
     """What to measure next: `count` configurations of a pool (a file or DataFrame of joint
     readings; without one, drawn within the joint ranges that were measured, with `limits` the robot
     file's, with `joints` such as {"q2_deg": (-90, 45)} one's own), chosen as `plan` says. Raises
@@ -283,7 +283,7 @@ def plan_next(
     )
 
 
-def sentences(found: Planned) -> list[str]:
+def format_plan(found: MeasurementPlan) -> list[str]:
     """The plan in words."""
     out = [f"Drawn within {found.within}."] if found.within else []
     if found.told:

@@ -22,7 +22,7 @@ from ..selection.evaluation import Split
 from ..selection.splits import assign_folds, split_configurations
 from ..setup.feature_positions import find_unmeasured_features, place_features
 from ..setup.registration import note_undetermined, register
-from .checks import setup_notes
+from .checks import check_setup
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def prepare(
         expected = bound.tools
         bound = register(bound, estimation, plan.per_group)
         notes += note_undetermined(bound, estimation, plan.per_group, expected)
-    doubts = setup_notes(bound, estimation, plan.register, plan.per_group)
+    doubts = check_setup(bound, estimation, plan.register, plan.per_group)
     notes[:0] = doubts
     why = " ".join(n.sentence for n in doubts)
     bound = place_features(bound, estimation)

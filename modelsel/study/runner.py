@@ -34,9 +34,9 @@ from ..results.result import Result
 from ..robot.files import load, read_robot
 from ..robot.kinematics import Robot
 from .checkpoint import Checkpoint
-from .pipeline import Question, analyse, provenance, with_sampling
+from .pipeline import Question, analyse, record_provenance, sample_posterior
 from .preparation import Plan, prepare, tools_of
-from .simulation import simulate, simulate_rows
+from .simulation import simulate_points, simulate_readings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -178,7 +178,7 @@ def _state(path: Source) -> tuple[int, int, int] | None:
         return None
 
 
-def run(
+def run_study(
     study: Study | Path | str,
     folder: Path | str | None = None,
     *,
@@ -203,12 +203,12 @@ def run(
             remedy="Run again when it is complete.",
         )
     if checkpoint is not None:
-        checkpoint.bind(provenance(study, data_sha256))
+        checkpoint.bind(record_provenance(study, data_sha256))
     result = analyse(question, measured, labels=labels, say=say, data_sha256=data_sha256)
-    return with_sampling(question, result, say, checkpoint) if sampling else result
+    return sample_posterior(question, result, say, checkpoint) if sampling else result
 
 
-def rehearse(
+def rehearse_study(
     study: Study | Path | str, folder: Path | str | None = None, *, registry: Registry = BUILTIN
 ) -> dict[str, Any]:
     """Everything that a study checks before it computes, and what it would then do. Raises as `run`
@@ -273,18 +273,18 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
         )
     noise = study.noise.floor_mm if study.noise.floor_mm is not None else study.simulate.noise_mm
     if rows is not None:
-        return simulate_rows(
+        return simulate_readings(
             robot, tools_of(rows, plan_of(study).tools), effects, data=rows, noise_mm=noise, rng=rng
         )
     if study.robot.tools_mm:
         import pandas as pd
 
         frames = [
-            simulate(robot, np.array(tool), effects, at=at, noise_mm=noise, rng=rng).assign(
+            simulate_points(robot, np.array(tool), effects, at=at, noise_mm=noise, rng=rng).assign(
                 target=name, configuration=range(len(at))
             )
             for name, tool in study.robot.tools_mm.items()
         ]
         return pd.concat(frames).sort_values("configuration", kind="stable", ignore_index=True)
     tool = np.array(study.robot.tool_mm if study.robot.tool_mm is not None else (0.0, 0.0, 0.0))
-    return simulate(robot, tool, effects, at=at, noise_mm=noise, rng=rng)
+    return simulate_points(robot, tool, effects, at=at, noise_mm=noise, rng=rng)
