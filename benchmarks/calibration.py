@@ -27,7 +27,7 @@ from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.kinematics import Joint, Robot, forward
 from modelsel.study.pipeline import Result
-from modelsel.study.runner import run
+from modelsel.study.runner import run_study
 from modelsel.uncertainty import conditional_priors as conditional
 from modelsel.uncertainty import sampler as engine
 from modelsel.uncertainty.log_posterior import TAIL, LogPosterior
@@ -270,7 +270,7 @@ def main() -> None:
     asked = parser.parse_args()
     study = read_study("studies/puma760")
     both = [
-        run(
+        run_study(
             study.model_copy(update={"sampling": study.sampling.model_copy(update={"over": over})}),
             "studies/puma760",
         )

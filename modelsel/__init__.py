@@ -51,10 +51,10 @@ if (
     from .robot.kinematics import screw_field as screw_field
     from .selection.evaluation import gain as gain
     from .selection.splits import choose as choose
-    from .study.planning import Planned as Planned
+    from .study.planning import MeasurementPlan as MeasurementPlan
     from .study.planning import plan_next as plan_next
-    from .study.runner import rehearse as rehearse
-    from .study.runner import run as run
+    from .study.runner import rehearse_study as rehearse_study
+    from .study.runner import run_study as run_study
     from .study.runner import simulate_study as simulate_study
 
 __version__ = VERSION

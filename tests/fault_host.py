@@ -135,7 +135,7 @@ def run(place: Path, kills: int, rng: np.random.Generator, sampling: bool) -> di
         from modelsel.uncertainty import sampler as engine
         from modelsel.uncertainty import summary as confidence
 
-        engine.LONG, engine.AGREE, confidence.ROWS, checkpoint.EVERY = 2, 100.0, 0, 0.0
+        engine.LONG, engine.AGREE, confidence.ROWS, checkpoint.COPY_INTERVAL_S = 2, 100.0, 0, 0.0
     else:
         words.insert(2, "--no-sampling")
     study = place / "study.toml"

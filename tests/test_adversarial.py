@@ -21,7 +21,7 @@ from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.kinematics import Robot
 from modelsel.study.pipeline import Question, Result, analyse
-from modelsel.study.runner import candidates_of, plan_of
+from modelsel.study.runner import list_candidates, plan_of
 
 ROBOT: Robot = replace(small_arm(), gravity=(0.0, 0.0, -1.0))
 TOOL, NOISE = (250.0, -60.0, 90.0), 0.04
@@ -46,7 +46,7 @@ def study(
         state.q, measured(body, state, effects, rng, NOISE), covariates=dict(state.covariates)
     )
     asked = parse_study(STUDY, "study.toml")
-    question = Question(asked, plan_of(asked), ROBOT, candidates_of(asked, ROBOT, BUILTIN), BUILTIN)
+    question = Question(asked, plan_of(asked), ROBOT, list_candidates(asked, ROBOT, BUILTIN), BUILTIN)
     return analyse(question, data, labels=role)
 
 

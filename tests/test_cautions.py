@@ -25,7 +25,7 @@ from modelsel.results.cautions import restricted, worse_than_nominal
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Gain
-from modelsel.study.runner import run
+from modelsel.study.runner import run_study
 
 STUDY = Path(__file__).parent.parent / "studies" / "puma760"
 ARM = load("ur10")
@@ -49,7 +49,7 @@ def test_a_study_of_few_candidates_says_that_no_other_was_considered(asked: list
     study = study.model_copy(
         update={"model": study.model.model_copy(update={"candidates": asked, "ladder": []})}
     )
-    result = run(study, STUDY, sampling=False).record
+    result = run_study(study, STUDY, sampling=False).record
     names = " and ".join(asked)
     assert result["verdict"][1].endswith(
         f"Only {names} could be named: no other cause was considered."
@@ -223,6 +223,6 @@ def test_a_study_whose_geometry_is_worse_says_so(tmp_path: Path, rng: np.random.
     )
     warnings = {
         w["code"]: w["sentence"]
-        for w in run(tmp_path / "study.toml", sampling=False).record["warnings"]
+        for w in run_study(tmp_path / "study.toml", sampling=False).record["warnings"]
     }
     assert "the fitted base model (geometric) errs by " in warnings["base-worse-than-nominal"]

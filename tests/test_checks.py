@@ -34,8 +34,8 @@ from modelsel.setup.measured_orientations import orientation_mistake
 from modelsel.setup.mistakes import mistake
 from modelsel.setup.registration import register
 from modelsel.setup.target_labels import labels_mistake
-from modelsel.study.checks import outcome, setup_notes, told_with
-from modelsel.study.runner import rehearse, run
+from modelsel.study.checks import check_chosen_model, check_setup, add_alarms_to_errors
+from modelsel.study.runner import rehearse_study, run_study
 
 NOISE = 0.05
 TOOLS = {"A": (40.0, -25.0, 100.0), "B": (-30.0, 40.0, 80.0)}
@@ -98,7 +98,7 @@ def studied(
         f'name = "s"\n[robot]\nname = "{robot}"\n{tool}\n[measurements]\n'
         f'file = "measurements.csv"\n[model]\ncandidates = []\n{more}'
     )
-    return run(folder, sampling=False)
+    return run_study(folder, sampling=False)
 
 
 def said(result: Result, code: str) -> str:
@@ -405,7 +405,7 @@ def test_another_robots_links_are_no_mistake_in_this_ones(rng, tmp_path) -> None
     )
     use = np.ones(len(at), bool)
     placed = register(at, use, False)
-    assert {n.code for n in setup_notes(placed, use, True, False)} == {"other-robot"}
+    assert {n.code for n in check_setup(placed, use, True, False)} == {"other-robot"}
     assert "the nominal arm's" in (mistake(placed, use, True) or "")
     assert mistake(placed, use, True, links=False) is None
 
@@ -438,14 +438,14 @@ def test_a_detection_limit_far_below_what_is_left_is_no_comfort(rng, tmp_path) -
     result = studied(tmp_path, frame(rng))
     left = result.chosen.estimation.rms_mm
     known, estimated = Floor(left / 10, "repeats", 100), Floor(left / np.sqrt(3), "estimated", 100)
-    (note,) = outcome(result.data, result.chosen, known, left / 8, (), False)
+    (note,) = check_chosen_model(result.data, result.chosen, known, left / 8, (), False)
     assert note.code == "limit-below-left"
     assert (
         f"The detection limit of {left / 8:.2g} mm rms is that of one single cause: {left:.2g} mm rms are"
         in note.sentence
     )
-    assert outcome(result.data, result.chosen, estimated, left / 8, (), False) == ()
-    assert outcome(result.data, result.chosen, known, left / 2, (), False) == ()
+    assert check_chosen_model(result.data, result.chosen, estimated, left / 8, (), False) == ()
+    assert check_chosen_model(result.data, result.chosen, known, left / 2, (), False) == ()
 
 
 @pytest.mark.parametrize("by", [1, -2])
@@ -458,7 +458,7 @@ def test_rows_that_went_with_the_next_are_said(by, rng, tmp_path) -> None:
         'name = "s"\n[robot]\nname = "ur5"\nregister = true\n[measurements]\n'
         'file = "measurements.csv"\n'
     )
-    found = {w["code"]: w["sentence"] for w in rehearse(tmp_path)["warnings"]}
+    found = {w["code"]: w["sentence"] for w in rehearse_study(tmp_path)["warnings"]}
     assert (
         f"the position {abs(by)} row{'s' * (abs(by) > 1)} further {'down' if by > 0 else 'up'}"
         in found["rows-shifted"]
@@ -470,7 +470,7 @@ def test_what_cannot_be_estimated_is_refused_with_what_looks_wrong() -> None:
         pytest.raises(
             NotEstimable, match=r"it does not settle\. Check the rows: shifted\."
         ) as caught,
-        told_with((Note("rows-shifted", "shifted."), Note("gravity-unknown", "down."))),
+        add_alarms_to_errors((Note("rows-shifted", "shifted."), Note("gravity-unknown", "down."))),
     ):
         raise NotEstimable("it does not settle.", parameters=["a1"])
     assert caught.value.parameters == ("a1",)

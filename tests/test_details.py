@@ -18,7 +18,7 @@ from modelsel.report import drawing
 from modelsel.report.pages.findings import separation
 from modelsel.results.details import thinned
 from modelsel.study.pipeline import Question
-from modelsel.study.runner import candidates_of, plan_of, robot_of
+from modelsel.study.runner import list_candidates, plan_of, read_nominal_robot
 
 
 def entry(name: str | None, *screws: tuple[int, str, str]) -> dict:
@@ -70,8 +70,8 @@ def test_slopes_of_the_map_are_those_of_a_fit(drawn) -> None:
     """A cell's slope is the first step of least squares with the base and that cell."""
     study = read_study(PUMA / "study.toml")
     result, details = run(study, PUMA), drawing.read(drawn).details
-    robot = robot_of(study, PUMA)
-    question = Question(study, plan_of(study), robot, candidates_of(study, robot, BUILTIN), BUILTIN)
+    robot = read_nominal_robot(study, PUMA)
+    question = Question(study, plan_of(study), robot, list_candidates(study, robot, BUILTIN), BUILTIN)
     base = question.model(("geometric",), result.data.problem.data)
     fitted = next(r for r in result.ladder if r.names == ("geometric",)).fit
     cell = Mechanism("cell", (Term("m", (Screw(5, "rz", q(4)),)),))

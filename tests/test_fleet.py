@@ -33,7 +33,7 @@ from modelsel.robot.files import load
 from modelsel.selection.streaming import Parts, fit_parts, parts_of
 from modelsel.study import fleet_runner as fleets
 from modelsel.study.fleet_runner import cluster, run_fleet, save_summary
-from modelsel.study.runner import run
+from modelsel.study.runner import run_study
 
 TOOL = (40.0, -25.0, 100.0)
 STUDY = """
@@ -132,7 +132,7 @@ def test_fleet_on_two_workers(folder) -> None:
     assert (out / "arm0" / "result.json").stat().st_mtime_ns == kept
     assert any("4 of 6 are finished already" in line for line in said)
     for name in ("arm0", "arm4"):
-        alone = run(read_study(folder / name), folder / name, sampling=False)
+        alone = run_study(read_study(folder / name), folder / name, sampling=False)
         assert (out / name / "result.json").read_bytes() == alone.to_json().encode()
         assert (
             load_result(out / name).to_json() == alone.to_json()

@@ -46,11 +46,11 @@ from modelsel.selection.cross_validation import fold as fold_scene
 from modelsel.selection.evaluation import Split
 from modelsel.selection.splits import assign
 from modelsel.selection.streaming import Parts, parts_of
-from modelsel.study.inspection import describe
-from modelsel.study.inspection import sentences as checked
+from modelsel.study.inspection import inspect_measurements
+from modelsel.study.inspection import format_inspection as checked
 from modelsel.study.preparation import Plan, prepare
-from modelsel.study.runner import known_features, run
-from modelsel.study.simulation import simulate_rows
+from modelsel.study.runner import known_features, run_study
+from modelsel.study.simulation import simulate_readings
 from modelsel.uncertainty.log_posterior import LogPosterior
 from modelsel.uncertainty.nuisance import components
 
@@ -421,7 +421,7 @@ def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path
         """,
         "study.toml",
     )
-    result = run(study, tmp_path, sampling=False)
+    result = run_study(study, tmp_path, sampling=False)
     told = result.to_dict()
     assert [(f["name"], f["fitted"]) for f in told["features"]][:2] == [
         ("w1", ("x of w1", "y of w1", "z of w1")),
@@ -473,7 +473,7 @@ def test_simulated_rows_read_what_the_planted_arm_reads(tmp_path) -> None:
     planted = Term(
         "p", (Screw(5, "rz", mechanism("wrist-coupling:5", PUMA).terms[0].screws[0].cause),)
     )
-    frame = simulate_rows(
+    frame = simulate_readings(
         PUMA,
         np.array([TOOL]),
         [(planted.screws[0], 1e-3)],
@@ -488,7 +488,7 @@ def test_simulated_rows_read_what_the_planted_arm_reads(tmp_path) -> None:
     np.testing.assert_allclose(residuals(every, (planted,), np.array([1e-3])), 0, atol=1e-8)
     c.plates(10, 1)
     with pytest.raises(StudyError, match="rows of kind plane hold the arm to a place"):
-        simulate_rows(
+        simulate_readings(
             PUMA,
             np.array([TOOL]),
             [],
@@ -502,7 +502,7 @@ def test_check_counts_rows_by_kind(tmp_path) -> None:
     c = campaign()
     c.wires(60)
     c.touches(20, 4)
-    found = describe(PUMA, read_measurements(c.file(tmp_path), ARM))
+    found = inspect_measurements(PUMA, read_measurements(c.file(tmp_path), ARM))
     assert found["kinds"] == {"wire": 60, "same-point": 20}
     assert "Rows by kind: 60 wire (w1, w2, w3), 20 same-point (p0, p1, p2, p3)" in checked(found)
 

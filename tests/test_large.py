@@ -14,7 +14,7 @@ from modelsel.measurements.measurements import blocks
 from modelsel.mechanisms.causes import q
 from modelsel.selection import evaluation as validate
 from modelsel.selection.evaluation import gain
-from modelsel.study.runner import run
+from modelsel.study.runner import run_study
 
 STUDY = """
 name = "large"
@@ -40,7 +40,7 @@ def test_naming_sees_a_share_and_says_so(rng, tmp_path, monkeypatch) -> None:
         tmp_path / "measurements.csv", index=False
     )
     monkeypatch.setattr(explain, "SCANNED", 90)
-    result = run(parse_study(STUDY, "study.toml"), tmp_path, sampling=False)
+    result = run_study(parse_study(STUDY, "study.toml"), tmp_path, sampling=False)
     assert "wrist-coupling" in " ".join(result.chosen.names)
     assert result.extension.fit.rows == 3 * 90
     assert result.chosen.fit.rows == 3 * int(result.data.used.sum()) >= 3 * 198

@@ -31,7 +31,7 @@ from modelsel.robot.rigid import rpy
 from modelsel.setup.mistakes import mistake
 from modelsel.setup.registration import register
 from modelsel.study.preparation import Plan, prepare
-from modelsel.study.runner import asked, run
+from modelsel.study.runner import read_inputs, run_study
 
 STUDIES = Path(__file__).parents[1] / "studies"
 RIGHT_ANGLE = np.pi / 2
@@ -196,7 +196,7 @@ def test_the_studies_raise_no_alarm_and_their_mistakes_are_found(name, monkeypat
     if name != "puma760" and os.environ.get("MODELSEL_NO_DATA") == "1":
         pytest.skip("MODELSEL_NO_DATA=1")
     monkeypatch.setenv("MODELSEL_DATA", str(data))
-    question, measured, labels, _ = asked(
+    question, measured, labels, _ = read_inputs(
         read_study(STUDIES / name / "study.toml"), STUDIES / name, BUILTIN
     )
     notes = prepare(question.robot, measured, question.plan, labels)[2]
@@ -233,7 +233,7 @@ def test_it_is_told_first_and_nothing_is_changed(rng, tmp_path) -> None:
         ran = CliRunner().invoke(main, command)
         assert ran.exit_code == 0, ran.output
         assert words in ran.output
-    result = run(tmp_path, sampling=False)
+    result = run_study(tmp_path, sampling=False)
     assert next(w.code for w in result.warnings) == MISTAKEN
     np.testing.assert_array_equal(result.data.problem.data.q, q)
     lines = sentences(result)

@@ -365,11 +365,11 @@ def test_every_target_is_seen_at_every_configuration(rng) -> None:
     """A pool without targets is seen through all of the study's; one that lists them unevenly is
     refused."""
     from modelsel.measurements.measurements import measurements
-    from modelsel.study.planning import every_target, table_of
+    from modelsel.study.planning import repeat_for_targets, tabulate_configurations
 
     at = drawn(ROBOT, rng, 40, target=["a", "b"] * 20, configuration=np.repeat(np.arange(20), 2))
     q = ROBOT.draw(rng, 7)
-    possible = every_target(measurements(q, np.zeros((7, 3))), ("a", "b"))
+    possible = repeat_for_targets(measurements(q, np.zeros((7, 3))), ("a", "b"))
     assert len(possible) == 14
     assert possible.configurations == 7
     tools = np.array([[40.0, 0, 100], [0, 60.0, 100]])
@@ -378,7 +378,7 @@ def test_every_target_is_seen_at_every_configuration(rng) -> None:
     assert p.possible.shape == (7, 6, len(GEOMETRY.terms))
     assert p.configurations == 20
     c = load_calibration_like(known)
-    np.testing.assert_allclose(table_of(c, possible, [4, 2])["q3_rad"], q[[4, 2], 2])
+    np.testing.assert_allclose(tabulate_configurations(c, possible, [4, 2])["q3_rad"], q[[4, 2], 2])
     torn = more.anew(data=possible.take(np.arange(13)))
     with pytest.raises(DataError, match="different numbers of rows"):
         pool(known, torn, GEOMETRY.terms, ((), np.zeros(0)), SIGMA)

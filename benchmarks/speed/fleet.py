@@ -16,7 +16,7 @@ from modelsel.results.storage import save
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.study.fleet_runner import cluster, run_fleet
-from modelsel.study.runner import run as alone
+from modelsel.study.runner import run_study as alone
 
 from .timing import TOOL
 

@@ -72,8 +72,8 @@ def plan(
     from ..calibration.experiment_design import more_needed
     from ..config.study_file import read_study
     from ..mechanisms.registry import with_plugins
-    from ..study.planning import plan_next, sentences
-    from ..study.runner import robot_of, run
+    from ..study.planning import plan_next, format_plan
+    from ..study.runner import read_nominal_robot, run_study
 
     own = dict(map(_range, joints))
     if pool_file is not None and (limits or own):
@@ -82,8 +82,8 @@ def plan(
         )
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
-    registry, _ = with_plugins(robot=robot_of(read, path.parent))
-    result = run(read, path.parent, registry=registry, say=progress(), sampling=False)
+    registry, _ = with_plugins(robot=read_nominal_robot(read, path.parent))
+    result = run_study(read, path.parent, registry=registry, say=progress(), sampling=False)
     found = plan_next(result, count, pool=pool_file, purpose=purpose, limits=limits, joints=own)
     table, known, limit = found.to_frame(), found.configurations, result.nothing_else[1]
     more = None if size is None or limit is None else more_needed(limit, known, size)
@@ -112,7 +112,7 @@ def plan(
         if out is None
         else f"Written: {out}"
     )
-    for line in sentences(found):
+    for line in format_plan(found):
         click.echo(line)
     if more is not None:
         click.echo(

@@ -13,9 +13,9 @@ from ._options import print_json
 def robots(name: str | None, as_json: bool) -> None:
     """The built-in nominal robots, each with its source."""
     from ..robot.files import builtin_names, load
-    from ..study.inspection import robot_card
+    from ..study.inspection import describe_robot
 
-    cards = [robot_card(load(n)) for n in ([name] if name else builtin_names())]
+    cards = [describe_robot(load(n)) for n in ([name] if name else builtin_names())]
     if as_json:
         print_json({"robots": cards})
         return

@@ -17,7 +17,7 @@ from .._files import HIDDEN, write_beside
 from ..exceptions import StudyError
 from ..uncertainty.sampler import State
 
-EVERY = 5.0  # seconds between two copies; what is written has no part in the result
+COPY_INTERVAL_S = 5.0  # seconds between two copies; what is written has no part in the result
 WHAT = {
     "data_sha256": "the measurements",
     "study_sha256": "the study file",
@@ -58,7 +58,7 @@ class Checkpoint:
 
     def keep(self, names: Sequence[str], state: State, *, now: bool = False) -> None:
         """Write the chain, unless it was written moments ago."""
-        if not now and time.monotonic() - self.last < EVERY:
+        if not now and time.monotonic() - self.last < COPY_INTERVAL_S:
             return
         out = io.BytesIO()
         _, key, position, has_gauss, gauss = state.random

@@ -43,13 +43,13 @@ BELOW = (
 FAINT = 2.0  # times the noise, from which it does not
 
 
-def setup_notes(
+def check_setup(
     bound: Problem, use: NDArray[np.bool_], registered: bool, per_group: bool
 ) -> tuple[Note, ...]:
     """What simple mistake explains how the positions of the rows `use` (mask) lie, of a problem at
     its placement and tools."""
     other = other_robot(
-        bound, use, builtin
+        bound, use, load_builtin_robots
     )  # asked first: another robot's links are no mistake in this one's
     found = [
         (MISTAKEN, mistake(bound, use, registered, per_group, links=other is None)),
@@ -66,7 +66,7 @@ def setup_notes(
 
 
 @contextmanager
-def told_with(notes: Sequence[Note]) -> Iterator[None]:
+def add_alarms_to_errors(notes: Sequence[Note]) -> Iterator[None]:
     """Whatever cannot be estimated is refused together with what looks wrong in the set-up or the
     data."""
     try:
@@ -78,7 +78,7 @@ def told_with(notes: Sequence[Note]) -> Iterator[None]:
         raise NotEstimable(f"{error} {' '.join(said)}", parameters=error.parameters) from None
 
 
-def builtin() -> dict[str, Robot]:
+def load_builtin_robots() -> dict[str, Robot]:
     """The built-in robots by name."""
     return {name: load(name) for name in builtin_names()}
 
@@ -87,7 +87,7 @@ def builtin() -> dict[str, Robot]:
 # -----------------------------------------------------------------------------------------------------------------
 
 
-def believed(
+def check_stated_noise(
     split: Split, floor: Floor | None, fitted: Fit
 ) -> tuple[Split, Floor | None, tuple[Note, ...]]:
     """(the data, the floor, what is said) once a fitted model shows what is left: a floor that
@@ -110,7 +110,7 @@ def believed(
     )
 
 
-def turns_believed(split: Split, fitted: Fit) -> tuple[Note, ...]:
+def check_stated_orientation_noise(split: Split, fitted: Fit) -> tuple[Note, ...]:
     """What is said of stated uncertainties of orientations once a fitted model shows what is
     left."""
     some = split.training()
@@ -195,12 +195,12 @@ def _unlike(floor: Floor, asked: Lack, left: float) -> Note:
 # -----------------------------------------------------------------------------------------------------------
 
 
-def unsaid(faults: Sequence[Fault], notes: Sequence[Note]) -> tuple[Fault, ...]:
+def drop_known_faults(faults: Sequence[Fault], notes: Sequence[Note]) -> tuple[Fault, ...]:
     """The faults of the data but those that an alarm has said of the same rows."""
     return tuple(f for f in faults if SAME_ROWS.get(f.name) not in {n.code for n in notes})
 
 
-def outcome(
+def check_chosen_model(
     split: Split,
     chosen: Evaluation,
     floor: Floor,
@@ -270,7 +270,7 @@ def _beyond(split: Split, fitted: Fit) -> str | None:
         for _, symbol, value, error, unit in some[:LISTED]
     ]
     more = f" and {len(some) - LISTED} more" if len(some) > LISTED else ""
-    other = other_robot(split.problem, split.used, builtin, always=True)
+    other = other_robot(split.problem, split.used, load_builtin_robots, always=True)
     return f"{', '.join(words)}{more}: beyond what makers' tolerances allow (1 to 5 mm, 1°). " + (
         other or "Check the robot's name or file, and where the joints' zeros are."
     )

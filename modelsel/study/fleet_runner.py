@@ -28,8 +28,8 @@ from ..report.pages.fleet_summary import summary
 from ..results.storage import WRITES, save
 from ..robot.files import builtin_names, load, read_robot
 from ..selection.streaming import Parts, fit_parts, parts_of
-from .pipeline import provenance
-from .runner import run
+from .pipeline import record_provenance
+from .runner import run_study
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -127,7 +127,7 @@ def _one(task: Task, out: str, sampling: bool, reports: bool) -> Row:
     """On a worker: one study, from its file to all it writes."""
     try:
         with claimed(Path(out)):
-            result = run(task.study, task.folder, registry=with_plugins()[0], sampling=sampling)
+            result = run_study(task.study, task.folder, registry=with_plugins()[0], sampling=sampling)
             save(result, Path(out))
             if reports:
                 draw(Path(out))
@@ -150,7 +150,7 @@ def _finished(task: Task, folder: Path, sampling: bool, reports: bool) -> bool:
         ).hexdigest()
     except (OSError, ValueError):
         return False
-    same = there.get("provenance") == provenance(task.study, data)
+    same = there.get("provenance") == record_provenance(task.study, data)
     return bool(same and (not sampling or there.get("sampling") is not None))
 
 

@@ -22,12 +22,12 @@ from ..robot.kinematics import Robot
 from ..setup.feature_positions import place
 from ..setup.mistakes import LEAST
 from ..setup.registration import register
-from .checks import setup_notes
+from .checks import check_setup
 
 MOST = 2000  # points that are registered
 
 
-def robot_card(robot: Robot) -> dict[str, Any]:
+def describe_robot(robot: Robot) -> dict[str, Any]:
     """A robot as plain values."""
 
     def limits(joint: Any) -> str:
@@ -55,7 +55,7 @@ def robot_card(robot: Robot) -> dict[str, Any]:
     }
 
 
-def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
+def inspect_measurements(robot: Robot, data: Measurements) -> dict[str, Any]:
     """What a file holds, what its configurations determine of the geometry, and what they do
     not."""
     orientation = data.rotation is not None
@@ -134,7 +134,7 @@ def _registered(robot: Robot, data: Measurements) -> dict[str, Any]:
         left = float(np.median(np.linalg.norm(residuals(bound.take(use))[:, :3], axis=1)))
     except (DataError, NotEstimable):
         return {}
-    doubts = setup_notes(bound, use, True, False)
+    doubts = check_setup(bound, use, True, False)
     return {
         "registered": {
             "median_mm": left,
@@ -149,7 +149,7 @@ def _some(names: list[str]) -> str:
     return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
-def sentences(found: dict[str, Any]) -> list[str]:
+def format_inspection(found: dict[str, Any]) -> list[str]:
     """`describe` in words."""
     out = [
         f"{found['rows']:,} rows, {found['configurations']:,} configurations, {found['repeats']:,} of them repeats; targets: "

@@ -43,8 +43,8 @@ from ..selection.comparison import MOST, Comparison, compare
 from ..selection.evaluation import Evaluation, Gain, Resampled, Split, errors, evaluate, paired
 from ..uncertainty.sampler import Keeper
 from ..uncertainty.summary import Request, confidence, sampled
-from .checks import believed, outcome, told_with, turns_believed, unsaid
-from .preparation import Plan, prepare, reweigh_rotation
+from .checks import check_stated_noise, check_chosen_model, add_alarms_to_errors, check_stated_orientation_noise, drop_known_faults
+from .preparation import Plan, prepare, weigh_by_residuals
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ def analyse(
     plan = question.plan
     say("registering and splitting" if plan.register else "splitting")
     data, floor, notes = prepare(question.robot, measured, plan, labels)
-    with told_with(notes):
+    with add_alarms_to_errors(notes):
         return _analysed(question, data, floor, notes, say, data_sha256)
 
 
@@ -123,7 +123,7 @@ def _analysed(
     split, extension, found = explain(
         split, base, question.everything, study.seed, question.cells, say
     )
-    split, floor, doubts = believed(split, floor, extension.fit)
+    split, floor, doubts = check_stated_noise(split, floor, extension.fit)
     nominal, base_rung = (
         evaluate(split, question.model((), measured), ("nominal",)),
         evaluate(split, base, base_names),
@@ -142,7 +142,7 @@ def _analysed(
         *notes,
         *restricted(study.model.candidates),
         *doubts,
-        *turns_believed(split, extension.fit),
+        *check_stated_orientation_noise(split, extension.fit),
         *uneven(extension),
         *(beside(split.problem) if question.cells else ()),
     )
@@ -162,7 +162,7 @@ def _analysed(
     steps = _steps(split, base_rung, extension)
     rungs = [
         nominal,
-        *_ladder(question, split, measured, base_rung, best_constants(found, extension.single_f)),
+        *_ladder(question, split, measured, base_rung, choose_constants(found, extension.single_f)),
     ]
     rungs += [
         r
@@ -177,9 +177,9 @@ def _analysed(
 
     split = replace(
         split,
-        outlying=split.outlying | held_out_outliers(split, [r for r in rungs if r is not nominal]),
+        outlying=split.outlying | find_held_out_outliers(split, [r for r in rungs if r is not nominal]),
     )
-    faults = unsaid(
+    faults = drop_known_faults(
         misplaced(split.problem, split.outlying, chosen.fit, generator(study.seed, "null")), notes
     )
     held = ~split.estimation & ~split.outlying
@@ -212,7 +212,7 @@ def _analysed(
         within = nested(
             split, base, question.everything, study.seed, question.cells, study.split.nested_folds
         )
-    ladder = tuple(remeasured(r, split) for r in rungs)
+    ladder = tuple(remeasure(r, split) for r in rungs)
     if lost := [
         " + ".join(r.names) for r in ladder if r.cv_rms_mm is None or not np.isfinite(r.cv_rms_mm)
     ]:
@@ -227,12 +227,12 @@ def _analysed(
     say("weighing every mechanism of the chosen model")
     sure = confidence(split, chosen.fit, chosen.names, study.seed)
     noise, nothing = (
-        per_row(floor or estimated_floor(chosen, split), split),
+        count_coordinates(floor or estimated_floor(chosen, split), split),
         nothing_else(extension, found, split, steps[-1]),
     )
-    notes = outcome(
+    notes = check_chosen_model(
         split,
-        remeasured(chosen, split),
+        remeasure(chosen, split),
         noise,
         nothing[1],
         notes,
@@ -247,7 +247,7 @@ def _analysed(
         noise,
         ladder,
         comparison,
-        remeasured(chosen, split),
+        remeasure(chosen, split),
         gained(nominal, chosen),
         findings,
         faults,
@@ -259,7 +259,7 @@ def _analysed(
         untold,
         notes,
         sure,
-        provenance(study, data_sha256),
+        record_provenance(study, data_sha256),
     )
 
 
@@ -289,7 +289,7 @@ def _of_table(comparison: Comparison | None, chosen: Evaluation) -> tuple[Note, 
     return tuple(out)
 
 
-def with_sampling(
+def sample_posterior(
     question: Question, result: Result, say: Say = lambda _: None, keeper: Keeper | None = None
 ) -> Result:
     """A result with its chosen model's posterior sampled."""
@@ -312,7 +312,7 @@ def _weighed(question: Question, split: Split, base: Model) -> Split:
     nominal then base."""
     if split.problem.data.rotation is not None:
         for model in (question.model((), split.problem.data), base):
-            split = reweigh_rotation(split, question.plan, evaluate(split, model, ()).residual)
+            split = weigh_by_residuals(split, question.plan, evaluate(split, model, ()).residual)
     return split
 
 
@@ -321,7 +321,7 @@ def _same(r: Evaluation) -> tuple[tuple[str, ...], frozenset[tuple[Screw, ...]]]
     return r.names, frozenset(t.screws for t in r.fit.terms)
 
 
-def best_constants(
+def choose_constants(
     found: Sequence[Candidate], single_f: NDArray[np.float64]
 ) -> dict[str, Mechanism]:
     """Of every registered name with several constants, the one that alone explains most beyond the
@@ -368,7 +368,7 @@ def _steps(split: Split, base_rung: Evaluation, diagnosis: Diagnosis) -> list[Ev
     return steps
 
 
-def provenance(study: Study, data_sha256: str) -> dict[str, str]:
+def record_provenance(study: Study, data_sha256: str) -> dict[str, str]:
     """Versions and hashes; no path, time or host."""
     import scipy
 
@@ -381,7 +381,7 @@ def provenance(study: Study, data_sha256: str) -> dict[str, str]:
     }
 
 
-def held_out_outliers(split: Split, rungs: Sequence[Evaluation]) -> NDArray[np.bool_]:
+def find_held_out_outliers(split: Split, rungs: Sequence[Evaluation]) -> NDArray[np.bool_]:
     """Held-out rows beyond 8 robust standard deviations of the estimation residuals in every rung
     from the base on."""
     out = ~split.estimation
@@ -396,7 +396,7 @@ def held_out_outliers(split: Split, rungs: Sequence[Evaluation]) -> NDArray[np.b
     return np.asarray(out)
 
 
-def remeasured(r: Evaluation, split: Split) -> Evaluation:
+def remeasure(r: Evaluation, split: Split) -> Evaluation:
     """A rung with its errors taken again, the outlying rows left out."""
     return replace(
         r,
@@ -405,7 +405,7 @@ def remeasured(r: Evaluation, split: Split) -> Evaluation:
     )
 
 
-def per_row(floor: Floor, split: Split) -> Floor:
+def count_coordinates(floor: Floor, split: Split) -> Floor:
     """With the number of coordinates that a row has."""
     seen = split.problem.measured
     return floor if seen is None else replace(floor, coordinates=float(seen[:, :3].sum(1).mean()))

@@ -43,7 +43,7 @@ SIZES = (2.0, 1.0, 0.5, 0.25)  # of the detection limit, for the learning curve
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Planned:
+class MeasurementPlan:
     """Configurations of the pool in the order to measure them, as columns of a measurements file in
     the units of the study's own; what they are for; figures before and after; `configurations`
     measured already; `within`: from where the pool was drawn."""
@@ -68,17 +68,17 @@ class Planned:
         return pd.DataFrame(self.table)
 
     def __repr__(self) -> str:
-        return " ".join(sentences(self))
+        return " ".join(format_plan(self))
 
     def _repr_html_(self) -> str:
         """The plan in words and its configurations, for a notebook."""
         from html import escape
 
-        said = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences(self))
+        said = "".join(f"<li>{escape(sentence)}</li>" for sentence in format_plan(self))
         return f"<ul>{said}</ul>{self.to_frame().to_html(index=False, max_rows=20, float_format='%.4f')}"
 
 
-def rivals_of(result: Result) -> list[Rivals]:
+def find_rivals(result: Result) -> list[Rivals]:
     """Every finding whose credible set has rivals that do not move the target alike, with their
     estimates."""
     return [r for e in result.extension.effects if (r := _rivals(result, e)) is not None]
@@ -112,7 +112,7 @@ def _rivals(result: Result, effect: Effect) -> Rivals | None:
     )
 
 
-def ranges_of(
+def find_joint_ranges(
     robot: Robot, data: Measurements, limits: bool, joints: Mapping[str, tuple[float, float]]
 ) -> Array:
     """(n, 2) from where to where each joint is drawn, rad or mm: as it was measured; with `limits`
@@ -139,7 +139,7 @@ def ranges_of(
     return out
 
 
-def drawn_pool(c: Calibration, seed: int, data: Measurements, ranges: Array) -> Measurements:
+def draw_pool(c: Calibration, seed: int, data: Measurements, ranges: Array) -> Measurements:
     """Configurations drawn within the `ranges` (n, 2), each reached from a drawn side, at
     conditions as they were met."""
     rng = generator(seed, "simulate")
@@ -155,7 +155,7 @@ def drawn_pool(c: Calibration, seed: int, data: Measurements, ranges: Array) -> 
     )
 
 
-def every_target(data: Measurements, targets: Sequence[str]) -> Measurements:
+def repeat_for_targets(data: Measurements, targets: Sequence[str]) -> Measurements:
     """A pool without targets seen through every one of the study's."""
     if len(targets) == 1 or len(data.targets) > 1:
         return data
@@ -165,7 +165,7 @@ def every_target(data: Measurements, targets: Sequence[str]) -> Measurements:
     )
 
 
-def sided(data: Measurements, seed: int) -> Measurements:
+def draw_approaches(data: Measurements, seed: int) -> Measurements:
     """A pool whose file gives no directions of approach gets drawn ones: the plan says them."""
     if not any(note.code == "approach-from-order" for note in data.notes):
         return data
@@ -175,14 +175,14 @@ def sided(data: Measurements, seed: int) -> Measurements:
     return replace(data, approach=each[data.configuration])
 
 
-def plan(
+def choose_configurations(
     result: Result, c: Calibration, possible: Measurements, count: int, purpose: str | None
-) -> Planned:
+) -> MeasurementPlan:
     """`count` configurations of a pool: to tell the study's rivals apart ("rivals", the default
     where it has any), or by one of the criteria of `plan.CRITERIA` for the chosen model's terms
     ("d" is the default elsewhere). Raises DataError or StudyError."""
     fitted = result.chosen.fit
-    sets = rivals_of(result)
+    sets = find_rivals(result)
     known = result.data.training()
     terms: list[Term] = [*fitted.terms, *(t for r in sets for some in r.terms for t in some)]
     sigma = result.floor.coordinate_mm
@@ -215,9 +215,9 @@ def plan(
     learning = (
         () if limit is None else tuple((s * limit, more_needed(limit, n, s * limit)) for s in SIZES)
     )
-    return Planned(
+    return MeasurementPlan(
         tuple(rows),
-        table_of(c, possible, rows, known.data.units),
+        tabulate_configurations(c, possible, rows, known.data.units),
         n,
         purpose,
         tuple(r.names for r in sets),
@@ -229,7 +229,7 @@ def plan(
     )
 
 
-def table_of(
+def tabulate_configurations(
     c: Calibration, possible: Measurements, rows: Sequence[int], units: Sequence[str] = ()
 ) -> dict[str, Array]:
     """The chosen configurations as columns of a measurements file that lacks the measured
@@ -252,7 +252,7 @@ def plan_next(
     purpose: str | None = None,
     limits: bool = False,
     joints: Mapping[str, tuple[float, float]] | None = None,
-) -> Planned:
+) -> MeasurementPlan:
     """What to measure next: `count` configurations of a pool (a file or DataFrame of joint
     readings; without one, drawn within the joint ranges that were measured, with `limits` the robot
     file's, with `joints` such as {"q2_deg": (-90, 45)} one's own), chosen as `plan` says. Raises
@@ -260,13 +260,13 @@ def plan_next(
     c, seed, data = calibration_of(result), result.study.seed, result.data.problem.data
     if pool is not None:
         possible, within = (
-            sided(read_measurements(pool, c.robot.prismatic, positions=False), seed),
+            draw_approaches(read_measurements(pool, c.robot.prismatic, positions=False), seed),
             "",
         )
     else:
-        ranges = ranges_of(c.robot, data, limits, joints or {})
+        ranges = find_joint_ranges(c.robot, data, limits, joints or {})
         given = [one.limits is not None for one in c.robot.joints]
-        possible, within = drawn_pool(c, seed, data, ranges), "the joint ranges measured"
+        possible, within = draw_pool(c, seed, data, ranges), "the joint ranges measured"
         if limits:
             within = (
                 "the robot file's limits" + ("" if all(given) else " where it gives any")
@@ -275,11 +275,11 @@ def plan_next(
             )
         within += f", {', '.join(joints)} as given" if joints else ""
     return replace(
-        plan(result, c, every_target(possible, c.targets), count, purpose), within=within
+        choose_configurations(result, c, repeat_for_targets(possible, c.targets), count, purpose), within=within
     )
 
 
-def sentences(found: Planned) -> list[str]:
+def format_plan(found: MeasurementPlan) -> list[str]:
     """The plan in words."""
     out = [f"Drawn within {found.within}."] if found.within else []
     if found.told:

@@ -22,7 +22,7 @@ from ..selection.evaluation import Split
 from ..selection.splits import assign, choose
 from ..setup.feature_positions import place, unseen
 from ..setup.registration import register, undetermined
-from .checks import setup_notes
+from .checks import check_setup
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def tools_of(
     return np.array([tools[name] for name in data.targets], float)
 
 
-def split(
+def choose_estimation_rows(
     data: Measurements, labels: NDArray[np.object_] | None, plan: Plan, prismatic: tuple[bool, ...]
 ) -> NDArray[np.bool_]:
     """(m,) mask of the estimation rows. Raises StudyError where the split cannot be made."""
@@ -115,7 +115,7 @@ def prepare(
     Raises StudyError, DataError or NotEstimable.
     """
     notes = list(data.notes)
-    estimation = split(data, labels, plan, robot.prismatic)
+    estimation = choose_estimation_rows(data, labels, plan, robot.prismatic)
     data, unseen = _timeless(data, estimation)
     if unseen:
         notes.append(
@@ -132,7 +132,7 @@ def prepare(
         expected = bound.tools
         bound = register(bound, estimation, plan.per_group)
         notes += undetermined(bound, estimation, plan.per_group, expected)
-    doubts = setup_notes(bound, estimation, plan.register, plan.per_group)
+    doubts = check_setup(bound, estimation, plan.register, plan.per_group)
     notes[:0] = doubts
     why = " ".join(n.sentence for n in doubts)
     bound = place(bound, estimation)
@@ -306,7 +306,7 @@ def _rescaled(data: Measurements, own: Array, strange: NDArray[np.bool_]) -> Mea
     return replace(data, progress=progress)
 
 
-def reweigh_rotation(split: Split, plan: Plan, residual: Array) -> Split:
+def weigh_by_residuals(split: Split, plan: Plan, residual: Array) -> Split:
     """With orientations: whichever of position and rotation has no stated uncertainty is weighed by
     its own residuals."""
     measured, seen = split.problem.data, split.problem.measured

@@ -26,15 +26,15 @@ from ..results.result import Result
 from ..robot.files import load, read_robot
 from ..robot.kinematics import Robot
 from .checkpoint import Checkpoint
-from .pipeline import Question, analyse, provenance, with_sampling
+from .pipeline import Question, analyse, record_provenance, sample_posterior
 from .preparation import Plan, prepare, tools_of
-from .simulation import simulate, simulate_rows
+from .simulation import simulate_points, simulate_readings
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-def robot_of(study: Study, folder: Path) -> Robot:
+def read_nominal_robot(study: Study, folder: Path) -> Robot:
     """The study's nominal robot. Raises StudyError."""
     if study.robot.nominal is not None:
         return study.robot.nominal
@@ -115,7 +115,7 @@ def check_names(study: Study, robot: Robot, registry: Registry) -> None:
         raise StudyError(*problems)
 
 
-def candidates_of(study: Study, robot: Robot, registry: Registry) -> tuple[Mechanism, ...]:
+def list_candidates(study: Study, robot: Robot, registry: Registry) -> tuple[Mechanism, ...]:
     """The mechanisms that may extend the base, one a joint."""
     if study.model.candidates in ("all", []):
         return (*faults(robot), *every(robot, registry))  # of exact twins the first is named
@@ -126,7 +126,7 @@ def candidates_of(study: Study, robot: Robot, registry: Registry) -> tuple[Mecha
     )
 
 
-def opened(study: Study | Path | str, folder: Path | str | None) -> tuple[Study, Path]:
+def open_study(study: Study | Path | str, folder: Path | str | None) -> tuple[Study, Path]:
     """A study and the folder that its files stand in: given, or that of the study's own file, or
     the present one."""
     if isinstance(study, Study):
@@ -137,12 +137,12 @@ def opened(study: Study | Path | str, folder: Path | str | None) -> tuple[Study,
     ) if folder is not None else path if path.is_dir() else path.parent
 
 
-def asked(
+def read_inputs(
     study: Study, folder: Path, registry: Registry
 ) -> tuple[Question, Measurements, NDArray[np.object_] | None, Source]:
     """What a study asks, of which measurements, with its split's labels, and where they are. Raises
     StudyError or DataError."""
-    robot = robot_of(study, folder)
+    robot = read_nominal_robot(study, folder)
     check_names(study, robot, registry)
     source = data_of(study, folder)
     measured = read_measurements(source, robot.prismatic, study.measurements.columns)
@@ -152,7 +152,7 @@ def asked(
     if study.split.column is not None:
         labels = read_labels(source, study.split.column)[measured.row]
     return (
-        Question(study, plan_of(study), robot, candidates_of(study, robot, registry), registry),
+        Question(study, plan_of(study), robot, list_candidates(study, robot, registry), registry),
         measured,
         labels,
         source,
@@ -168,7 +168,7 @@ def _state(path: Source) -> tuple[int, int, int] | None:
         return None
 
 
-def run(
+def run_study(
     study: Study | Path | str,
     folder: Path | str | None = None,
     *,
@@ -181,10 +181,10 @@ def run(
     `sampling`: whether emcee samples the posterior, most of the time a study takes. `checkpoint`:
     where an unfinished chain is kept and taken up again, to be cleared when the result is saved;
     without it nothing is written. Raises StudyError, DataError or NotEstimable."""
-    study, folder = opened(study, folder)
+    study, folder = open_study(study, folder)
     say(f"reading {study.measurements.file}")
     before = _state(data_of(study, folder))
-    question, measured, labels, source = asked(study, folder, registry)
+    question, measured, labels, source = read_inputs(study, folder, registry)
     data_sha256 = digest(source)
     if before is not None and before != _state(source):
         raise DataError(
@@ -193,18 +193,18 @@ def run(
             remedy="Run again when it is complete.",
         )
     if checkpoint is not None:
-        checkpoint.bind(provenance(study, data_sha256))
+        checkpoint.bind(record_provenance(study, data_sha256))
     result = analyse(question, measured, labels=labels, say=say, data_sha256=data_sha256)
-    return with_sampling(question, result, say, checkpoint) if sampling else result
+    return sample_posterior(question, result, say, checkpoint) if sampling else result
 
 
-def rehearse(
+def rehearse_study(
     study: Study | Path | str, folder: Path | str | None = None, *, registry: Registry = BUILTIN
 ) -> dict[str, Any]:
     """Everything that a study checks before it computes, and what it would then do. Raises as `run`
     does."""
-    study, folder = opened(study, folder)
-    question, measured, labels, _ = asked(study, folder, registry)
+    study, folder = open_study(study, folder)
+    question, measured, labels, _ = read_inputs(study, folder, registry)
     data, floor, notes = prepare(question.robot, measured, question.plan, labels)
     model, kept = question.model(study.model.base, measured), data.problem.data
     return {
@@ -228,8 +228,8 @@ def rehearse(
 def simulate_study(study: Study | Path | str, folder: Path | str | None = None) -> pd.DataFrame:
     """Data with the study's planted effects, at the configurations of its measurements where there
     are any, else drawn."""
-    study, folder = opened(study, folder)
-    robot, rng = robot_of(study, folder), generator(study.seed, "simulate")
+    study, folder = open_study(study, folder)
+    robot, rng = read_nominal_robot(study, folder), generator(study.seed, "simulate")
     source = data_of(study, folder)
     rows: Measurements | None = None
     if not isinstance(source, Path) or source.is_file():
@@ -259,18 +259,18 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
         )
     noise = study.noise.floor_mm if study.noise.floor_mm is not None else study.simulate.noise_mm
     if rows is not None:
-        return simulate_rows(
+        return simulate_readings(
             robot, tools_of(rows, plan_of(study).tools), effects, data=rows, noise_mm=noise, rng=rng
         )
     if study.robot.tools_mm:
         import pandas as pd
 
         frames = [
-            simulate(robot, np.array(tool), effects, at=at, noise_mm=noise, rng=rng).assign(
+            simulate_points(robot, np.array(tool), effects, at=at, noise_mm=noise, rng=rng).assign(
                 target=name, configuration=range(len(at))
             )
             for name, tool in study.robot.tools_mm.items()
         ]
         return pd.concat(frames).sort_values("configuration", kind="stable", ignore_index=True)
     tool = np.array(study.robot.tool_mm if study.robot.tool_mm is not None else (0.0, 0.0, 0.0))
-    return simulate(robot, tool, effects, at=at, noise_mm=noise, rng=rng)
+    return simulate_points(robot, tool, effects, at=at, noise_mm=noise, rng=rng)

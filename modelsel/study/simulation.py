@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def simulate(
+def simulate_points(
     robot: Robot,
     tool: Array,
     effects: Sequence[tuple[Screw, float]],
@@ -71,7 +71,7 @@ def _known(at: Measurements) -> dict[str, Any]:
     return out
 
 
-def simulate_rows(
+def simulate_readings(
     robot: Robot,
     tools: Array,
     effects: Sequence[tuple[Screw, float]],
