@@ -34,7 +34,7 @@ from modelsel.setup.measured_orientations import orientation_mistake
 from modelsel.setup.mistakes import mistake
 from modelsel.setup.registration import register
 from modelsel.setup.target_labels import labels_mistake
-from modelsel.study.checks import check_chosen_model, check_setup, add_alarms_to_errors
+from modelsel.study.checks import add_alarms_to_errors, check_chosen_model, check_setup
 from modelsel.study.runner import rehearse_study, run_study
 
 NOISE = 0.05
@@ -438,14 +438,14 @@ def test_a_detection_limit_far_below_what_is_left_is_no_comfort(rng, tmp_path) -
     result = studied(tmp_path, frame(rng))
     left = result.chosen.estimation.rms_mm
     known, estimated = Floor(left / 10, "repeats", 100), Floor(left / np.sqrt(3), "estimated", 100)
-    (note,) = check_chosen_model(result.data, result.chosen, known, left / 8, (), False)
+    (note,) = check_chosen_model(result.data, result.chosen, known, left / 8, (), True)
     assert note.code == "limit-below-left"
     assert (
         f"The detection limit of {left / 8:.2g} mm rms is that of one single cause: {left:.2g} mm rms are"
         in note.sentence
     )
-    assert check_chosen_model(result.data, result.chosen, estimated, left / 8, (), False) == ()
-    assert check_chosen_model(result.data, result.chosen, known, left / 2, (), False) == ()
+    assert check_chosen_model(result.data, result.chosen, estimated, left / 8, (), True) == ()
+    assert check_chosen_model(result.data, result.chosen, known, left / 2, (), True) == ()
 
 
 @pytest.mark.parametrize("by", [1, -2])
@@ -508,7 +508,7 @@ def test_swapped_labels_of_a_study(rng, tmp_path) -> None:
     )
     assert "(lines 74 to 121)" in said(result, "labels-swapped")
     assert result.faults == ()
-    assert "what the warnings say of the targets" in result.record["verdict"][0]
+    assert "what the warnings say about the targets" in result.record["verdict"][0]
 
 
 @seeds(1, 3)

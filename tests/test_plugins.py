@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from modelsel import read_study, run, simulate_study
+from modelsel import read_study, run_study, simulate_study
 from modelsel.calibration.storage import load_calibration
 from modelsel.cli.main import main
 from modelsel.cli.plugin_template import skeleton, table, tried
@@ -243,7 +243,7 @@ def test_a_registry_with_such_a_cause_is_refused_before_the_work(model, own_caus
     steps: list[str] = []
     whole = read_study(own_cause).model_copy(update={"model": ModelTable(**model)})
     with pytest.raises(StudyError, match="bent: Squared is a kind of cause of its own"):
-        run(whole, own_cause, registry={**BUILTIN, **mechanisms()}, say=steps.append)
+        run_study(whole, own_cause, registry={**BUILTIN, **mechanisms()}, say=steps.append)
     assert steps == ["reading measurements.csv"]
 
 

@@ -27,7 +27,7 @@ def check(
     """What is in a measurements file, what it can tell and what it cannot."""
     from ..measurements.reader import read_measurements
     from ..robot.files import load, read_robot
-    from ..study.inspection import inspect_measurements, format_inspection
+    from ..study.inspection import format_inspection, inspect_measurements
 
     arm = (
         read_robot(Path(robot), base, tip)

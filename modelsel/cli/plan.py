@@ -72,8 +72,9 @@ def plan(
     from ..calibration.experiment_design import more_needed
     from ..config.study_file import read_study
     from ..mechanisms.registry import with_plugins
-    from ..study.planning import plan_next, format_plan
-    from ..study.runner import read_nominal_robot, run_study
+    from ..study.inputs import read_nominal_robot
+    from ..study.planning import format_plan, plan_next
+    from ..study.runner import run_study
 
     own = dict(map(_range, joints))
     if pool_file is not None and (limits or own):
@@ -97,8 +98,8 @@ def plan(
                 "configurations": table.to_dict("records"),
                 "rivals": found.rivals,
                 "alike": found.twins,
-                "told_apart": found.told,
-                "told_apart_random": found.random,
+                "told_apart": found.probabilities,
+                "told_apart_random": found.random_probability,
                 "criteria": {k: {"before": a, "after": b} for k, (a, b) in found.indices.items()},
                 "learning_curve": [
                     {"size_mm": s, "more_configurations": m} for s, m in found.learning

@@ -56,7 +56,8 @@ def study(
     from ..report.drawing import draw
     from ..results.storage import WRITES, save
     from ..study.checkpoint import Checkpoint
-    from ..study.runner import rehearse_study, read_nominal_robot, run_study
+    from ..study.inputs import read_nominal_robot
+    from ..study.runner import rehearse_study, run_study
 
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)

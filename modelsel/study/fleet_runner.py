@@ -127,7 +127,9 @@ def _one(task: Task, out: str, sampling: bool, reports: bool) -> Row:
     """On a worker: one study, from its file to all it writes."""
     try:
         with claimed(Path(out)):
-            result = run_study(task.study, task.folder, registry=with_plugins()[0], sampling=sampling)
+            result = run_study(
+                task.study, task.folder, registry=with_plugins()[0], sampling=sampling
+            )
             save(result, Path(out))
             if reports:
                 draw(Path(out))

@@ -1,10 +1,18 @@
-"""The analysis of one study's measurements: outliers, names, ladder, table, gain."""
+"""The steps of a study, from measurements to the result.
+
+prepare -> find outliers and diagnose -> compare all subsets -> evaluate the ladder -> measure the
+gain -> repeat in nested folds -> assess the uncertainty -> collect the warnings -> result.
+
+`analyse` calls them in this order. Each step takes values and returns new ones. The ladder is a list
+of evaluations whose first model is the nominal arm and whose last is the chosen one.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,361 +23,252 @@ from .._version import VERSION
 from ..config.study_file import Study
 from ..diagnosis.candidates import Candidate, strongest
 from ..diagnosis.error_map import error_map
-from ..diagnosis.outliers import GROSS, far_off, misplaced
-from ..diagnosis.procedure import explain, nested
-from ..diagnosis.state import models
+from ..diagnosis.outliers import Fault, misplaced
+from ..diagnosis.procedure import Nested, explain, nested
 from ..diagnosis.stepwise import Diagnosis
-from ..diagnosis.unexplained import (
-    estimated_floor,
-    nothing_else,
-    predictable_left,
-    rows_seen,
-    thinned,
-)
-from ..fitting.design import Model, whitened
+from ..diagnosis.unexplained import estimated_floor, nothing_else, predictable_left
+from ..fitting.design import Model
 from ..fitting.identifiability import unidentifiable
 from ..fitting.noise import Floor
 from ..measurements.measurements import Measurements
-from ..mechanisms.geometry import setup
-from ..mechanisms.registry import Registry, mechanism
-from ..mechanisms.terms import Mechanism, Screw
+from ..mechanisms.registry import BUILTIN, Registry
+from ..mechanisms.terms import Mechanism
 from ..notices import Note
-from ..results.cautions import restricted, worse_than_nominal
-from ..results.finding_records import Finding, beside, opposed, surprised, uneven
-from ..results.goodness_of_fit import lack_of_fit, lacking
+from ..results.finding_records import Finding
 from ..results.result import Result
 from ..robot.kinematics import Robot
 from ..selection.comparison import MOST, Comparison, compare
-from ..selection.evaluation import Evaluation, Gain, Resampled, Split, errors, evaluate, paired
+from ..selection.evaluation import Evaluation, Gain, Resampled, Split, evaluate, paired
 from ..uncertainty.sampler import Keeper
 from ..uncertainty.summary import Request, confidence, sampled
-from .checks import check_stated_noise, check_chosen_model, add_alarms_to_errors, check_stated_orientation_noise, drop_known_faults
-from .preparation import Plan, prepare, weigh_by_residuals
+from .checks import add_alarms_to_errors, check_chosen_model, drop_known_faults
+from .inputs import list_candidates
+from .model_ladder import (
+    build_model,
+    choose_constants,
+    evaluate_ladder,
+    evaluate_steps,
+    exclude_held_out_outliers,
+    remeasure,
+    searches_cells,
+)
+from .notes import collect_diagnosis_notes, collect_fit_notes, collect_model_notes
+from .preparation import prepare, read_instrument, weigh_by_residuals
+from .stated_noise import check_stated_noise, check_stated_orientation_noise
 
 
-@dataclass(frozen=True, eq=False)
-class Question:
-    """What a study asks: its file, its set-up, the nominal robot, the mechanisms that may extend
-    the base, the registry."""
-
-    study: Study
-    plan: Plan
-    robot: Robot
-    everything: tuple[Mechanism, ...]
-    registry: Registry
-
-    def model(
-        self,
-        names: Sequence[str],
-        measured: Measurements,
-        best: Mapping[str, Mechanism] | None = None,
-    ) -> Model:
-        """The mechanisms of a rung, with what the set-up leaves open; `best` says which constant a
-        scanned name stands for."""
-        groups = len(measured.groups) if self.plan.per_group else 1
-        features = () if measured.gauges is None else measured.gauges.features
-        placement = setup(
-            self.robot,
-            len(measured.targets),
-            groups,
-            self.plan.register,
-            measured.rotation is not None,
-            features,
-        )
-        return Model(
-            (
-                *((placement,) if placement.terms else ()),
-                *((best or {}).get(n) or mechanism(n, self.robot, self.registry) for n in names),
-            )
-        )
-
-    @property
-    def cells(self) -> bool:
-        """Whether causes nobody registered may be named, too; with `candidates = []` everything is
-        said, nothing extended."""
-        return self.study.model.candidates in ("all", [])
+def _be_silent(_: str) -> None:
+    """Ignore a progress line."""
 
 
 def analyse(
-    question: Question,
+    study: Study,
+    robot: Robot,
     measured: Measurements,
     *,
+    registry: Registry = BUILTIN,
     labels: NDArray[np.object_] | None = None,
-    say: Say = lambda _: None,
+    say: Say = _be_silent,
     data_sha256: str = "",
 ) -> Result:
-    """The study of measurements already read. Raises StudyError, DataError or NotEstimable."""
-    plan = question.plan
-    say("registering and splitting" if plan.register else "splitting")
-    data, floor, notes = prepare(question.robot, measured, plan, labels)
+    """Run the steps of a study on measurements that are read already.
+
+    `labels` (m,) say which rows estimate, where the study names a column for it; `data_sha256` is
+    the hash of the measurements' file. Raises StudyError, DataError or NotEstimable.
+    """
+    say("registering and splitting" if study.robot.register_ else "splitting")
+    split, floor, notes = prepare(study, robot, measured, labels)
     with add_alarms_to_errors(notes):
-        return _analysed(question, data, floor, notes, say, data_sha256)
+        return _analyse_prepared(study, registry, split, floor, notes, say, data_sha256)
 
 
-def _analysed(
-    question: Question,
+def _analyse_prepared(
+    study: Study,
+    registry: Registry,
     split: Split,
     floor: Floor | None,
     notes: tuple[Note, ...],
     say: Say,
     data_sha256: str,
 ) -> Result:
-    """The study of data that are registered, weighed and split."""
-    study, plan = question.study, question.plan
-    measured = split.problem.data  # without the rows that nothing can be said of
-    base, base_names = question.model(study.model.base, measured), tuple(study.model.base)
-    split = _weighed(question, split, base)
+    """Run the steps that follow the preparation.
+
+    `floor` is the noise floor where it is known, `notes` those of the preparation.
+    """
+    base = build_model(study, split.problem, registry, study.model.base)
+    mechanisms = list_candidates(study, split.problem.robot, registry)
+    split = weigh_orientations(study, registry, split, base)
+
     say("looking for outliers")
-    split, extension, found = explain(
-        split, base, question.everything, study.seed, question.cells, say
+    split, diagnosis, candidates = explain(
+        split, base, mechanisms, study.seed, searches_cells(study), say
     )
-    split, floor, doubts = check_stated_noise(split, floor, extension.fit)
-    nominal, base_rung = (
-        evaluate(split, question.model((), measured), ("nominal",)),
-        evaluate(split, base, base_names),
-    )
-    if thinned(extension, split):
-        notes = (
-            *notes,
-            Note(
-                "scan-of-some",
-                f"What is wrong was looked for in {rows_seen(extension, split)} of "
-                f"the {int(split.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
-                "all rows.",
-            ),
-        )
-    notes = (
-        *notes,
-        *restricted(study.model.candidates),
-        *doubts,
-        *check_stated_orientation_noise(split, extension.fit),
-        *uneven(extension),
-        *(beside(split.problem) if question.cells else ()),
-    )
+    split, floor, noise_notes = check_stated_noise(split, floor, diagnosis.fit)
+
+    say("evaluating the ladder")
+    steps = evaluate_steps(split, evaluate(split, base, study.model.base), diagnosis)
+    constants = choose_constants(candidates, diagnosis.single_f)
+    ladder = evaluate_ladder(study, split, registry, steps, constants)
+
     say("comparing all subsets of the candidates")
-    offered, aside = strongest(
-        found,
-        extension.single_f,
-        [e.candidate for e in extension.effects],
-        study.comparison.mechanisms or MOST,
-    )
-    comparison = (
-        compare(split, base, base_rung.fit, offered, base_names, aside, len(found))
-        if offered
-        else None
-    )
+    comparison = compare_subsets(study, split, steps[0], diagnosis, candidates)
+
     say("measuring the gain")
-    steps = _steps(split, base_rung, extension)
-    rungs = [
-        nominal,
-        *_ladder(question, split, measured, base_rung, choose_constants(found, extension.single_f)),
-    ]
-    rungs += [
-        r
-        for r in (steps if study.model.candidates != [] else steps[:1])
-        if _same(r) not in [_same(x) for x in rungs]
-    ]
-    chosen = steps[-1] if study.model.candidates != [] else base_rung
-    rungs = [
-        *(r for r in rungs if r is not chosen and (_same(r) != _same(chosen) or r is nominal)),
-        chosen,
-    ]
+    split = exclude_held_out_outliers(split, ladder)
+    ladder = [remeasure(evaluation, split) for evaluation in ladder]
+    faults = find_data_faults(study, split, ladder[-1], notes)
+    draws = resample_held_out(study, split)
+    findings = measure_findings(split, draws, steps, diagnosis)
+    base_gain = measure_gain(split, draws, ladder[0], steps[0])
 
-    split = replace(
-        split,
-        outlying=split.outlying | find_held_out_outliers(split, [r for r in rungs if r is not nominal]),
-    )
-    faults = drop_known_faults(
-        misplaced(split.problem, split.outlying, chosen.fit, generator(study.seed, "null")), notes
-    )
-    held = ~split.estimation & ~split.outlying
-    drawn = Resampled.of(measured.block[held], generator(study.seed, "gain"))
-
-    def gained(before: Evaluation, after: Evaluation) -> Gain:
-        return paired(before.residual[held][:, :3], after.residual[held][:, :3], drawn)
-
-    findings = tuple(
-        Finding(e, gained(a, b))
-        for e, a, b in zip(extension.effects, steps, steps[1:], strict=False)
-    )
-    notes = (
-        *notes,
-        *_of_table(comparison, chosen),
-        *worse_than_nominal(base_names, gained(nominal, base_rung)),
-        *opposed(findings),
-        *surprised(split, chosen),
-    )
-    if not doubts:  # else that is said, and by how much
-        notes = (
-            *notes,
-            *lacking(
-                lack_of_fit(chosen, floor, split), floor is not None and np.isinf(floor.freedom)
-            ),
-        )
-    within = None
-    if study.split.nested_folds:
-        say(f"the whole procedure again in {study.split.nested_folds} folds")
-        within = nested(
-            split, base, question.everything, study.seed, question.cells, study.split.nested_folds
-        )
-    ladder = tuple(remeasure(r, split) for r in rungs)
-    if lost := [
-        " + ".join(r.names) for r in ladder if r.cv_rms_mm is None or not np.isfinite(r.cv_rms_mm)
-    ]:
-        notes = (
-            *notes,
-            Note(
-                "cv-not-estimable",
-                f"No cross-validation of {', '.join(lost)}: without one of the folds the data "
-                "do not determine it, and its cv_rms_mm is null. More folds or configurations are needed.",
-            ),
-        )
+    within_folds = repeat_in_folds(study, split, base, mechanisms, say)
     say("weighing every mechanism of the chosen model")
-    sure = confidence(split, chosen.fit, chosen.names, study.seed)
-    noise, nothing = (
-        count_coordinates(floor or estimated_floor(chosen, split), split),
-        nothing_else(extension, found, split, steps[-1]),
+    uncertainty = confidence(split, ladder[-1].fit, ladder[-1].names, study.seed)
+    noise = choose_noise_floor(split, floor, ladder[-1])
+    detection_limit = nothing_else(diagnosis, candidates, split, steps[-1])
+
+    # every warning is collected here, in the order in which it is reported
+    doubts = (*noise_notes, *check_stated_orientation_noise(split, diagnosis.fit))
+    warnings = [
+        *notes,
+        *collect_diagnosis_notes(study, split, diagnosis, doubts),
+        *collect_model_notes(split, ladder, comparison, findings, study.model.base, base_gain),
+        *collect_fit_notes(split, ladder, floor, floor_doubted=bool(noise_notes)),
+    ]
+    warnings += check_chosen_model(
+        split, ladder[-1], noise, detection_limit[1], warnings, study.robot.register_, faults
     )
-    notes = check_chosen_model(
-        split,
-        remeasure(chosen, split),
-        noise,
-        nothing[1],
-        notes,
-        plan.per_group if plan.register else None,
-        faults,
-    )
-    untold = unidentifiable(chosen.fit.found, chosen.fit.terms, chosen.fit.leaning)
+    fitted = ladder[-1].fit
     return Result(
-        study,
-        question.robot,
-        split,
-        noise,
-        ladder,
-        comparison,
-        remeasure(chosen, split),
-        gained(nominal, chosen),
-        findings,
-        faults,
-        extension,
-        error_map(extension, found),
-        nothing,
-        predictable_left(split, steps[-1], generator(study.seed, "flips")),
-        within,
-        untold,
-        notes,
-        sure,
-        record_provenance(study, data_sha256),
+        study=study,
+        robot=split.problem.robot,
+        data=split,
+        floor=noise,
+        ladder=tuple(ladder),
+        comparison=comparison,
+        chosen=ladder[-1],
+        gain=measure_gain(split, draws, ladder[0], ladder[-1]),
+        findings=findings,
+        faults=faults,
+        extension=diagnosis,
+        error_map=error_map(diagnosis, candidates),
+        nothing_else=detection_limit,
+        predictable=predictable_left(split, steps[-1], generator(study.seed, "flips")),
+        nested=within_folds,
+        unidentifiable=unidentifiable(fitted.found, fitted.terms, fitted.leaning),
+        warnings=tuple(warnings),
+        confidence=uncertainty,
+        provenance=record_provenance(study, data_sha256),
     )
 
 
-def _of_table(comparison: Comparison | None, chosen: Evaluation) -> tuple[Note, ...]:
-    """Where the table of subsets chooses otherwise, and where its best is not proven."""
-    out: list[Note] = []
-    if comparison is not None and set(comparison.choice) != set(chosen.names):
-        out.append(
-            Note(
-                "table-differs",
-                "The one-standard-error choice of the table of subsets is "
-                f"{' + '.join(comparison.choice)}; the chosen model follows what was named.",
-            )
-        )
-    if (
-        comparison is not None
-        and comparison.certified is not None
-        and not comparison.certified.proven
-    ):
-        out.append(
-            Note(
-                "search-unproven",
-                f"Of 2^{len(comparison.considered)} subsets of the candidates the best by BIC "
-                f"that was found is not proven: another may have up to {comparison.certified.gap:.3g} less.",
-            )
-        )
-    return tuple(out)
+def weigh_orientations(study: Study, registry: Registry, split: Split, base: Model) -> Split:
+    """Weight measured orientations by what the nominal arm leaves, then by what the base leaves.
 
-
-def sample_posterior(
-    question: Question, result: Result, say: Say = lambda _: None, keeper: Keeper | None = None
-) -> Result:
-    """A result with its chosen model's posterior sampled."""
-    plan, study, measured = question.plan, question.study, result.data.problem.data
-    request = Request(
-        question.model(study.model.base, measured),
-        study.sampling.over,
-        plan.instrument,
-        plan.stated_mm is not None and result.data.known_sigma,
-        question.registry,
-    )
-    found = sampled(
-        result.confidence, result.data, result.chosen.fit, request, study.seed, say, keeper
-    )
-    return replace(result, confidence=found)
-
-
-def _weighed(question: Question, split: Split, base: Model) -> Split:
-    """With orientations of unstated uncertainty: rotational rows weighed by their own residuals,
-    nominal then base."""
-    if split.problem.data.rotation is not None:
-        for model in (question.model((), split.problem.data), base):
-            split = weigh_by_residuals(split, question.plan, evaluate(split, model, ()).residual)
+    Unchanged where none are measured, or where their uncertainty is stated.
+    """
+    if split.problem.data.rotation is None:
+        return split
+    nominal = build_model(study, split.problem, registry, ())
+    for model in (nominal, base):
+        split = weigh_by_residuals(study, split, evaluate(split, model, ()).residual)
     return split
 
 
-def _same(r: Evaluation) -> tuple[tuple[str, ...], frozenset[tuple[Screw, ...]]]:
-    """What makes two rungs one: their names and what these stand for."""
-    return r.names, frozenset(t.screws for t in r.fit.terms)
-
-
-def choose_constants(
-    found: Sequence[Candidate], single_f: NDArray[np.float64]
-) -> dict[str, Mechanism]:
-    """Of every registered name with several constants, the one that alone explains most beyond the
-    base."""
-    best: dict[str, tuple[float, Mechanism]] = {}
-    count: dict[str, int] = {}
-    for candidate, f in zip(found, single_f, strict=True):
-        if candidate.registered:
-            name = candidate.mechanism.name
-            count[name] = count.get(name, 0) + 1
-            if name not in best or f > best[name][0]:
-                best[name] = (float(f), candidate.mechanism)
-    return {name: m for name, (_, m) in best.items() if count[name] > 1}
-
-
-def _ladder(
-    question: Question,
+def compare_subsets(
+    study: Study,
     split: Split,
-    measured: Measurements,
-    base_rung: Evaluation,
-    best: Mapping[str, Mechanism],
-) -> list[Evaluation]:
-    """The study's own rungs, or the base."""
-    return [
-        base_rung
-        if tuple(names) == base_rung.names
-        else evaluate(split, question.model(names, measured, best), names)
-        for names in question.study.model.ladder or [list(base_rung.names)]
-    ]
+    base: Evaluation,
+    diagnosis: Diagnosis,
+    candidates: Sequence[Candidate],
+) -> Comparison | None:
+    """Compare all subsets of the named and the strongest candidates beyond the base.
+
+    None where no registered candidate may extend it.
+    """
+    named = [effect.candidate for effect in diagnosis.effects]
+    most = study.comparison.mechanisms or MOST
+    offered, set_aside = strongest(candidates, diagnosis.single_f, named, most)
+    if not offered:
+        return None
+    return compare(split, base.fit.model, base.fit, offered, base.names, set_aside, len(candidates))
 
 
-def _steps(split: Split, base_rung: Evaluation, diagnosis: Diagnosis) -> list[Evaluation]:
-    """From the base, a rung to every effect, in the order they were found."""
-    steps = [base_rung]
-    for k in range(1, len(diagnosis.effects) + 1):
-        so_far = [e.candidate for e in diagnosis.effects[:k]]
-        names = (*base_rung.names, *(c.label for c in so_far))
-        last = (
-            diagnosis.fit if k == len(diagnosis.effects) and not thinned(diagnosis, split) else None
-        )
-        steps.append(
-            evaluate(split, models(diagnosis.base, so_far), names, last, start=steps[-1].fit)
-        )
-    return steps
+def find_data_faults(
+    study: Study, split: Split, chosen: Evaluation, notes: Sequence[Note]
+) -> tuple[Fault, ...]:
+    """Return the faults among the outlying rows that no note of the preparation reports already."""
+    rng = generator(study.seed, "null")
+    return drop_known_faults(misplaced(split.problem, split.outlying, chosen.fit, rng), notes)
+
+
+def resample_held_out(study: Study, split: Split) -> Resampled:
+    """Draw the held-out configurations anew, once for all gains."""
+    held_out = ~split.estimation & ~split.outlying
+    return Resampled.of(split.problem.data.block[held_out], generator(study.seed, "gain"))
+
+
+def measure_gain(split: Split, draws: Resampled, before: Evaluation, after: Evaluation) -> Gain:
+    """Measure what one model gains over another on the held-out rows, outliers left out [mm]."""
+    held_out = ~split.estimation & ~split.outlying
+    return paired(before.residual[held_out][:, :3], after.residual[held_out][:, :3], draws)
+
+
+def measure_findings(
+    split: Split, draws: Resampled, steps: Sequence[Evaluation], diagnosis: Diagnosis
+) -> tuple[Finding, ...]:
+    """Return a finding for each named effect, with the gain of the step that adds it."""
+    gains = [measure_gain(split, draws, before, after) for before, after in pairwise(steps)]
+    return tuple(map(Finding, diagnosis.effects, gains))
+
+
+def repeat_in_folds(
+    study: Study, split: Split, base: Model, mechanisms: tuple[Mechanism, ...], say: Say
+) -> Nested | None:
+    """Repeat outliers, diagnosis and fit without each fold; None where the study asks for none."""
+    folds = study.split.nested_folds
+    if not folds:
+        return None
+    say(f"the whole procedure again in {folds} folds")
+    return nested(split, base, mechanisms, study.seed, searches_cells(study), folds)
+
+
+def choose_noise_floor(split: Split, known: Floor | None, chosen: Evaluation) -> Floor:
+    """Return the known noise floor, else that of the chosen model's residuals.
+
+    It holds the number of coordinates that a row has on average.
+    """
+    floor = known or estimated_floor(chosen, split)
+    measured = split.problem.measured
+    if measured is None:
+        return floor
+    coordinates = measured[:, :3].sum(1).mean()
+    return replace(floor, coordinates=float(coordinates))
+
+
+def sample_posterior(
+    result: Result, registry: Registry, say: Say = _be_silent, keeper: Keeper | None = None
+) -> Result:
+    """Return a result with its chosen model's posterior sampled.
+
+    `keeper` keeps an unfinished chain and takes it up again.
+    """
+    study, split = result.study, result.data
+    request = Request(
+        base=build_model(study, split.problem, registry, study.model.base),
+        over=study.sampling.over,
+        instrument=read_instrument(study.noise),
+        stated=study.noise.floor_mm is not None and split.known_sigma,
+        registry=registry,
+    )
+    uncertainty = sampled(
+        result.confidence, split, result.chosen.fit, request, study.seed, say, keeper
+    )
+    return replace(result, confidence=uncertainty)
 
 
 def record_provenance(study: Study, data_sha256: str) -> dict[str, str]:
-    """Versions and hashes; no path, time or host."""
+    """Return versions and hashes: no path, time or host."""
     import scipy
 
     return {
@@ -379,33 +278,3 @@ def record_provenance(study: Study, data_sha256: str) -> dict[str, str]:
         "data_sha256": data_sha256,
         "study_sha256": hashlib.sha256(study.model_dump_json().encode()).hexdigest(),
     }
-
-
-def find_held_out_outliers(split: Split, rungs: Sequence[Evaluation]) -> NDArray[np.bool_]:
-    """Held-out rows beyond 8 robust standard deviations of the estimation residuals in every rung
-    from the base on."""
-    out = ~split.estimation
-    for r in rungs:
-        size = whitened(split.problem, r.residual)
-        out = out & far_off(
-            size,
-            size[split.used],
-            GROSS,
-            None if split.problem.measured is None else split.problem.measured[split.used],
-        )
-    return np.asarray(out)
-
-
-def remeasure(r: Evaluation, split: Split) -> Evaluation:
-    """A rung with its errors taken again, the outlying rows left out."""
-    return replace(
-        r,
-        estimation=errors(r.residual[split.estimation], split.outlying[split.estimation]),
-        held_out=errors(r.residual[~split.estimation], split.outlying[~split.estimation]),
-    )
-
-
-def count_coordinates(floor: Floor, split: Split) -> Floor:
-    """With the number of coordinates that a row has."""
-    seen = split.problem.measured
-    return floor if seen is None else replace(floor, coordinates=float(seen[:, :3].sum(1).mean()))

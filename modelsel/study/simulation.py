@@ -1,133 +1,234 @@
-"""Simulated measurements: the exact chain with planted screws and noise, in contract form."""
+"""Simulate measurements: the exact kinematic chain with planted screws and noise.
+
+The result is a DataFrame with the columns of a measurements file.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._random import generator
 from .._typing import Array
+from ..config.study_file import Study, data_of
 from ..exceptions import StudyError
 from ..fitting.design import residuals
-from ..fitting.problem import make_problem
-from ..measurements.measurements import Measurements, measurements
+from ..fitting.problem import Problem, make_problem
+from ..measurements.measurements import Gauges, Measurements, measurements
+from ..measurements.observation_columns import with_known
+from ..measurements.reader import read_measurements
+from ..mechanisms.causes import parse
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..setup.feature_positions import place
+from .inputs import open_study, read_known_features, read_nominal_robot
+from .preparation import arrange_tools
 
 if TYPE_CHECKING:
     import pandas as pd
+
+Effects = Sequence[tuple[Screw, float]]  # screws with their size, mm or rad per unit of the cause
+
+
+def simulate_study(study: Study | Path | str, folder: Path | str | None = None) -> pd.DataFrame:
+    """Simulate a study's measurements with its planted effects.
+
+    The configurations are those of the study's measurements where there are any, else drawn within
+    the joint limits. Raises StudyError or DataError.
+    """
+    study, folder = open_study(study, folder)
+    robot = read_nominal_robot(study, folder)
+    rng = generator(study.seed, "simulate")
+    measured = _read_configurations(study, folder, robot)
+    if measured is None:
+        q = robot.draw(rng, study.simulate.configurations)
+        configurations = measurements(q, np.zeros((len(q), 3)))
+    else:
+        configurations = _take_one_row_each(measured)
+    effects = _parse_effects(study, robot, configurations)
+    noise_mm = study.noise.floor_mm
+    if noise_mm is None:
+        noise_mm = study.simulate.noise_mm
+
+    if measured is not None and measured.gauges is not None:
+        rows = with_known(measured, read_known_features(study))
+        tools = arrange_tools(study.robot, rows)
+        return simulate_readings(robot, tools, effects, data=rows, noise_mm=noise_mm, rng=rng)
+    if study.robot.tools_mm:
+        frames = []
+        for name, target in study.robot.tools_mm.items():
+            frame = simulate_points(
+                robot, np.array(target), effects, at=configurations, noise_mm=noise_mm, rng=rng
+            )
+            frames.append(frame.assign(target=name, configuration=range(len(configurations))))
+        return _interleave_targets(frames)
+    tool = np.array(study.robot.tool_mm or (0.0, 0.0, 0.0))
+    return simulate_points(robot, tool, effects, at=configurations, noise_mm=noise_mm, rng=rng)
+
+
+def _read_configurations(study: Study, folder: Path, robot: Robot) -> Measurements | None:
+    """Read the study's measurements, positions or not; None where there is no such file."""
+    source = data_of(study, folder)
+    if isinstance(source, Path) and not source.is_file():
+        return None
+    return read_measurements(source, robot.prismatic, study.measurements.columns, positions=False)
+
+
+def _take_one_row_each(data: Measurements) -> Measurements:
+    """Return the first row of every configuration, as a point of a single target."""
+    first = np.unique(data.configuration, return_index=True)[1]
+    rows = data.take(first)
+    target = np.zeros(len(rows), np.intp)
+    return replace(rows, target=target, targets=("target",), gauges=None)
+
+
+def _parse_effects(study: Study, robot: Robot, data: Measurements) -> Effects:
+    """Return the study's planted effects. Raises StudyError."""
+    units = make_problem(robot, data, np.zeros((1, 3))).names()
+    effects = []
+    for number, effect in enumerate(study.simulate.effect, 1):
+        place = f"simulate.effect {number}"
+        if effect.frame > robot.n + 1:
+            raise StudyError(
+                f"{place}: frame {effect.frame}, but {robot.name} has frames 1 to {robot.n + 1}"
+            )
+        cause = parse(effect.cause, units, place)
+        effects.append((Screw(effect.frame, effect.axis, cause), effect.size))
+    return effects
+
+
+def _interleave_targets(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """Join the rows of several targets, those of one configuration together."""
+    import pandas as pd
+
+    rows = pd.concat(frames)
+    return rows.sort_values("configuration", kind="stable", ignore_index=True)
 
 
 def simulate_points(
     robot: Robot,
     tool: Array,
-    effects: Sequence[tuple[Screw, float]],
+    effects: Effects,
     *,
     at: Measurements,
     noise_mm: float,
     rng: np.random.Generator,
 ) -> pd.DataFrame:
-    """A DataFrame in contract form: the configurations `at`, with all that is known of each but its
-    positions; the exact chain's positions with every effect (screw, size in mm or rad per unit of
-    its cause) in it, and normal noise of `noise_mm` per coordinate. Frame 0 is the tracker's.
-    Raises StudyError for an effect that is not finite."""
+    """Simulate measured points at the configurations of `at`.
+
+    The positions are those of the exact chain with every effect, plus normal noise of `noise_mm`
+    per coordinate; the tracker's frame is frame 0. All else that is known of a configuration is
+    kept. Raises StudyError for an effect that is not finite.
+    """
     import pandas as pd
 
-    bound = make_problem(
-        robot, replace(at, position=np.zeros_like(at.position)), np.atleast_2d(tool)
-    )  # measured nought: minus it
-    terms = tuple(Term(f"p{k}", (screw,)) for k, (screw, _) in enumerate(effects))
-    with np.errstate(all="ignore"):
-        position = -residuals(bound, terms, np.array([size for _, size in effects]))[:, :3]
-    if not np.isfinite(position).all():
-        raise StudyError(
-            "simulate: a planted effect is not finite at some configurations; check its cause and size."
-        )
+    origin = replace(at, position=np.zeros_like(at.position))
+    problem = make_problem(robot, origin, np.atleast_2d(tool))
+    position = -_predict_residuals(problem, effects)  # measured 0, so that it is minus the position
+    _check_finite(position)
     position = position + rng.normal(0.0, noise_mm, position.shape)
-    frame = {
-        f"q{j + 1}_{'mm' if joint.prismatic else 'rad'}": at.q[:, j]
-        for j, joint in enumerate(robot.joints)
-    }
-    frame |= {f"{axis}_mm": position[:, a] for a, axis in enumerate("xyz")}
-    return pd.DataFrame(frame | dict(at.covariates) | _known(at))
+    columns: dict[str, Any] = {}
+    for j, joint in enumerate(robot.joints):
+        unit = "mm" if joint.prismatic else "rad"
+        columns[f"q{j + 1}_{unit}"] = at.q[:, j]
+    for axis, values in zip("xyz", position.T, strict=True):
+        columns[f"{axis}_mm"] = values
+    return pd.DataFrame(columns | dict(at.covariates) | _list_stated_columns(at))
 
 
-def _known(at: Measurements) -> dict[str, Any]:
-    """Columns of what reading the simulated file would not find by itself."""
-    out: dict[str, Any] = {}
-    if at.groups != ("all",):
-        out["group"] = np.array(at.groups, dtype=object)[at.group]
-    if not np.array_equal(at.order, at.row):
-        out["order"] = at.order
-    if all(note.code != "approach-from-order" for note in at.notes):
-        out |= {f"approach{j + 1}": at.approach[:, j].astype(int) for j in range(at.q.shape[1])}
-    if measurements(at.q, at.position, group=at.group.tolist()).configurations != len(at):
-        out["configuration"] = np.arange(
-            len(at)
-        )  # visits one after the other with the same readings
-    return out
+def _predict_residuals(problem: Problem, effects: Effects) -> Array:
+    """Return the positional residuals (m, 3) [mm] with the effects in the chain."""
+    terms = tuple(Term(f"p{k}", (screw,)) for k, (screw, _) in enumerate(effects))
+    sizes = np.array([size for _, size in effects])
+    with np.errstate(all="ignore"):
+        return residuals(problem, terms, sizes)[:, :3]
+
+
+def _check_finite(values: Array) -> None:
+    if not np.isfinite(values).all():
+        raise StudyError(
+            "simulate: a planted effect is not finite at some configurations; check its cause and "
+            "size."
+        )
+
+
+def _list_stated_columns(data: Measurements) -> dict[str, Any]:
+    """Return the columns of what reading the simulated file would not find by itself."""
+    columns: dict[str, Any] = {}
+    if data.groups != ("all",):
+        columns["group"] = np.array(data.groups, dtype=object)[data.group]
+    if not np.array_equal(data.order, data.row):
+        columns["order"] = data.order
+    if not _approach_is_derived(data):
+        for j, approach in enumerate(data.approach.T, 1):
+            columns[f"approach{j}"] = approach.astype(int)
+    read_again = measurements(data.q, data.position, group=data.group.tolist())
+    if read_again.configurations != len(data):  # successive visits with the same readings
+        columns["configuration"] = np.arange(len(data))
+    return columns
+
+
+def _approach_is_derived(data: Measurements) -> bool:
+    """Return whether the directions of approach were derived from the order on reading."""
+    return any(note.code == "approach-from-order" for note in data.notes)
 
 
 def simulate_readings(
     robot: Robot,
     tools: Array,
-    effects: Sequence[tuple[Screw, float]],
+    effects: Effects,
     *,
     data: Measurements,
     noise_mm: float,
     rng: np.random.Generator,
 ) -> pd.DataFrame:
-    """The same for a file with rows that are no points: every row reads anew what its kind reads,
-    features where the study or the file's own rows have them. Raises StudyError for kinds that hold
-    the arm to a place: their readings cannot be made up."""
+    """Simulate the readings of rows that are not all points, each by its kind.
+
+    Features are where the study or the measurements' own rows have them. Raises StudyError for
+    kinds that hold the arm to a place (their readings cannot be simulated), and for an effect that
+    is not finite.
+    """
     gauges = data.gauges
     assert gauges is not None
-    fixed = [k for k in ("same-point", "plane") if gauges.of(k).any()]
-    fixed += (
-        ["ball-bar"]
-        if any(
-            f.kind == "ball-bar" and np.isnan(gauges.length[gauges.feature == k]).any()
-            for k, f in enumerate(gauges.features)
-        )
-        else []
+    _check_kinds(gauges)
+    problem = place(make_problem(robot, data, tools), np.ones(len(data), bool))
+    readings = problem.readings.T - _predict_residuals(problem, effects)
+    _check_finite(readings)
+    readings = readings + rng.normal(0.0, noise_mm, readings.shape)
+    readings = np.where(gauges.coordinates, readings, np.nan)
+
+    is_length = gauges.of("wire", "ball-bar", "distance")
+    origin = None if gauges.origin is None else _drop_uncertainties(gauges.origin)
+    length = np.where(is_length, readings[:, 0], np.nan)
+    simulated = replace(
+        _drop_uncertainties(data),
+        position=np.where(is_length[:, None], np.nan, readings),
+        gauges=replace(gauges, length=length, origin=origin),
     )
-    if fixed:
+    frame = simulated.to_frame().reset_index(drop=True)
+    if not _approach_is_derived(data):
+        return frame
+    return frame.drop(columns=[f"approach{j + 1}" for j in range(robot.n)])
+
+
+def _check_kinds(gauges: Gauges) -> None:
+    """Check that no row holds the arm to a place. Raises StudyError."""
+    kinds = [kind for kind in ("same-point", "plane") if gauges.of(kind).any()]
+    for k, feature in enumerate(gauges.features):
+        length = gauges.length[gauges.feature == k]
+        if feature.kind == "ball-bar" and np.isnan(length).any() and "ball-bar" not in kinds:
+            kinds.append("ball-bar")
+    if kinds:
         raise StudyError(
-            f"simulate: rows of kind {' and '.join(fixed)} hold the arm to a place: the readings of the joints, "
-            "not a measured value, would have to be made; leave them out."
+            f"simulate: rows of kind {' and '.join(kinds)} hold the arm to a place: the joint "
+            "readings, not a measured value, would have to be simulated; leave these rows out."
         )
-    bound = place(make_problem(robot, data, tools), np.ones(len(data), bool))
-    terms = tuple(Term(f"p{k}", (screw,)) for k, (screw, _) in enumerate(effects))
-    with np.errstate(all="ignore"):
-        read = (
-            bound.readings.T
-            - residuals(bound, terms, np.array([size for _, size in effects]))[:, :3]
-        )
-    if not np.isfinite(read).all():
-        raise StudyError(
-            "simulate: a planted effect is not finite at some configurations; check its cause and size."
-        )
-    read = np.where(gauges.coordinates, read + rng.normal(0.0, noise_mm, read.shape), np.nan)
-    length = gauges.of("wire", "ball-bar", "distance")
-    origin = (
-        None
-        if gauges.origin is None
-        else replace(gauges.origin, sigma=None, rotation=None, sigma_rotation=None)
-    )
-    made = replace(
-        data,
-        position=np.where(length[:, None], np.nan, read),
-        sigma=None,
-        rotation=None,
-        sigma_rotation=None,
-        gauges=replace(gauges, length=np.where(length, read[:, 0], np.nan), origin=origin),
-    )
-    found = (
-        [f"approach{j + 1}" for j in range(robot.n)]
-        if any(n.code == "approach-from-order" for n in data.notes)
-        else []
-    )
-    return made.to_frame().drop(columns=found).reset_index(drop=True)
+
+
+def _drop_uncertainties(data: Measurements) -> Measurements:
+    """Return measurements without uncertainties and orientations."""
+    return replace(data, sigma=None, rotation=None, sigma_rotation=None)
