@@ -17,12 +17,16 @@ from ..results.goodness_of_fit import lack_of_fit, lacking
 from ..selection.comparison import Comparison
 from ..selection.evaluation import Evaluation, Gain, Split
 from .model_ladder import searches_cells
+from .stated_noise import check_stated_orientation_noise
 
 
 def collect_diagnosis_notes(
     study: Study, split: Split, diagnosis: Diagnosis, noise_notes: Sequence[Note]
 ) -> list[Note]:
-    """Return the warnings on what was searched, and on the noise that the search assumed."""
+    """Return the warnings on what was searched, and on the noise that the search assumed.
+
+    `noise_notes` are those of `check_stated_noise`.
+    """
     notes: list[Note] = []
     if thinned(diagnosis, split):
         notes.append(
@@ -35,6 +39,7 @@ def collect_diagnosis_notes(
         )
     notes += restricted(study.model.candidates)
     notes += noise_notes
+    notes += check_stated_orientation_noise(split, diagnosis.fit)
     notes += uneven(diagnosis)
     if searches_cells(study):
         notes += beside(split.problem)

@@ -1,7 +1,7 @@
 """The steps of a study, from measurements to the result.
 
-prepare -> find outliers and diagnose -> compare all subsets -> evaluate the ladder -> measure the
-gain -> repeat in nested folds -> assess the uncertainty -> collect the warnings -> result.
+prepare -> find outliers and diagnose -> evaluate the ladder -> compare all subsets -> measure the
+gain -> repeat in nested folds -> collect the warnings -> assess the uncertainty -> result.
 
 `analyse` calls them in this order. Each step takes values and returns new ones. The ladder is a list
 of evaluations whose first model is the nominal arm and whose last is the chosen one.
@@ -28,7 +28,8 @@ from ..diagnosis.procedure import Nested, explain, nested
 from ..diagnosis.stepwise import Diagnosis
 from ..diagnosis.unexplained import estimated_floor, nothing_else, predictable_left
 from ..fitting.design import Model
-from ..fitting.identifiability import unidentifiable
+from ..fitting.identifiability import Unidentifiable, unidentifiable
+from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
 from ..measurements.measurements import Measurements
 from ..mechanisms.registry import BUILTIN, Registry
@@ -40,7 +41,7 @@ from ..robot.kinematics import Robot
 from ..selection.comparison import MOST, Comparison, compare
 from ..selection.evaluation import Evaluation, Gain, Resampled, Split, evaluate, paired
 from ..uncertainty.sampler import Keeper
-from ..uncertainty.summary import Request, confidence, sampled
+from ..uncertainty.summary import Confidence, Request, confidence, sampled
 from .checks import add_alarms_to_errors, check_chosen_model, drop_known_faults
 from .inputs import list_candidates
 from .model_ladder import (
@@ -54,7 +55,7 @@ from .model_ladder import (
 )
 from .notes import collect_diagnosis_notes, collect_fit_notes, collect_model_notes
 from .preparation import prepare, read_instrument, weigh_by_residuals
-from .stated_noise import check_stated_noise, check_stated_orientation_noise
+from .stated_noise import check_stated_noise
 
 
 def _be_silent(_: str) -> None:
@@ -107,38 +108,34 @@ def _analyse_prepared(
 
     say("evaluating the ladder")
     steps = evaluate_steps(split, evaluate(split, base, study.model.base), diagnosis)
-    constants = choose_constants(candidates, diagnosis.single_f)
-    ladder = evaluate_ladder(study, split, registry, steps, constants)
+    best_constants = choose_constants(candidates, diagnosis.single_f)
+    ladder = evaluate_ladder(study, split, registry, steps, best_constants)
+    split = exclude_held_out_outliers(split, ladder)
+    ladder = [remeasure(evaluation, split) for evaluation in ladder]
+    chosen = ladder[-1]
+    faults = find_data_faults(study, split, chosen, notes)
 
     say("comparing all subsets of the candidates")
     comparison = compare_subsets(study, split, steps[0], diagnosis, candidates)
 
     say("measuring the gain")
-    split = exclude_held_out_outliers(split, ladder)
-    ladder = [remeasure(evaluation, split) for evaluation in ladder]
-    faults = find_data_faults(study, split, ladder[-1], notes)
     draws = resample_held_out(study, split)
     findings = measure_findings(split, draws, steps, diagnosis)
     base_gain = measure_gain(split, draws, ladder[0], steps[0])
-
     within_folds = repeat_in_folds(study, split, base, mechanisms, say)
-    say("weighing every mechanism of the chosen model")
-    uncertainty = confidence(split, ladder[-1].fit, ladder[-1].names, study.seed)
-    noise = choose_noise_floor(split, floor, ladder[-1])
+    noise = choose_noise_floor(split, floor, chosen)
     detection_limit = nothing_else(diagnosis, candidates, split, steps[-1])
 
     # every warning is collected here, in the order in which it is reported
-    doubts = (*noise_notes, *check_stated_orientation_noise(split, diagnosis.fit))
     warnings = [
         *notes,
-        *collect_diagnosis_notes(study, split, diagnosis, doubts),
+        *collect_diagnosis_notes(study, split, diagnosis, noise_notes),
         *collect_model_notes(split, ladder, comparison, findings, study.model.base, base_gain),
         *collect_fit_notes(split, ladder, floor, floor_doubted=bool(noise_notes)),
     ]
     warnings += check_chosen_model(
-        split, ladder[-1], noise, detection_limit[1], warnings, study.robot.register_, faults
+        split, chosen, noise, detection_limit[1], warnings, study.robot.register_, faults
     )
-    fitted = ladder[-1].fit
     return Result(
         study=study,
         robot=split.problem.robot,
@@ -146,8 +143,8 @@ def _analyse_prepared(
         floor=noise,
         ladder=tuple(ladder),
         comparison=comparison,
-        chosen=ladder[-1],
-        gain=measure_gain(split, draws, ladder[0], ladder[-1]),
+        chosen=chosen,
+        gain=measure_gain(split, draws, ladder[0], chosen),
         findings=findings,
         faults=faults,
         extension=diagnosis,
@@ -155,9 +152,9 @@ def _analyse_prepared(
         nothing_else=detection_limit,
         predictable=predictable_left(split, steps[-1], generator(study.seed, "flips")),
         nested=within_folds,
-        unidentifiable=unidentifiable(fitted.found, fitted.terms, fitted.leaning),
+        unidentifiable=list_unidentifiable(chosen.fit),
         warnings=tuple(warnings),
-        confidence=uncertainty,
+        confidence=assess_uncertainty(study, split, chosen, say),
         provenance=record_provenance(study, data_sha256),
     )
 
@@ -244,6 +241,17 @@ def choose_noise_floor(split: Split, known: Floor | None, chosen: Evaluation) ->
         return floor
     coordinates = measured[:, :3].sum(1).mean()
     return replace(floor, coordinates=float(coordinates))
+
+
+def list_unidentifiable(fitted: Fit) -> tuple[Unidentifiable, ...]:
+    """Return the parameters of a fitted model that the data cannot tell apart."""
+    return unidentifiable(fitted.found, fitted.terms, fitted.leaning)
+
+
+def assess_uncertainty(study: Study, split: Split, chosen: Evaluation, say: Say) -> Confidence:
+    """Assess the chosen model's parameters, and what each of its mechanisms contributes."""
+    say("weighing every mechanism of the chosen model")
+    return confidence(split, chosen.fit, chosen.names, study.seed)
 
 
 def sample_posterior(

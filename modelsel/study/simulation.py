@@ -58,16 +58,15 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
         rows = with_known(measured, read_known_features(study))
         tools = arrange_tools(study.robot, rows)
         return simulate_readings(robot, tools, effects, data=rows, noise_mm=noise_mm, rng=rng)
-    if study.robot.tools_mm:
-        frames = []
-        for name, target in study.robot.tools_mm.items():
-            frame = simulate_points(
-                robot, np.array(target), effects, at=configurations, noise_mm=noise_mm, rng=rng
-            )
-            frames.append(frame.assign(target=name, configuration=range(len(configurations))))
-        return _interleave_targets(frames)
-    tool = np.array(study.robot.tool_mm or (0.0, 0.0, 0.0))
-    return simulate_points(robot, tool, effects, at=configurations, noise_mm=noise_mm, rng=rng)
+    if not study.robot.tools_mm:
+        tool = np.array(study.robot.tool_mm or (0.0, 0.0, 0.0))
+        return simulate_points(robot, tool, effects, at=configurations, noise_mm=noise_mm, rng=rng)
+    frames = []
+    for name, tool_mm in study.robot.tools_mm.items():
+        tool = np.array(tool_mm)
+        frame = simulate_points(robot, tool, effects, at=configurations, noise_mm=noise_mm, rng=rng)
+        frames.append(frame.assign(target=name, configuration=range(len(configurations))))
+    return _interleave_targets(frames)
 
 
 def _read_configurations(study: Study, folder: Path, robot: Robot) -> Measurements | None:
