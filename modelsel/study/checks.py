@@ -95,7 +95,8 @@ def load_builtin_robots() -> dict[str, Robot]:
 def drop_known_faults(faults: Sequence[Fault], notes: Sequence[Note]) -> tuple[Fault, ...]:
     """Return the data faults but those that an alarm reports of the same rows."""
     codes = {note.code for note in notes}
-    return tuple(fault for fault in faults if SAME_ROWS.get(fault.name) not in codes)
+    unreported = [fault for fault in faults if SAME_ROWS.get(fault.name) not in codes]
+    return tuple(unreported)
 
 
 def check_chosen_model(
@@ -178,13 +179,15 @@ def _is_link_parameter(term: Term, joints: int) -> bool:
 
 def _format_value(value: float, error: float, unit: str) -> str:
     if unit == "rad":
-        return f"{np.degrees(value):.3g} ± {np.degrees(error):.2g}°"
+        value_deg, error_deg = np.degrees(value), np.degrees(error)
+        return f"{value_deg:.3g} ± {error_deg:.2g}°"
     return f"{value:.4g} ± {error:.2g} {unit}"
 
 
 def _row_noise(floor: Floor) -> float:
     """Return the root mean square length [mm] of the noise of a row."""
-    return floor.coordinate_mm * float(np.sqrt(floor.coordinates))
+    coordinates = float(np.sqrt(floor.coordinates))
+    return floor.coordinate_mm * coordinates
 
 
 def _check_detection_limit(chosen: Evaluation, floor: Floor, limit_mm: float | None) -> list[Note]:

@@ -130,35 +130,46 @@ def run_fleet(
     Returns a row of the summary for each, in the fleet's order. Raises nothing for a study that
     fails: its row says why.
     """
-    from distributed import as_completed
-
     out = out.resolve()
     rows: dict[str, Row] = {}
-    names_by_future = {}
-    for task in fleet.tasks:
-        folder = out / task.name
-        if options.resume and _is_finished(task, folder, options):
-            rows[task.name] = _read_row(task.name, folder)
-        else:
-            future = client.submit(
-                run_task, task, str(folder), options, pure=False, retries=options.retries
-            )
-            names_by_future[future] = task.name
+    if options.resume:
+        for task in fleet.tasks:
+            folder = out / task.name
+            if _is_finished(task, folder, options):
+                rows[task.name] = _read_row(task.name, folder)
     if rows:
         say(f"{len(rows)} of {len(fleet.tasks)} are finished already")
-    for future in as_completed(list(names_by_future), loop=client.loop):
-        name = names_by_future[future]
-        error = future.exception()
-        rows[name] = future.result() if error is None else _make_broken_row(name, error)
-        say(f"{len(rows)} of {len(fleet.tasks)}  {name}: {rows[name]['state']}")
+    waiting = [task for task in fleet.tasks if task.name not in rows]
+    for row in _run_tasks(waiting, out, client, options):
+        rows[row["name"]] = row
+        say(f"{len(rows)} of {len(fleet.tasks)}  {row['name']}: {row['state']}")
     for part in fleet.parts:
+        folder = out / part.name
         try:
-            rows[part.name] = fit_measurement_set(part, fleet.folder, out / part.name, client)
+            row = fit_measurement_set(part, fleet.folder, folder, client)
         except Exception as error:  # noqa: BLE001 - whatever breaks in one set, the job goes on
-            rows[part.name] = _make_broken_row(part.name, error)
-        say(f"{part.name}: {rows[part.name]['state']}")
-    names = [*(task.name for task in fleet.tasks), *(part.name for part in fleet.parts)]
+            row = _make_broken_row(part.name, error)
+        rows[part.name] = row
+        say(f"{part.name}: {row['state']}")
+    names = [task.name for task in fleet.tasks]
+    names += [part.name for part in fleet.parts]
     return [rows[name] for name in names]
+
+
+def _run_tasks(
+    tasks: Sequence[Task], out: Path, client: Any, options: FleetOptions
+) -> Iterator[Row]:
+    """Run studies on the workers and yield their rows as they are completed."""
+    from distributed import as_completed
+
+    names = {}
+    for task in tasks:
+        folder = str(out / task.name)
+        future = client.submit(run_task, task, folder, options, pure=False, retries=options.retries)
+        names[future] = task.name
+    for future in as_completed(list(names), loop=client.loop):
+        error = future.exception()
+        yield future.result() if error is None else _make_broken_row(names[future], error)
 
 
 def run_task(task: Task, out: str, options: FleetOptions) -> Row:
@@ -195,7 +206,8 @@ def _is_finished(task: Task, folder: Path, options: FleetOptions) -> bool:
 
 
 def _read_record(folder: Path) -> dict[str, Any]:
-    record: dict[str, Any] = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    text = (folder / "result.json").read_text(encoding="utf-8")
+    record: dict[str, Any] = json.loads(text)
     return record
 
 
@@ -234,7 +246,8 @@ def _make_failed_row(name: str, why: str, code: int) -> Row:
 
 
 def _make_broken_row(name: str, error: BaseException) -> Row:
-    return _make_failed_row(name, f"internal error: {type(error).__name__}: {error}", 1)
+    why = f"internal error: {type(error).__name__}: {error}"
+    return _make_failed_row(name, why, 1)
 
 
 def fit_measurement_set(table: PartsTable, folder: Path, out: Path, client: Any) -> Row:
@@ -299,7 +312,8 @@ def _find_files_of_set(table: PartsTable, folder: Path) -> list[Path]:
 
 def map_on_workers(client: Any, work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
     """Map work over the items on the workers, results in the items' order; re-raise its errors."""
-    return list(client.gather(client.map(work, items, pure=False, retries=0)))
+    futures = client.map(work, items, pure=False, retries=0)
+    return list(client.gather(futures))
 
 
 def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> list[Path]:

@@ -104,10 +104,10 @@ def list_candidates(study: Study, robot: Robot, registry: Registry) -> tuple[Mec
     """
     if study.model.candidates in ("all", []):
         return (*faults(robot), *every(robot, registry))
-    listed: dict[Mechanism, None] = {}
+    listed: list[Mechanism] = []
     for name in study.model.candidates:
-        listed |= dict.fromkeys(parts(name, robot, registry))
-    return tuple(listed)
+        listed += parts(name, robot, registry)
+    return tuple(dict.fromkeys(listed))
 
 
 def read_inputs(

@@ -69,15 +69,15 @@ def choose_constants(candidates: Sequence[Candidate], single_f: Array) -> dict[s
 
     Best is the largest F (`single_f`, one per candidate) of the mechanism alone beyond the base.
     """
-    by_name: dict[str, list[tuple[float, Mechanism]]] = {}
-    for candidate, f in zip(candidates, single_f, strict=True):
+    variants: dict[str, list[int]] = {}
+    for k, candidate in enumerate(candidates):
         if candidate.registered:
-            name = candidate.mechanism.name
-            by_name.setdefault(name, []).append((float(f), candidate.mechanism))
+            variants.setdefault(candidate.mechanism.name, []).append(k)
     best = {}
-    for name, variants in by_name.items():
-        if len(variants) > 1:
-            best[name] = max(variants, key=lambda variant: variant[0])[1]
+    for name, numbers in variants.items():
+        if len(numbers) > 1:
+            strongest = max(numbers, key=lambda k: single_f[k])
+            best[name] = candidates[strongest].mechanism
     return best
 
 
@@ -85,14 +85,15 @@ def evaluate_steps(split: Split, base: Evaluation, diagnosis: Diagnosis) -> list
     """Evaluate the base and one further model for each effect, in the order they were named."""
     steps = [base]
     effects = [effect.candidate for effect in diagnosis.effects]
-    for count in range(1, len(effects) + 1):
-        named = effects[:count]
-        names = (*base.names, *(candidate.label for candidate in named))
-        model = models(diagnosis.base, named)
+    names = base.names
+    for count, effect in enumerate(effects, 1):
+        names = (*names, effect.label)
+        model = models(diagnosis.base, effects[:count])
         fitted = None
         if count == len(effects) and not thinned(diagnosis, split):
             fitted = diagnosis.fit
-        steps.append(evaluate(split, model, names, fitted, start=steps[-1].fit))
+        step = evaluate(split, model, names, fitted, start=steps[-1].fit)
+        steps.append(step)
     return steps
 
 
@@ -133,7 +134,8 @@ def _identify(
     evaluation: Evaluation,
 ) -> tuple[tuple[str, ...], frozenset[tuple[Screw, ...]]]:
     """Return what makes two models of a ladder the same: their names and what these stand for."""
-    return evaluation.names, frozenset(term.screws for term in evaluation.fit.terms)
+    screws = frozenset(term.screws for term in evaluation.fit.terms)
+    return evaluation.names, screws
 
 
 def exclude_held_out_outliers(split: Split, ladder: Sequence[Evaluation]) -> Split:
@@ -143,12 +145,15 @@ def exclude_held_out_outliers(split: Split, ladder: Sequence[Evaluation]) -> Spl
     residuals.
     """
     problem = split.problem
-    measured = None if problem.measured is None else problem.measured[split.used]
+    used = split.used
+    measured = None if problem.measured is None else problem.measured[used]
     far = ~split.estimation
     for evaluation in ladder[1:]:
         residual = whitened(problem, evaluation.residual)
-        far = far & far_off(residual, residual[split.used], GROSS, measured)
-    return replace(split, outlying=np.asarray(split.outlying | far))
+        reference = residual[used]
+        far = far & far_off(residual, reference, GROSS, measured)
+    outlying = np.asarray(split.outlying | far)
+    return replace(split, outlying=outlying)
 
 
 def remeasure(evaluation: Evaluation, split: Split) -> Evaluation:

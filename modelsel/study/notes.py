@@ -11,11 +11,11 @@ from ..diagnosis.stepwise import Diagnosis
 from ..diagnosis.unexplained import rows_seen, thinned
 from ..fitting.noise import Floor
 from ..notices import Note
-from ..results.cautions import restricted, worse_than_nominal
+from ..results.cautions import restricted
 from ..results.finding_records import Finding, beside, opposed, surprised, uneven
 from ..results.goodness_of_fit import lack_of_fit, lacking
 from ..selection.comparison import Comparison
-from ..selection.evaluation import Evaluation, Gain, Split
+from ..selection.evaluation import Evaluation, Split
 from .model_ladder import searches_cells
 from .stated_noise import check_stated_orientation_noise
 
@@ -46,27 +46,7 @@ def collect_diagnosis_notes(
     return notes
 
 
-def collect_model_notes(
-    split: Split,
-    ladder: Sequence[Evaluation],
-    comparison: Comparison | None,
-    findings: Sequence[Finding],
-    base_names: Sequence[str],
-    base_gain: Gain,
-) -> list[Note]:
-    """Return the warnings on the comparison of models and on what they do on held-out rows.
-
-    `base_gain`: from the nominal arm to the base.
-    """
-    chosen = ladder[-1]
-    notes = _collect_comparison_notes(comparison, chosen)
-    notes += worse_than_nominal(base_names, base_gain)
-    notes += opposed(findings)
-    notes += surprised(split, chosen)
-    return notes
-
-
-def _collect_comparison_notes(comparison: Comparison | None, chosen: Evaluation) -> list[Note]:
+def collect_comparison_notes(comparison: Comparison | None, chosen: Evaluation) -> list[Note]:
     """Return whether the table of subsets chooses another model, and whether its best is proven."""
     if comparison is None:
         return []
@@ -89,6 +69,13 @@ def _collect_comparison_notes(comparison: Comparison | None, chosen: Evaluation)
             )
         )
     return notes
+
+
+def collect_held_out_notes(
+    split: Split, chosen: Evaluation, findings: Sequence[Finding]
+) -> list[Note]:
+    """Return the warnings on findings and on a model that held-out rows speak against."""
+    return [*opposed(findings), *surprised(split, chosen)]
 
 
 def collect_fit_notes(

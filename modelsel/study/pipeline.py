@@ -35,6 +35,7 @@ from ..measurements.measurements import Measurements
 from ..mechanisms.registry import BUILTIN, Registry
 from ..mechanisms.terms import Mechanism
 from ..notices import Note
+from ..results.cautions import worse_than_nominal
 from ..results.finding_records import Finding
 from ..results.result import Result
 from ..robot.kinematics import Robot
@@ -53,7 +54,12 @@ from .model_ladder import (
     remeasure,
     searches_cells,
 )
-from .notes import collect_diagnosis_notes, collect_fit_notes, collect_model_notes
+from .notes import (
+    collect_comparison_notes,
+    collect_diagnosis_notes,
+    collect_fit_notes,
+    collect_held_out_notes,
+)
 from .preparation import prepare, read_instrument, weigh_by_residuals
 from .stated_noise import check_stated_noise
 
@@ -108,8 +114,9 @@ def _analyse_prepared(
 
     say("evaluating the ladder")
     steps = evaluate_steps(split, evaluate(split, base, study.model.base), diagnosis)
-    best_constants = choose_constants(candidates, diagnosis.single_f)
-    ladder = evaluate_ladder(study, split, registry, steps, best_constants)
+    ladder = evaluate_ladder(
+        study, split, registry, steps, choose_constants(candidates, diagnosis.single_f)
+    )
     split = exclude_held_out_outliers(split, ladder)
     ladder = [remeasure(evaluation, split) for evaluation in ladder]
     chosen = ladder[-1]
@@ -121,7 +128,6 @@ def _analyse_prepared(
     say("measuring the gain")
     draws = resample_held_out(study, split)
     findings = measure_findings(split, draws, steps, diagnosis)
-    base_gain = measure_gain(split, draws, ladder[0], steps[0])
     within_folds = repeat_in_folds(study, split, base, mechanisms, say)
     noise = choose_noise_floor(split, floor, chosen)
     detection_limit = nothing_else(diagnosis, candidates, split, steps[-1])
@@ -130,7 +136,9 @@ def _analyse_prepared(
     warnings = [
         *notes,
         *collect_diagnosis_notes(study, split, diagnosis, noise_notes),
-        *collect_model_notes(split, ladder, comparison, findings, study.model.base, base_gain),
+        *collect_comparison_notes(comparison, chosen),
+        *worse_than_nominal(study.model.base, measure_gain(split, draws, ladder[0], steps[0])),
+        *collect_held_out_notes(split, chosen, findings),
         *collect_fit_notes(split, ladder, floor, floor_doubted=bool(noise_notes)),
     ]
     warnings += check_chosen_model(
@@ -168,7 +176,8 @@ def weigh_orientations(study: Study, registry: Registry, split: Split, base: Mod
         return split
     nominal = build_model(study, split.problem, registry, ())
     for model in (nominal, base):
-        split = weigh_by_residuals(study, split, evaluate(split, model, ()).residual)
+        evaluation = evaluate(split, model, ())
+        split = weigh_by_residuals(study, split, evaluation.residual)
     return split
 
 
@@ -196,27 +205,35 @@ def find_data_faults(
 ) -> tuple[Fault, ...]:
     """Return the faults among the outlying rows that no note of the preparation reports already."""
     rng = generator(study.seed, "null")
-    return drop_known_faults(misplaced(split.problem, split.outlying, chosen.fit, rng), notes)
+    faults = misplaced(split.problem, split.outlying, chosen.fit, rng)
+    return drop_known_faults(faults, notes)
 
 
 def resample_held_out(study: Study, split: Split) -> Resampled:
     """Draw the held-out configurations anew, once for all gains."""
     held_out = ~split.estimation & ~split.outlying
-    return Resampled.of(split.problem.data.block[held_out], generator(study.seed, "gain"))
+    configurations = split.problem.data.block[held_out]
+    rng = generator(study.seed, "gain")
+    return Resampled.of(configurations, rng)
 
 
 def measure_gain(split: Split, draws: Resampled, before: Evaluation, after: Evaluation) -> Gain:
     """Measure what one model gains over another on the held-out rows, outliers left out [mm]."""
     held_out = ~split.estimation & ~split.outlying
-    return paired(before.residual[held_out][:, :3], after.residual[held_out][:, :3], draws)
+    position_before = before.residual[held_out][:, :3]
+    position_after = after.residual[held_out][:, :3]
+    return paired(position_before, position_after, draws)
 
 
 def measure_findings(
     split: Split, draws: Resampled, steps: Sequence[Evaluation], diagnosis: Diagnosis
 ) -> tuple[Finding, ...]:
     """Return a finding for each named effect, with the gain of the step that adds it."""
-    gains = [measure_gain(split, draws, before, after) for before, after in pairwise(steps)]
-    return tuple(map(Finding, diagnosis.effects, gains))
+    findings = []
+    for effect, (before, after) in zip(diagnosis.effects, pairwise(steps), strict=True):
+        gain = measure_gain(split, draws, before, after)
+        findings.append(Finding(effect, gain))
+    return tuple(findings)
 
 
 def repeat_in_folds(

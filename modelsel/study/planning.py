@@ -90,8 +90,12 @@ def find_rivals(result: Result) -> list[Rivals]:
 
     Rivals are entries of one credible set that do not move the target alike.
     """
-    sets = [_find_rivals_of_effect(result, effect) for effect in result.extension.effects]
-    return [rivals for rivals in sets if rivals is not None]
+    rival_sets = []
+    for effect in result.extension.effects:
+        rivals = _find_rivals_of_effect(result, effect)
+        if rivals is not None:
+            rival_sets.append(rivals)
+    return rival_sets
 
 
 def _find_rivals_of_effect(result: Result, effect: Effect) -> Rivals | None:
@@ -136,10 +140,7 @@ def find_joint_ranges(
     for k, joint in enumerate(robot.joints):
         if limits and joint.limits is not None:
             ranges[k] = joint.limits
-    columns = {}
-    for k, prismatic in enumerate(robot.prismatic):
-        for unit in READINGS[prismatic]:
-            columns[f"q{k + 1}_{unit}"] = (k, UNITS[unit])
+    columns = _list_joint_columns(robot)
     for name, (low, high) in joints.items():
         if name not in columns:
             raise StudyError(f'"{name}" is no joint of {robot.name}. {suggest(name, columns)}')
@@ -151,6 +152,15 @@ def find_joint_ranges(
         k, factor = columns[name]
         ranges[k] = low * factor, high * factor
     return ranges
+
+
+def _list_joint_columns(robot: Robot) -> dict[str, tuple[int, float]]:
+    """Return the possible columns of readings: name -> (joint from 0, factor to rad or mm)."""
+    columns = {}
+    for k, prismatic in enumerate(robot.prismatic):
+        for unit in READINGS[prismatic]:
+            columns[f"q{k + 1}_{unit}"] = (k, UNITS[unit])
+    return columns
 
 
 def draw_pool(
@@ -179,18 +189,22 @@ def repeat_for_targets(data: Measurements, targets: Sequence[str]) -> Measuremen
     """Return a pool with a row for each of the study's targets, where it lists none itself."""
     if len(targets) == 1 or len(data.targets) > 1:
         return data
-    rows = np.repeat(np.arange(len(data)), len(targets))
-    target = np.tile(np.arange(len(targets)), len(data))
-    return replace(data.take(rows), target=target, targets=tuple(targets))
+    count = len(targets)
+    rows = np.repeat(np.arange(len(data)), count)
+    target = np.tile(np.arange(count), len(data))
+    repeated = data.take(rows)
+    return replace(repeated, target=target, targets=tuple(targets))
 
 
 def draw_approaches(data: Measurements, seed: int) -> Measurements:
     """Draw the directions of approach of a pool whose file gives none; the plan prescribes them."""
-    if not any(note.code == "approach-from-order" for note in data.notes):
+    codes = [note.code for note in data.notes]
+    if "approach-from-order" not in codes:
         return data
     configurations = int(data.configuration.max()) + 1
-    shape = configurations, data.q.shape[1]
-    approach = generator(seed, "simulate").choice([-1.0, 1.0], shape)
+    joints = data.q.shape[1]
+    rng = generator(seed, "simulate")
+    approach = rng.choice([-1.0, 1.0], (configurations, joints))
     return replace(data, approach=approach[data.configuration])
 
 
@@ -274,11 +288,13 @@ def _measure_random_choice(
 ) -> float:
     """Return the mean probability of telling rivals apart with four times as many random rows."""
     rng = generator(seed, "split")
-    size = min(4 * count, len(candidates.possible))
+    available = len(candidates.possible)
+    size = min(4 * count, available)
     probabilities = []
     for _ in range(RANDOM_CHOICES):
-        rows = rng.choice(len(candidates.possible), size, replace=False).tolist()
-        probabilities.append(told_with(candidates, rival_sets, rows))
+        rows = rng.choice(available, size, replace=False)
+        probability = told_with(candidates, rival_sets, rows.tolist())
+        probabilities.append(probability)
     return float(np.mean(probabilities))
 
 
@@ -303,13 +319,15 @@ def tabulate_configurations(
     `units` of the joint readings: by default the robot's own.
     """
     robot = calibration.robot
-    first = np.unique(possible.configuration, return_index=True)[1][list(rows)]
+    _, first = np.unique(possible.configuration, return_index=True)
+    first = first[list(rows)]
     units = units or [robot.unit(j + 1) for j in range(robot.n)]
+    q, approach = possible.q[first], possible.approach[first].astype(int)
     columns: dict[str, Array] = {}
     for j, unit in enumerate(units):
-        columns[f"q{j + 1}_{unit}"] = possible.q[first, j] / UNITS[unit]
+        columns[f"q{j + 1}_{unit}"] = q[:, j] / UNITS[unit]
     for j in range(robot.n):
-        columns[f"approach{j + 1}"] = possible.approach[first, j].astype(int)
+        columns[f"approach{j + 1}"] = approach[:, j]
     for name, values in possible.covariates.items():
         columns[name] = values[first]
     return columns

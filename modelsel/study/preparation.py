@@ -37,6 +37,7 @@ from .row_selection import (
 )
 
 Mask = NDArray[np.bool_]
+POSITION, ROTATION = slice(0, 3), slice(3, 6)  # coordinates of a residual [mm], [rad]
 PER_GROUP = "per group"  # value of robot.register: one tracker placement per group
 
 MAX_NOMINAL_RESIDUAL = 0.25  # of the arm's reach (median): beyond it the data are refused
@@ -103,7 +104,8 @@ def _set_up(study: Study, robot: Robot, data: Measurements) -> Problem:
     """Return the problem with the nominal targets and the tracker's position."""
     x, y, z = study.noise.tracker_mm
     tools = arrange_tools(study.robot, data)
-    return replace(make_problem(robot, data, tools), tracker=(x, y, z))
+    problem = make_problem(robot, data, tools)
+    return replace(problem, tracker=(x, y, z))
 
 
 def arrange_tools(table: RobotTable, data: Measurements) -> Array:
@@ -247,17 +249,21 @@ def weigh_by_residuals(study: Study, split: Split, residual: Array) -> Split:
         return split
     if position_known and measured.sigma_rotation is not None:
         return split
-    position_mm = stated_mm if position_known else _measure_spread(split, residual, slice(0, 3))
-    rotation_rad = _measure_spread(split, residual, slice(3, 6))
+    position_mm = stated_mm
+    if not position_known:
+        position_mm = _measure_spread(split, residual, POSITION)
+    rotation_rad = _measure_spread(split, residual, ROTATION)
     problem, _ = weigh(split.problem, instrument, position_mm, rotation_rad)
     return replace(split, problem=problem)
 
 
 def _measure_spread(split: Split, residual: Array, part: slice) -> float:
     """Return the root mean square of the coordinates `part` over the rows that fit."""
-    squares = np.square(residual[split.used][:, part])
+    used = split.used
+    squares = np.square(residual[used][:, part])
     measured = split.problem.measured
     if measured is None:
         return float(np.sqrt(squares.mean()))
-    count = max(measured[split.used][:, part].sum(), 1)
-    return float(np.sqrt(squares.sum() / count))
+    count = measured[used][:, part].sum()
+    mean = squares.sum() / max(count, 1)
+    return float(np.sqrt(mean))

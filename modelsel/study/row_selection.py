@@ -106,8 +106,9 @@ def center_unknown_times(data: Measurements, estimation: Mask) -> tuple[Measurem
 
 def _rescale(data: Measurements, estimated: Array, unknown: Mask) -> Measurements:
     """Scale progress to 0 … 1 over the `estimated` values; set it to the middle where unknown."""
+    start = estimated.min()
     span = max(float(np.ptp(estimated)), 1e-12)
-    progress = (data.progress - estimated.min()) / span
+    progress = (data.progress - start) / span
     progress[unknown] = 0.5
     return replace(data, progress=progress)
 
@@ -144,7 +145,8 @@ def drop_unknown_targets(
 def _renumber_targets(data: Measurements, known: Index) -> Measurements:
     """Number targets by their place among the `known` ones."""
     names = tuple(data.targets[k] for k in known)
-    return replace(data, target=np.searchsorted(known, data.target), targets=names)
+    target = np.searchsorted(known, data.target)
+    return replace(data, target=target, targets=names)
 
 
 def drop_unknown_features(

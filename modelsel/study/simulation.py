@@ -5,8 +5,9 @@ The result is a DataFrame with the columns of a measurements file.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +44,9 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
     study, folder = open_study(study, folder)
     robot = read_nominal_robot(study, folder)
     rng = generator(study.seed, "simulate")
+    noise_mm = study.noise.floor_mm
+    if noise_mm is None:
+        noise_mm = study.simulate.noise_mm
     measured = _read_configurations(study, folder, robot)
     if measured is None:
         q = robot.draw(rng, study.simulate.configurations)
@@ -50,23 +54,17 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
     else:
         configurations = _take_one_row_each(measured)
     effects = _parse_effects(study, robot, configurations)
-    noise_mm = study.noise.floor_mm
-    if noise_mm is None:
-        noise_mm = study.simulate.noise_mm
-
     if measured is not None and measured.gauges is not None:
         rows = with_known(measured, read_known_features(study))
         tools = arrange_tools(study.robot, rows)
         return simulate_readings(robot, tools, effects, data=rows, noise_mm=noise_mm, rng=rng)
-    if not study.robot.tools_mm:
-        tool = np.array(study.robot.tool_mm or (0.0, 0.0, 0.0))
-        return simulate_points(robot, tool, effects, at=configurations, noise_mm=noise_mm, rng=rng)
-    frames = []
-    for name, tool_mm in study.robot.tools_mm.items():
-        tool = np.array(tool_mm)
-        frame = simulate_points(robot, tool, effects, at=configurations, noise_mm=noise_mm, rng=rng)
-        frames.append(frame.assign(target=name, configuration=range(len(configurations))))
-    return _interleave_targets(frames)
+    simulate = partial(
+        simulate_points, robot, effects=effects, at=configurations, noise_mm=noise_mm, rng=rng
+    )
+    if study.robot.tools_mm:
+        tools_mm = study.robot.tools_mm
+        return _interleave({name: simulate(np.array(tool)) for name, tool in tools_mm.items()})
+    return simulate(np.array(study.robot.tool_mm or (0.0, 0.0, 0.0)))
 
 
 def _read_configurations(study: Study, folder: Path, robot: Robot) -> Measurements | None:
@@ -79,7 +77,7 @@ def _read_configurations(study: Study, folder: Path, robot: Robot) -> Measuremen
 
 def _take_one_row_each(data: Measurements) -> Measurements:
     """Return the first row of every configuration, as a point of a single target."""
-    first = np.unique(data.configuration, return_index=True)[1]
+    _, first = np.unique(data.configuration, return_index=True)
     rows = data.take(first)
     target = np.zeros(len(rows), np.intp)
     return replace(rows, target=target, targets=("target",), gauges=None)
@@ -100,11 +98,14 @@ def _parse_effects(study: Study, robot: Robot, data: Measurements) -> Effects:
     return effects
 
 
-def _interleave_targets(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Join the rows of several targets, those of one configuration together."""
+def _interleave(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Join the rows of several targets (by name), those of one configuration together."""
     import pandas as pd
 
-    rows = pd.concat(frames)
+    named = [
+        frame.assign(target=name, configuration=range(len(frame))) for name, frame in frames.items()
+    ]
+    rows = pd.concat(named)
     return rows.sort_values("configuration", kind="stable", ignore_index=True)
 
 
@@ -131,20 +132,25 @@ def simulate_points(
     _check_finite(position)
     position = position + rng.normal(0.0, noise_mm, position.shape)
     columns: dict[str, Any] = {}
-    for j, joint in enumerate(robot.joints):
-        unit = "mm" if joint.prismatic else "rad"
+    for j, prismatic in enumerate(robot.prismatic):
+        unit = "mm" if prismatic else "rad"
         columns[f"q{j + 1}_{unit}"] = at.q[:, j]
     for axis, values in zip("xyz", position.T, strict=True):
         columns[f"{axis}_mm"] = values
-    return pd.DataFrame(columns | dict(at.covariates) | _list_stated_columns(at))
+    columns |= at.covariates
+    columns |= _list_stated_columns(at)
+    return pd.DataFrame(columns)
 
 
 def _predict_residuals(problem: Problem, effects: Effects) -> Array:
     """Return the positional residuals (m, 3) [mm] with the effects in the chain."""
-    terms = tuple(Term(f"p{k}", (screw,)) for k, (screw, _) in enumerate(effects))
+    terms = []
+    for k, (screw, _) in enumerate(effects):
+        terms.append(Term(f"p{k}", (screw,)))
     sizes = np.array([size for _, size in effects])
     with np.errstate(all="ignore"):
-        return residuals(problem, terms, sizes)[:, :3]
+        residual = residuals(problem, terms, sizes)
+    return residual[:, :3]
 
 
 def _check_finite(values: Array) -> None:
@@ -173,7 +179,8 @@ def _list_stated_columns(data: Measurements) -> dict[str, Any]:
 
 def _approach_is_derived(data: Measurements) -> bool:
     """Return whether the directions of approach were derived from the order on reading."""
-    return any(note.code == "approach-from-order" for note in data.notes)
+    codes = [note.code for note in data.notes]
+    return "approach-from-order" in codes
 
 
 def simulate_readings(

@@ -16,8 +16,7 @@ from ..fitting.problem import Problem
 from ..measurements.columns import SMALLEST
 from ..notices import Note
 from ..selection.evaluation import Split
-
-POSITION, ROTATION = slice(0, 3), slice(3, 6)  # coordinates of a residual [mm], [rad]
+from .preparation import POSITION, ROTATION
 
 
 def check_stated_noise(
@@ -78,23 +77,27 @@ def _compare_with_floor(
     floor or no degree of freedom. `used_freedom`: degrees of freedom of the model, in all
     coordinates together.
     """
-    measured = np.ones(residual.shape, bool) if problem.measured is None else problem.measured
-    count = int(measured[:, part].sum())
-    freedom = count * (1 - used_freedom / int(measured.sum()))
+    measured = problem.measured
+    if measured is None:
+        measured = np.ones(residual.shape, bool)
+    count, total = int(measured[:, part].sum()), int(measured.sum())
+    freedom = count * (1 - used_freedom / total)
     if floor is None or freedom < 1:
         return None
     left = _rms_of_part(residual, measured, part, freedom)
     factor = left / max(floor.coordinate_mm, SMALLEST)
     if np.isinf(floor.freedom):  # stated, row by row
-        factor = _rms_of_part(whitened(problem, residual), measured, part, freedom)
+        weighted = whitened(problem, residual)
+        factor = _rms_of_part(weighted, measured, part, freedom)
     return lack(floor, factor, freedom), left
 
 
 def _rms_of_part(
     residual: Array, measured: NDArray[np.bool_], part: slice, freedom: float
 ) -> float:
-    squares = np.where(measured, np.square(residual), 0.0)[:, part]
-    return float(np.sqrt(squares.sum() / freedom))
+    squares = np.where(measured, np.square(residual), 0.0)
+    total = squares[:, part].sum()
+    return float(np.sqrt(total / freedom))
 
 
 def _describe_wrong_statement(split: Split, floor: Floor, mismatch: Lack, left_mm: float) -> Note:
