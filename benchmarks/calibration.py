@@ -25,8 +25,8 @@ from modelsel.fitting.problem import Problem, make_problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN
+from modelsel.results.result import Result
 from modelsel.robot.kinematics import Joint, Robot, forward
-from modelsel.study.pipeline import Result
 from modelsel.study.runner import run_study
 from modelsel.uncertainty import conditional_priors as conditional
 from modelsel.uncertainty import sampler as engine

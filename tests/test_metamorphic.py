@@ -24,9 +24,9 @@ from modelsel.fitting.problem import make_problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import Named, q, sin
 from modelsel.mechanisms.terms import Screw, Term
+from modelsel.results.result import Result
 from modelsel.robot.files import robot_from_table
 from modelsel.robot.kinematics import Robot, forward
-from modelsel.study.pipeline import Result
 from modelsel.study.runner import run_study
 
 DH = (

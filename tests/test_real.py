@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from modelsel.config.study_file import read_study
-from modelsel.study.pipeline import Result
+from modelsel.results.result import Result
 from modelsel.study.runner import run_study
 
 STUDIES = Path(__file__).parents[1] / "studies"

@@ -1,7 +1,7 @@
 """Keep unfinished chains on disk, for `--resume`.
 
-A chain is in a hidden file beside the result, whole or not at all, and belongs to one run: its data,
-study, versions and parameters.
+A chain is in a hidden file beside the result, whole or not at all, and belongs to one run: its
+data, study, versions and parameters.
 """
 
 from __future__ import annotations
@@ -61,9 +61,14 @@ class Checkpoint:
         if stored is None:
             return None
         self._compare(stored, {**self.identity, "names": list(names)})
-        position, has_gauss, gauss = (float(number) for number in stored["random_rest"])
+        position, has_gauss, gauss = stored["random_rest"].tolist()
         random = ("MT19937", stored["random_key"], int(position), int(has_gauss), gauss)
-        return State(stored["chain"], stored["log_density"], stored["accepted"], random)
+        return State(
+            chain=stored["chain"],
+            log_density=stored["log_density"],
+            accepted=stored["accepted"],
+            random=random,
+        )
 
     def keep(self, names: Sequence[str], state: State, *, now: bool = False) -> None:
         """Write the chain, unless it was written less than COPY_INTERVAL_S ago."""
@@ -88,7 +93,10 @@ class Checkpoint:
         """Remove the chain, and its folder if that is empty."""
         self.path.unlink(missing_ok=True)
         folder = self.path.parent
-        if folder.is_dir() and not any(folder.iterdir()):
+        if not folder.is_dir():
+            return
+        empty = not any(folder.iterdir())
+        if empty:
             folder.rmdir()
 
     def _read(self) -> dict[str, NDArray[Any]] | None:

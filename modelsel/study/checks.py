@@ -66,7 +66,8 @@ def check_setup(
         ("labels-swapped", labels_mistake(problem, every_row, registered, per_group)),
         (OTHER, other),
     ]
-    if not any(sentence for _, sentence in sentences):
+    explained = any(sentence for _, sentence in sentences)
+    if not explained:
         sentences = [
             (ROWS, slipped_before(problem, registered, per_group)),
             ("rows-shifted", shifted_rows(problem, every_row)),
@@ -76,7 +77,10 @@ def check_setup(
 
 @contextmanager
 def add_alarms_to_errors(notes: Sequence[Note]) -> Iterator[None]:
-    """Add the alarms among the notes to a NotEstimable raised inside: they are its likeliest reason."""
+    """Add the alarms among the notes to a NotEstimable that is raised inside.
+
+    They are its likeliest reason.
+    """
     try:
         yield
     except NotEstimable as error:
@@ -110,10 +114,11 @@ def check_chosen_model(
 ) -> tuple[Note, ...]:
     """Return the warnings that the chosen model itself gives rise to.
 
-    They concern rows that a slip explains, parameters beyond makers' tolerances, a hopeless fit, and
-    a detection limit far below what is left. `notes`: the warnings so far. Where these report a
+    They concern rows that a slip explains, parameters beyond makers' tolerances, a hopeless fit,
+    and a detection limit far below what is left. `notes`: the warnings so far. Where these report a
     mistake of the set-up or another robot, parameters beyond tolerances are no further warning: the
-    mistake is not corrected, and the parameters make up for it. Rows of `faults` are reported there.
+    mistake is not corrected, and the parameters make up for it. Rows of `faults` are reported as
+    such.
     """
     codes = {note.code for note in notes}
     new_notes: list[Note] = []
@@ -130,9 +135,12 @@ def check_chosen_model(
 def _check_slipped_rows(split: Split, fitted: Fit, faults: Sequence[Fault]) -> list[Note]:
     if (split.outlying & split.estimation).all():
         return []
-    fault_rows = [row for fault in faults for row in fault.rows]
-    reported = np.isin(split.problem.data.row, fault_rows)
-    sentences = slipped(split.problem, fitted.residuals, split.outlying, named=reported)
+    fault_rows: list[int] = []
+    for fault in faults:
+        fault_rows += fault.rows
+    problem = split.problem
+    reported = np.isin(problem.data.row, fault_rows)
+    sentences = slipped(problem, fitted.residuals, split.outlying, named=reported)
     return [Note(ROWS, sentence) for sentence in sentences]
 
 
@@ -152,10 +160,10 @@ def _check_tolerances(split: Split, fitted: Fit) -> list[Note]:
     if not excesses:
         return []
     excesses.sort(reverse=True)
-    listed = [
-        f"{symbol} = {_format_value(value, error, unit)}"
-        for _, symbol, value, error, unit in excesses[:MAX_LISTED]
-    ]
+    listed = []
+    for _, symbol, value, error, unit in excesses[:MAX_LISTED]:
+        formatted = _format_value(value, error, unit)
+        listed.append(f"{symbol} = {formatted}")
     text = ", ".join(listed)
     if len(excesses) > MAX_LISTED:
         text += f" and {len(excesses) - MAX_LISTED} more"

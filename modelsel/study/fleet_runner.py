@@ -2,8 +2,8 @@
 
 A study runs on a worker exactly as it runs alone, and writes the same files into its own folder. A
 study that fails is reported and stops nothing else; a worker that dies is replaced and its studies
-run again. Results do not depend on the workers: every study has its own seed, and the parts of a set
-are merged in their order.
+run again. Results do not depend on the workers: every study has its own seed, and the parts of a
+set are merged in their order.
 """
 
 from __future__ import annotations
@@ -336,7 +336,7 @@ def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> lis
 
 
 def show_fleet(rows: Sequence[Row], console: Console) -> None:
-    """Print the summary: a line per study with mean held-out errors [mm], then what failed and why."""
+    """Print a line per study with its mean held-out errors [mm], then what failed and why."""
     from rich.table import Table
     from rich.text import Text
 
@@ -355,7 +355,8 @@ def show_fleet(rows: Sequence[Row], console: Console) -> None:
             continue
         configurations = row["estimation"] + row["held_out"]
         errors = [mm(row[f"{model}_mm"]) for model in SHOWN_ERRORS]
-        table.add_row(Text(row["name"]), f"{configurations:,}", *errors, Text(row["found"] or "–"))
+        named = Text(row["found"] or "–")
+        table.add_row(Text(row["name"]), f"{configurations:,}", *errors, named)
     console.print(table)
     for row in failed:
         console.print(f"{row['name']} failed: {row['why']}", markup=False, emoji=False)

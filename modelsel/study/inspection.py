@@ -56,10 +56,13 @@ def describe_robot(robot: Robot) -> dict[str, Any]:
 def _format_limits(joint: Joint) -> str:
     if joint.limits is None:
         return "not known"
-    low, high = joint.limits
-    if joint.prismatic:
-        return f"{low:.4g} to {high:.4g} mm"
-    return f"{np.degrees(low):.4g} to {np.degrees(high):.4g} deg"
+    limits = np.array(joint.limits)
+    unit = "mm"
+    if not joint.prismatic:
+        limits = np.degrees(limits)
+        unit = "deg"
+    low, high = limits
+    return f"{low:.4g} to {high:.4g} {unit}"
 
 
 def inspect_measurements(robot: Robot, data: Measurements) -> dict[str, Any]:
@@ -131,7 +134,8 @@ def _describe_geometry(robot: Robot, data: Measurements) -> dict[str, Any]:
     tools = np.tile(ASSUMED_TOOL_MM, (len(data.targets), 1))
     problem = place(make_problem(robot, data, tools), np.ones(len(data), bool))
     features = () if data.gauges is None else data.gauges.features
-    placement = setup(robot, len(data.targets), 1, False, data.rotation is not None, features)
+    oriented = data.rotation is not None
+    placement = setup(robot, len(data.targets), 1, False, oriented, features)
     model = Model((placement, geometric(robot)))
     reduced = identify(reduce_problem(problem, model.terms))
     identified = as_drawn(reduced, problem, model.terms)
@@ -215,15 +219,18 @@ def _format_kinds(inspection: dict[str, Any]) -> str:
         names.setdefault(feature["kind"], []).append(feature["name"])
     parts = []
     for kind, count in inspection["kinds"].items():
-        features = f" ({_shorten_list(names[kind])})" if kind in names else ""
-        parts.append(f"{count} {kind}{features}")
+        part = f"{count} {kind}"
+        if kind in names:
+            part += f" ({_shorten_list(names[kind])})"
+        parts.append(part)
     return f"Rows by kind: {', '.join(parts)}"
 
 
 def _shorten_list(names: list[str]) -> str:
     text = ", ".join(names[:MAX_LISTED_FEATURES])
-    if len(names) > MAX_LISTED_FEATURES:
-        text += f" and {len(names) - MAX_LISTED_FEATURES} more"
+    more = len(names) - MAX_LISTED_FEATURES
+    if more > 0:
+        text += f" and {more} more"
     return text
 
 
@@ -231,12 +238,16 @@ def _format_joint(joint: dict[str, Any]) -> str:
     name = f"Joint {joint['joint']}"
     if not joint["moves"]:
         return f"{name}: does not move: errors that grow with it cannot be seen"
-    low, high, unit = joint["low"], joint["high"], "mm"
+    limits = np.array([joint["low"], joint["high"]])
+    unit = "mm"
     if joint["unit"] == "rad":
-        low, high, unit = np.degrees(low), np.degrees(high), "deg"
+        limits = np.degrees(limits)
+        unit = "deg"
+    low, high = limits
     text = f"{name}: {low:.1f} to {high:.1f} {unit}"
-    if joint["share_of_range"] is not None:
-        text += f", {joint['share_of_range']:.0%} of its range"
+    share = joint["share_of_range"]
+    if share is not None:
+        text += f", {share:.0%} of its range"
     return text
 
 

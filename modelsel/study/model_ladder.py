@@ -49,11 +49,10 @@ def build_model(
     `constants` gives the mechanism of a name whose constant is scanned, where it is chosen already.
     """
     data = problem.data
-    per_group = study.robot.register_ == "per group"
     placement = setup(
         problem.robot,
         len(data.targets),
-        len(data.groups) if per_group else 1,
+        len(data.groups) if study.robot.per_group else 1,
         bool(study.robot.register_),
         data.rotation is not None,
         () if data.gauges is None else data.gauges.features,
@@ -158,9 +157,11 @@ def exclude_held_out_outliers(split: Split, ladder: Sequence[Evaluation]) -> Spl
 
 def remeasure(evaluation: Evaluation, split: Split) -> Evaluation:
     """Return an evaluation with its errors computed again without the split's outlying rows."""
-    inside, outlying = split.estimation, split.outlying
+    residual = evaluation.residual
+    estimation, outlying = split.estimation, split.outlying
+    held_out = ~estimation
     return replace(
         evaluation,
-        estimation=errors(evaluation.residual[inside], outlying[inside]),
-        held_out=errors(evaluation.residual[~inside], outlying[~inside]),
+        estimation=errors(residual[estimation], outlying[estimation]),
+        held_out=errors(residual[held_out], outlying[held_out]),
     )

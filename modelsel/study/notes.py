@@ -33,8 +33,8 @@ def collect_diagnosis_notes(
             Note(
                 "scan-of-some",
                 f"The search for causes used {rows_seen(diagnosis, split)} of the "
-                f"{int(split.used.sum())} estimation rows, drawn by the seed; every fit, error and "
-                "gain is of all rows.",
+                f"{int(split.used.sum())} estimation rows, drawn by the seed; all fits, errors and "
+                "gains use all rows.",
             )
         )
     notes += restricted(study.model.candidates)

@@ -3,8 +3,8 @@
 prepare -> find outliers and diagnose -> evaluate the ladder -> compare all subsets -> measure the
 gain -> repeat in nested folds -> collect the warnings -> assess the uncertainty -> result.
 
-`analyse` calls them in this order. Each step takes values and returns new ones. The ladder is a list
-of evaluations whose first model is the nominal arm and whose last is the chosen one.
+`analyse` calls them in this order. Each step takes values and returns new ones. The ladder is a
+list of evaluations: the first is of the nominal arm, the last of the chosen model.
 """
 
 from __future__ import annotations
@@ -256,8 +256,9 @@ def choose_noise_floor(split: Split, known: Floor | None, chosen: Evaluation) ->
     measured = split.problem.measured
     if measured is None:
         return floor
-    coordinates = measured[:, :3].sum(1).mean()
-    return replace(floor, coordinates=float(coordinates))
+    counts = measured[:, :3].sum(1)
+    coordinates = float(counts.mean())
+    return replace(floor, coordinates=coordinates)
 
 
 def list_unidentifiable(fitted: Fit) -> tuple[Unidentifiable, ...]:

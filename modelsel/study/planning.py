@@ -68,7 +68,7 @@ class MeasurementPlan:
     within: str = ""
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the configurations in order: a measurements file without the measured positions."""
+        """Return the configurations in order, as a measurements file without positions."""
         import pandas as pd
 
         return pd.DataFrame(self.table)
@@ -100,9 +100,10 @@ def find_rivals(result: Result) -> list[Rivals]:
 
 def _find_rivals_of_effect(result: Result, effect: Effect) -> Rivals | None:
     first, *others = effect.named.entries[:RIVALS]
-    entries = [first, *(entry for entry in others if entry.probability > 0)]
-    if len(entries) < 2:
+    others = [entry for entry in others if entry.probability > 0]
+    if not others:
         return None
+    entries = [first, *others]
     estimates = []
     for entry in entries:
         is_named = entry.candidate == effect.candidate
@@ -224,7 +225,10 @@ def choose_configurations(
     fitted = result.chosen.fit
     known = result.data.training()
     rival_sets = find_rivals(result)
-    rival_terms = [term for rivals in rival_sets for terms in rivals.terms for term in terms]
+    rival_terms: list[Term] = []
+    for rivals in rival_sets:
+        for terms in rivals.terms:
+            rival_terms += terms
     candidates = pool(
         known,
         calibration.problem(possible),
@@ -320,16 +324,16 @@ def tabulate_configurations(
     """
     robot = calibration.robot
     _, first = np.unique(possible.configuration, return_index=True)
-    first = first[list(rows)]
+    chosen = possible.take(first[list(rows)])
     units = units or [robot.unit(j + 1) for j in range(robot.n)]
-    q, approach = possible.q[first], possible.approach[first].astype(int)
     columns: dict[str, Array] = {}
     for j, unit in enumerate(units):
-        columns[f"q{j + 1}_{unit}"] = q[:, j] / UNITS[unit]
+        column = f"q{j + 1}_{unit}"
+        columns[column] = chosen.q[:, j] / UNITS[unit]
     for j in range(robot.n):
-        columns[f"approach{j + 1}"] = approach[:, j]
-    for name, values in possible.covariates.items():
-        columns[name] = values[first]
+        column = f"approach{j + 1}"
+        columns[column] = chosen.approach[:, j].astype(int)
+    columns |= chosen.covariates
     return columns
 
 
@@ -406,10 +410,10 @@ def _format_rivals(plan: MeasurementPlan) -> str:
     comparison = ""
     if plan.random_probability is not None:
         comparison = f" ({4 * count} drawn at random: {plan.random_probability:.2f})"
+    before, after = plan.probabilities[0], plan.probabilities[-1]
     return (
         f"Rivals: {groups}. The right one is told from its nearest rival with probability "
-        f"{plan.probabilities[0]:.2f} now, with {plan.probabilities[-1]:.2f} after these {count} configurations"
-        f"{comparison}."
+        f"{before:.2f} now, with {after:.2f} after these {count} configurations{comparison}."
     )
 
 

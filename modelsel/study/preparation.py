@@ -38,7 +38,6 @@ from .row_selection import (
 
 Mask = NDArray[np.bool_]
 POSITION, ROTATION = slice(0, 3), slice(3, 6)  # coordinates of a residual [mm], [rad]
-PER_GROUP = "per group"  # value of robot.register: one tracker placement per group
 
 MAX_NOMINAL_RESIDUAL = 0.25  # of the arm's reach (median): beyond it the data are refused
 METRES = 0.01  # of the arm's reach: coordinates so small (median length) look like metres
@@ -66,7 +65,7 @@ def prepare(
     problem = _set_up(study, robot, data)
     problem, registration_notes = _register(study, problem, estimation)
     notes += registration_notes
-    per_group = study.robot.register_ == PER_GROUP
+    per_group = study.robot.per_group
     setup_notes = check_setup(problem, estimation, bool(study.robot.register_), per_group)
     problem = place(problem, estimation)
     _check_plausible(study, problem, setup_notes)
@@ -93,7 +92,7 @@ def _drop_unknown_rows(
     notes: list[Note] = []
     if study.robot.register_:
         data, estimation, notes = drop_unknown_targets(data, estimation)
-    if study.robot.register_ == PER_GROUP:
+    if study.robot.per_group:
         check_features_in_one_group(data)
     weight_notes = warn_of_equal_weights(data)
     data, estimation, feature_notes = drop_unknown_features(data, estimation)
@@ -115,8 +114,8 @@ def arrange_tools(table: RobotTable, data: Measurements) -> Array:
     [robot.tools_mm].
     """
     if not table.tools_mm:
-        tool = table.tool_mm or [0.0, 0.0, 0.0]
-        return np.tile(np.array(tool, float), (len(data.targets), 1))
+        tool = np.array(table.tool_mm or [0.0, 0.0, 0.0], float)
+        return np.tile(tool, (len(data.targets), 1))
     missing = [name for name in data.targets if name not in table.tools_mm]
     if missing:
         raise StudyError(
@@ -140,10 +139,11 @@ def _register(study: Study, problem: Problem, estimation: Mask) -> tuple[Problem
     """Find tracker frame and targets from the estimation rows, where the study asks for it."""
     if not study.robot.register_:
         return problem, []
-    per_group = study.robot.register_ == PER_GROUP
+    per_group = study.robot.per_group
     nominal_tools = problem.tools
     problem = register(problem, estimation, per_group)
-    return problem, list(undetermined(problem, estimation, per_group, nominal_tools))
+    notes = undetermined(problem, estimation, per_group, nominal_tools)
+    return problem, list(notes)
 
 
 def _check_plausible(study: Study, problem: Problem, setup_notes: Sequence[Note]) -> None:
@@ -217,11 +217,11 @@ def _check_enough_configurations(study: Study, data: Measurements, estimation: M
 
 def _assign_folds(study: Study, data: Measurements, estimation: Mask) -> Index:
     """Return the fold (m,) of every estimation row, −1 for held-out rows."""
-    folds = np.full(len(data), -1, dtype=np.intp)
+    table = study.comparison
+    rows = data.take(estimation)
     rng = generator(study.seed, "folds")
-    folds[estimation] = assign(
-        data.take(estimation), study.comparison.folds, rng, study.comparison.by
-    )
+    folds = np.full(len(data), -1, dtype=np.intp)
+    folds[estimation] = assign(rows, table.folds, rng, table.by)
     return folds
 
 

@@ -165,13 +165,15 @@ def _list_stated_columns(data: Measurements) -> dict[str, Any]:
     """Return the columns of what reading the simulated file would not find by itself."""
     columns: dict[str, Any] = {}
     if data.groups != ("all",):
-        columns["group"] = np.array(data.groups, dtype=object)[data.group]
+        names = np.array(data.groups, dtype=object)
+        columns["group"] = names[data.group]
     if not np.array_equal(data.order, data.row):
         columns["order"] = data.order
     if not _approach_is_derived(data):
         for j, approach in enumerate(data.approach.T, 1):
             columns[f"approach{j}"] = approach.astype(int)
-    read_again = measurements(data.q, data.position, group=data.group.tolist())
+    groups = data.group.tolist()
+    read_again = measurements(data.q, data.position, group=groups)
     if read_again.configurations != len(data):  # successive visits with the same readings
         columns["configuration"] = np.arange(len(data))
     return columns
@@ -224,10 +226,10 @@ def simulate_readings(
 def _check_kinds(gauges: Gauges) -> None:
     """Check that no row holds the arm to a place. Raises StudyError."""
     kinds = [kind for kind in ("same-point", "plane") if gauges.of(kind).any()]
-    for k, feature in enumerate(gauges.features):
-        length = gauges.length[gauges.feature == k]
-        if feature.kind == "ball-bar" and np.isnan(length).any() and "ball-bar" not in kinds:
-            kinds.append("ball-bar")
+    bars = [k for k, feature in enumerate(gauges.features) if feature.kind == "ball-bar"]
+    lengths = gauges.length[np.isin(gauges.feature, bars)]
+    if np.isnan(lengths).any():
+        kinds.append("ball-bar")
     if kinds:
         raise StudyError(
             f"simulate: rows of kind {' and '.join(kinds)} hold the arm to a place: the joint "

@@ -27,15 +27,12 @@ def check_stated_noise(
     A floor that cannot be true is dropped (None), to be estimated from the residuals instead. The
     notes hold what is far off; what is a little off is left to the chosen model's lack-of-fit test.
     """
-    training = split.training()
-    used_freedom = fitted.rows - fitted.freedom
-    comparison = _compare_with_floor(
-        training, fitted.residuals(training), floor, POSITION, used_freedom
-    )
+    comparison = _compare_with_floor(split.training(), fitted, floor, POSITION)
     if floor is None or comparison is None:
         return split, floor, ()
     mismatch, left_mm = comparison
-    if np.isfinite(floor.freedom):  # measured by repeats or target pairs
+    measured = np.isfinite(floor.freedom)  # by repeats or target pairs
+    if measured:
         if not mismatch.refuted or mismatch.factor <= 1:
             return split, floor, ()
         note = _describe_unlike_floor(floor, mismatch, left_mm)
@@ -54,11 +51,9 @@ def check_stated_orientation_noise(split: Split, fitted: Fit) -> tuple[Note, ...
     sigma = training.data.sigma_rotation
     if sigma is None:
         return ()
-    stated = Floor(float(np.sqrt(np.square(sigma).mean())), "stated")
-    used_freedom = fitted.rows - fitted.freedom
-    comparison = _compare_with_floor(
-        training, fitted.residuals(training), stated, ROTATION, used_freedom
-    )
+    rms = float(np.sqrt(np.square(sigma).mean()))
+    stated = Floor(rms, "stated")
+    comparison = _compare_with_floor(training, fitted, stated, ROTATION)
     if comparison is None or not comparison[0].far:
         return ()
     mismatch, left_rad = comparison
@@ -69,18 +64,20 @@ def check_stated_orientation_noise(split: Split, fitted: Fit) -> tuple[Note, ...
 
 
 def _compare_with_floor(
-    problem: Problem, residual: Array, floor: Floor | None, part: slice, used_freedom: float
+    problem: Problem, fitted: Fit, floor: Floor | None, part: slice
 ) -> tuple[Lack, float] | None:
-    """Compare residuals with a floor, in the coordinates `part`.
+    """Compare a fitted model's residuals with a floor, in the coordinates `part`.
 
     Returns the test and the root mean square [mm or rad] of one coordinate; None where there is no
-    floor or no degree of freedom. `used_freedom`: degrees of freedom of the model, in all
-    coordinates together.
+    floor or no degree of freedom. The model's own degrees of freedom are divided among the
+    coordinates.
     """
+    residual = fitted.residuals(problem)
     measured = problem.measured
     if measured is None:
         measured = np.ones(residual.shape, bool)
     count, total = int(measured[:, part].sum()), int(measured.sum())
+    used_freedom = fitted.rows - fitted.freedom
     freedom = count * (1 - used_freedom / total)
     if floor is None or freedom < 1:
         return None
