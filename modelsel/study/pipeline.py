@@ -117,15 +117,15 @@ def _analyse_prepared(
     ladder = evaluate_ladder(
         study, split, registry, steps, choose_constants(candidates, diagnosis.single_f)
     )
-    split = exclude_held_out_outliers(split, ladder)
-    ladder = [remeasure(evaluation, split) for evaluation in ladder]
-    chosen = ladder[-1]
-    faults = find_data_faults(study, split, chosen, notes)
 
     say("comparing all subsets of the candidates")
     comparison = compare_subsets(study, split, steps[0], diagnosis, candidates)
 
     say("measuring the gain")
+    split = exclude_held_out_outliers(split, ladder)
+    ladder = [remeasure(evaluation, split) for evaluation in ladder]
+    chosen = ladder[-1]
+    faults = find_data_faults(study, split, chosen, notes)
     draws = resample_held_out(study, split)
     findings = measure_findings(split, draws, steps, diagnosis)
     within_folds = repeat_in_folds(study, split, base, mechanisms, say)
