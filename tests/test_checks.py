@@ -420,7 +420,7 @@ def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:
     )
     first = result.record["verdict"][0]
     assert first.startswith(
-        "This fit explains the data badly, and nothing that follows can be relied on: "
+        "This fit explains the data poorly, and nothing that follows can be relied on: "
     )
     assert "of the arm's reach" in first
     assert (

@@ -247,7 +247,7 @@ def _describe_hopeless_fit(
         )
     reasons = _list_reasons(notes, register, len(split.problem.data.groups))
     return (
-        "This fit explains the data badly, and nothing that follows can be relied on: "
+        "This fit explains the data poorly, and nothing that follows can be relied on: "
         f"{what}. {reasons}."
     )
 

@@ -169,7 +169,10 @@ def _run_tasks(
         names[future] = task.name
     for future in as_completed(list(names), loop=client.loop):
         error = future.exception()
-        yield future.result() if error is None else _make_broken_row(names[future], error)
+        if error is None:
+            yield future.result()
+        else:
+            yield _make_broken_row(names[future], error)
 
 
 def run_task(task: Task, out: str, options: FleetOptions) -> Row:

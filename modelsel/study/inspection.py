@@ -94,10 +94,8 @@ def _count_kinds(data: Measurements) -> dict[str, Any]:
     for k, feature in enumerate(gauges.features):
         rows = int((gauges.feature == k).sum())
         features.append({"name": feature.name, "kind": feature.kind, "rows": rows})
-    return {
-        "kinds": {kind: count for kind, count in counts.items() if count},
-        "features": features,
-    }
+    present = {kind: count for kind, count in counts.items() if count}
+    return {"kinds": present, "features": features}
 
 
 def _describe_joints(robot: Robot, data: Measurements) -> list[dict[str, Any]]:
@@ -137,20 +135,18 @@ def _describe_geometry(robot: Robot, data: Measurements) -> dict[str, Any]:
     oriented = data.rotation is not None
     placement = setup(robot, len(data.targets), 1, False, oriented, features)
     model = Model((placement, geometric(robot)))
-    reduced = identify(reduce_problem(problem, model.terms))
-    identified = as_drawn(reduced, problem, model.terms)
+    reduction = reduce_problem(problem, model.terms)
+    identified = as_drawn(identify(reduction), problem, model.terms)
     geometry = {
         "parameters": len(model.terms),
         "rank": identified.rank,
         "condition": identified.condition,
     }
-    groups = unidentifiable(fitted_terms(identified, model), model.terms)
-    return {
-        "geometry": geometry,
-        "unidentifiable": [
-            {"sentence": group.sentence, "parameters": list(group.parameters)} for group in groups
-        ],
-    }
+    groups = []
+    for group in unidentifiable(fitted_terms(identified, model), model.terms):
+        parameters = list(group.parameters)
+        groups.append({"sentence": group.sentence, "parameters": parameters})
+    return {"geometry": geometry, "unidentifiable": groups}
 
 
 def _describe_registration(robot: Robot, data: Measurements) -> dict[str, Any]:

@@ -49,10 +49,11 @@ def build_model(
     `constants` gives the mechanism of a name whose constant is scanned, where it is chosen already.
     """
     data = problem.data
+    placements = len(data.groups) if study.robot.per_group else 1
     placement = setup(
         problem.robot,
         len(data.targets),
-        len(data.groups) if study.robot.per_group else 1,
+        placements,
         bool(study.robot.register_),
         data.rotation is not None,
         () if data.gauges is None else data.gauges.features,

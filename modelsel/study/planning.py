@@ -106,8 +106,10 @@ def _find_rivals_of_effect(result: Result, effect: Effect) -> Rivals | None:
     entries = [first, *others]
     estimates = []
     for entry in entries:
-        is_named = entry.candidate == effect.candidate
-        estimates.append(effect.estimate if is_named else entry.estimate)
+        estimate = entry.estimate
+        if entry.candidate == effect.candidate:
+            estimate = effect.estimate
+        estimates.append(estimate)
     probability = np.array([entry.probability for entry in entries])
     return Rivals(
         names=tuple(entry.candidate.label for entry in entries),
@@ -296,10 +298,11 @@ def _measure_random_choice(
     size = min(4 * count, available)
     probabilities = []
     for _ in range(RANDOM_CHOICES):
-        rows = rng.choice(available, size, replace=False)
-        probability = told_with(candidates, rival_sets, rows.tolist())
+        rows = rng.choice(available, size, replace=False).tolist()
+        probability = told_with(candidates, rival_sets, rows)
         probabilities.append(probability)
-    return float(np.mean(probabilities))
+    mean = np.mean(probabilities)
+    return float(mean)
 
 
 def _estimate_learning(
@@ -391,7 +394,9 @@ def _describe_ranges(robot: Robot, limits: bool, joints: Mapping[str, tuple[floa
 
 def format_plan(plan: MeasurementPlan) -> list[str]:
     """Return a plan in words, one line per topic."""
-    lines = [f"Drawn within {plan.within}."] if plan.within else []
+    lines = []
+    if plan.within:
+        lines.append(f"Drawn within {plan.within}.")
     lines.append(_format_rivals(plan))
     if plan.twins:
         twins = "; ".join(dict.fromkeys(plan.twins))
@@ -406,7 +411,8 @@ def _format_rivals(plan: MeasurementPlan) -> str:
     if not plan.probabilities:
         return "No finding of this study has rivals that these configurations could tell apart."
     count = len(plan.rows)
-    groups = "; ".join(" or ".join(names) for names in plan.rivals)
+    sets = [" or ".join(names) for names in plan.rivals]
+    groups = "; ".join(sets)
     comparison = ""
     if plan.random_probability is not None:
         comparison = f" ({4 * count} drawn at random: {plan.random_probability:.2f})"
@@ -420,8 +426,10 @@ def _format_rivals(plan: MeasurementPlan) -> str:
 def _format_indices(plan: MeasurementPlan) -> str:
     observability = []
     for name, (before, after) in plan.indices.items():
-        if name.startswith("o"):
-            observability.append(f"{name.upper()} {before:.3g} -> {after:.3g}")
+        if not name.startswith("o"):
+            continue
+        change = f"{before:.3g} -> {after:.3g}"
+        observability.append(f"{name.upper()} {change}")
     before, after = plan.indices["d"]
     return (
         "Observability of the model's parameters, before and after: "

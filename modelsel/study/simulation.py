@@ -227,8 +227,8 @@ def _check_kinds(gauges: Gauges) -> None:
     """Check that no row holds the arm to a place. Raises StudyError."""
     kinds = [kind for kind in ("same-point", "plane") if gauges.of(kind).any()]
     bars = [k for k, feature in enumerate(gauges.features) if feature.kind == "ball-bar"]
-    lengths = gauges.length[np.isin(gauges.feature, bars)]
-    if np.isnan(lengths).any():
+    on_bar = np.isin(gauges.feature, bars)
+    if np.isnan(gauges.length[on_bar]).any():
         kinds.append("ball-bar")
     if kinds:
         raise StudyError(
