@@ -137,7 +137,7 @@ def _check_slipped_rows(split: Split, fitted: Fit, faults: Sequence[Fault]) -> l
         return []
     fault_rows: list[int] = []
     for fault in faults:
-        fault_rows += fault.rows
+        fault_rows.extend(fault.rows.tolist())
     problem = split.problem
     reported = np.isin(problem.data.row, fault_rows)
     sentences = slipped(problem, fitted.residuals, split.outlying, named=reported)
