@@ -365,7 +365,8 @@ def test_every_target_is_seen_at_every_configuration(rng) -> None:
     """A pool without targets is seen through all of the study's; one that lists them unevenly is
     refused."""
     from modelsel.measurements.measurements import measurements
-    from modelsel.study.planning import repeat_for_targets, tabulate_configurations
+    from modelsel.study.configuration_pool import repeat_for_targets
+    from modelsel.study.planning import tabulate_configurations
 
     at = drawn(ROBOT, rng, 40, target=["a", "b"] * 20, configuration=np.repeat(np.arange(20), 2))
     q = ROBOT.draw(rng, 7)

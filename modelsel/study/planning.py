@@ -24,20 +24,25 @@ from ..calibration.experiment_design import (
     told_with,
 )
 from ..diagnosis.stepwise import Effect
-from ..exceptions import StudyError, suggest
-from ..measurements.columns import READINGS, UNITS
-from ..measurements.measurements import Measurements, measurements
+from ..exceptions import StudyError
+from ..measurements.columns import UNITS
+from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import Source
 from ..mechanisms.terms import Term
 from ..results.result import Result
 from ..results.storage import calibration_of
-from ..robot.kinematics import Robot
+from .configuration_pool import (
+    describe_ranges,
+    draw_approaches,
+    draw_pool,
+    find_joint_ranges,
+    repeat_for_targets,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
 
-POOL_SIZE = 2000  # configurations of a pool that is drawn within ranges
 RANDOM_CHOICES = 20  # random choices that a plan is compared with
 LEARNING_SIZES = (2.0, 1.0, 0.5, 0.25)  # of the detection limit, for the learning curve
 
@@ -129,86 +134,6 @@ def _list_other_terms(result: Result, effect: Effect) -> tuple[Term, ...]:
         if other != effect_mechanism:
             own_screws -= {term.screws for term in other.terms}
     return tuple(term for term in fitted.terms if term.screws not in own_screws)
-
-
-def find_joint_ranges(
-    robot: Robot, data: Measurements, limits: bool, joints: Mapping[str, tuple[float, float]]
-) -> Array:
-    """Return the range (n, 2) [rad or mm] in which each joint is drawn.
-
-    It is the range measured; with `limits` that of the robot file, where it gives one; `joints`,
-    such as {"q2_deg": (-90, 45)}, go before both. Raises StudyError.
-    """
-    ranges = np.stack([data.q.min(0), data.q.max(0)], 1)
-    for k, joint in enumerate(robot.joints):
-        if limits and joint.limits is not None:
-            ranges[k] = joint.limits
-    columns = _list_joint_columns(robot)
-    for name, (low, high) in joints.items():
-        if name not in columns:
-            raise StudyError(f'"{name}" is no joint of {robot.name}. {suggest(name, columns)}')
-        if not (np.isfinite([low, high]).all() and low <= high):
-            raise StudyError(
-                f"{name}: a joint's range goes from a lower to a higher number, found {low:g} to "
-                f"{high:g}."
-            )
-        k, factor = columns[name]
-        ranges[k] = low * factor, high * factor
-    return ranges
-
-
-def _list_joint_columns(robot: Robot) -> dict[str, tuple[int, float]]:
-    """Return the possible columns of readings: name -> (joint from 0, factor to rad or mm)."""
-    columns = {}
-    for k, prismatic in enumerate(robot.prismatic):
-        for unit in READINGS[prismatic]:
-            columns[f"q{k + 1}_{unit}"] = (k, UNITS[unit])
-    return columns
-
-
-def draw_pool(
-    calibration: Calibration, seed: int, data: Measurements, ranges: Array
-) -> Measurements:
-    """Draw configurations within the `ranges` (n, 2), each approached from a drawn side.
-
-    Their covariates are those of measured rows.
-    """
-    robot = calibration.robot
-    rng = generator(seed, "simulate")
-    low, high = ranges.T
-    q = rng.uniform(low, high, (POOL_SIZE, robot.n))
-    rows = rng.integers(len(data), size=POOL_SIZE)
-    approach = rng.choice([-1.0, 1.0], q.shape)
-    return measurements(
-        q,
-        np.zeros((POOL_SIZE, 3)),
-        approach=approach,
-        covariates={name: values[rows] for name, values in data.covariates.items()},
-        prismatic=robot.prismatic,
-    )
-
-
-def repeat_for_targets(data: Measurements, targets: Sequence[str]) -> Measurements:
-    """Return a pool with a row for each of the study's targets, where it lists none itself."""
-    if len(targets) == 1 or len(data.targets) > 1:
-        return data
-    count = len(targets)
-    rows = np.repeat(np.arange(len(data)), count)
-    target = np.tile(np.arange(count), len(data))
-    repeated = data.take(rows)
-    return replace(repeated, target=target, targets=tuple(targets))
-
-
-def draw_approaches(data: Measurements, seed: int) -> Measurements:
-    """Draw the directions of approach of a pool whose file gives none; the plan prescribes them."""
-    codes = [note.code for note in data.notes]
-    if "approach-from-order" not in codes:
-        return data
-    configurations = int(data.configuration.max()) + 1
-    joints = data.q.shape[1]
-    rng = generator(seed, "simulate")
-    approach = rng.choice([-1.0, 1.0], (configurations, joints))
-    return replace(data, approach=approach[data.configuration])
 
 
 def choose_configurations(
@@ -371,25 +296,10 @@ def plan_next(
     else:
         ranges = find_joint_ranges(calibration.robot, data, limits, joints or {})
         possible = draw_pool(calibration, seed, data, ranges)
-        within = _describe_ranges(calibration.robot, limits, joints or {})
+        within = describe_ranges(calibration.robot, limits, joints or {})
     possible = repeat_for_targets(possible, calibration.targets)
     plan = choose_configurations(result, calibration, possible, count, purpose)
     return replace(plan, within=within)
-
-
-def _describe_ranges(robot: Robot, limits: bool, joints: Mapping[str, tuple[float, float]]) -> str:
-    """Return in words within what a pool was drawn."""
-    text = "the joint ranges measured"
-    limited = [joint.limits is not None for joint in robot.joints]
-    if limits and all(limited):
-        text = "the robot file's limits"
-    elif limits and any(limited):
-        text = "the robot file's limits where it gives any"
-    elif limits:
-        text += ", since the robot file gives no limits"
-    if joints:
-        text += f", {', '.join(joints)} as given"
-    return text
 
 
 def format_plan(plan: MeasurementPlan) -> list[str]:
