@@ -55,7 +55,7 @@ if (
     from .study.planning import plan_next as plan_next
     from .study.runner import rehearse_study as rehearse_study
     from .study.runner import run_study as run_study
-    from .study.runner import simulate_study as simulate_study
+    from .study.simulation import simulate_study as simulate_study
 
 __version__ = VERSION
 
@@ -82,8 +82,9 @@ _NAMES = {
     "robot.kinematics": "Robot forward screw_field",
     "selection.evaluation": "estimate_gain",
     "selection.splits": "split_configurations",
-    "study.planning": "Planned plan_next",
-    "study.runner": "rehearse run simulate_study",
+    "study.planning": "MeasurementPlan plan_next",
+    "study.runner": "rehearse_study run_study",
+    "study.simulation": "simulate_study",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)

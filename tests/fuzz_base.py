@@ -16,7 +16,8 @@ from modelsel.results.storage import save
 from modelsel.robot.files import read_robot
 from modelsel.robot.kinematics import forward
 from modelsel.robot.urdf_writer import write_urdf
-from modelsel.study.runner import run_study, simulate_study
+from modelsel.study.runner import run_study
+from modelsel.study.simulation import simulate_study
 
 ROBOT = """name = "arm3"
 source = "made up"

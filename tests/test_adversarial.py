@@ -18,11 +18,9 @@ from hidden_effects import one
 
 from modelsel.config.study_file import parse_study
 from modelsel.measurements.measurements import build_measurements
-from modelsel.mechanisms.registry import BUILTIN
 from modelsel.results.result import Result
 from modelsel.robot.kinematics import Robot
-from modelsel.study.pipeline import Question, analyse
-from modelsel.study.runner import candidates_of, plan_of
+from modelsel.study.pipeline import analyse
 
 ROBOT: Robot = replace(small_arm(), gravity=(0.0, 0.0, -1.0))
 TOOL, NOISE = (250.0, -60.0, 90.0), 0.04
@@ -46,9 +44,7 @@ def study(
     data = build_measurements(
         state.q, measured(body, state, effects, rng, NOISE), covariates=dict(state.covariates)
     )
-    asked = parse_study(STUDY, "study.toml")
-    question = Question(asked, plan_of(asked), ROBOT, candidates_of(asked, ROBOT, BUILTIN), BUILTIN)
-    return analyse(question, data, labels=role)
+    return analyse(parse_study(STUDY, "study.toml"), ROBOT, data, labels=role)
 
 
 def campaign(

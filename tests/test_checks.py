@@ -419,7 +419,7 @@ def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:
     )
     first = result.record["verdict"][0]
     assert first.startswith(
-        "This fit explains the data badly, and nothing that follows can be relied on: "
+        "This fit explains the data poorly, and nothing that follows can be relied on: "
     )
     assert "of the arm's reach" in first
     assert (
@@ -510,7 +510,7 @@ def test_swapped_labels_of_a_study(rng, tmp_path) -> None:
     )
     assert "(lines 74 to 121)" in said(result, "labels-swapped")
     assert result.faults == ()
-    assert "what the warnings say of the targets" in result.record["verdict"][0]
+    assert "what the warnings say about the targets" in result.record["verdict"][0]
 
 
 @seeds(1, 3)

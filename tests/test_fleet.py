@@ -8,6 +8,7 @@ import os
 import shutil
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
@@ -32,10 +33,11 @@ from modelsel.results.storage import WRITES, load_result
 from modelsel.robot.files import load
 from modelsel.selection.streaming import Parts, fit_parts, list_parts
 from modelsel.study import fleet_runner as fleets
-from modelsel.study.fleet_runner import cluster, run_fleet, save_summary
+from modelsel.study.fleet_runner import FleetOptions, cluster, run_fleet, save_summary
 from modelsel.study.runner import run_study
 
 TOOL = (40.0, -25.0, 100.0)
+QUICK = FleetOptions(sampling=False)
 STUDY = """
 name = "arm {k}"
 seed = {k}
@@ -107,11 +109,11 @@ def test_fleet_on_two_workers(folder) -> None:
 
         thread = Thread(target=kill)
         thread.start()
-        rows = run_fleet(fleet, out, client, sampling=False, say=said.append)
+        rows = run_fleet(fleet, out, client, QUICK, say=said.append)
         thread.join()
         shutil.rmtree(out / "arm3")
         kept = (out / "arm0" / "result.json").stat().st_mtime_ns
-        again = run_fleet(fleet, out, client, sampling=False, resume=True, say=said.append)
+        again = run_fleet(fleet, out, client, replace(QUICK, resume=True), say=said.append)
     assert killed
     assert [row["name"] for row in rows] == [
         "arm0",
@@ -243,7 +245,7 @@ def test_a_study_alone_in_a_fleets_folder(folder) -> None:
         assert (row["state"], row["exit"]) == ("failed", 2)
         assert "another run of modelsel works in this folder" in row["why"]
         assert not (out / "result.json").exists()
-    assert fleets._one(task, str(out), False, False)["state"] == "done"
+    assert fleets.run_task(task, str(out), QUICK)["state"] == "done"
 
 
 def test_pieces_know_nothing_of_the_one_before(folder) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builders import OFF_AXIS, planted, seeds
+from builders import OFF_AXIS, planted, seeds, study_with
 from builders import drawn as drawn_arm
 from click.testing import CliRunner
 
@@ -30,8 +30,9 @@ from modelsel.robot.files import load
 from modelsel.robot.rigid import from_rpy
 from modelsel.setup.mistakes import describe_setup_mistake
 from modelsel.setup.registration import register
-from modelsel.study.preparation import Plan, prepare
-from modelsel.study.runner import asked, run_study
+from modelsel.study.inputs import read_inputs
+from modelsel.study.preparation import prepare
+from modelsel.study.runner import run_study
 
 STUDIES = Path(__file__).parents[1] / "studies"
 RIGHT_ANGLE = np.pi / 2
@@ -201,7 +202,7 @@ def test_the_studies_raise_no_alarm_and_their_mistakes_are_found(name, monkeypat
     if name != "puma760" and os.environ.get("MODELSEL_NO_DATA") == "1":
         pytest.skip("MODELSEL_NO_DATA=1")
     monkeypatch.setenv("MODELSEL_DATA", str(data))
-    question, measured, labels, _ = asked(
+    question, measured, labels, _ = read_inputs(
         read_study(STUDIES / name / "study.toml"), STUDIES / name, BUILTIN
     )
     notes = prepare(question.robot, measured, question.plan, labels)[2]
@@ -253,4 +254,4 @@ def test_a_refusal_says_the_mistake(rng) -> None:
     at = arm(rng, "ur5", 40, registered=False)
     wrong = build_measurements(*sense(1)(at.data.q, at.data.position))
     with pytest.raises(DataError, match=r"quarter of the arm's reach.*joint 1 turns the other way"):
-        prepare(load("ur5"), wrong, Plan(1, OFF_AXIS))
+        prepare(study_with(), load("ur5"), wrong)

@@ -367,11 +367,12 @@ def test_every_target_is_seen_at_every_configuration(rng) -> None:
     """A pool without targets is seen through all of the study's; one that lists them unevenly is
     refused."""
     from modelsel.measurements.measurements import build_measurements
-    from modelsel.study.planning import every_target, tabulate_configurations
+    from modelsel.study.configuration_pool import repeat_for_targets
+    from modelsel.study.planning import tabulate_configurations
 
     at = drawn(ROBOT, rng, 40, target=["a", "b"] * 20, configuration=np.repeat(np.arange(20), 2))
     q = ROBOT.draw(rng, 7)
-    possible = every_target(build_measurements(q, np.zeros((7, 3))), ("a", "b"))
+    possible = repeat_for_targets(build_measurements(q, np.zeros((7, 3))), ("a", "b"))
     assert len(possible) == 14
     assert possible.configurations == 7
     tools = np.array([[40.0, 0, 100], [0, 60.0, 100]])

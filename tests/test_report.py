@@ -17,7 +17,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from modelsel import read_study, run
+from modelsel import read_study
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
 from modelsel.report import drawing
@@ -25,6 +25,7 @@ from modelsel.report.document import book
 from modelsel.report.pdf import ReportError, compiled, content
 from modelsel.report.terminal import TABLE_FOR
 from modelsel.results.storage import WRITES, save
+from modelsel.study.runner import run_study
 
 ROOT = Path(__file__).parents[1]
 PUMA = ROOT / "studies" / "puma760"
@@ -344,7 +345,7 @@ LITTLE = {
 @pytest.mark.parametrize("case", LITTLE)
 def test_sound_with_little_to_draw(case, tmp_path) -> None:
     folder = small(tmp_path, **LITTLE[case])
-    result = run(read_study(folder / "study.toml"), folder, sampling=False)
+    result = run_study(read_study(folder / "study.toml"), folder, sampling=False)
     out = tmp_path / "out"
     save(result, out)
     assert drawing.draw(out) == [out / "report.pdf", out / "report.html"]

@@ -27,7 +27,7 @@ def check_command(
     """What is in a measurements file, what it can tell and what it cannot."""
     from ..measurements.reader import read_measurements
     from ..robot.files import load, read_robot
-    from ..study.inspection import inspect_measurements, sentences
+    from ..study.inspection import format_inspection, inspect_measurements
 
     arm = (
         read_robot(Path(robot), base, tip)
@@ -38,5 +38,5 @@ def check_command(
     if as_json:
         print_json(found)
     else:
-        for line in sentences(found):
+        for line in format_inspection(found):
             click.echo(line)

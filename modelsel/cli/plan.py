@@ -75,8 +75,9 @@ def plan_command(
     from .._files import csv_bytes, write_atomically
     from ..config.study_file import read_study
     from ..mechanisms.registry import with_plugins
+    from ..study.inputs import read_nominal_robot
     from ..study.planning import format_plan, plan_next
-    from ..study.runner import robot_of, run_study
+    from ..study.runner import run_study
 
     ranges = dict(map(_range, joints))
     if pool_file is not None and (limits or ranges):
@@ -85,7 +86,7 @@ def plan_command(
         )
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
-    registry, _ = with_plugins(robot=robot_of(read, path.parent))
+    registry, _ = with_plugins(robot=read_nominal_robot(read, path.parent))
     result = run_study(read, path.parent, registry=registry, say=make_progress(), sampling=False)
     planned = plan_next(
         result, count, pool=pool_file, purpose=purpose, limits=limits, joints=ranges
@@ -128,8 +129,8 @@ def _to_dict(planned: MeasurementPlan) -> dict[str, Any]:
         "configurations": [],
         "rivals": planned.rivals,
         "alike": planned.twins,
-        "told_apart": planned.told,
-        "told_apart_random": planned.random,
+        "told_apart": planned.probabilities,
+        "told_apart_random": planned.random_probability,
         "criteria": {
             name: {"before": before, "after": after} for name, (before, after) in criteria
         },

@@ -56,11 +56,12 @@ def study_command(
     from ..report.drawing import draw
     from ..results.storage import WRITES, save
     from ..study.checkpoint import Checkpoint
-    from ..study.runner import rehearse_study, robot_of, run_study
+    from ..study.inputs import read_nominal_robot
+    from ..study.runner import rehearse_study, run_study
 
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
-    registry, broken = with_plugins(robot=robot_of(read, path.parent))
+    registry, broken = with_plugins(robot=read_nominal_robot(read, path.parent))
     for name, why in broken.items():
         click.echo(f"modelsel: plug-in {name} is left out: {why}", err=True)
     folder = out if out is not None else Path("reports") / path.resolve().parent.name
