@@ -13,7 +13,7 @@ from builders import drawn
 from click.testing import CliRunner
 
 from modelsel import Study, plan_next
-from modelsel import run as study_run
+from modelsel import run_study as study_run
 from modelsel._choices import PLAN_CRITERIA
 from modelsel.calibration.experiment_design import (
     Pool,
