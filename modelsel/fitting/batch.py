@@ -90,26 +90,46 @@ class Ensemble:
         """Measured minus predicted (D, c, m) of the rows as points."""
         if self._bare is not None:
             return self._bare._left(twist, D)
-        return self._positions(twist, D) if self.problem.components == 3 else self._poses(twist, D)
+        if self.problem.components == 3:
+            return self._positions(twist, D)
+        return self._poses(twist, D)
 
     @cached_property
     def _bare(self) -> Ensemble | None:
         """The same rows as points measured at nought, where not every row is a point."""
-        return None if self.problem.only_points else Ensemble(self.problem.bare, ())
+        if self.problem.only_points:
+            return None
+        bare = self.problem.bare
+        return Ensemble(bare, ())
 
     @cached_property
     def _origin(self) -> Ensemble | None:
-        return None if self.problem.origin is None else Ensemble(self.problem.origin, self.terms)
+        origin = self.problem.origin
+        if origin is None:
+            return None
+        return Ensemble(origin, self.terms)
 
     def _read(self, left: Array, theta: Array) -> Array:
         """Measured minus predicted (D, c, m) of what the rows read, from the target's position with
         its sign turned."""
-        problem, origin_x = self.problem, None
+        problem = self.problem
         gauges = problem.observed()
+        x = -left[:, :3]
+        origin_x = None
         if self._origin is not None:
-            origin_x = -self._origin._left(self._origin.twist(theta), len(theta))[:, :3]
-        change = add_feature_changes(len(gauges.features), self.terms, theta)
-        predicted = predict_readings(gauges, problem.fixtures, change, -left[:, :3], origin_x)
+            origin = self._origin
+            twist = origin.twist(theta)
+            origin_left = origin._left(twist, len(theta))
+            origin_x = -origin_left[:, :3]
+        count = len(gauges.features)
+        change = add_feature_changes(count, self.terms, theta)
+        predicted = predict_readings(
+            gauges,
+            problem.fixtures,
+            change,
+            x,
+            origin_x,
+        )
         left[:, :3] = problem.readings - predicted
         return left * problem.components_measured.T
 
@@ -145,30 +165,37 @@ class Ensemble:
 
     def _poses(self, twist: Twist, D: int) -> Array:
         """Measured minus predicted (D, 6, m) [mm, rad], by the whole pose."""
-        problem, m = self.problem, len(self.problem)
-        whole = np.zeros((problem.robot.n + 1, 6, D, m))
-        for (f, a), values in twist.items():
-            whole[f, a] = values
-        data, rows = problem.data, np.tile(np.arange(m), D)
-        tool_rotation = (
-            None if problem.tool_rotations is None else problem.tool_rotations[data.target[rows]]
-        )
+        problem, data = self.problem, self.problem.data
+        m = len(problem)
+        frames = problem.robot.n + 1
+        whole = np.zeros((frames, 6, D, m))
+        for (frame, axis), values in twist.items():
+            whole[frame, axis] = values
+        rows = np.tile(np.arange(m), D)
+        tool_rotation = problem.tool_rotations
+        if tool_rotation is not None:
+            tool_rotation = tool_rotation[data.target[rows]]
         at = pose(
             problem.robot,
             data.q[rows],
             problem.tool[rows],
-            whole.reshape(problem.robot.n + 1, 6, D * m),
+            whole.reshape(frames, 6, D * m),
             tool_rotation,
         )
-        R, t = problem.placement[0][data.group], problem.placement[1][data.group]
+        target = at.target.reshape(3, D, m)
+        rotation = at.rotation.reshape(3, 3, D, m)
+        rotations, origins = problem.placement
+        R, t = rotations[data.group], origins[data.group]
         out = np.empty((D, 6, m))
-        out[:, :3] = (data.position - t).T - np.einsum(
-            "mij,jdm->dim", R, at.target.reshape(3, D, m)
-        )
+        predicted = np.einsum("mij,jdm->dim", R, target)
+        measured = (data.position - t).T
+        out[:, :3] = measured - predicted
         assert data.rotation is not None
-        seen = np.einsum("mji,mjk->mik", R, data.rotation)  # measured, in frame 0's axes
-        turned = np.einsum("mij,kjdm->dmik", seen, at.rotation.reshape(3, 3, D, m))
-        out[:, 3:] = np.einsum("mij,djm->dim", R, _vector(turned).transpose(0, 2, 1))
+        # the measured orientation, in frame 0's axes
+        seen = np.einsum("mji,mjk->mik", R, data.rotation)
+        turned = np.einsum("mij,kjdm->dmik", seen, rotation)
+        turn = _vector(turned).transpose(0, 2, 1)
+        out[:, 3:] = np.einsum("mij,djm->dim", R, turn)
         return out
 
 

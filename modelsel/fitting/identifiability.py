@@ -60,24 +60,38 @@ class Identified:
         if not self.kept:
             return 1.0
         kept = list(self.kept)
-        unit = self.triangle[:, kept] / self.scale[kept]
+        scale = self.scale[kept]
+        columns = self.triangle[:, kept]
+        unit = columns / scale
         singular = np.linalg.svd(unit, compute_uv=False)
-        return float(singular[0] / singular[-1])
+        largest = singular[0]
+        return float(largest / singular[-1])
 
     @property
     def zero(self) -> tuple[int, ...]:
         """Columns that move nothing."""
-        limit = MIN_COLUMN * self.scale.max(initial=0)
-        return tuple(np.flatnonzero(self.scale <= limit).tolist())
+        scale = self.scale
+        largest = scale.max(initial=0)
+        limit = MIN_COLUMN * largest
+        is_zero = scale <= limit
+        columns = np.flatnonzero(is_zero)
+        return tuple(columns.tolist())
 
 
 def identify(reduction: Reduction) -> Identified:
     """Determine the rank by sequential orthogonalisation of the unit columns, in their order: an
     earlier column represents a later one that depends on it, so the choice does not hang on the
     data. A column below 1e-13 of the largest is zero."""
-    R = reduction.R[: reduction.p, : reduction.p]
-    kept, scale = independent(R)
-    return Identified(tuple(kept), scale, R, tuple(kept))
+    p = reduction.p
+    triangle = reduction.R[:p, :p]
+    columns, scale = independent(triangle)
+    representatives = tuple(columns)
+    return Identified(
+        kept=representatives,
+        scale=scale,
+        triangle=triangle,
+        exact=representatives,
+    )
 
 
 def without(identified: Identified, lost: set[int]) -> Identified:
@@ -115,13 +129,19 @@ def measures_a_length(problem: Problem | Source) -> bool:
     length, features at known places. An arm with a slide has one of its own."""
     if isinstance(problem, Source) or problem.only_points:
         return True
-    if any(joint.prismatic for joint in problem.robot.joints):
+    has_slide = any(joint.prismatic for joint in problem.robot.joints)
+    if has_slide:
         return True
     gauges = problem.observed()
-    if gauges.of("distance").any() or any(map(_has_known_length, gauges.features)):
+    has_distance = bool(gauges.of("distance").any())
+    has_known_length = any(map(_has_known_length, gauges.features))
+    if has_distance or has_known_length:
         return True
-    spread = max(map(_spread, _length_readings(problem, gauges)), default=0.0)
-    return spread > MIN_READING_SPREAD_MM or _known_features_tell_size(gauges.features)
+    readings = _length_readings(problem, gauges)
+    spread = max(map(_spread, readings), default=0.0)
+    if spread > MIN_READING_SPREAD_MM:
+        return True
+    return _known_features_tell_size(gauges.features)
 
 
 def _has_known_length(feature: Feature) -> bool:
@@ -130,15 +150,21 @@ def _has_known_length(feature: Feature) -> bool:
 
 def _length_readings(problem: Problem, gauges: Gauges) -> Iterator[Array]:
     """Readings of each wire, and of each coordinate measured alone [mm]."""
+    lengths = gauges.length
+    positions = problem.data.position
     for number, feature in enumerate(gauges.features):
         if feature.kind == "wire":
-            yield gauges.length[gauges.feature == number]
+            rows = gauges.feature == number
+            yield lengths[rows]
     for a, axis in enumerate("xyz"):
-        yield problem.data.position[gauges.of("point", axis), a]
+        rows = gauges.of("point", axis)
+        yield positions[rows, a]
 
 
 def _spread(readings: Array) -> float:
-    return float(np.ptp(readings)) if len(readings) else 0.0
+    if not len(readings):
+        return 0.0
+    return float(np.ptp(readings))
 
 
 def _known_features_tell_size(features: Sequence[Feature]) -> bool:
@@ -187,15 +213,18 @@ def _drawn_lengths(problem: Problem) -> dict[tuple[int, str], float]:
     """(frame, "x", "y" or "z") -> the drawing's lengths [mm] that are not zero, to the target."""
     robot = problem.robot
     lengths = {}
-    for frame, fixed in enumerate(robot.fixed[:-1], 1):
+    *links, flange = robot.fixed
+    for frame, fixed in enumerate(links, 1):
         for axis, value in fixed.offset:
             lengths[frame, "xyz"[axis]] = value
-    last = problem.tools[0].copy()
-    for axis, value in robot.fixed[-1].offset:
-        last[axis] = value + problem.tools[0, axis]
+    tool = problem.tools[0]
+    last = tool.copy()
+    for axis, value in flange.offset:
+        last[axis] = value + tool[axis]
+    target_frame = robot.n + 1
     for axis, value in enumerate(last):
         if value:
-            lengths[robot.n + 1, "xyz"[axis]] = float(value)
+            lengths[target_frame, "xyz"[axis]] = float(value)
     return lengths
 
 
@@ -225,4 +254,5 @@ def _is_constant_shift(term: Term) -> bool:
     if len(term.screws) != 1:
         return False
     screw = term.screws[0]
-    return screw.axis[0] == "t" and isinstance(screw.cause, Number)
+    is_shift = screw.axis[0] == "t"
+    return is_shift and isinstance(screw.cause, Number)

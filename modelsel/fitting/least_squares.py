@@ -64,7 +64,8 @@ class Fit:
     def rank(self) -> int:
         """Parameters that the data determine: those fitted, less the combinations of which the
         prior says more."""
-        return self.found.rank - self.weak.held
+        fitted = self.found.rank
+        return fitted - self.weak.held
 
     @property
     def freedom(self) -> float:
@@ -80,25 +81,37 @@ class Fit:
     def by_prior(self) -> int:
         """Fitted terms that a prior has a say in, whose rows stand with the data's: they cost the
         noise no degree of freedom."""
-        if self.precision is None:
+        precision = self.precision
+        if precision is None:
             return self.weak.count
-        shrunk = self.precision[list(self.found.kept)] > 0
-        return int(shrunk.sum()) + self.weak.count
+        kept = list(self.found.kept)
+        is_shrunk = precision[kept] > 0
+        count = int(is_shrunk.sum())
+        return count + self.weak.count
 
     @property
     def sigma(self) -> float:
         """Residual standard deviation of one whitened coordinate."""
-        return float(np.sqrt(self.rss / self.freedom)) if self.freedom > 0 else float("nan")
+        if self.freedom <= 0:
+            return float("nan")
+        variance = self.rss / self.freedom
+        return float(np.sqrt(variance))
 
     @property
     def standard_errors(self) -> Array:
         """(p,) from the residual variance; zero where a term is not estimable."""
-        return np.asarray(np.sqrt((self.factor**2).sum(1)) * self.sigma)
+        factor = self.factor
+        variance = (factor**2).sum(1)
+        errors: Array = np.sqrt(variance) * self.sigma
+        return errors
 
     @property
     def covariance(self) -> Array:
         """(p, p) from the residual variance."""
-        return np.asarray(self.factor @ self.factor.T * self.sigma**2)
+        variance = self.sigma**2
+        unscaled = self.factor @ self.factor.T
+        covariance: Array = unscaled * variance
+        return covariance
 
     @cached_property
     def root(self) -> Array:
@@ -110,7 +123,9 @@ class Fit:
     def prior(self) -> Array | None:
         """(k, p+1) rows [columns | response] of the prior at theta; None for plain least
         squares."""
-        return _rows(self.root, self.theta) if len(self.root) else None
+        if not len(self.root):
+            return None
+        return _rows(self.root, self.theta)
 
     @property
     def representatives(self) -> tuple[int, ...]:
@@ -135,7 +150,8 @@ class Fit:
         if sizes is None:
             return ()
         errors = self.standard_errors
-        return tuple(k for k in self.found.kept if errors[k] > 0.5 * sizes[k])
+        leans = errors > 0.5 * sizes
+        return tuple(k for k in self.found.kept if leans[k])
 
     def at(self) -> Linearisation:
         """Return the point to linearise other models at."""
@@ -155,8 +171,13 @@ def prior_root(
 ) -> Array:
     """Compute the root (k, p) of the prior's precision, of shrunk terms and of what the data hardly
     determine."""
-    shrunk = np.zeros((0, len(terms))) if precision is None else penalty(terms, precision)
-    return shrunk if weak is None or weak.rows is None else np.vstack([shrunk, weak.rows])
+    shrunk = np.zeros((0, len(terms)))
+    if precision is not None:
+        shrunk = penalty(terms, precision)
+    weak_rows = None if weak is None else weak.rows
+    if weak_rows is None:
+        return shrunk
+    return np.vstack([shrunk, weak_rows])
 
 
 def with_prior(reduction: Reduction, root: Array, theta: Array) -> Reduction:
@@ -164,7 +185,8 @@ def with_prior(reduction: Reduction, root: Array, theta: Array) -> Reduction:
     that of the data."""
     if not len(root):
         return reduction
-    return Reduction(reduction.add(_rows(root, theta)).R, reduction.rows)
+    stacked = reduction.add(_rows(root, theta))
+    return Reduction(stacked.R, reduction.rows)
 
 
 def _damped(reduction: Reduction, damping: float) -> Reduction:
@@ -256,7 +278,8 @@ class _Solver:
     @cached_property
     def nominal(self) -> Reduction:
         """At the nominal chain."""
-        return reduce_problem(self.problem, self.model.terms)
+        terms = self.model.terms
+        return reduce_problem(self.problem, terms)
 
     @cached_property
     def exact(self) -> Identified:
@@ -280,8 +303,16 @@ class _Solver:
 
     def state(self, theta: Array, found: Identified, weak: WeakPrior) -> _State:
         """At a start, the fixed terms at zero."""
-        theta = np.where(np.isin(np.arange(len(theta)), found.kept), theta, 0.0)
-        return _State(theta, found, weak, *self.reduced(theta, found, weak))
+        is_fitted = np.isin(np.arange(len(theta)), found.kept)
+        start = np.where(is_fitted, theta, 0.0)
+        reduction, full = self.reduced(start, found, weak)
+        return _State(
+            start,
+            found,
+            weak,
+            reduction,
+            full,
+        )
 
     def reduced(
         self, theta: Array, found: Identified, weak: WeakPrior
@@ -289,20 +320,28 @@ class _Solver:
         """(the reduction at theta, the same with the prior's rows)."""
         terms = self.model.terms
         if theta.any():
-            only = list(found.kept) if len(self.problem) > PROBE[1] else None
-            reduction = reduce_problem(self.problem, terms, Linearisation(terms, theta), only)
+            point = Linearisation(terms, theta)
+            is_long = len(self.problem) > PROBE[1]
+            only = list(found.kept) if is_long else None
+            reduction = reduce_problem(self.problem, terms, point, only)
         else:
             reduction = self.nominal
-        return reduction, with_prior(reduction, prior_root(terms, self.precision, weak), theta)
+        root = prior_root(terms, self.precision, weak)
+        full = with_prior(reduction, root, theta)
+        return reduction, full
 
     def settle(self, state: _State, iterations: int, step_mm: float) -> _State:
         """Judge what is fitted and solve again, until the judgement stays."""
         for _ in range(ROUNDS):
             found, weak = self.judge(state)
-            unchanged = found.kept == state.found.kept and weak.like(state.weak)
-            if unchanged and state.step_mm < step_mm:
+            fitted = state.found.kept
+            same_terms = found.kept == fitted
+            same_prior = weak.like(state.weak)
+            is_settled = state.step_mm < step_mm
+            if same_terms and same_prior and is_settled:
                 break
-            state = self.solve(self.state(state.theta, found, weak), iterations, step_mm)
+            start = self.state(state.theta, found, weak)
+            state = self.solve(start, iterations, step_mm)
         return state
 
     def solve(self, state: _State, iterations: int, step_mm: float) -> _State:
@@ -348,10 +387,11 @@ class _Solver:
         """Raise NotEstimable where the data have no more coordinates than the model has parameters,
         or where the iteration should have `settled` and has not."""
         names = " + ".join(self.model.names) or "the model"
+        rows = self.nominal.rows
         rank = state.found.rank - state.weak.held
-        if self.nominal.rows <= rank and self.precision is None:
+        if rows <= rank and self.precision is None:
             raise NotEstimable(
-                f"{self.nominal.rows} measured coordinates cannot determine the {rank} estimable parameters of "
+                f"{rows} measured coordinates cannot determine the {rank} estimable parameters of "
                 f"{names}: measure more configurations.",
                 parameters=[t.symbol for t in self.model.terms],
             )
@@ -364,6 +404,9 @@ class _Solver:
 
 def factor_of(full: Reduction, kept: Sequence[int]) -> Array:
     """Compute the covariance factor (p, rank) of the kept terms, zeros for the others."""
-    factor = np.zeros((full.p, len(kept)))
-    factor[list(kept)] = solve(full, kept)[1]
+    shape = full.p, len(kept)
+    factor = np.zeros(shape)
+    columns = list(kept)
+    _, solved, _ = solve(full, columns)
+    factor[columns] = solved
     return factor

@@ -155,7 +155,8 @@ def _known_floor(
     """(the floor, whitening matrices (m, 3, 3) of the positions where rows differ). Repeats of one
     kind of row say nothing of the others."""
     if data.sigma is not None:
-        floor = Floor(float(np.sqrt(np.square(data.sigma).mean())), "stated")
+        variance = np.square(data.sigma).mean()
+        floor = Floor(float(np.sqrt(variance)), "stated")
         return floor, _diagonal(1 / data.sigma)
     if stated_mm is not None:
         return Floor(stated_mm, "stated"), None
@@ -163,7 +164,8 @@ def _known_floor(
         return _instrument_floor(data, instrument)
     if data.gauges is not None:
         return None, None
-    return from_repeats(data) or from_target_pairs(data), None
+    measured = from_repeats(data) or from_target_pairs(data)
+    return measured, None
 
 
 def _instrument_floor(data: Measurements, instrument: Instrument) -> tuple[Floor, Array]:
@@ -194,4 +196,7 @@ def _with_orientations(
 
 def _diagonal(values: Array) -> Array:
     """(m, k, k) diagonal matrices of values (m, k)."""
-    return np.asarray(np.einsum("mi,ij->mij", values, np.eye(values.shape[1])))
+    size = values.shape[1]
+    identity = np.eye(size)
+    matrices: Array = np.einsum("mi,ij->mij", values, identity)
+    return matrices

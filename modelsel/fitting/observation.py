@@ -61,12 +61,14 @@ class FeatureOfRows:
         """Return the features of rows by their indices (m,); change (..., F, 7). Rows without one
         have any: nothing reads it."""
         if not len(fixtures.length):
-            fixtures, change = Fixtures.unknown(1), np.zeros((*change.shape[:-2], 1, 7))
+            fixtures = Fixtures.unknown(1)
+            change = np.zeros((*change.shape[:-2], 1, 7))
+        number = np.maximum(feature, 0)
         return FeatureOfRows(
             fixtures.centre[feature],
             fixtures.axes[feature],
             fixtures.length[feature],
-            change[..., np.maximum(feature, 0), :],
+            change[..., number, :],
         )
 
     @property
@@ -77,7 +79,10 @@ class FeatureOfRows:
     def take(self, rows: NDArray[np.bool_]) -> FeatureOfRows:
         """Return the features of some rows."""
         return FeatureOfRows(
-            self.centre[rows], self.axes[rows], self.length[rows], self.change[..., rows, :]
+            self.centre[rows],
+            self.axes[rows],
+            self.length[rows],
+            self.change[..., rows, :],
         )
 
 
@@ -216,7 +221,10 @@ def _single(number: Array) -> Array:
 
 def _direction(line: Array) -> Array:
     """Unit vectors (3, m) along lines."""
-    return np.asarray(line / np.maximum(np.linalg.norm(line, axis=0), SMALLEST_MM))
+    norms = np.linalg.norm(line, axis=0)
+    length = np.maximum(norms, SMALLEST_MM)
+    direction: Array = line / length
+    return direction
 
 
 # -- rows of several kinds
@@ -231,20 +239,24 @@ def split_by_kind(
     features = FeatureOfRows.of(fixtures, change, gauges.feature)
     points = gauges.of("point", "x", "y", "z")
     if points.any():
-        yield points, PointObservation(gauges.coordinates[points])
+        coordinates = gauges.coordinates[points]
+        yield points, PointObservation(coordinates)
     distances = gauges.of("distance")
     if distances.any():
         start = features.anchor if origin is None else origin
         yield distances, DistanceObservation(start[..., distances])
     anchored = gauges.of("wire", "ball-bar")
     if anchored.any():
-        yield anchored, AnchorObservation(features.take(anchored))
+        anchors = features.take(anchored)
+        yield anchored, AnchorObservation(anchors)
     touched = gauges.of("same-point")
     if touched.any():
-        yield touched, SamePointObservation(features.take(touched))
-    planes = gauges.of("plane")
-    if planes.any():
-        yield planes, PlaneObservation(features.take(planes))
+        touched_points = features.take(touched)
+        yield touched, SamePointObservation(touched_points)
+    on_plane = gauges.of("plane")
+    if on_plane.any():
+        planes = features.take(on_plane)
+        yield on_plane, PlaneObservation(planes)
 
 
 def measured_readings(gauges: Gauges, position: Array) -> Array:
@@ -263,8 +275,11 @@ def predict_readings(
     """Return the readings (..., 3, m) of rows of several kinds with the target at x (..., 3, m);
     arguments as in `split_by_kind`."""
     out = np.zeros(x.shape)
-    for rows, observation in split_by_kind(gauges, fixtures, change, origin):
-        out[..., rows] = observation.predict(x[..., rows])
+    kinds = split_by_kind(gauges, fixtures, change, origin)
+    for rows, observation in kinds:
+        target = x[..., rows]
+        reading = observation.predict(target)
+        out[..., rows] = reading
     return out
 
 

@@ -60,8 +60,12 @@ class WeakPrior:
             return self
         source = np.array(index)
         is_new = source < 0
-        rows = np.where(is_new, 0.0, self.rows[:, source])
-        sizes = None if self.sizes is None else np.where(is_new, np.inf, self.sizes[source])
+        columns = self.rows[:, source]
+        rows = np.where(is_new, 0.0, columns)
+        sizes = self.sizes
+        if sizes is not None:
+            sizes = sizes[source]
+            sizes = np.where(is_new, np.inf, sizes)
         return replace(self, rows=rows, sizes=sizes)
 
 
@@ -95,17 +99,21 @@ def _lasts(term: Term) -> bool:
 def _of_the_arm(model: Model) -> list[Index]:
     """Indices of the arm's constant lengths and of its angles, without what the set-up leaves
     open."""
-    return [
-        np.array([k for k, t in enumerate(model.terms) if _is_usual(t, kind, size)], dtype=np.intp)
-        for kind, size in OPEN.items()
-    ]
+    indices = []
+    for kind, size in OPEN.items():
+        is_usual = [_is_usual(term, kind, size) for term in model.terms]
+        of_kind = np.flatnonzero(is_usual)
+        indices.append(of_kind)
+    return indices
 
 
 def _is_usual(term: Term, kind: str, open_size: float) -> bool:
     """Whether a term is a constant of a `kind` of the arm, of a smaller size than what is open."""
-    if term.usual is None or term.usual >= open_size:
+    if term.usual is None:
         return False
-    return term.screws[0].axis[0] == kind
+    is_open = term.usual >= open_size
+    screw = term.screws[0]
+    return not is_open and screw.axis[0] == kind
 
 
 def fitted_terms(found: Identified, model: Model) -> Identified:

@@ -46,7 +46,9 @@ class Reduction:
     @staticmethod
     def empty(p: int) -> Reduction:
         """Return the reduction of no rows, for p columns and the response."""
-        return Reduction(np.zeros((p + 1, p + 1)), 0)
+        size = p + 1
+        triangle = np.zeros((size, size))
+        return Reduction(triangle, 0)
 
     @property
     def p(self) -> int:
@@ -58,8 +60,10 @@ class Reduction:
         if not len(matrix):
             return self
         triangle = np.array(self.R, order="F")
-        _stack(triangle, np.array(matrix, order="F"))
-        return Reduction(triangle, self.rows + len(matrix))
+        below = np.array(matrix, order="F")
+        _stack(triangle, below)
+        rows = self.rows + len(matrix)
+        return Reduction(triangle, rows)
 
     def merge(self, other: Reduction) -> Reduction:
         """Return the reduction of both sets of rows."""
@@ -150,10 +154,13 @@ def reduce_problem(
     """
     if isinstance(problem, Source):
         return problem.reduced(terms, at, only)
-    weight = problem.whitening.weight
-    plain = replace(problem, whitening=problem.whitening.without_weight())
+    whitening = problem.whitening
+    weight = whitening.weight
+    unweighted = whitening.without_weight()
+    plain = replace(problem, whitening=unweighted)
     triangle = _triangle(plain, terms, at, only)
-    return Reduction(triangle * weight, problem.coordinates)
+    scaled = triangle * weight
+    return Reduction(scaled, problem.coordinates)
 
 
 def _triangle(
@@ -167,13 +174,15 @@ def _triangle(
     if only is not None:
         picked = [*only, p]
         rows = _stream(problem, terms, at, picked)
-        return Reduction.empty(p).add(scatter_columns(rows, picked, p + 1)).R
+        scattered = scatter_columns(rows, picked, p + 1)
+        return Reduction.empty(p).add(scattered).R
     if len(problem) > PROBE[1] and p:
         try:
             return _without_dependent(problem, terms, at)
         except _Disagrees:
             pass
-    return _stream(problem, terms, at, range(p + 1))
+    every = range(p + 1)
+    return _stream(problem, terms, at, every)
 
 
 class _Disagrees(ArithmeticError):
@@ -182,7 +191,8 @@ class _Disagrees(ArithmeticError):
 
 def scatter_columns(rows: Array, columns: Sequence[int], width: int) -> Array:
     """Put rows (k, len(columns)) at their columns of `width`, zeros elsewhere."""
-    out = np.zeros((len(rows), width))
+    shape = len(rows), width
+    out = np.zeros(shape)
     out[:, columns] = rows
     return out
 

@@ -65,7 +65,8 @@ class _Marginal:
     @cached_property
     def kept(self) -> list[int]:
         """Indices of the fitted terms."""
-        return list(self.fitted.found.kept)
+        kept = self.fitted.found.kept
+        return list(kept)
 
     @cached_property
     def position(self) -> dict[int, int]:
@@ -81,7 +82,9 @@ class _Marginal:
     @cached_property
     def columns(self) -> Array:
         """(p+1, k) triangle of the kept columns."""
-        return self.fitted.reduction.R[:-1, self.kept]
+        kept = self.kept
+        triangle = self.fitted.reduction.R
+        return triangle[:-1, kept]
 
     @cached_property
     def response(self) -> Array:
@@ -92,7 +95,8 @@ class _Marginal:
     @cached_property
     def gram(self) -> Array:
         """(k, k) cross products of the columns."""
-        return self.columns.T @ self.columns
+        columns = self.columns
+        return columns.T @ columns
 
     @cached_property
     def held(self) -> Array:
@@ -101,7 +105,8 @@ class _Marginal:
         if rows is None:
             return self.gram
         weak = rows[:, self.kept]
-        return self.gram + weak.T @ weak
+        weak_gram = weak.T @ weak
+        return self.gram + weak_gram
 
     @cached_property
     def inverse_correlation(self) -> Array:
@@ -168,11 +173,23 @@ def fit_shrunk(
     if not groups:
         return fit(problem, model, start=theta, step_mm=step_mm, held=held)
     precision = _first_precision(problem, model, groups, start)
-    fitted = fit(problem, model, precision=precision, start=theta, step_mm=step_mm, held=held)
+    fitted = fit(
+        problem,
+        model,
+        precision=precision,
+        start=theta,
+        step_mm=step_mm,
+        held=held,
+    )
     for _ in range(2):
         previous, precision = precision, variances(fitted, groups)
         fitted = fit(
-            problem, model, precision=precision, start=fitted.theta, step_mm=step_mm, held=held
+            problem,
+            model,
+            precision=precision,
+            start=fitted.theta,
+            step_mm=step_mm,
+            held=held,
         )
         if np.allclose(precision, previous, rtol=REFIT_TOLERANCE):
             break

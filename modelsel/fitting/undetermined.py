@@ -120,5 +120,7 @@ def _hardly_determined(names: Sequence[str]) -> list[Unidentifiable]:
 
 
 def _at_zero(names: Sequence[str]) -> str:
-    verb = "is" if len(names) == 1 else "are"
-    return f"{sentence_list(names)} {verb} kept at zero"
+    listed = sentence_list(names)
+    is_single = len(names) == 1
+    verb = "is" if is_single else "are"
+    return f"{listed} {verb} kept at zero"
