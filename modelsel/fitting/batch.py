@@ -52,9 +52,14 @@ class Ensemble:
 
     def _stacked(self, causes: Sequence[Array]) -> Array:
         """(k, m) causes, or (k, 1) where all are constant."""
-        if all(cause.ndim == 0 for cause in causes):
-            return np.stack([cause.reshape(1) for cause in causes])
-        return np.stack([np.broadcast_to(cause, (len(self.problem),)) for cause in causes])
+        are_constant = all(cause.ndim == 0 for cause in causes)
+        if are_constant:
+            numbers = [cause.reshape(1) for cause in causes]
+            return np.stack(numbers)
+        rows = len(self.problem)
+        shape = (rows,)
+        columns = [np.broadcast_to(cause, shape) for cause in causes]
+        return np.stack(columns)
 
     @cached_property
     def _turns(self) -> tuple[tuple[Array, Array], ...]:

@@ -106,7 +106,8 @@ def assemble(
     a fitted point or (None) at the nominal model. With `space` the array is overwritten by the
     next call."""
     if rows is None:
-        rows = slice(0, len(problem))
+        count = len(problem)
+        rows = slice(0, count)
     space = space or Workspace()
     if problem.only_points:
         return _assemble_points(problem, terms, at, rows, space)
@@ -191,7 +192,8 @@ def _entry_run(terms: Sequence[Term]) -> tuple[int, int]:
     start = starts[0] if starts else 0
     stop = start
     while stop < len(terms):
-        if not _is_entry(terms[stop], stop - start):
+        number = stop - start
+        if not _is_entry(terms[stop], number):
             break
         stop += 1
     return start, stop
@@ -202,7 +204,8 @@ def _is_entry(term: Term, number: int) -> bool:
     if len(term.screws) != 1:
         return False
     screw = term.screws[0]
-    if screw.frame != number // 6 + 1:
+    frame = number // 6 + 1
+    if screw.frame != frame:
         return False
     has_axis = screw.axis == AXES[number % 6]
     return has_axis and screw.cause == ONE

@@ -151,7 +151,8 @@ def _has_known_length(feature: Feature) -> bool:
 def _length_readings(problem: Problem, gauges: Gauges) -> Iterator[Array]:
     """Readings of each wire, and of each coordinate measured alone [mm]."""
     lengths = gauges.length
-    positions = problem.data.position
+    data = problem.data
+    positions = data.position
     for number, feature in enumerate(gauges.features):
         if feature.kind == "wire":
             rows = gauges.feature == number
@@ -213,18 +214,20 @@ def _drawn_lengths(problem: Problem) -> dict[tuple[int, str], float]:
     """(frame, "x", "y" or "z") -> the drawing's lengths [mm] that are not zero, to the target."""
     robot = problem.robot
     lengths = {}
-    *links, flange = robot.fixed
+    fixed_transforms = robot.fixed
+    *links, flange = fixed_transforms
     for frame, fixed in enumerate(links, 1):
-        for axis, value in fixed.offset:
-            lengths[frame, "xyz"[axis]] = value
+        for number, value in fixed.offset:
+            axis = "xyz"[number]
+            lengths[frame, axis] = value
     tool = problem.tools[0]
     last = tool.copy()
-    for axis, value in flange.offset:
-        last[axis] = value + tool[axis]
+    for number, value in flange.offset:
+        last[number] = value + tool[number]
     target_frame = robot.n + 1
-    for axis, value in enumerate(last):
+    for axis, value in zip("xyz", last, strict=True):
         if value:
-            lengths[target_frame, "xyz"[axis]] = float(value)
+            lengths[target_frame, axis] = float(value)
     return lengths
 
 

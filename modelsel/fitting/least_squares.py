@@ -303,16 +303,8 @@ class _Solver:
 
     def state(self, theta: Array, found: Identified, weak: WeakPrior) -> _State:
         """At a start, the fixed terms at zero."""
-        is_fitted = np.isin(np.arange(len(theta)), found.kept)
-        start = np.where(is_fitted, theta, 0.0)
-        reduction, full = self.reduced(start, found, weak)
-        return _State(
-            start,
-            found,
-            weak,
-            reduction,
-            full,
-        )
+        theta = np.where(np.isin(np.arange(len(theta)), found.kept), theta, 0.0)
+        return _State(theta, found, weak, *self.reduced(theta, found, weak))
 
     def reduced(
         self, theta: Array, found: Identified, weak: WeakPrior
@@ -320,15 +312,11 @@ class _Solver:
         """(the reduction at theta, the same with the prior's rows)."""
         terms = self.model.terms
         if theta.any():
-            point = Linearisation(terms, theta)
-            is_long = len(self.problem) > PROBE[1]
-            only = list(found.kept) if is_long else None
-            reduction = reduce_problem(self.problem, terms, point, only)
+            only = list(found.kept) if len(self.problem) > PROBE[1] else None
+            reduction = reduce_problem(self.problem, terms, Linearisation(terms, theta), only)
         else:
             reduction = self.nominal
-        root = prior_root(terms, self.precision, weak)
-        full = with_prior(reduction, root, theta)
-        return reduction, full
+        return reduction, with_prior(reduction, prior_root(terms, self.precision, weak), theta)
 
     def settle(self, state: _State, iterations: int, step_mm: float) -> _State:
         """Judge what is fitted and solve again, until the judgement stays."""

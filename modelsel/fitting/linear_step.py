@@ -96,4 +96,6 @@ def _prior(weak: WeakPrior, theta: Array) -> Array:
 
 
 def _with_rows(reduction: Reduction, rows: Array) -> Reduction:
-    return Reduction(reduction.add(rows).R, reduction.rows)
+    count = reduction.rows
+    stacked = reduction.add(rows)
+    return Reduction(stacked.R, count)

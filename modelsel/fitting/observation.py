@@ -111,8 +111,10 @@ class PointObservation(Observation):
 
     def gradients(self, x: Array) -> tuple[Array, Array]:
         G, E = _zeros(x)
+        coordinates = self.coordinates
         for k in range(3):
-            G[k, k] = self.coordinates[:, k]
+            is_measured = coordinates[:, k]
+            G[k, k] = is_measured
         return G, E
 
 
@@ -128,7 +130,9 @@ class DistanceObservation(Observation):
 
     def gradients(self, x: Array) -> tuple[Array, Array]:
         G, E = _zeros(x)
-        G[0] = _direction(x - self.origin)
+        line = x - self.origin
+        direction = _direction(line)
+        G[0] = direction
         return G, E
 
 
@@ -144,7 +148,8 @@ class AnchorObservation(Observation):
 
     def gradients(self, x: Array) -> tuple[Array, Array]:
         G, E = _zeros(x)
-        G[0] = _direction(x - self.feature.anchor)
+        line = x - self.feature.anchor
+        G[0] = _direction(line)
         E[PLACE, 0] = -G[0]
         E[LENGTH, 0] = -1.0
         return G, E
@@ -244,7 +249,8 @@ def split_by_kind(
     distances = gauges.of("distance")
     if distances.any():
         start = features.anchor if origin is None else origin
-        yield distances, DistanceObservation(start[..., distances])
+        start_of_rows = start[..., distances]
+        yield distances, DistanceObservation(start_of_rows)
     anchored = gauges.of("wire", "ball-bar")
     if anchored.any():
         anchors = features.take(anchored)
@@ -274,7 +280,8 @@ def predict_readings(
 ) -> Array:
     """Return the readings (..., 3, m) of rows of several kinds with the target at x (..., 3, m);
     arguments as in `split_by_kind`."""
-    out = np.zeros(x.shape)
+    shape = x.shape
+    out = np.zeros(shape)
     kinds = split_by_kind(gauges, fixtures, change, origin)
     for rows, observation in kinds:
         target = x[..., rows]

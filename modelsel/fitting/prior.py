@@ -49,9 +49,15 @@ class WeakPrior:
         """Return whether another changes nothing."""
         if self.rows is None or other.rows is None:
             return self.rows is other.rows
-        a, b = self.rows.T @ self.rows, other.rows.T @ other.rows
-        unit = np.sqrt(np.maximum(np.diagonal(b), np.finfo(float).tiny))
-        return bool(np.abs((a - b) / unit / unit[:, None]).max() <= ALIKE)
+        gram = self.rows.T @ self.rows
+        other_gram = other.rows.T @ other.rows
+        tiny = np.finfo(float).tiny
+        diagonal = np.diagonal(other_gram)
+        unit = np.sqrt(np.maximum(diagonal, tiny))
+        change = (gram - other_gram) / unit
+        change = np.abs(change / unit[:, None])
+        largest = change.max()
+        return bool(largest <= ALIKE)
 
     def placed(self, index: Sequence[int]) -> WeakPrior:
         """Return the prior of other terms: number k of these is number index[k] of those, -1 for
@@ -133,11 +139,20 @@ def faint(R: Array, kept: Sequence[int], sizes: Array, least: float) -> set[int]
     judged = [k for k in kept if np.isfinite(sizes[k])]
     lost: set[int] = set()
     while judged:
-        _, singular, Vt = np.linalg.svd(R[:, judged] * sizes[judged], full_matrices=False)
-        if singular[-1] > least:
+        columns = R[:, judged]
+        effect = columns * sizes[judged]
+        _, singular, Vt = np.linalg.svd(effect, full_matrices=False)
+        smallest = singular[-1]
+        if smallest > least:
             break
-        share = np.abs(Vt[-1])
-        lost.add(judged.pop(int(np.flatnonzero(share > 0.5 * share.max())[-1])))
+        combination = Vt[-1]
+        share = np.abs(combination)
+        half = 0.5 * share.max()
+        dominates = share > half
+        dominant = np.flatnonzero(dominates)
+        last = int(dominant[-1])
+        term = judged.pop(last)
+        lost.add(term)
     return lost
 
 

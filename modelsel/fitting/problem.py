@@ -138,10 +138,16 @@ class Problem:
     def components_measured(self) -> NDArray[np.bool_]:
         """(m, c) which components of a row are measured."""
         if self.only_points:
-            return np.ones((len(self), self.components), dtype=bool)
+            shape = len(self), self.components
+            return np.ones(shape, dtype=bool)
         gauges = self.observed()
-        oriented = np.repeat(gauges.of("point")[:, None], self.components - 3, axis=1)
-        return np.concatenate([gauges.coordinates, oriented], axis=1)
+        coordinates = gauges.coordinates
+        points = gauges.of("point")
+        is_oriented = points[:, None]
+        turns = self.components - 3
+        oriented = np.repeat(is_oriented, turns, axis=1)
+        measured = [coordinates, oriented]
+        return np.concatenate(measured, axis=1)
 
     @property
     def coordinates(self) -> int:
@@ -250,7 +256,9 @@ class Problem:
 
 def _identities(count: int) -> Array:
     """(count, 3, 3) identity matrices."""
-    return np.tile(np.eye(3), (count, 1, 1))
+    identity = np.eye(3)
+    repeats = count, 1, 1
+    return np.tile(identity, repeats)
 
 
 def _tool_each(tools: Array, targets: int) -> Array:

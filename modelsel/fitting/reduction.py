@@ -67,12 +67,20 @@ class Reduction:
 
     def merge(self, other: Reduction) -> Reduction:
         """Return the reduction of both sets of rows."""
-        return Reduction(self.add(other.R).R, self.rows + other.rows)
+        triangle = other.R
+        stacked = self.add(triangle)
+        rows = self.rows + other.rows
+        return Reduction(stacked.R, rows)
 
     def select(self, columns: Sequence[int]) -> Reduction:
         """Return the reduction of some columns, in the given order; the response stays last."""
-        picked = self.R[:, [*columns, self.p]]
-        out = Reduction.empty(len(columns)).add(picked)
+        p = self.p
+        triangle = self.R
+        kept = [*columns, p]
+        picked = triangle[:, kept]
+        count = len(columns)
+        nothing = Reduction.empty(count)
+        out = nothing.add(picked)
         return Reduction(out.R, self.rows)
 
 
@@ -108,7 +116,11 @@ def independent(R: Array) -> tuple[list[int], Array]:
 
 def reduce(matrix: Array, response: Array) -> Reduction:
     """Reduce a plain matrix (N, p) and response (N,)."""
-    return Reduction.empty(matrix.shape[1]).add(np.column_stack([matrix, response]))
+    columns = [matrix, response]
+    rows = np.column_stack(columns)
+    _, p = matrix.shape
+    nothing = Reduction.empty(p)
+    return nothing.add(rows)
 
 
 def _stack(triangle: Array, matrix: Array) -> None:

@@ -83,8 +83,9 @@ class _Marginal:
     def columns(self) -> Array:
         """(p+1, k) triangle of the kept columns."""
         kept = self.kept
-        triangle = self.fitted.reduction.R
-        return triangle[:-1, kept]
+        reduction = self.fitted.reduction
+        triangle = reduction.R[:-1]
+        return triangle[:, kept]
 
     @cached_property
     def response(self) -> Array:

@@ -48,9 +48,18 @@ def spline_groups(terms: Sequence[Term]) -> list[tuple[Index, Array]]:
 
 def _root(centre: Array) -> Array:
     """Lower root of the Matérn 3/2 correlation of coefficients centred at `centre` (k,) knots."""
-    distance = np.sqrt(3) / LENGTH * np.abs(centre[:, None] - centre)
-    correlation = (1 + distance) * np.exp(-distance)
-    return np.asarray(np.linalg.cholesky(correlation + JITTER * np.eye(len(centre))))
+    difference = centre[:, None] - centre
+    scale = np.sqrt(3) / LENGTH
+    distance = scale * np.abs(difference)
+    polynomial = 1 + distance
+    decay = np.exp(-distance)
+    correlation = polynomial * decay
+    count = len(centre)
+    identity = np.eye(count)
+    jitter = JITTER * identity
+    regular = correlation + jitter
+    root: Array = np.linalg.cholesky(regular)
+    return root
 
 
 def penalty(terms: Sequence[Term], precision: Array) -> Array:

@@ -100,7 +100,8 @@ class StateVariables:
 
     def _evaluate(self, name: str) -> dict[str, Array]:
         """Values by name: of the name, and of what comes along at no cost."""
-        covariates = self.data.covariates
+        data = self.data
+        covariates = data.covariates
         if name in covariates:
             return {name: covariates[name]}
         variable = parse_state_name(name)
@@ -113,7 +114,10 @@ class StateVariables:
 
     def pose(self) -> Pose:
         """Return the nominal pose of all rows in frame 0."""
-        return pose(self.robot, self.data.q, self.tools[self.data.target])
+        data = self.data
+        tools = self.tools[data.target]
+        readings = data.q
+        return pose(self.robot, readings, tools)
 
 
 def _inputs(data: Measurements) -> tuple[object, ...]:

@@ -77,15 +77,22 @@ def _entangled(
 ) -> Unidentifiable:
     """What is said of terms of which only combinations are determined."""
     names = [symbols[j] for j in group]
-    dependent = [j for j in group if j not in identified.exact]
-    free = len(group) - len(dependent)
-    what = "only their sum effect is" if free == 1 else f"only {free} combinations of them are"
-    fixed = [symbols[j] for j in dependent if j not in identified.kept]
+    exact, kept = identified.exact, identified.kept
+    dependent = [j for j in group if j not in exact]
+    count = len(group)
+    free = count - len(dependent)
+    what = f"only {free} combinations of them are"
+    only_sum = free == 1
+    if only_sum:
+        what = "only their sum effect is"
+    fixed = [symbols[j] for j in dependent if j not in kept]
     remedy = "the fit divides it among them by their usual sizes"
     if fixed:
         remedy = _at_zero(fixed)
-    sentence = f"{sentence_list(names)} cannot be told apart: {what} determined; {remedy}."
-    return Unidentifiable(sentence, tuple(names))
+    listed = sentence_list(names)
+    sentence = f"{listed} cannot be told apart: {what} determined; {remedy}."
+    parameters = tuple(names)
+    return Unidentifiable(sentence, parameters)
 
 
 def _without_direction(names: Sequence[str]) -> list[Unidentifiable]:
