@@ -89,7 +89,7 @@ def _list(value: Any, shape: Each, place: str) -> str | None:
 
 
 def _first(pairs: Iterable[tuple[Any, Any]], place: str) -> str | None:
-    """The first item, of (value, shape), that is not of its shape."""
+    """Describe the first item, of (value, shape), that is not of its shape."""
     return next(
         (
             found

@@ -26,7 +26,7 @@ def unit_columns(matrix: Array) -> Array:
 
 
 def orthonormal_basis(matrix: Array) -> Array:
-    """Orthonormal basis (m, r) of the span of a matrix's columns (m, p), r its rank."""
+    """Compute an orthonormal basis (m, r) of the span of a matrix's columns (m, p), r its rank."""
     unit = unit_columns(matrix)
     decomposition = np.linalg.svd(unit, full_matrices=False)
     U, singular, _ = decomposition

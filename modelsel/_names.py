@@ -90,7 +90,7 @@ def quote_name(name: str) -> str:
 
 def guard_cell(cell: str) -> str:
     """Write a text cell for a CSV: an apostrophe goes before what a spreadsheet would run
-    as a formula (OWASP, CSV injection). A plain number stays as it is. `unguarded` gives the cell
+    as a formula (OWASP, CSV injection). A plain number stays as it is. `unguard_cell` gives the cell
     back."""
     bare = cell.lstrip("'")
     if not FORMULA.match(bare):
@@ -101,7 +101,7 @@ def guard_cell(cell: str) -> str:
 
 
 def unguard_cell(cell: str) -> str:
-    """Return a text cell as it was before `guarded`."""
+    """Return a text cell as it was before `guard_cell`."""
     if not cell.startswith("'"):
         return cell
     bare = cell.lstrip("'")

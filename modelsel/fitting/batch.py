@@ -51,7 +51,7 @@ class Ensemble:
         object.__setattr__(self, "_places", places)
 
     def _stacked(self, causes: Sequence[Array]) -> Array:
-        """(k, m) causes, or (k, 1) where all are constant."""
+        """Stack causes as (k, m), or (k, 1) where all are constant."""
         are_constant = all(cause.ndim == 0 for cause in causes)
         if are_constant:
             numbers = [cause.reshape(1) for cause in causes]
@@ -63,7 +63,7 @@ class Ensemble:
 
     @cached_property
     def _turns(self) -> tuple[tuple[Array, Array], ...]:
-        """(cos, sin) (m,) of every joint reading."""
+        """Cosine and sine (m,) of every joint reading."""
         return tuple((np.cos(q), np.sin(q)) for q in self.problem.data.q.T)
 
     def twist(self, theta: Array) -> dict[Place, Array]:
@@ -75,7 +75,7 @@ class Ensemble:
         }
 
     def residuals(self, theta: Array, more: Twist | None = None) -> Array:
-        """Whitened exact residuals (D, c, m) at parameters theta (D, p); `more`: further entries
+        """Compute the whitened exact residuals (D, c, m) at parameters theta (D, p); `more`: further entries
         (D, m) of some places."""
         problem, D, m = self.problem, len(theta), len(self.problem)
         out = np.empty((D, problem.components, m))
@@ -92,7 +92,7 @@ class Ensemble:
         return out
 
     def _left(self, twist: Twist, D: int) -> Array:
-        """Measured minus predicted (D, c, m) of the rows as points."""
+        """Subtract predicted from measured (D, c, m), of the rows as points."""
         if self._bare is not None:
             return self._bare._left(twist, D)
         if self.problem.components == 3:
@@ -115,7 +115,7 @@ class Ensemble:
         return Ensemble(origin, self.terms)
 
     def _read(self, left: Array, theta: Array) -> Array:
-        """Measured minus predicted (D, c, m) of what the rows read, from the target's position with
+        """Subtract predicted from measured (D, c, m), of what the rows read, from the target's position with
         its sign turned."""
         problem = self.problem
         gauges = problem.observed()
@@ -139,7 +139,7 @@ class Ensemble:
         return left * problem.components_measured.T
 
     def _positions(self, twist: Twist, D: int) -> Array:
-        """Measured minus predicted (D, 3, m) [mm]."""
+        """Subtract predicted from measured positions, (D, 3, m) [mm]."""
         problem, robot = self.problem, self.problem.robot
         n = robot.n
         p = [problem.tool[:, a] + twist.get((n, a), np.zeros((1, 1))) for a in range(3)]
@@ -169,37 +169,44 @@ class Ensemble:
         return out
 
     def _poses(self, twist: Twist, D: int) -> Array:
-        """Measured minus predicted (D, 6, m) [mm, rad], by the whole pose."""
-        problem, data = self.problem, self.problem.data
+        """Subtract predicted from measured poses, (D, 6, m) [mm, rad]."""
+        problem = self.problem
+        data = problem.data
         m = len(problem)
         frames = problem.robot.n + 1
         whole = np.zeros((frames, 6, D, m))
-        for (frame, axis), values in twist.items():
-            whole[frame, axis] = values
-        rows = np.tile(np.arange(m), D)
+        for place, values in twist.items():
+            whole[place] = values
+        configurations = np.arange(m)
+        rows = np.tile(configurations, D)
         tool_rotation = problem.tool_rotations
         if tool_rotation is not None:
-            tool_rotation = tool_rotation[data.target[rows]]
+            target_of_rows = data.target[rows]
+            tool_rotation = tool_rotation[target_of_rows]
+        entries = whole.reshape(frames, 6, D * m)
         at = pose(
             problem.robot,
             data.q[rows],
             problem.tool[rows],
-            whole.reshape(frames, 6, D * m),
+            entries,
             tool_rotation,
         )
         target = at.target.reshape(3, D, m)
         rotation = at.rotation.reshape(3, 3, D, m)
         rotations, origins = problem.placement
-        R, t = rotations[data.group], origins[data.group]
+        R = rotations[data.group]
+        t = origins[data.group]
         out = np.empty((D, 6, m))
         predicted = np.einsum("mij,jdm->dim", R, target)
-        measured = (data.position - t).T
+        from_origin = data.position - t
+        measured = from_origin.T
         out[:, :3] = measured - predicted
         assert data.rotation is not None
         # the measured orientation, in frame 0's axes
         seen = np.einsum("mji,mjk->mik", R, data.rotation)
         turned = np.einsum("mij,kjdm->dmik", seen, rotation)
-        turn = _vector(turned).transpose(0, 2, 1)
+        vectors = _vector(turned)
+        turn = vectors.transpose(0, 2, 1)
         out[:, 3:] = np.einsum("mij,djm->dim", R, turn)
         return out
 
@@ -219,12 +226,12 @@ def _vector(R: Array) -> Array:
 
 
 def _turn(c: Array, s: Array, x: Array, y: Array) -> tuple[Array, Array]:
-    """(x, y) turned by the angle of cosine c and sine s."""
+    """Turn (x, y) by the angle of cosine c and sine s."""
     return c * x - s * y, s * x + c * y
 
 
 def _carry(transform: Array, p: Sequence[Array]) -> list[Array]:
-    """A fixed transform (4, 4) applied to the coordinates of points; zeros cost nothing."""
+    """Apply a fixed transform (4, 4) to the coordinates of points; zeros cost nothing."""
     out = []
     for row in transform[:3]:
         parts = [p[b] if row[b] == 1 else row[b] * p[b] for b in range(3) if row[b]]

@@ -64,7 +64,7 @@ def _rows(cause: Array | float, rows: slice) -> Array | float:
 
 
 def _start(problem: Problem, rows: slice) -> Frame:
-    """Frame 0 as the tracker sees it, at these rows."""
+    """Return frame 0 as the tracker sees it, at these rows."""
     R, t = problem.placement
     if len(R) == 1:
         return R[0].T[:, :, None], t[0][:, None]
@@ -117,7 +117,7 @@ def assemble(
 def _assemble_points(
     problem: Problem, terms: Sequence[Term], at: Linearisation | None, rows: slice, space: Workspace
 ) -> Array:
-    """`assemble` where every row is a point.
+    """Assemble [columns | residual] where every row is a point.
 
     The screw field stands where the columns of its own entries (see `_entry_run`) belong, so that
     nothing is copied:
@@ -186,7 +186,7 @@ def _assemble_readings(
 
 
 def _entry_run(terms: Sequence[Term]) -> tuple[int, int]:
-    """(start, stop) of the first run of terms that are the screw field's own entries, in its order
+    """Find (start, stop) of the first run of terms that are the screw field's own entries, in its order
     from frame 1."""
     starts = [k for k, term in enumerate(terms) if _is_entry(term, 0)]
     start = starts[0] if starts else 0
@@ -214,7 +214,7 @@ def _is_entry(term: Term, number: int) -> bool:
 def _write_products(
     problem: Problem, field: Array, terms: Sequence[Term], rows: slice, out: Array, space: Workspace
 ) -> None:
-    """Columns of terms, screw field times cause, into out (len(terms), c, rows); rows that are
+    """Write columns of terms, screw field times cause, into out (len(terms), c, rows); rows that are
     points see no feature."""
     scaled = space.array("scaled", *out.shape[1:])
     for column, term in zip(out, terms, strict=True):
@@ -301,7 +301,7 @@ def residuals(problem: Problem, terms: Sequence[Term] = (), theta: Array | None 
 
 
 def _point_residuals(problem: Problem, terms: Sequence[Term], theta: Array | None) -> Array:
-    """`residuals` where every row is a point."""
+    """Compute the residuals where every row is a point."""
     out, space = np.empty((len(problem), problem.components)), Workspace()
     frames = problem.robot.n + 1
     for rows, part in problem.parts():
@@ -316,7 +316,7 @@ def _point_residuals(problem: Problem, terms: Sequence[Term], theta: Array | Non
 
 
 def _reading_residuals(problem: Problem, terms: Sequence[Term], theta: Array) -> Array:
-    """`residuals` where not every row is a point."""
+    """Compute the residuals where not every row is a point."""
     gauges = problem.observed()
     count = len(gauges.features)
     change = Linearisation(terms, theta).feature_changes(count)

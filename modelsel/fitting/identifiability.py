@@ -47,7 +47,7 @@ class Identified:
 
     @cached_property
     def relation(self) -> Array:
-        """(p, len(exact)): every column is these coefficients times the exact representatives."""
+        """Coefficients (p, len(exact)) of every column in the exact representatives."""
         kept = list(self.exact)
         if not kept:
             return np.zeros((len(self.scale), 0))
@@ -108,13 +108,22 @@ def solve(reduction: Reduction, kept: Sequence[int]) -> tuple[Array, Array, floa
 
     inner = reduction.select(kept)
     k = len(kept)
+    R = inner.R
+    rss = float(R[k, k] ** 2)
     if not k:
-        return np.zeros(0), np.zeros((0, 0)), float(inner.R[0, 0] ** 2)
-    scale = np.linalg.norm(inner.R[:k, :k], axis=0)
-    T = inner.R[:k, :k] / scale
-    estimate = solve_triangular(T, inner.R[:k, k]) / scale
-    factor = solve_triangular(T, np.eye(k)) / scale[:, None]
-    return estimate, factor, float(inner.R[k, k] ** 2)
+        nothing = np.zeros(0)
+        return nothing, np.zeros((0, 0)), rss
+    columns = R[:k, :k]
+    response = R[:k, k]
+    scale = np.linalg.norm(columns, axis=0)
+    T = columns / scale
+    identity = np.eye(k)
+    unit_estimate = solve_triangular(T, response)
+    unit_factor = solve_triangular(T, identity)
+    estimate = unit_estimate / scale
+    row_scale = scale[:, None]
+    factor = unit_factor / row_scale
+    return estimate, factor, rss
 
 
 # -- what stays as drawn: how long is the arm, and which way does it look?
@@ -149,7 +158,7 @@ def _has_known_length(feature: Feature) -> bool:
 
 
 def _length_readings(problem: Problem, gauges: Gauges) -> Iterator[Array]:
-    """Readings of each wire, and of each coordinate measured alone [mm]."""
+    """Yield the readings of each wire, and of each coordinate measured alone [mm]."""
     lengths = gauges.length
     data = problem.data
     positions = data.position

@@ -99,7 +99,7 @@ class Fit:
 
     @property
     def standard_errors(self) -> Array:
-        """(p,) from the residual variance; zero where a term is not estimable."""
+        """Standard errors (p,) from the residual variance; zero where a term is not estimable."""
         factor = self.factor
         variance = (factor**2).sum(1)
         errors: Array = np.sqrt(variance) * self.sigma
@@ -107,7 +107,7 @@ class Fit:
 
     @property
     def covariance(self) -> Array:
-        """(p, p) from the residual variance."""
+        """Covariance (p, p) of the parameters, from the residual variance."""
         variance = self.sigma**2
         unscaled = self.factor @ self.factor.T
         covariance: Array = unscaled * variance
@@ -115,13 +115,13 @@ class Fit:
 
     @cached_property
     def root(self) -> Array:
-        """(k, p) root of the prior's precision matrix: root · theta ~ N(0, 1) times the noise, of
+        """Root (k, p) of the prior's precision matrix: root · theta ~ N(0, 1) times the noise, of
         shrunk terms and of what the data hardly determine; no rows for plain least squares."""
         return prior_root(self.terms, self.precision, self.weak)
 
     @cached_property
     def prior(self) -> Array | None:
-        """(k, p+1) rows [columns | response] of the prior at theta; None for plain least
+        """Rows (k, p+1) [columns | response] of the prior at theta; None for plain least
         squares."""
         if not len(self.root):
             return None
@@ -190,7 +190,7 @@ def with_prior(reduction: Reduction, root: Array, theta: Array) -> Reduction:
 
 
 def _damped(reduction: Reduction, damping: float) -> Reduction:
-    """With Marquardt's damping: a row per column, in proportion to its norm, that holds the step
+    """Add Marquardt's damping: a row per column, in proportion to its norm, that holds the step
     back."""
     if not damping:
         return reduction
@@ -277,7 +277,7 @@ class _Solver:
 
     @cached_property
     def nominal(self) -> Reduction:
-        """At the nominal chain."""
+        """The reduction at the nominal chain."""
         terms = self.model.terms
         return reduce_problem(self.problem, terms)
 
@@ -302,14 +302,14 @@ class _Solver:
         return float(np.sqrt(rss / max(self.nominal.rows - free, 1.0)))
 
     def state(self, theta: Array, found: Identified, weak: WeakPrior) -> _State:
-        """At a start, the fixed terms at zero."""
+        """Begin the iteration at parameters theta, the fixed terms at zero."""
         theta = np.where(np.isin(np.arange(len(theta)), found.kept), theta, 0.0)
         return _State(theta, found, weak, *self.reduced(theta, found, weak))
 
     def reduced(
         self, theta: Array, found: Identified, weak: WeakPrior
     ) -> tuple[Reduction, Reduction]:
-        """(the reduction at theta, the same with the prior's rows)."""
+        """Reduce at theta: (the reduction, the same with the prior's rows)."""
         terms = self.model.terms
         if theta.any():
             only = list(found.kept) if len(self.problem) > PROBE[1] else None
@@ -333,7 +333,7 @@ class _Solver:
         return state
 
     def solve(self, state: _State, iterations: int, step_mm: float) -> _State:
-        """Gauss-Newton over the kept terms, damped where it overshoots."""
+        """Iterate Gauss-Newton over the kept terms, damped where it overshoots."""
         kept, count = list(state.found.kept), 0
         state = replace(state, step_mm=np.inf, damping=0.0)
         while count < iterations and state.step_mm >= step_mm and state.damping < STUCK:
@@ -354,7 +354,7 @@ class _Solver:
         return replace(state, iterations=state.iterations + count)
 
     def judge(self, state: _State) -> tuple[Identified, WeakPrior]:
-        """What is fitted and what the prior holds, at the solution and by the noise that it leaves.
+        """Judge what is fitted and what the prior holds, at the solution and by the noise it leaves.
         Every constant parameter that moves a measured coordinate is fitted; of the other terms,
         those that no earlier one represents."""
         theta, terms, reduction = state.theta, self.model.terms, state.reduction

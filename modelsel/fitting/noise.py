@@ -63,12 +63,21 @@ def covariance(data: Measurements, instrument: Instrument) -> Array:
         )
     u = line / distance[:, None]
     along = np.einsum("mi,mj->mij", u, u)
-    radial = (instrument.range_mm + instrument.range_ppm * 1e-6 * distance) ** 2
-    lateral = (instrument.angle_urad * 1e-6 * distance) ** 2
-    if not (radial > 0).all() or not (lateral > 0).all():
+    identity = np.eye(3)
+    across = identity - along
+    relative = instrument.range_ppm * 1e-6
+    range_sigma = instrument.range_mm + relative * distance
+    angle_sigma = instrument.angle_urad * 1e-6
+    lateral_sigma = angle_sigma * distance
+    radial = range_sigma**2
+    lateral = lateral_sigma**2
+    is_definite = (radial > 0).all() and (lateral > 0).all()
+    if not is_definite:
         raise StudyError("noise: range_mm or range_ppm, and angle_urad, must both be above zero")
-    across = np.eye(3) - along
-    return np.asarray(radial[:, None, None] * along + lateral[:, None, None] * across)
+    by_range = radial[:, None, None] * along
+    by_angle = lateral[:, None, None] * across
+    matrices: Array = by_range + by_angle
+    return matrices
 
 
 def from_repeats(data: Measurements) -> Floor | None:
@@ -90,7 +99,7 @@ def from_repeats(data: Measurements) -> Floor | None:
 
 
 def _reading_spread(q: Array, member: Index, count: int) -> Array:
-    """(count,) largest spread of a joint's reading among the rows that `member` (m,) numbers
+    """Compute the largest spread (count,) of a joint's reading among the rows that `member` (m,) numbers
     alike."""
     low = np.full((count, q.shape[1]), np.inf)
     high = np.full((count, q.shape[1]), -np.inf)
@@ -103,25 +112,34 @@ def from_target_pairs(data: Measurements) -> Floor | None:
     """Estimate the floor from the scatter of the distance between two reflectors on one flange:
     its variance is 2 σ². None with too few, or where the distance is always the same to
     MIN_RELATIVE_SCATTER: a rigid body fitted to the markers keeps it, and shows no noise."""
-    deviations, freedom, largest = [], 0, 0.0
-    for first, second in combinations(range(len(data.targets)), 2):
+    deviations = []
+    freedom = 0
+    largest = 0.0
+    targets = range(len(data.targets))
+    for first, second in combinations(targets, 2):
         at_first, at_second = _paired_positions(data, first, second)
         if len(at_first) > 2:
-            distance = np.linalg.norm(at_first - at_second, axis=1)
-            deviations.append(np.abs(distance - np.median(distance)) / np.sqrt(2))
+            line = at_first - at_second
+            distance = np.linalg.norm(line, axis=1)
+            middle = np.median(distance)
+            deviation = np.abs(distance - middle)
+            # the variance of a distance is that of two coordinates
+            deviations.append(deviation / np.sqrt(2))
             freedom += len(distance) - 1
-            size = float(np.median(np.linalg.norm(at_first, axis=1)))
+            sizes = np.linalg.norm(at_first, axis=1)
+            size = float(np.median(sizes))
             largest = max(largest, size)
     if freedom < MIN_FREEDOM:
         return None
-    scatter = NORMAL * float(np.median(np.concatenate(deviations)))
+    pooled = np.concatenate(deviations)
+    scatter = NORMAL * float(np.median(pooled))
     if scatter <= MIN_RELATIVE_SCATTER * largest:
         return None
     return Floor(scatter, "target pairs", freedom)
 
 
 def _paired_positions(data: Measurements, first: int, second: int) -> tuple[Array, Array]:
-    """Positions (k, 3) of two targets in the configurations that have both."""
+    """Return the positions (k, 3) of two targets in the configurations that have both."""
     rows, others = (np.flatnonzero(data.target == target) for target in (first, second))
     _, i, j = np.intersect1d(
         data.configuration[rows], data.configuration[others], return_indices=True
@@ -195,7 +213,7 @@ def _with_orientations(
 
 
 def _diagonal(values: Array) -> Array:
-    """(m, k, k) diagonal matrices of values (m, k)."""
+    """Build diagonal matrices (m, k, k) of values (m, k)."""
     size = values.shape[1]
     identity = np.eye(size)
     matrices: Array = np.einsum("mi,ij->mij", values, identity)

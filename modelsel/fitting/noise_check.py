@@ -41,12 +41,12 @@ class Lack:
 
     @property
     def outside(self) -> bool:
-        """Whether chance does not explain it."""
+        """Whether chance does not explain the difference."""
         return not self.low <= self.factor <= self.high
 
     @property
     def far(self) -> bool:
-        """Whether it is so far off that it is said before everything else."""
+        """Whether the floor is so far off that it is said before everything else."""
         return self.outside and not 1 / CLEARLY_TOO_LARGE < self.factor < CLEARLY_TOO_SMALL
 
     @property

@@ -73,7 +73,7 @@ class FeatureOfRows:
 
     @property
     def anchor(self) -> Array:
-        """(..., 3, m) places, as changed."""
+        """Places (..., 3, m) of the anchors, as changed."""
         return np.moveaxis(self.centre + self.change[..., PLACE], -1, -2)
 
     def take(self, rows: NDArray[np.bool_]) -> FeatureOfRows:
@@ -148,9 +148,11 @@ class AnchorObservation(Observation):
 
     def gradients(self, x: Array) -> tuple[Array, Array]:
         G, E = _zeros(x)
-        line = x - self.feature.anchor
-        G[0] = _direction(line)
-        E[PLACE, 0] = -G[0]
+        anchor = self.feature.anchor
+        line = x - anchor
+        direction = _direction(line)
+        G[0] = direction
+        E[PLACE, 0] = -direction
         E[LENGTH, 0] = -1.0
         return G, E
 
@@ -197,7 +199,7 @@ class PlaneObservation(Observation):
         return tilt[..., 0], tilt[..., 1]
 
     def _normal(self) -> Array:
-        """(..., 3, m) Rx(rx) Ry(ry) on the plane's normal."""
+        """Tilt the plane's normal (..., 3, m) by Rx(rx) Ry(ry)."""
         a, b = self._tilts()
         local = np.stack([np.sin(b), -np.sin(a) * np.cos(b), np.cos(a) * np.cos(b)], axis=-1)
         turned = np.einsum("...mi,mij->...mj", local, self.feature.axes)
@@ -212,20 +214,20 @@ class PlaneObservation(Observation):
 
 
 def _zeros(x: Array) -> tuple[Array, Array]:
-    """(G, E) of nothing measured."""
+    """Return the gradients (G, E) of rows where nothing is measured."""
     m = x.shape[-1]
     return np.zeros((3, 3, m)), np.zeros((len(FIXTURE_AXES), 3, m))
 
 
 def _single(number: Array) -> Array:
-    """(..., 3, m) with a number (..., m) in the first component."""
+    """Put a number (..., m) into the first component of readings (..., 3, m)."""
     out = np.zeros((*number.shape[:-1], 3, number.shape[-1]))
     out[..., 0, :] = number
     return out
 
 
 def _direction(line: Array) -> Array:
-    """Unit vectors (3, m) along lines."""
+    """Return the unit vectors (3, m) along lines."""
     norms = np.linalg.norm(line, axis=0)
     length = np.maximum(norms, SMALLEST_MM)
     direction: Array = line / length

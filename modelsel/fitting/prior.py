@@ -47,15 +47,19 @@ class WeakPrior:
 
     def like(self, other: WeakPrior) -> bool:
         """Return whether another changes nothing."""
-        if self.rows is None or other.rows is None:
-            return self.rows is other.rows
-        gram = self.rows.T @ self.rows
-        other_gram = other.rows.T @ other.rows
-        tiny = np.finfo(float).tiny
+        own, others = self.rows, other.rows
+        if own is None or others is None:
+            return own is others
+        gram = own.T @ own
+        other_gram = others.T @ others
         diagonal = np.diagonal(other_gram)
-        unit = np.sqrt(np.maximum(diagonal, tiny))
-        change = (gram - other_gram) / unit
-        change = np.abs(change / unit[:, None])
+        tiny = np.finfo(float).tiny
+        positive = np.maximum(diagonal, tiny)
+        unit = np.sqrt(positive)
+        difference = gram - other_gram
+        by_columns = difference / unit
+        relative = by_columns / unit[:, None]
+        change = np.abs(relative)
         largest = change.max()
         return bool(largest <= ALIKE)
 
@@ -103,7 +107,7 @@ def _lasts(term: Term) -> bool:
 
 
 def _of_the_arm(model: Model) -> list[Index]:
-    """Indices of the arm's constant lengths and of its angles, without what the set-up leaves
+    """Return indices of the arm's constant lengths and of its angles, without what the set-up leaves
     open."""
     indices = []
     for kind, size in OPEN.items():
@@ -128,9 +132,16 @@ def fitted_terms(found: Identified, model: Model) -> Identified:
     (see `size`)."""
     if found.held is not None or found.still:
         return found
-    moves = found.scale > STILL * found.scale.max(initial=0.0)
-    constants = np.flatnonzero(moves & constant_mask(model))
-    return replace(found, kept=tuple(sorted({*found.kept, *constants.tolist()})))
+    scale = found.scale
+    largest = scale.max(initial=0.0)
+    limit = STILL * largest
+    moves = scale > limit
+    is_constant = constant_mask(model)
+    constants = np.flatnonzero(moves & is_constant)
+    represented = set(constants.tolist())
+    fitted = represented | set(found.kept)
+    in_order = sorted(fitted)
+    return replace(found, kept=tuple(in_order))
 
 
 def faint(R: Array, kept: Sequence[int], sizes: Array, least: float) -> set[int]:
@@ -147,7 +158,8 @@ def faint(R: Array, kept: Sequence[int], sizes: Array, least: float) -> set[int]
             break
         combination = Vt[-1]
         share = np.abs(combination)
-        half = 0.5 * share.max()
+        largest = share.max()
+        half = 0.5 * largest
         dominates = share > half
         dominant = np.flatnonzero(dominates)
         last = int(dominant[-1])
@@ -207,7 +219,7 @@ def _scales(
     theta: Array,
     sigma: float,
 ) -> Array:
-    """(p,) factor of every usual size, alike for the arm's lengths and for its angles (`usual`):
+    """Compute a factor (p,) of every usual size, alike for the arm's lengths and for its angles (`usual`):
     the roots of their posterior mean squares by the marginal likelihood of what the data say of
     these parameters; those that are mistaken say nothing."""
     sane = [k for k in kept if abs(theta[k]) < SURPRISING**2 * sizes[k]]
@@ -227,7 +239,7 @@ def _scales(
 
 
 def _factor_posterior(effect: Array, response: Array, lengths: int) -> Array:
-    """(F, F) posterior weights of the FACTORS of the lengths' and the angles' sizes, up to a
+    """Compute posterior weights (F, F) of the FACTORS of the lengths' and the angles' sizes, up to a
     constant; `effect` (k, k) of usual sizes, the first `lengths` columns of lengths, and the
     response (k,), both in units of the noise."""
     of_lengths, of_angles = effect[:, :lengths], effect[:, lengths:]

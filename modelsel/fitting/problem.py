@@ -70,7 +70,7 @@ class Problem:
 
     @cached_property
     def tool(self) -> Array:
-        """(m, 3) nominal target of every row."""
+        """Nominal target (m, 3) of every row, in the flange frame [mm]."""
         targets = self.data.target
         return self.tools[targets]
 
@@ -109,7 +109,7 @@ class Problem:
 
     @property
     def components(self) -> int:
-        """3 for positions, 6 with orientations."""
+        """Numbers of a row: 3 for positions, 6 with orientations."""
         if self.data.rotation is None:
             return 3
         return 6
@@ -136,7 +136,7 @@ class Problem:
 
     @cached_property
     def components_measured(self) -> NDArray[np.bool_]:
-        """(m, c) which components of a row are measured."""
+        """Which components of every row are measured, (m, c)."""
         if self.only_points:
             shape = len(self), self.components
             return np.ones(shape, dtype=bool)
@@ -151,7 +151,7 @@ class Problem:
 
     @property
     def coordinates(self) -> int:
-        """Measured numbers, of all rows."""
+        """Count of the measured numbers of all rows."""
         return (
             len(self) * self.components if self.only_points else int(self.components_measured.sum())
         )
@@ -172,7 +172,7 @@ class Problem:
 
     @cached_property
     def readings(self) -> Array:
-        """(3, m) what rows that are no points read."""
+        """Readings (3, m) of rows that are no points."""
         gauges = self.observed()
         return measured_readings(gauges, self.data.position)
 
@@ -255,7 +255,7 @@ class Problem:
 
 
 def _identities(count: int) -> Array:
-    """(count, 3, 3) identity matrices."""
+    """Return identity matrices (count, 3, 3)."""
     identity = np.eye(3)
     repeats = count, 1, 1
     return np.tile(identity, repeats)

@@ -56,7 +56,7 @@ class Reduction:
         return len(self.R) - 1
 
     def add(self, matrix: Array) -> Reduction:
-        """Stack on the rows of a matrix (k, p+1), the response last."""
+        """Stack the rows of a matrix (k, p+1) on the triangle, the response last."""
         if not len(matrix):
             return self
         triangle = np.array(self.R, order="F")
@@ -139,7 +139,7 @@ class Source(ABC):
 
     @abstractmethod
     def __len__(self) -> int:
-        """Rows."""
+        """Return the number of rows."""
 
     @abstractmethod
     def reduced(
@@ -181,7 +181,7 @@ def _triangle(
     at: Linearisation | None,
     only: Sequence[int] | None,
 ) -> Array:
-    """`reduce_problem` by whichever way is the least work."""
+    """Reduce a problem by whichever way is the least work."""
     p = len(terms)
     if only is not None:
         picked = [*only, p]

@@ -81,7 +81,7 @@ class _Marginal:
 
     @cached_property
     def columns(self) -> Array:
-        """(p+1, k) triangle of the kept columns."""
+        """Triangle (p+1, k) of the kept columns."""
         kept = self.kept
         reduction = self.fitted.reduction
         triangle = reduction.R[:-1]
@@ -95,7 +95,7 @@ class _Marginal:
 
     @cached_property
     def gram(self) -> Array:
-        """(k, k) cross products of the columns."""
+        """Cross products (k, k) of the columns."""
         columns = self.columns
         return columns.T @ columns
 
@@ -111,7 +111,7 @@ class _Marginal:
 
     @cached_property
     def inverse_correlation(self) -> Array:
-        """(k, k) inverse of the prior's correlation, by blocks."""
+        """Inverse (k, k) of the prior's correlation, by blocks."""
         out: Array = np.eye(len(self.kept))
         for index, root in spline_groups(self.fitted.terms):
             among = [n for n, term in enumerate(index) if term in self.position]
@@ -122,10 +122,15 @@ class _Marginal:
 
     def start(self) -> Array:
         """Return the precisions to start from: those of the fit, else one."""
-        precision: Array = np.zeros(len(self.kept))
-        for group, positions in zip(self.groups, self.inside, strict=True):
-            known = self.fitted.precision
-            precision[positions] = 1.0 if known is None else known[group[0]]
+        count = len(self.kept)
+        precision: Array = np.zeros(count)
+        fitted = self.fitted
+        known = fitted.precision
+        groups = zip(self.groups, self.inside, strict=True)
+        for group, positions in groups:
+            first = group[0]
+            initial = 1.0 if known is None else known[first]
+            precision[positions] = initial
         return precision
 
     def update(self, precision: Array) -> Array:
@@ -149,11 +154,23 @@ class _Marginal:
         return out
 
     def _noise_variance(self, beta: Array, effective: Sequence[float]) -> float:
-        """sigma² from what beta leaves."""
-        misfit = float(np.square(self.response - self.columns @ beta).sum())
-        rss = misfit + float(self.fitted.reduction.R[-1, -1] ** 2)
-        fixed = len(self.kept) - sum(map(len, self.inside))
-        return float(rss / max(self.fitted.rows - fixed - sum(effective), 1.0))
+        """Estimate sigma² from what beta leaves."""
+        columns = self.columns
+        predicted = columns @ beta
+        left = self.response - predicted
+        squares = np.square(left)
+        misfit = float(squares.sum())
+        reduction = self.fitted.reduction
+        corner = reduction.R[-1, -1]
+        unexplained = float(corner**2)
+        rss = misfit + unexplained
+        counts = map(len, self.inside)
+        shrunk = sum(counts)
+        fixed = len(self.kept) - shrunk
+        rows = self.fitted.rows
+        freedom = rows - fixed - sum(effective)
+        positive = max(freedom, 1.0)
+        return float(rss / positive)
 
 
 def fit_shrunk(
@@ -200,16 +217,23 @@ def fit_shrunk(
 def _first_precision(
     problem: Problem, model: Model, groups: Sequence[Index], start: Fit | None
 ) -> Array:
-    """(p,) precisions to begin with: those of a similar model, else by the usual sizes."""
+    """Choose the precisions (p,) to begin with: those of a similar model, else by the usual sizes."""
     known: dict[TermKey, float] = {}
     if start is not None and start.precision is not None:
         known = _by_key(start, start.precision)
     weight = problem.whitening.typical_weight(None)
-    precision = np.zeros(len(model.terms))
+    terms = model.terms
+    count = len(terms)
+    precision = np.zeros(count)
     for group in groups:
-        first = model.terms[group[0]]
-        usual = START[first.screws[0].axis[0]]
-        precision[group] = known.get(first.key, (0.1 * weight / usual) ** 2)
+        number = group[0]
+        first = terms[number]
+        screw = first.screws[0]
+        kind = screw.axis[0]
+        usual = START[kind]
+        relative = 0.1 * weight / usual
+        by_size = relative**2
+        precision[group] = known.get(first.key, by_size)
     return precision
 
 

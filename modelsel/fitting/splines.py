@@ -50,7 +50,8 @@ def _root(centre: Array) -> Array:
     """Lower root of the Matérn 3/2 correlation of coefficients centred at `centre` (k,) knots."""
     difference = centre[:, None] - centre
     scale = np.sqrt(3) / LENGTH
-    distance = scale * np.abs(difference)
+    span = np.abs(difference)
+    distance = scale * span
     polynomial = 1 + distance
     decay = np.exp(-distance)
     correlation = polynomial * decay

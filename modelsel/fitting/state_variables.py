@@ -99,7 +99,7 @@ class StateVariables:
         return values
 
     def _evaluate(self, name: str) -> dict[str, Array]:
-        """Values by name: of the name, and of what comes along at no cost."""
+        """Evaluate a name: its values, and those that come along at no cost, by name."""
         data = self.data
         covariates = data.covariates
         if name in covariates:
@@ -140,12 +140,12 @@ Values = dict[StateVariable, Array]
 
 
 def _by_joint(kind: StateKind, columns: Array) -> Values:
-    """Columns (m, n) of a table, one a joint."""
+    """Name the columns (m, n) of a table, one a joint."""
     return {StateVariable(kind, joint): column for joint, column in enumerate(columns.T, 1)}
 
 
 def _by_axis(kind: StateKind, components: Array) -> Values:
-    """Components (3, m) of a vector."""
+    """Name the components (3, m) of a vector."""
     return {
         StateVariable(kind, axis=axis): row for axis, row in zip("xyz", components, strict=True)
     }
@@ -186,7 +186,7 @@ def _progress(state: StateVariables) -> Values:
 
 
 def _positions(state: StateVariables) -> Values:
-    """The target in frame 0, and its distance from the instrument."""
+    """Compute the target in frame 0, and its distance from the instrument."""
     target, group = state.pose().target, state.data.group
     R, t = state.placement
     line = np.einsum("mij,jm->mi", R[group], target) + t[group] - np.array(state.tracker)
@@ -206,7 +206,7 @@ def _base_moment(state: StateVariables) -> Values:
 
 
 def _link_moments(state: StateVariables) -> Values:
-    """Torques about the joints' axes, and moments across them."""
+    """Compute the torques about the joints' axes, and the moments across them."""
     out: Values = {}
     for joint, rows in enumerate(compute_joint_moments(state.robot, state.pose(), state.data.q), 1):
         out[StateVariable(StateKind.BENDING, joint, "x")] = rows[0]
@@ -216,7 +216,7 @@ def _link_moments(state: StateVariables) -> Values:
 
 
 def _unit_moments(state: StateVariables) -> Values:
-    """The same of 1 kg at the origin of one frame."""
+    """Compute torques and moments of 1 kg at the origin of one frame."""
     out: Values = {}
     for (joint, frame), rows in compute_unit_moments(state.robot, state.pose()).items():
         out[StateVariable(StateKind.UNIT_BENDING, joint, "x", frame)] = rows[0]

@@ -43,7 +43,7 @@ def describe_unidentifiable(
 
 
 def _alias_groups(identified: Identified) -> list[list[int]]:
-    """Terms that depend on one another, group by group, in the order of their first terms."""
+    """Group the terms that depend on one another, group by group, in the order of their first terms."""
     zero = set(identified.zero)
     dependent = [
         j for j in range(len(identified.scale)) if j not in identified.exact and j not in zero
@@ -57,7 +57,7 @@ def _alias_groups(identified: Identified) -> list[list[int]]:
 
 
 def _partners(identified: Identified, j: int) -> list[int]:
-    """The representatives that make up a dependent column."""
+    """Return the representatives that make up a dependent column."""
     share = np.abs(identified.relation[j] * identified.scale[list(identified.exact)])
     return [identified.exact[k] for k in np.flatnonzero(share > MIN_SHARE * identified.scale[j])]
 
@@ -75,7 +75,7 @@ def _without_effect(names: Sequence[str]) -> list[Unidentifiable]:
 def _entangled(
     group: Sequence[int], identified: Identified, symbols: Sequence[str]
 ) -> Unidentifiable:
-    """What is said of terms of which only combinations are determined."""
+    """Describe terms of which only combinations are determined."""
     names = [symbols[j] for j in group]
     exact, kept = identified.exact, identified.kept
     dependent = [j for j in group if j not in exact]
