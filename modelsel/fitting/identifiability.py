@@ -203,15 +203,21 @@ def as_drawn(
     way the base looks, and the largest length of the arm where the data measure none and every
     length is open."""
     if measures_no_direction(problem):
-        turns = tuple(k for k in identified.kept if _turns_base(terms[k]))
-        kept = tuple(k for k in identified.kept if k not in turns)
-        identified = replace(identified, kept=kept, still=turns)
-    if isinstance(problem, Source) or measures_a_length(problem):
+        fitted = identified.kept
+        turns = tuple(k for k in fitted if _turns_base(terms[k]))
+        others = tuple(k for k in fitted if k not in turns)
+        identified = replace(identified, kept=others, still=turns)
+    if isinstance(problem, Source):
         return identified
-    held = _length_to_hold(identified, terms, _drawn_lengths(problem))
+    has_length = measures_a_length(problem)
+    if has_length:
+        return identified
+    lengths = _drawn_lengths(problem)
+    held = _length_to_hold(identified, terms, lengths)
     if held is None:
         return identified
-    return replace(identified, kept=tuple(k for k in identified.kept if k != held), held=held)
+    kept = tuple(k for k in identified.kept if k != held)
+    return replace(identified, kept=kept, held=held)
 
 
 def _turns_base(term: Term) -> bool:
@@ -248,18 +254,30 @@ def _length_to_hold(
     term_of = {}
     for k, term in enumerate(terms):
         if _is_constant_shift(term):
-            term_of[term.screws[0].frame, term.screws[0].axis[1:]] = k
-    if not lengths.keys() <= term_of.keys():
+            screw = term.screws[0]
+            axis = screw.axis[1:]
+            term_of[screw.frame, axis] = k
+    all_open = lengths.keys() <= term_of.keys()
+    if not all_open:
         return None
-    direction = np.zeros(len(terms))
+    count = len(terms)
+    direction = np.zeros(count)
     for place, value in lengths.items():
-        direction[term_of[place]] = value
-    share = np.abs(direction @ identified.relation)
-    shifts = term_of.values()
-    is_open = [i for i, k in enumerate(identified.exact) if k in shifts and k in identified.kept]
-    if not is_open or not share[is_open].any():
+        number = term_of[place]
+        direction[number] = value
+    part = direction @ identified.relation
+    share = np.abs(part)
+    shifts = set(term_of.values())
+    fitted = shifts & set(identified.kept)
+    exact = identified.exact
+    is_open = [i for i, k in enumerate(exact) if k in fitted]
+    if not is_open:
         return None
-    return identified.exact[max(is_open, key=lambda i: float(share[i]))]
+    open_share = share[is_open]
+    if not open_share.any():
+        return None
+    most = int(np.argmax(open_share))
+    return exact[is_open[most]]
 
 
 def _is_constant_shift(term: Term) -> bool:

@@ -84,28 +84,53 @@ def from_repeats(data: Measurements) -> Floor | None:
     """Estimate the floor from the pooled standard deviation of positions at equal joint readings,
     per target; None with too few. An arm whose readings differ has moved its target, too: that is
     no repeat."""
-    key = data.block * len(data.targets) + data.target
-    _, member, count = np.unique(key, return_inverse=True, return_counts=True)
-    count[_reading_spread(data.q, member, len(count)) > SAME_READING] = 1
-    freedom = 3 * int((count - 1).sum())
+    targets = len(data.targets)
+    blocks = data.block * targets
+    key = blocks + data.target
+    _, member, count = np.unique(
+        key,
+        return_inverse=True,
+        return_counts=True,
+    )
+    kinds = len(count)
+    spread = _reading_spread(data.q, member, kinds)
+    has_moved = spread > SAME_READING
+    count[has_moved] = 1
+    beyond_first = count - 1
+    freedom = 3 * int(beyond_first.sum())
     if freedom < MIN_FREEDOM:
         return None
-    total = [np.bincount(member, data.position[:, axis]) for axis in range(3)]
-    mean = np.stack([column / count for column in total], axis=1)
-    repeated = count[member] > 1
-    unbiased = np.sqrt(count / np.maximum(count - 1, 1))[member[repeated]]
-    deviation = (data.position - mean[member])[repeated] * unbiased[:, None]
-    return Floor(NORMAL * float(np.median(np.abs(deviation))), "repeats", freedom)
+    position = data.position
+    total = [np.bincount(member, position[:, axis]) for axis in range(3)]
+    means = [column / count for column in total]
+    mean = np.stack(means, axis=1)
+    is_repeated = count[member] > 1
+    divisor = np.maximum(beyond_first, 1)
+    factor = np.sqrt(count / divisor)
+    numbers = member[is_repeated]
+    unbiased = factor[numbers]
+    row_factor = unbiased[:, None]
+    expected = mean[member]
+    from_mean = position - expected
+    deviation = from_mean[is_repeated] * row_factor
+    size = np.abs(deviation)
+    median = float(np.median(size))
+    scatter = NORMAL * median
+    return Floor(scatter, "repeats", freedom)
 
 
 def _reading_spread(q: Array, member: Index, count: int) -> Array:
     """Compute the largest spread (count,) of a joint's reading among the rows that `member` (m,) numbers
     alike."""
-    low = np.full((count, q.shape[1]), np.inf)
-    high = np.full((count, q.shape[1]), -np.inf)
+    _, joints = q.shape
+    shape = count, joints
+    low = np.full(shape, np.inf)
+    high = np.full(shape, -np.inf)
     np.minimum.at(low, member, q)
     np.maximum.at(high, member, q)
-    return np.asarray((high - low).max(1))
+    spread = high - low
+    largest: Array = spread.max(1)
+    return largest
 
 
 def from_target_pairs(data: Measurements) -> Floor | None:
@@ -140,11 +165,18 @@ def from_target_pairs(data: Measurements) -> Floor | None:
 
 def _paired_positions(data: Measurements, first: int, second: int) -> tuple[Array, Array]:
     """Return the positions (k, 3) of two targets in the configurations that have both."""
-    rows, others = (np.flatnonzero(data.target == target) for target in (first, second))
+    at_first = data.target == first
+    at_second = data.target == second
+    rows = np.flatnonzero(at_first)
+    others = np.flatnonzero(at_second)
+    configuration = data.configuration
     _, i, j = np.intersect1d(
-        data.configuration[rows], data.configuration[others], return_indices=True
+        configuration[rows],
+        configuration[others],
+        return_indices=True,
     )
-    return data.position[rows[i]], data.position[others[j]]
+    position = data.position
+    return position[rows[i]], position[others[j]]
 
 
 def weigh(
@@ -204,11 +236,18 @@ def _with_orientations(
     """Whitening matrices (m, 6, 6) of positions and orientations; `blocks` (m, 3, 3) of the
     positions, else one `weight`."""
     sigma = data.sigma_rotation
+    count = len(data)
     if sigma is None:
-        sigma = np.full((len(data), 3), rotation_rad or RAD_PER_MM / weight)
-    matrices = np.zeros((len(data), 6, 6))
-    matrices[:, :3, :3] = weight * np.eye(3) if blocks is None else blocks
-    matrices[:, 3:, 3:] = _diagonal(1 / sigma)
+        usual = rotation_rad or RAD_PER_MM / weight
+        sigma = np.full((count, 3), usual)
+    positions = blocks
+    if positions is None:
+        positions = weight * np.eye(3)
+    orientations = _diagonal(1 / sigma)
+    shape = count, 6, 6
+    matrices = np.zeros(shape)
+    matrices[:, :3, :3] = positions
+    matrices[:, 3:, 3:] = orientations
     return matrices
 
 

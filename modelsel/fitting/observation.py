@@ -221,7 +221,9 @@ def _zeros(x: Array) -> tuple[Array, Array]:
 
 def _single(number: Array) -> Array:
     """Put a number (..., m) into the first component of readings (..., 3, m)."""
-    out = np.zeros((*number.shape[:-1], 3, number.shape[-1]))
+    shape = number.shape
+    *draws, rows = shape
+    out = np.zeros((*draws, 3, rows))
     out[..., 0, :] = number
     return out
 
@@ -271,9 +273,17 @@ def measured_readings(gauges: Gauges, position: Array) -> Array:
     """Return what was read (3, m), in the components that `Gauges.coordinates` marks, zero
     elsewhere; a ball-bar without a length reads zero beyond its own."""
     points = gauges.of("point", "x", "y", "z")
-    out = np.where(gauges.coordinates & points[:, None], position, 0.0).T
-    lengths = gauges.of("wire", "ball-bar", "distance")
-    out[0, lengths] = np.nan_to_num(gauges.length[lengths])
+    of_point = points[:, None]
+    coordinates = gauges.coordinates
+    is_measured = coordinates & of_point
+    measured = np.where(is_measured, position, 0.0)
+    out = measured.T
+    is_length = gauges.of("wire", "ball-bar", "distance")
+    lengths = gauges.length
+    read = lengths[is_length]
+    # a ball-bar without a reading reads zero
+    numbers = np.nan_to_num(read)
+    out[0, is_length] = numbers
     return np.asarray(out)
 
 

@@ -53,15 +53,18 @@ class WeakPrior:
         gram = own.T @ own
         other_gram = others.T @ others
         diagonal = np.diagonal(other_gram)
-        tiny = np.finfo(float).tiny
+        precision = np.finfo(float)
+        tiny = precision.tiny
         positive = np.maximum(diagonal, tiny)
         unit = np.sqrt(positive)
         difference = gram - other_gram
         by_columns = difference / unit
-        relative = by_columns / unit[:, None]
+        row_unit = unit[:, None]
+        relative = by_columns / row_unit
         change = np.abs(relative)
         largest = change.max()
-        return bool(largest <= ALIKE)
+        is_alike = largest <= ALIKE
+        return bool(is_alike)
 
     def placed(self, index: Sequence[int]) -> WeakPrior:
         """Return the prior of other terms: number k of these is number index[k] of those, -1 for

@@ -90,8 +90,15 @@ class _Marginal:
     @cached_property
     def response(self) -> Array:
         """What the kept columns have to explain, of all that theta explains already."""
-        theta = self.fitted.theta[self.kept]
-        return np.asarray(self.fitted.reduction.R[:-1, -1] + self.columns @ theta)
+        reduction = self.fitted.reduction
+        theta = self.fitted.theta
+        kept_theta = theta[self.kept]
+        columns = self.columns
+        explained = columns @ kept_theta
+        triangle = reduction.R[:-1]
+        left = triangle[:, -1]
+        response: Array = left + explained
+        return response
 
     @cached_property
     def gram(self) -> Array:
@@ -166,11 +173,14 @@ class _Marginal:
         rss = misfit + unexplained
         counts = map(len, self.inside)
         shrunk = sum(counts)
-        fixed = len(self.kept) - shrunk
+        count = len(self.kept)
+        fixed = count - shrunk
         rows = self.fitted.rows
-        freedom = rows - fixed - sum(effective)
+        used = sum(effective)
+        freedom = rows - fixed - used
         positive = max(freedom, 1.0)
-        return float(rss / positive)
+        variance = rss / positive
+        return float(variance)
 
 
 def fit_shrunk(

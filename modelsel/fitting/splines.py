@@ -67,9 +67,16 @@ def penalty(terms: Sequence[Term], precision: Array) -> Array:
     """Return rows (k, p) whose product with theta is to be zero, in units of the noise: the prior
     of terms with a `precision` (p,) [1/variance], correlated within a free function, alone
     otherwise."""
-    out = np.diag(np.sqrt(precision))
-    for index, root in spline_groups(terms):
-        if precision[index].any():
-            scale = np.sqrt(precision[index])
-            out[np.ix_(index, index)] = scale[:, None] * np.linalg.inv(root)
-    return out[precision > 0]
+    roots = np.sqrt(precision)
+    out = np.diag(roots)
+    groups = spline_groups(terms)
+    for index, root in groups:
+        held = precision[index]
+        if held.any():
+            scale = roots[index]
+            inverse = np.linalg.inv(root)
+            rows = scale[:, None] * inverse
+            block = np.ix_(index, index)
+            out[block] = rows
+    is_held = precision > 0
+    return out[is_held]

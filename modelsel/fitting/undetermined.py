@@ -30,15 +30,24 @@ def describe_unidentifiable(
     and parameters that the data hardly determine; `leaning`: fitted terms that the prior of usual
     sizes holds as much as the data."""
     symbols = [term.symbol for term in terms]
+    groups = _alias_groups(identified)
+    without_effect = [symbols[j] for j in identified.zero]
+    without_direction = [symbols[j] for j in identified.still]
+    entangled = [_entangled(group, identified, symbols) for group in groups]
     out = [
-        *_without_effect([symbols[j] for j in identified.zero]),
-        *(_entangled(group, identified, symbols) for group in _alias_groups(identified)),
-        *_without_direction([symbols[j] for j in identified.still]),
+        *_without_effect(without_effect),
+        *entangled,
+        *_without_direction(without_direction),
     ]
-    if identified.held is not None:
-        out.append(_without_length(symbols[identified.held]))
+    held = identified.held
+    if held is not None:
+        length = symbols[held]
+        relative = _without_length(length)
+        out.append(relative)
     named = {name for each in out for name in each.parameters}
-    out += _hardly_determined([symbols[j] for j in leaning if symbols[j] not in named])
+    held_by_prior = [symbols[j] for j in leaning]
+    others = [name for name in held_by_prior if name not in named]
+    out += _hardly_determined(others)
     return tuple(out)
 
 
@@ -58,8 +67,17 @@ def _alias_groups(identified: Identified) -> list[list[int]]:
 
 def _partners(identified: Identified, j: int) -> list[int]:
     """Return the representatives that make up a dependent column."""
-    share = np.abs(identified.relation[j] * identified.scale[list(identified.exact)])
-    return [identified.exact[k] for k in np.flatnonzero(share > MIN_SHARE * identified.scale[j])]
+    exact = identified.exact
+    scale = identified.scale
+    columns = list(exact)
+    relation = identified.relation
+    coefficients = relation[j]
+    share = np.abs(coefficients * scale[columns])
+    own_scale = scale[j]
+    smallest = MIN_SHARE * own_scale
+    is_named = share > smallest
+    named = np.flatnonzero(is_named)
+    return [exact[k] for k in named]
 
 
 def _without_effect(names: Sequence[str]) -> list[Unidentifiable]:
