@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import statsmodels.api as sm
 from builders import drawn, one, planted, small_arm, study_of
 from scipy.linalg import sqrtm
 from scipy.stats import binom
@@ -43,7 +42,7 @@ TRUTH[-3:] = 2e-4, 1e-3, -5e-4
 
 
 @pytest.fixture
-def data(rng: np.random.Generator) -> Split:
+def split(rng: np.random.Generator) -> Split:
     """40 configurations, 10 held out, compliance and eccentricity planted, one outlier."""
     data = study_of(planted(drawn(ARM, rng, 40), MODEL.terms, TRUTH, rng, 0.1), held_out=10)
     data.outlying[4] = True
@@ -64,6 +63,8 @@ def judged(
 
 
 def test_nested_f_is_that_of_statsmodels(split: Split, rng: np.random.Generator) -> None:
+    import statsmodels.api as sm
+
     fitted = fit(split.training(), MODEL, held="nothing")
     X, y, kept = linear(split, fitted)
     whole = sm.OLS(y.ravel(), X.reshape(-1, len(TRUTH))[:, kept]).fit()
