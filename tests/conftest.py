@@ -44,9 +44,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if share >= 1:
         return
     dropped = [
-        item
-        for item in items
-        if stage_of(item) == "long" and uniform(seed, item.nodeid) >= share
+        item for item in items if stage_of(item) == "long" and uniform(seed, item.nodeid) >= share
     ]
     config.hook.pytest_deselected(items=dropped)
     kept = set(items) - set(dropped)
