@@ -18,7 +18,7 @@ import pandas as pd
 import pytest
 from builders import drawn
 from click.testing import CliRunner
-from test_floors import FLOORS, PACKAGE
+from house_rules import FLOORS, PACKAGE
 
 import modelsel
 from modelsel.cli.main import COMMANDS, main
