@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import ast
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from statistics import median
@@ -42,6 +43,13 @@ TOP = (
     "testing",
 )  # beside the command line: the names of `import modelsel`, and of plug-ins' tests
 HEAVY = ("scipy.stats", "matplotlib", "pandas", "pyarrow", "emcee", "rich", "pydantic", "typst")
+# What the extra `test` does not install: a test imports it where it needs it, so that the unit stage
+# can be collected without it.
+INTEGRATION = (
+    *("arviz_base", "arviz_stats", "dask", "distributed", "hatchling", "jupyter_client", "mkdocs"),
+    *("mujoco", "nbclient", "nbformat", "pdfminer", "pinocchio", "pypdf", "selenium", "sklearn"),
+    "statsmodels",
+)
 ALLOWED = {
     ("study_file", "pydantic"),
     ("fleet_file", "pydantic"),
@@ -72,11 +80,17 @@ def modules_of(package: Path) -> dict[str, Path]:
     return {name.removesuffix(".__init__"): dotted[name] for name in sorted(dotted)}
 
 
+@cache
+def tree_of(path: Path) -> ast.Module:
+    """The syntax tree of a module, parsed once for all rules."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def imports_of(name: str, path: Path, known: Mapping[str, Path]) -> Iterator[tuple[int, str]]:
     """(line, dotted name) of each module of the same package that a file imports, wherever in the
     file it does."""
     house = name.partition(".")[0]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
             found = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -137,11 +151,10 @@ def size_problems(package: Path) -> list[str]:
     """Files above MAX_LINES lines, functions above MAX_STATEMENTS statements."""
     problems = []
     for path in modules_of(package).values():
-        text = path.read_text(encoding="utf-8")
-        lines = len(text.splitlines())
+        lines = len(path.read_text(encoding="utf-8").splitlines())
         if lines > MAX_LINES:
             problems.append(f"{path}: {lines} lines, at most {MAX_LINES}")
-        for function in functions_of(text):
+        for function in functions_of(path):
             count = statements(function)
             if count > MAX_STATEMENTS:
                 problems.append(
@@ -151,9 +164,9 @@ def size_problems(package: Path) -> list[str]:
     return problems
 
 
-def functions_of(text: str) -> list[Function]:
+def functions_of(path: Path) -> list[Function]:
     """Every function of a module, methods and nested ones too."""
-    return [node for node in ast.walk(ast.parse(text)) if isinstance(node, FUNCTIONS)]
+    return [node for node in ast.walk(tree_of(path)) if isinstance(node, FUNCTIONS)]
 
 
 def body_of(function: Function) -> list[ast.stmt]:
@@ -178,7 +191,7 @@ def density_problems(package: Path) -> list[str]:
     """A median of syntax nodes per line of a function's body above MAX_NODES_PER_LINE."""
     densities = []
     for path in modules_of(package).values():
-        for function in functions_of(path.read_text(encoding="utf-8")):
+        for function in functions_of(path):
             body = body_of(function)
             if body:
                 nodes = sum(1 for statement in body for _ in ast.walk(statement))
@@ -201,7 +214,7 @@ def name_problems(package: Path) -> list[str]:
     definitions: dict[str, list[str]] = defaultdict(list)
     for name, path in modules_of(package).items():
         modules[path.name].append(name)
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        for node in tree_of(path).body:
             if not isinstance(node, FUNCTIONS):
                 continue
             if node.name == path.stem:
@@ -239,21 +252,41 @@ def run_on_import(node: ast.AST) -> Iterator[ast.AST]:
             yield from run_on_import(child)
 
 
+def imported_names(node: ast.AST) -> set[str]:
+    """The dotted names that an absolute import brings in."""
+    if isinstance(node, ast.Import):
+        return {alias.name for alias in node.names}
+    if isinstance(node, ast.ImportFrom) and not node.level:
+        return {f"{node.module}.{alias.name}" for alias in node.names}
+    return set()
+
+
+def imports_any(node: ast.AST, libraries: Iterable[str]) -> list[str]:
+    """Those of the libraries that a statement imports."""
+    names = imported_names(node)
+    return [
+        library
+        for library in libraries
+        if any(f"{name}.".startswith(f"{library}.") for name in names)
+    ]
+
+
 def heavy_problems(package: Path) -> list[str]:
     """Imports of a HEAVY library that are run when the module is imported."""
-    problems = []
-    for path in modules_of(package).values():
-        for node in run_on_import(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Import):
-                names = {alias.name for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and not node.level:
-                names = {f"{node.module}.{alias.name}" for alias in node.names}
-            else:
-                continue
-            problems += [
-                f"{path}:{node.lineno}: {heavy} is imported with the module; import it in the function that needs it"
-                for heavy in HEAVY
-                if (path.stem, heavy) not in ALLOWED
-                and any(f"{name}.".startswith(f"{heavy}.") for name in names)
-            ]
-    return problems
+    return [
+        f"{path}:{node.lineno}: {heavy} is imported with the module; import it in the function that needs it"
+        for path in modules_of(package).values()
+        for node in run_on_import(tree_of(path))
+        for heavy in imports_any(node, HEAVY)
+        if (path.stem, heavy) not in ALLOWED
+    ]
+
+
+def collection_problems(tests: Path) -> list[str]:
+    """Imports that are run when tests are collected, of what the extra `test` does not install."""
+    return [
+        f"{path}:{node.lineno}: {library} is imported with the tests; import it in the test that needs it"
+        for path in sorted(tests.rglob("*.py"))
+        for node in run_on_import(tree_of(path))
+        for library in imports_any(node, INTEGRATION)
+    ]

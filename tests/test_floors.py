@@ -10,6 +10,7 @@ import pytest
 from house_rules import (
     LEVEL,
     PACKAGE,
+    collection_problems,
     density_problems,
     floor_problems,
     heavy_problems,
@@ -32,6 +33,14 @@ def test_every_name_stands_on_one_floor() -> None:
 def test_house(problems) -> None:
     found = problems(PACKAGE)
     assert not found, "\n" + "\n".join(found)
+
+
+def test_the_unit_stage_needs_the_extra_test_alone(tmp_path) -> None:
+    assert collection_problems(PACKAGE.parent / "tests") == []
+    (tmp_path / "test_a.py").write_text("import pytest, statsmodels.api as sm\n")
+    (tmp_path / "test_b.py").write_text("def test() -> None:\n    import mujoco\n")
+    (problem,) = collection_problems(tmp_path)
+    assert "test_a.py:1: statsmodels is imported with the tests" in problem
 
 
 def defined(*names: str) -> str:

@@ -1,5 +1,5 @@
-"""The notebooks of docs/tutorials/notebooks run as they stand and show what they compute. `python
-tests/test_notebooks.py` writes their outputs anew."""
+"""The notebooks of docs/tutorials/notebooks run as they stand and show what they compute.
+`python tests/rewrite.py notebooks` writes their outputs anew."""
 
 from __future__ import annotations
 
