@@ -13,8 +13,10 @@ from hypothesis import settings
 
 from modelsel.cli.main import main
 
-# A test's stage is that of its folder, else `unit`; a mark on a test or a file takes its place.
+# A test's stage is that of its folder, else `unit`; what needs a whole study or a browser is
+# `integration`; a mark on a test or a file takes the place of both.
 STAGES = ("unit", "integration", "docs", "long")
+COSTLY_FIXTURES = {"drawn", "browser"}
 TESTS = Path(__file__).parent
 
 pytest.register_assert_rewrite("laws", "builders")
@@ -39,7 +41,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Give every test its stage, and keep a drawn share of the long ones."""
     for item in items:
         if not any(item.get_closest_marker(stage) for stage in STAGES):
-            item.add_marker(folder_stage(item.path))
+            item.add_marker(default_stage(item))
     share, seed = config.getoption("long_sample"), config.getoption("long_seed")
     if share >= 1:
         return
@@ -56,10 +58,13 @@ def pytest_report_header(config: pytest.Config) -> str | None:
     return f"long stage: --long-sample={share} --long-seed={seed}" if share < 1 else None
 
 
-def folder_stage(path: Path) -> str:
-    """The stage that a test file's folder is named after, else `unit`."""
-    folder = path.relative_to(TESTS).parts[0]
-    return folder if folder in STAGES else "unit"
+def default_stage(item: pytest.Item) -> str:
+    """The stage that a test's folder is named after, else `unit` unless a fixture is costly."""
+    folder = item.path.relative_to(TESTS).parts[0]
+    if folder in STAGES:
+        return folder
+    costly = COSTLY_FIXTURES.intersection(getattr(item, "fixturenames", ()))
+    return "integration" if costly else "unit"
 
 
 def stage_of(item: pytest.Item) -> str:
