@@ -4,10 +4,10 @@ rivals."""
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
-from test_report import PUMA
 
 from modelsel import read_study
 from modelsel.fitting.design import compute_design
@@ -19,6 +19,8 @@ from modelsel.report.pages.findings import separation
 from modelsel.results.details import thinned
 from modelsel.study.model_ladder import build_model
 from modelsel.study.runner import run_study
+
+PUMA = Path(__file__).parents[1] / "studies" / "puma760"
 
 
 def entry(name: str | None, *screws: tuple[int, str, str]) -> dict:

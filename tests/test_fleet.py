@@ -11,13 +11,13 @@ import time
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 from builders import drawn
 from click.testing import CliRunner
-from pypdf import PdfReader
 
 from modelsel._files import claim_folder
 from modelsel.cli.main import run_command_line
@@ -91,6 +91,13 @@ tool_mm = [40, -25, 100]
     return tmp_path
 
 
+def opened(file: Path) -> Any:
+    """A PDF, read."""
+    from pypdf import PdfReader
+
+    return PdfReader(file)
+
+
 def test_fleet_on_two_workers(folder) -> None:
     """One worker is killed at work; one study fails; the others are as alone; a second run takes up
     what is there."""
@@ -151,7 +158,7 @@ def test_fleet_on_two_workers(folder) -> None:
     assert pd.read_parquet(written[1])["exit"].tolist() == [row["exit"] for row in rows]
     before = [path.read_bytes() for path in written]
     assert [path.read_bytes() for path in save_summary(again, out, fleet.name)] == before
-    pdf = PdfReader(written[2])
+    pdf = opened(written[2])
     metadata, words = (
         pdf.xmp_metadata,
         " ".join("".join(page.extract_text() for page in pdf.pages).split()),

@@ -1,7 +1,7 @@
 """The page to explore, in a browser: opens without a word or a request, is worked by mouse and by
 keys, reads light and dark.
 
-`python tests/test_page.py` writes the README's pictures of the report anew, from reports/puma760.
+`python tests/rewrite.py page` writes the README's pictures of the report anew, from reports/puma760.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """README and CONTRIBUTING say what is true: their Python runs and prints what they show, their
-names are the registry's, the report is the study's. `python tests/test_readme.py` writes the
+names are the registry's, the report is the study's. `python tests/rewrite.py readme` writes the
 README's shown output, excerpt and names of mechanisms anew."""
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import pandas as pd
 import pytest
 from builders import drawn
 from click.testing import CliRunner
-from test_floors import FLOORS, PACKAGE
+from house_rules import FLOORS, PACKAGE
 
 import modelsel
 from modelsel.cli.main import COMMANDS, run_command_line
@@ -32,7 +32,7 @@ from modelsel.robot.files import load
 
 ROOT = Path(__file__).parents[1]
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
-AGAIN = "python tests/test_readme.py writes it anew"
+AGAIN = "python tests/rewrite.py readme writes it anew"
 EXCERPT = ("Nominal model", "Found", "Not told apart", "Nothing else", "On held-out")
 NAMES = re.compile(r"<!-- mechanisms -->\n(.*?)\n\n", re.DOTALL)
 RATES = re.compile(r"<!-- naming -->\n(.*?)\n\n(?!\|)", re.DOTALL)
@@ -169,7 +169,7 @@ def test_report_shown_is_the_study_s(ran) -> None:
     page says them."""
     folder, result = ROOT / "reports" / "puma760", ran[1]["result"].to_dict()
     kept = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    again = "modelsel study studies/puma760/study.toml writes it anew, python tests/test_page.py its pictures"
+    again = "modelsel study studies/puma760/study.toml writes it anew, python tests/rewrite.py page its pictures"
     assert kept["verdict"] == result["verdict"], again
     for old, new in zip(kept["ladder"], result["ladder"], strict=True):
         assert old["mechanisms"] == new["mechanisms"], again
