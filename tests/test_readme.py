@@ -1,6 +1,5 @@
-"""README and CONTRIBUTING say what is true: their Python runs and prints what they show, their
-names are the registry's, the report is the study's. `python tests/rewrite.py readme` writes the
-README's shown output, excerpt and names of mechanisms anew."""
+"""README and CONTRIBUTING say what is true: their Python runs and prints what they show, the report
+is the study's. `python tests/rewrite.py readme` writes the README's shown output anew."""
 
 from __future__ import annotations
 
@@ -26,7 +25,7 @@ from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import compute_design, residuals
 from modelsel.measurements.reader import read_measurements
-from modelsel.mechanisms.registry import BUILTIN, Registry, build_mechanisms, with_plugins
+from modelsel.mechanisms.registry import BUILTIN, build_mechanisms, with_plugins
 from modelsel.report.terminal import show
 from modelsel.robot.files import load
 
@@ -34,8 +33,6 @@ ROOT = Path(__file__).parents[1]
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
 AGAIN = "python tests/rewrite.py readme writes it anew"
 EXCERPT = ("Nominal model", "Found", "Not told apart", "Nothing else", "On held-out")
-NAMES = re.compile(r"<!-- mechanisms -->\n(.*?)\n\n", re.DOTALL)
-RATES = re.compile(r"<!-- naming -->\n(.*?)\n\n(?!\|)", re.DOTALL)
 SHOWN = re.compile(r"```python\n(.*?)```\n\n```text\n(.*?)```", re.DOTALL)
 
 
@@ -76,33 +73,6 @@ def excerpt(result: modelsel.Result) -> str:
     )
 
 
-def mechanism_names(registry: Registry = BUILTIN) -> str:
-    """Every registered name, as the README lists them."""
-    return textwrap.fill(
-        ", ".join(f"`{stem}`" for stem in registry) + ".", 150, break_on_hyphens=False
-    )
-
-
-def naming_table() -> str:
-    """The benchmark of naming as it was kept, method by method."""
-    kept = json.loads(
-        (ROOT / "benchmarks" / "results" / "naming.json").read_text(encoding="utf-8")
-    )["summary"]["table"]
-    rows = [
-        (
-            "| method, on the same candidates | false alarm, nothing planted | found | rightly named | surplus findings a case "
-            "| held-out error over the oracle's |"
-        ),
-        "|---|---|---|---|---|---|",
-    ]
-    for method, row in kept.items():
-        rates = " | ".join(f"{row[key]['rate']:.2f}" for key in ("false alarm", "found", "right"))
-        rows.append(
-            f"| {method} | {rates} | {row['extra']['mean']:.2f} | {row['held-out']['mean']:.3f} |"
-        )
-    return "\n".join(rows)
-
-
 def floors() -> str:
     """The list of the package's folders, top to bottom, with what each says of itself."""
     lines = []
@@ -126,7 +96,7 @@ def ran(page) -> tuple[list[str], dict[str, object]]:
 
 def test_python_prints_what_is_shown(page, ran) -> None:
     shown = [output for _, output in SHOWN.findall(page)]
-    assert len(shown) == len(fenced("python", page)) == 2, "a block of Python without its output"
+    assert len(shown) == len(fenced("python", page)) == 1, "a block of Python without its output"
     assert ran[0] == shown, AGAIN
 
 
@@ -154,14 +124,6 @@ def test_a_study_of_your_own_is_one(page) -> None:
         "measurements.csv",
         (1, 6),
     )
-
-
-def test_every_mechanism_is_named(page) -> None:
-    assert NAMES.search(page).group(1) == mechanism_names(), AGAIN
-
-
-def test_naming_s_rates_are_the_benchmark_s(page) -> None:
-    assert RATES.search(page).group(1) == naming_table(), AGAIN
 
 
 def test_report_shown_is_the_study_s(ran) -> None:
@@ -250,8 +212,6 @@ def rewrite() -> None:
         text = text.replace(f"{code}```\n\n```text\n{old}", f"{code}```\n\n```text\n{new}")
     said = section("What it says", text)
     text = text.replace(said, said.replace(fenced("text", said)[0], excerpt(names["result"])))
-    text = NAMES.sub(lambda old: old.group(0).replace(old.group(1), mechanism_names()), text)
-    text = RATES.sub(lambda old: old.group(0).replace(old.group(1), naming_table()), text)
     (shown,) = fenced("text", section("How it is built", text))
     README.write_text(text.replace(shown, floors()), encoding="utf-8")
 

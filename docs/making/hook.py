@@ -82,16 +82,6 @@ def _figure(name: str) -> str:
     return f"![{caption}](made/{name}.svg){{ .figure }}\n\n*{caption}*{{ .caption }}"
 
 
-def _naming() -> str:
-    """The README's table of rates, which its test holds against the benchmark."""
-    return (
-        (ROOT / "README.md")
-        .read_text(encoding="utf-8")
-        .partition("<!-- naming -->\n")[2]
-        .partition("\n\n")[0]
-    )
-
-
 def _notebooks() -> str:
     """A list of what is there; every notebook is a page of its own, as it was last run."""
     found = [f"- [{title}]({name}.md)" for name, (title, _) in notebooks.pages(NOTEBOOKS).items()]
@@ -105,7 +95,7 @@ PARTS: dict[str, Any] = {
     "names": reference.names,
     "broken": rates.broken,
     "measured": rates.measured,
-    "naming": _naming,
+    "naming": rates.naming,
     "notebooks": _notebooks,
 }
 
