@@ -45,7 +45,10 @@ HEAVY = ("scipy.stats", "matplotlib", "pandas", "pyarrow", "emcee", "rich", "pyd
 ALLOWED = {
     ("study_file", "pydantic"),
     ("fleet_file", "pydantic"),
-}  # a study or fleet file is its schema, imported to read one
+    ("schema", "pydantic"),
+    ("details_schema", "pydantic"),
+    ("reading", "pydantic"),
+}  # a study file, a fleet file and a study's records are their schemas, imported to read one
 LONGEST_FILE = 300
 LONGEST_FUNCTION = 60
 

@@ -85,7 +85,11 @@ def plan(
     registry, _ = with_plugins(robot=robot_of(read, path.parent))
     result = run(read, path.parent, registry=registry, say=progress(), sampling=False)
     found = plan_next(result, count, pool=pool_file, purpose=purpose, limits=limits, joints=own)
-    table, known, limit = found.to_frame(), found.configurations, result.nothing_else[1]
+    table, known, limit = (
+        found.to_frame(),
+        found.configurations,
+        result.record.nothing_else.detection_limit_mm,
+    )
     more = None if size is None or limit is None else more_needed(limit, known, size)
     if out is not None:
         write_beside(out, csv_bytes(table, "%.6f"))

@@ -12,7 +12,7 @@ from ..exceptions import CHECK_FAILED
 from ._options import console, print_json, progress
 
 if TYPE_CHECKING:
-    from ..results.result import Result
+    from ..study.result import Result
 
 COLLECT = 50_000  # new values between two looks of Python's garbage collector
 
@@ -54,7 +54,7 @@ def study(
     from ..exceptions import StudyError
     from ..mechanisms.registry import with_plugins
     from ..report.drawing import draw
-    from ..results.storage import WRITES, save
+    from ..results.storage import WRITES
     from ..study.checkpoint import Checkpoint
     from ..study.runner import rehearse, robot_of, run
 
@@ -84,7 +84,7 @@ def study(
             checkpoint=keeper,
         )
         try:
-            written = save(result, folder)
+            written = result.save(folder)
         except StudyError:  # what was computed is at least told
             _tell(result, as_json)
             raise
@@ -93,7 +93,8 @@ def study(
         written += [] if no_report else draw(folder, say=say)
     if not as_json:
         click.echo(f"Written: {', '.join(map(str, written))}")
-    if result.confidence.sampling is not None and not result.confidence.sampling.converged:
+    sampling = result.record.sampling
+    if sampling is not None and not sampling.converged:
         raise SystemExit(CHECK_FAILED)
 
 
@@ -101,9 +102,9 @@ def _tell(result: Result, as_json: bool) -> None:
     if as_json:
         click.echo(result.to_json(), nl=False)
     else:
-        from ..report.terminal import show
+        from ..report.terminal import show_study
 
-        show(result, console())
+        show_study(result.record, result.details, console())
 
 
 def _would(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:

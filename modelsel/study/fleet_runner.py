@@ -25,7 +25,7 @@ from ..fitting.design import Model
 from ..mechanisms.registry import mechanism, with_plugins
 from ..report.drawing import draw
 from ..report.pages.fleet_summary import summary
-from ..results.storage import WRITES, save
+from ..results.storage import WRITES
 from ..robot.files import builtin_names, load, read_robot
 from ..selection.streaming import Parts, fit_parts, parts_of
 from .pipeline import provenance
@@ -128,7 +128,7 @@ def _one(task: Task, out: str, sampling: bool, reports: bool) -> Row:
     try:
         with claimed(Path(out)):
             result = run(task.study, task.folder, registry=with_plugins()[0], sampling=sampling)
-            save(result, Path(out))
+            result.save(Path(out))
             if reports:
                 draw(Path(out))
     except ModelselError as error:
@@ -295,7 +295,7 @@ def show_fleet(rows: Sequence[Row], console: Console) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ..report.terminal import mm
+    from ..results.study_sentences import format_mm
 
     table = Table(title="Mean held-out error [mm]")
     for name, side in (
@@ -310,7 +310,7 @@ def show_fleet(rows: Sequence[Row], console: Console) -> None:
             table.add_row(
                 Text(row["name"]),
                 f"{row['estimation'] + row['held_out']:,}",
-                *(mm(row[f"{what}_mm"]) for what in ERRORS),
+                *(format_mm(row[f"{what}_mm"]) for what in ERRORS),
                 Text(row["found"] or "–"),
             )
     console.print(table)

@@ -17,7 +17,8 @@ from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
 from ..mechanisms.geometry import geometric, setup
 from ..notices import MISTAKEN, alarms
-from ..results.placements import standing, standing_sentences
+from ..results.placements import describe_placements, locate_placements
+from ..results.schema import RegistrationRecord
 from ..robot.kinematics import Robot
 from ..setup.feature_positions import place
 from ..setup.mistakes import LEAST
@@ -138,7 +139,7 @@ def _registered(robot: Robot, data: Measurements) -> dict[str, Any]:
     return {
         "registered": {
             "median_mm": left,
-            **standing(bound, False),
+            **locate_placements(bound, False),
             "mistake": next((n.sentence for n in doubts if n.code == MISTAKEN), None),
             "alarms": alarms(doubts),
         }
@@ -202,6 +203,9 @@ def sentences(found: dict[str, Any]) -> list[str]:
         out.append(
             f"Registered (tracker's frame and target found): {placed['median_mm']:.3g} mm from the nominal robot (median)"
         )
-        out += [f"  {sentence}" for sentence in standing_sentences(placed)]
+        out += [
+            f"  {sentence}"
+            for sentence in describe_placements(RegistrationRecord.model_validate(placed))
+        ]
         out += placed["alarms"]
     return [*out, *(f"Note: {w['sentence']}" for w in found["warnings"])]

@@ -34,10 +34,16 @@ from ..mechanisms.geometry import setup
 from ..mechanisms.registry import Registry, mechanism
 from ..mechanisms.terms import Mechanism, Screw
 from ..notices import Note
-from ..results.cautions import restricted, worse_than_nominal
-from ..results.finding_records import Finding, beside, opposed, surprised, uneven
-from ..results.goodness_of_fit import lack_of_fit, lacking
-from ..results.result import Result
+from ..results.cautions import harmful_base_notes, restriction_notes
+from ..results.finding_notes import (
+    opposed_finding_notes,
+    partial_map_notes,
+    surprise_notes,
+    uneven_noise_notes,
+)
+from ..results.finding_records import Finding
+from ..results.goodness_of_fit import lack_of_fit_notes, measure_lack_of_fit
+from ..results.study_run import Explanation, ModelSearch, StudyRun
 from ..robot.kinematics import Robot
 from ..selection.comparison import MOST, Comparison, compare
 from ..selection.evaluation import Evaluation, Gain, Resampled, Split, errors, evaluate, paired
@@ -45,6 +51,7 @@ from ..uncertainty.sampler import Keeper
 from ..uncertainty.summary import Request, confidence, sampled
 from .checks import believed, outcome, told_with, turns_believed, unsaid
 from .preparation import Plan, prepare, reweigh_rotation
+from .result import Result
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,11 +147,11 @@ def _analysed(
         )
     notes = (
         *notes,
-        *restricted(study.model.candidates),
+        *restriction_notes(study.model.candidates),
         *doubts,
         *turns_believed(split, extension.fit),
-        *uneven(extension),
-        *(beside(split.problem) if question.cells else ()),
+        *uneven_noise_notes(extension),
+        *(partial_map_notes(split.problem) if question.cells else ()),
     )
     say("comparing all subsets of the candidates")
     offered, aside = strongest(
@@ -195,15 +202,16 @@ def _analysed(
     notes = (
         *notes,
         *_of_table(comparison, chosen),
-        *worse_than_nominal(base_names, gained(nominal, base_rung)),
-        *opposed(findings),
-        *surprised(split, chosen),
+        *harmful_base_notes(base_names, gained(nominal, base_rung)),
+        *opposed_finding_notes(findings),
+        *surprise_notes(split, chosen),
     )
     if not doubts:  # else that is said, and by how much
         notes = (
             *notes,
-            *lacking(
-                lack_of_fit(chosen, floor, split), floor is not None and np.isinf(floor.freedom)
+            *lack_of_fit_notes(
+                measure_lack_of_fit(chosen, floor, split),
+                floor is not None and np.isinf(floor.freedom),
             ),
         )
     within = None
@@ -240,27 +248,28 @@ def _analysed(
         faults,
     )
     untold = unidentifiable(chosen.fit.found, chosen.fit.terms, chosen.fit.leaning)
-    return Result(
-        study,
-        question.robot,
-        split,
-        noise,
-        ladder,
-        comparison,
-        remeasured(chosen, split),
-        gained(nominal, chosen),
+    chosen = remeasured(chosen, split)
+    models = ModelSearch(ladder, comparison, chosen, gained(nominal, chosen), within, untold)
+    diagnosis = Explanation(
         findings,
         faults,
         extension,
         error_map(extension, found),
         nothing,
         predictable_left(split, steps[-1], generator(study.seed, "flips")),
-        within,
-        untold,
-        notes,
+    )
+    run = StudyRun(
+        study,
+        question.robot,
+        split,
+        noise,
+        models,
+        diagnosis,
         sure,
+        notes,
         provenance(study, data_sha256),
     )
+    return Result(run)
 
 
 def _of_table(comparison: Comparison | None, chosen: Evaluation) -> tuple[Note, ...]:
@@ -293,18 +302,24 @@ def with_sampling(
     question: Question, result: Result, say: Say = lambda _: None, keeper: Keeper | None = None
 ) -> Result:
     """A result with its chosen model's posterior sampled."""
-    plan, study, measured = question.plan, question.study, result.data.problem.data
+    plan, study, measured = question.plan, question.study, result.problem.data
     request = Request(
         question.model(study.model.base, measured),
         study.sampling.over,
         plan.instrument,
-        plan.stated_mm is not None and result.data.known_sigma,
+        plan.stated_mm is not None and result.split.known_sigma,
         question.registry,
     )
     found = sampled(
-        result.confidence, result.data, result.chosen.fit, request, study.seed, say, keeper
+        result.uncertainty,
+        result.split,
+        result.models.chosen.fit,
+        request,
+        study.seed,
+        say,
+        keeper,
     )
-    return replace(result, confidence=found)
+    return result.with_uncertainty(found)
 
 
 def _weighed(question: Question, split: Split, base: Model) -> Split:

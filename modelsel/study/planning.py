@@ -30,9 +30,8 @@ from ..measurements.measurements import Measurements, measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import Source
 from ..mechanisms.terms import Term
-from ..results.result import Result
-from ..results.storage import calibration_of
 from ..robot.kinematics import Robot
+from .result import Result
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,7 +80,7 @@ class Planned:
 def rivals_of(result: Result) -> list[Rivals]:
     """Every finding whose credible set has rivals that do not move the target alike, with their
     estimates."""
-    return [r for e in result.extension.effects if (r := _rivals(result, e)) is not None]
+    return [r for e in result.diagnosis.search.effects if (r := _rivals(result, e)) is not None]
 
 
 def _rivals(result: Result, effect: Effect) -> Rivals | None:
@@ -90,10 +89,10 @@ def _rivals(result: Result, effect: Effect) -> Rivals | None:
     if len(entries) < 2:
         return None
     mine = {t.screws for t in effect.candidate.mechanism.terms}
-    kept = result.chosen.fit.terms
+    kept = result.models.chosen.fit.terms
     shared = {
         t.screws
-        for m in result.chosen.fit.model.mechanisms
+        for m in result.models.chosen.fit.model.mechanisms
         if m != effect.candidate.mechanism
         for t in m.terms
     }
@@ -181,11 +180,11 @@ def plan(
     """`count` configurations of a pool: to tell the study's rivals apart ("rivals", the default
     where it has any), or by one of the criteria of `plan.CRITERIA` for the chosen model's terms
     ("d" is the default elsewhere). Raises DataError or StudyError."""
-    fitted = result.chosen.fit
+    fitted = result.models.chosen.fit
     sets = rivals_of(result)
-    known = result.data.training()
+    known = result.split.training()
     terms: list[Term] = [*fitted.terms, *(t for r in sets for some in r.terms for t in some)]
-    sigma = result.floor.coordinate_mm
+    sigma = result.run.floor.coordinate_mm
     p = pool(known, c.problem(possible), terms, fitted.at(), sigma)
     looked = [distinct(p, r) for r in sets]
     sets, twins = (
@@ -211,7 +210,7 @@ def plan(
         rows = determine(p, kept, count, purpose)
         told = [told_with(p, sets, rows[:k]) for k in (0, len(rows))] if sets else []
     before, after = indices(p, kept, []), indices(p, kept, rows)
-    limit, n = result.nothing_else[1], known.data.configurations
+    limit, n = result.diagnosis.nothing_else[1], known.data.configurations
     learning = (
         () if limit is None else tuple((s * limit, more_needed(limit, n, s * limit)) for s in SIZES)
     )
@@ -257,7 +256,7 @@ def plan_next(
     readings; without one, drawn within the joint ranges that were measured, with `limits` the robot
     file's, with `joints` such as {"q2_deg": (-90, 45)} one's own), chosen as `plan` says. Raises
     DataError or StudyError."""
-    c, seed, data = calibration_of(result), result.study.seed, result.data.problem.data
+    c, seed, data = result.calibration, result.study.seed, result.problem.data
     if pool is not None:
         possible, within = (
             sided(read_measurements(pool, c.robot.prismatic, positions=False), seed),

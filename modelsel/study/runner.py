@@ -22,12 +22,12 @@ from ..measurements.table import Source, digest
 from ..mechanisms.causes import parse
 from ..mechanisms.registry import BUILTIN, Registry, counted_from, every, faults, mechanism, parts
 from ..mechanisms.terms import Mechanism, Screw, unstorable
-from ..results.result import Result
 from ..robot.files import load, read_robot
 from ..robot.kinematics import Robot
 from .checkpoint import Checkpoint
 from .pipeline import Question, analyse, provenance, with_sampling
 from .preparation import Plan, prepare, tools_of
+from .result import Result
 from .simulation import simulate, simulate_rows
 
 if TYPE_CHECKING:

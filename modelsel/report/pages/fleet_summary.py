@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from ..._version import VERSION
-from ..document import Block, heading, table, text
-from ..pdf import compiled
-from ..style import shortened
-from ..terminal import mm
+from ...results.study_sentences import format_mm
+from ..document import Block, make_heading, make_table, make_text
+from ..pdf import compile_pdf
+from ..style import shorten
 
 Row = dict[str, Any]
 ROWS = 45  # lines of the table; a larger fleet has the others in summary.csv
@@ -37,15 +37,15 @@ def summary(name: str, rows: Sequence[Row], out: Path) -> bytes:
     }
     blocks: list[Block] = [
         title,
-        *(text(sentence, "lead") for sentence in _verdict(rows, done, failed)),
+        *(make_text(sentence, "lead") for sentence in _verdict(rows, done, failed)),
         *_found(done),
     ]
-    blocks += [heading("Study by study", opens=False), *_studies(done)]
+    blocks += [make_heading("Study by study", opens=False), *_studies(done)]
     blocks += _failures(failed) + _warnings(done, out)
-    pdf, _ = compiled(
+    pdf, _ = compile_pdf(
         {
             "title": f"Fleet summary: {name}",
-            "short": shortened(name, 70),
+            "short": shorten(name, 70),
             "robot": _count(len(rows), "study", "studies"),
             "made": f"modelsel {VERSION}",
             "blocks": blocks,
@@ -73,8 +73,8 @@ def _verdict(rows: Sequence[Row], done: Sequence[Row], failed: Sequence[Row]) ->
         worst = both[int(after.argmax())]
         out.append(
             f"Mean error on held-out configurations, median over {_count(len(both), 'study', 'studies')}: "
-            f"{mm(float(np.median(before)))} mm nominal, {mm(float(np.median(after)))} mm with the chosen model. "
-            f"The largest that is left: {mm(worst['chosen_mm'])} mm, {worst['name']}."
+            f"{format_mm(float(np.median(before)))} mm nominal, {format_mm(float(np.median(after)))} mm with the chosen model. "
+            f"The largest that is left: {format_mm(worst['chosen_mm'])} mm, {worst['name']}."
         )
         worse = [
             row["name"]
@@ -101,11 +101,11 @@ def _found(done: Sequence[Row]) -> list[Block]:
             studies.setdefault(name, []).append(row["name"])
     ranked = sorted(studies.items(), key=lambda item: (-len(item[1]), item[0]))
     if not ranked:
-        return [text("Nothing beyond the base was found in any study.")]
-    lines = [[shortened(name, 50), str(len(where)), _some(where)] for name, where in ranked[:NAMES]]
+        return [make_text("Nothing beyond the base was found in any study.")]
+    lines = [[shorten(name, 50), str(len(where)), _some(where)] for name, where in ranked[:NAMES]]
     more = f" And {len(ranked) - NAMES} more names." if len(ranked) > NAMES else ""
     return [
-        table(
+        make_table(
             [("found", "left"), ("studies", "right"), ("which", "left")],
             lines,
             f"What the chosen models have beyond the base, and in how many of {len(done)} studies.{more}",
@@ -116,7 +116,7 @@ def _found(done: Sequence[Row]) -> list[Block]:
 
 def _studies(done: Sequence[Row]) -> list[Block]:
     if not done:
-        return [text("No study was finished.")]
+        return [make_text("No study was finished.")]
     left = sorted(done, key=lambda row: -(row["chosen_mm"] or 0.0)) if len(done) > ROWS else done
     shown = left[:ROWS]
     lines = [
@@ -124,7 +124,7 @@ def _studies(done: Sequence[Row]) -> list[Block]:
             row["name"],
             row["robot"] or "–",
             f"{row['estimation'] + row['held_out']:,}",
-            *(mm(row[what]) for what in ("nominal_mm", "base_mm", "chosen_mm", "noise_mm")),
+            *(format_mm(row[what]) for what in ("nominal_mm", "base_mm", "chosen_mm", "noise_mm")),
             row["found"] or ("nothing" if row["chosen_mm"] is not None else "a fit alone"),
             row["warnings"].replace(" + ", ", ") or "–",
         ]
@@ -141,14 +141,14 @@ def _studies(done: Sequence[Row]) -> list[Block]:
         caption += (
             f" Of {len(done)} the {ROWS} with the largest error left; all are in summary.csv."
         )
-    return [table(columns, lines, caption, [0.55, 0.45, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.6])]
+    return [make_table(columns, lines, caption, [0.55, 0.45, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.6])]
 
 
 def _failures(failed: Sequence[Row]) -> list[Block]:
     if not failed:
         return []
     lines = [
-        [row["name"], str(row["exit"]), shortened(" ".join(str(row["why"]).split()), LONG)]
+        [row["name"], str(row["exit"]), shorten(" ".join(str(row["why"]).split()), LONG)]
         for row in failed[:FAILED]
     ]
     caption = "Exit: 1 internal error, 2 study file, 3 measurements, 4 not estimable."
@@ -158,8 +158,8 @@ def _failures(failed: Sequence[Row]) -> list[Block]:
         else ""
     )
     return [
-        heading("What failed", opens=False),
-        table(
+        make_heading("What failed", opens=False),
+        make_table(
             [("study", "left"), ("exit", "right"), ("why", "left")], lines, caption, [0.3, 0.0, 1.0]
         ),
     ]
@@ -180,15 +180,18 @@ def _warnings(done: Sequence[Row], out: Path) -> list[Block]:
     if not first:
         return []
     lines = [
-        [code, shortened(sentence, LONG), _some(studies[code])] for code, sentence in first.items()
+        [code, shorten(sentence, LONG), _some(studies[code])] for code, sentence in first.items()
     ]
     caption = "Of each kind one, in the words of the first study named."
     columns = [("warning", "left"), ("what it says", "left"), ("studies", "left")]
-    return [heading("Warnings", opens=False), table(columns, lines, caption, [0.35, 1.0, 0.5])]
+    return [
+        make_heading("Warnings", opens=False),
+        make_table(columns, lines, caption, [0.35, 1.0, 0.5]),
+    ]
 
 
 def _some(names: Sequence[str]) -> str:
     more = len(names) - SAID
-    return ", ".join(shortened(n, 30) for n in names[:SAID]) + (
+    return ", ".join(shorten(n, 30) for n in names[:SAID]) + (
         f" and {more} more" if more > 0 else ""
     )
