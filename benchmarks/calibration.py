@@ -222,7 +222,7 @@ def snookers(rng: np.random.Generator, d: int = 11) -> list[str]:
 
 
 def speed(result: Result, again: Result) -> list[str]:
-    fitted, training = result.chosen.fit, result.data.training()
+    fitted, training = result.models.chosen.fit, result.split.training()
     rng = np.random.default_rng(1)
     known = posterior(fitted)
     start = time.process_time()

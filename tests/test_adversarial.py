@@ -76,7 +76,7 @@ def entries(result: Result) -> dict[str, float]:
     """Probability of every explanation in any credible set, by its name."""
     return {
         e.candidate.mechanism.name: e.probability
-        for f in result.findings
+        for f in result.diagnosis.findings
         for e in f.effect.named.entries
     }
 
@@ -98,7 +98,7 @@ def test_causes_that_differ_where_no_configuration_went(angle, truth, rng) -> No
     assert max(said.values()) < 0.9
     rivals = next(
         f
-        for f in result.findings
+        for f in result.diagnosis.findings
         if truth in {e.candidate.mechanism.name for e in f.effect.named.entries}
     )
     unsure = rivals.effect.named.verdict == "cannot be told apart"
@@ -149,12 +149,12 @@ def test_an_effect_that_the_geometry_absorbs(rng) -> None:
     )
     play = one("play", "one-sided", acting(3, "rz", lambda s: np.ones(s.m) * 4e-4), 1.0)
     result = study(body, state, [hot, play], role, rng)
-    assert not result.findings
-    sentence, limit = result.nothing_else
+    assert not result.diagnosis.findings
+    sentence, limit = result.diagnosis.nothing_else
     assert "Nothing was found" in sentence
     assert limit == pytest.approx(NOISE, rel=1.0)
-    assert result.unidentifiable
-    assert result.chosen.held_out.rms_mm == pytest.approx(NOISE * np.sqrt(3), rel=0.3)
+    assert result.models.unidentifiable
+    assert result.models.chosen.held_out.rms_mm == pytest.approx(NOISE * np.sqrt(3), rel=0.3)
 
 
 def test_the_limit_is_kept(rng) -> None:

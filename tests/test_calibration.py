@@ -31,7 +31,6 @@ from modelsel.mechanisms.causes import Bump, Member, Named, Number, cos, q, sign
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.serialization import cause_of, cause_record
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.results.storage import calibration_of, save
 from modelsel.robot.files import load
 from modelsel.selection.evaluation import Split
 from modelsel.study.runner import run
@@ -45,27 +44,27 @@ def result():
 
 
 def test_study_comes_back_exactly(result, tmp_path) -> None:
-    save(result, tmp_path)
+    result.save(tmp_path)
     stored = load_calibration(tmp_path)
-    at = result.data.problem
-    wanted = at.data.position - result.chosen.residual
+    at = result.split.problem
+    wanted = at.data.position - result.models.chosen.residual
     assert np.abs(predict(stored, stored.problem(at.data, another_day=False)) - wanted).max() < 1e-9
     assert (
         calibration_text(load_calibration(tmp_path / "result.json"))
         == calibration_text(stored)
         == (tmp_path / NAME).read_text()
     )
-    se = result.chosen.fit.standard_errors
+    se = result.models.chosen.fit.standard_errors
     assert (
-        np.abs(stored.factor @ stored.factor.T - result.chosen.fit.covariance)
+        np.abs(stored.factor @ stored.factor.T - result.models.chosen.fit.covariance)
         <= 1e-8 * np.outer(se, se)
     ).all()
     np.testing.assert_allclose(stored.standard_errors, se, rtol=1e-8)
     assert stored.ranges["q3"] == (
-        at.data.q[result.data.used, 2].min(),
-        at.data.q[result.data.used, 2].max(),
+        at.data.q[result.split.used, 2].min(),
+        at.data.q[result.split.used, 2].max(),
     )
-    assert stored.provenance["data_sha256"] == result.provenance["data_sha256"]
+    assert stored.provenance["data_sha256"] == result.run.provenance["data_sha256"]
 
 
 def wide(rng: np.random.Generator) -> tuple[Calibration, Problem]:
@@ -193,11 +192,11 @@ def test_refusals(rng) -> None:
 
 def test_same_bytes(result) -> None:
     again = run(read_study(PUMA / "study.toml"), PUMA, sampling=False)
-    assert calibration_text(calibration_of(result)) == calibration_text(calibration_of(again))
+    assert calibration_text(result.calibration) == calibration_text(again.calibration)
 
 
 def test_frame_and_notebook(result) -> None:
-    stored = calibration_of(result)
+    stored = result.calibration
     frame = stored.to_frame()
     assert len(frame) == len(stored.terms)
     row = frame[frame["symbol"] == "w54"].iloc[0]

@@ -33,7 +33,6 @@ from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism
-from modelsel.results.storage import calibration_of
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_quaternion
@@ -200,7 +199,7 @@ def test_arm_in_an_engine_lands_within_the_noise(tmp_path) -> None:
     pd.DataFrame(columns | {"temperature_C": temperature}).to_csv(
         tmp_path / "measurements.csv", index=False
     )
-    c = calibration_of(run(parse_study(STUDY, "study.toml"), tmp_path, sampling=False))
+    c = run(parse_study(STUDY, "study.toml"), tmp_path, sampling=False).calibration
 
     plan_q = real.draw(rng, 60)
     last = np.vstack([plan_q[:1] - 1e-1, plan_q[:-1]])

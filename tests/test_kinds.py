@@ -36,10 +36,9 @@ from modelsel.mechanisms.causes import Member
 from modelsel.mechanisms.geometry import setup
 from modelsel.mechanisms.registry import mechanism, parts
 from modelsel.mechanisms.terms import Screw, Term
-from modelsel.report.terminal import sentences
-from modelsel.results.details import details, dumps
-from modelsel.results.goodness_of_fit import lack_of_fit, lacking
-from modelsel.results.storage import calibration_of
+from modelsel.report.terminal import write_sentences
+from modelsel.results.goodness_of_fit import lack_of_fit_notes, measure_lack_of_fit
+from modelsel.results.storage import details_text
 from modelsel.robot.files import load
 from modelsel.selection.cross_validation import by_unit
 from modelsel.selection.cross_validation import fold as fold_scene
@@ -140,11 +139,11 @@ def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> Non
     expected = NOISE * np.sqrt(1 + extension.fit.rank / extension.fit.rows)
     assert np.sqrt(np.square(left).sum() / count) == pytest.approx(expected, rel=0.25)
     assert extension.fit.sigma == pytest.approx(1, rel=0.2)  # s_mm is the noise that was put in
-    lack = lack_of_fit(SimpleNamespace(fit=extension.fit), Floor(NOISE, "stated"), data)
+    lack = measure_lack_of_fit(SimpleNamespace(fit=extension.fit), Floor(NOISE, "stated"), data)
     assert lack.f == pytest.approx(
         extension.fit.sigma**2
     )  # over the coordinates that rows of a kind have
-    assert lacking(lack) == ()
+    assert lack_of_fit_notes(lack) == ()
 
 
 def every_kind(rng: np.random.Generator) -> tuple[Problem, tuple[Term, ...], np.ndarray]:
@@ -433,10 +432,11 @@ def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path
         NOISE * (30 * np.sqrt(8 / np.pi) + 110 * np.sqrt(2 / np.pi)) / 140
     )
     assert any(
-        line.startswith("Feature plate0 (plane): a point of it is at") for line in sentences(result)
+        line.startswith("Feature plate0 (plane): a point of it is at")
+        for line in write_sentences(result.record, result.details)
     )
-    assert "NaN" not in dumps(details(result))
-    stored = loads(calibration_text(calibration_of(result)))
+    assert "NaN" not in details_text(result.details)
+    stored = loads(calibration_text(result.calibration))
     assert not any(t.fixture for t in stored.terms)
     q = c.arm.draw(c.rng, 50)
     fresh = measurements(q, c.exact(q) + c.noise(50, 3))

@@ -22,7 +22,7 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import every, mechanism, parts
-from modelsel.results.finding_records import beside
+from modelsel.results.finding_notes import partial_map_notes
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 
@@ -236,7 +236,7 @@ def test_the_error_map_of_many_joints_is_bounded(rng, monkeypatch) -> None:
     at = of_snake(16, 12, rng)
     base = Model((mechanism("geometric", at.robot),))
     assert crowded(at)
-    (note,) = beside(at)
+    (note,) = partial_map_notes(at)
     assert "16 joints" in note.sentence
     cells = [c for c in candidates(at, base, every(at.robot)) if not c.registered]
     assert len(cells) < 15_000
@@ -245,7 +245,7 @@ def test_the_error_map_of_many_joints_is_bounded(rng, monkeypatch) -> None:
     assert "5 rz sin(q5+q9) & cos(q5+q9)" not in names
     few = of_snake(6, 12, rng)
     assert not crowded(few)
-    assert beside(few) == ()
+    assert partial_map_notes(few) == ()
     whole = {
         c.mechanism.name
         for c in candidates(few, Model((mechanism("geometric", few.robot),)), every(few.robot))

@@ -47,6 +47,11 @@ PAGES: dict[str, Page] = {
 Say = Callable[[str], None]
 
 
+def read_source(folder: Path) -> Source:
+    """Read what a report is made of from a study's folder. Raises StudyError."""
+    return Source(*read_records(folder))
+
+
 def draw(folder: Path, pages: Sequence[str] | None = None, say: Say = lambda _: None) -> list[Path]:
     """Draw the report of a folder again; `pages` chooses (all without). Files written. Raises StudyError or
     ReportError."""

@@ -108,9 +108,7 @@ def _format_estimate(one: EstimateRecord) -> str:
 def _describe_verdict(finding: FindingRecord, where: Where) -> str:
     """Return p-value, gain and rows in one line."""
     chance = f"{finding.p_value:.2g} over the whole search"
-    parts = [
-        f"Verdict: {finding.verdict}; chance alone would do as well with probability {chance}"
-    ]
+    parts = [f"Verdict: {finding.verdict}; chance alone would do as well with probability {chance}"]
     gain = finding.gain
     if gain.held_out_rms_before_mm is not None:
         before, after = (
