@@ -36,7 +36,7 @@ M, BLOCK = 300, 64
 
 
 @pytest.fixture
-def data(rng: np.random.Generator) -> Split:
+def split(rng: np.random.Generator) -> Split:
     """300 configurations, 100 held out, two effects planted, every reading of ten measured twice,
     two outliers."""
     whole = BASE + OFFERED[:2]

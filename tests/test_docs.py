@@ -20,7 +20,7 @@ from modelsel.mechanisms.registry import BUILTIN
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-CONTRACT = DOCS / "contract.md"
+CONTRACT = DOCS / "reference" / "files.md"
 LOADS = {
     "script": "src",
     "img": "src",
@@ -120,14 +120,14 @@ def test_links_lead_somewhere(site, pages) -> None:
 
 
 def test_formulas_are_drawn_without_a_script(site) -> None:
-    text = (site / "statistics.html").read_text(encoding="utf-8")
+    text = (site / "explanation" / "statistics.html").read_text(encoding="utf-8")
     assert text.count("<math") > 20
     assert "arithmatex" not in text
     assert "\\(" not in text
 
 
 def test_catalogue_is_the_registry(site, pages) -> None:
-    page = pages[site / "mechanisms.html"]
+    page = pages[site / "reference" / "mechanisms.html"]
     assert set(BUILTIN) <= page.anchors
     assert {f"mechanisms/{name}.svg" for name in BUILTIN} <= set(page.loads)
     pictures = {path.stem: path.stat().st_size for path in (site / "mechanisms").iterdir()}
@@ -138,8 +138,8 @@ def test_catalogue_is_the_registry(site, pages) -> None:
 def test_every_command_and_name_has_its_place(site, pages) -> None:
     import modelsel
 
-    assert set(COMMANDS) <= pages[site / "commands.html"].anchors
-    said = (site / "python.html").read_text(encoding="utf-8")
+    assert set(COMMANDS) <= pages[site / "reference" / "commands.html"].anchors
+    said = (site / "reference" / "python.html").read_text(encoding="utf-8")
     assert all(f"<code>{name}</code>" in said for name in modelsel.__all__)
 
 
@@ -277,8 +277,13 @@ def test_constants_are_the_program_s() -> None:
     from modelsel.diagnosis.stepwise import MOST
 
     said = {
-        page: (DOCS / f"{page}.md").read_text(encoding="utf-8")
-        for page in ("statistics", "choose", "limits", "contract")
+        page: (DOCS / f"{shelf}/{page}.md").read_text(encoding="utf-8")
+        for shelf, page in (
+            ("explanation", "statistics"),
+            ("how-to", "choose"),
+            ("explanation", "limits"),
+            ("reference", "files"),
+        )
     }
     assert f"share {REGISTERED} of the prior" in said["statistics"]
     assert f"hold {SURE} of the probability" in said["statistics"]
@@ -287,14 +292,14 @@ def test_constants_are_the_program_s() -> None:
         f"correlation above {ALIKE} beyond the base" in said[page]
         for page in ("statistics", "choose")
     )
-    assert f"found at {LEVEL} or less" in said["contract"]
-    assert f"to {CREDIBLE} or {LISTED} entries" in said["contract"]
+    assert f"found at {LEVEL} or less" in said["files"]
+    assert f"to {CREDIBLE} or {LISTED} entries" in said["files"]
     assert MOST == 24
     assert "stops at twenty-four" in said["limits"]
 
 
 def test_exit_status_table() -> None:
-    text = (DOCS / "commands.md").read_text(encoding="utf-8")
+    text = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
     statuses = {kind.exit_code for kind in (ModelselError, StudyError, DataError, NotEstimable)} | {
         INTERRUPTED,
         CHECK_FAILED,

@@ -30,7 +30,7 @@ from modelsel.fitting.identifiability import identify, solve
 from modelsel.fitting.reduction import reduce
 
 ENOUGH, HALF, ORDERS = 12.0, 0.5, 15
-# NIST's first start is far away on purpose; from these the fit ends elsewhere (docs/reliability.md
+# NIST's first start is far away on purpose; from these the fit ends elsewhere (docs/explanation/reliability.md
 # shows which)
 LOST = ("BoxBOD", "MGH09", "MGH10", "MGH17")
 FROM = [(name, start) for name in curves() for start in (1, 2) if start == 2 or name not in LOST]

@@ -1,4 +1,4 @@
-"""The notebooks of docs/notebooks run as they stand and show what they compute. `python
+"""The notebooks of docs/tutorials/notebooks run as they stand and show what they compute. `python
 tests/test_notebooks.py` writes their outputs anew."""
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 import nbformat
 import pytest
 
-FOLDER = Path(__file__).parents[1] / "docs" / "notebooks"
+FOLDER = Path(__file__).parents[1] / "docs" / "tutorials" / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 AGAIN = "python tests/test_notebooks.py writes the outputs anew"
 SECONDS = 120  # a cell, on a machine that does much else

@@ -43,7 +43,7 @@ TRUTH[-3:] = 2e-4, 1e-3, -5e-4
 
 
 @pytest.fixture
-def data(rng: np.random.Generator) -> Split:
+def split(rng: np.random.Generator) -> Split:
     """40 configurations, 10 held out, compliance and eccentricity planted, one outlier."""
     data = study_of(planted(drawn(ARM, rng, 40), MODEL.terms, TRUTH, rng, 0.1), held_out=10)
     data.outlying[4] = True

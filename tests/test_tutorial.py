@@ -16,7 +16,10 @@ from test_readme import SHOWN, fenced, printed
 from modelsel.cli.main import main
 
 ROOT = Path(__file__).parents[1]
-TUTORIAL, PYTHON = ROOT / "docs" / "tutorial.md", ROOT / "docs" / "python.md"
+TUTORIAL, PYTHON = (
+    ROOT / "docs" / "tutorials" / "first-study.md",
+    ROOT / "docs" / "reference" / "python.md",
+)
 AGAIN = "python tests/test_tutorial.py writes it anew"
 CAMPAIGN = """name = "campaign"
 seed = {seed}

@@ -182,7 +182,7 @@ def entry(
         *_parameters(card),
         "",
         f"- **Told apart.** {text['apart'].replace(chr(10), ' ')}",
-        f"- **Alike**, on {COUNT} configurations drawn for {ROBOT}: {of_it}.",
+        f"- **Similar effects**, on {COUNT} configurations drawn for {ROBOT}: {of_it}.",
         f"- **Applies to** {_applies(stem, registry)}.",
         *([f"- **Needs** the column {', '.join(f'`{n}`' for n in needs)}."] if needs else []),
         f"- **Source.** {m.source}.",

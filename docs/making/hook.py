@@ -31,14 +31,16 @@ from modelsel.report.drawing import PAGES, read_source
 if TYPE_CHECKING:
     from mkdocs.config.defaults import MkDocsConfig
     from mkdocs.structure.files import Files
+    from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[2]
 REPORT = ROOT / "reports" / "puma760"
-NOTEBOOKS = ROOT / "docs" / "notebooks"
+NOTEBOOKS = ROOT / "docs" / "tutorials" / "notebooks"
 MADE = re.compile(r"^<!-- made: ([\w-]+)(?: ([\w-]+))? -->$", re.MULTILINE)
 CANVAS = re.compile(
     rb'(<g id="patch_\d+">\s*<path d="[^"]+"\s+style="fill: )#ffffff'
 )  # white paper, in the dark a box
+GENERATED = re.compile(r"\]\((made/|mechanisms/|reference/|explanation/|how-to/)")
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 
 
@@ -109,14 +111,19 @@ PARTS: dict[str, Any] = {
 }
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Generated parts in their places."""
+def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
+    """Put generated parts into their places; their links start at the documentation's root."""
+    root = "../" * page.file.src_uri.count("/")
 
     def part(found: re.Match[str]) -> str:
         kind, name = found.groups()
         if kind == "report":
-            return _report(name)
-        return _figure(name) if kind == "figure" else str(PARTS[kind]())
+            text = _report(name)
+        elif kind == "figure":
+            text = _figure(name)
+        else:
+            text = str(PARTS[kind]())
+        return GENERATED.sub(rf"]({root}\1", text)
 
     return MADE.sub(part, markdown)
 
@@ -133,7 +140,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         for name in ("puma760-pdf.png", "puma760-html.png")
     }
     made |= {f"made/{name}": (REPORT / name).read_bytes() for name in ("report.html", "report.pdf")}
-    made |= {f"notebooks/{name}.md": text for name, (_, text) in notebooks.pages(NOTEBOOKS).items()}
+    made |= {
+        f"tutorials/notebooks/{name}.md": text
+        for name, (_, text) in notebooks.pages(NOTEBOOKS).items()
+    }
     for name, content in made.items():
         shown = (
             CANVAS.sub(rb"\1none", content)

@@ -91,7 +91,7 @@ def names() -> str:
         out += [f"## `{name}` {{ #{name.lower()}-{kind} }}", ""]
         if kind == "table":
             out += [
-                f"The {kind} of registered mechanisms, {len(value)} names: see the [catalogue](mechanisms.md).",
+                f"The {kind} of registered mechanisms, {len(value)} names: see the [catalogue](reference/mechanisms.md).",
                 "",
             ]
             continue

@@ -38,8 +38,8 @@ include = ["{module}.py"]
 """
 
 MODULE = '''"""A mechanism of my own for modelsel: one joint is turned by another."""
-from modelsel.wrong.causes import q, sin
-from modelsel.wrong.screws import Mechanism, Screw, Term
+from modelsel.mechanisms.causes import q, sin
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 
 
 def build(robot):

@@ -56,10 +56,10 @@ TERM = {
 
 def cause_record(cause: Cause) -> dict[str, Any]:
     """A cause as nested JSON values. Raises StudyError for a kind of cause that is not of
-    modelsel.wrong.causes."""
+    modelsel.mechanisms.causes."""
     if (what := foreign(cause)) is not None:
         raise StudyError(
-            f"{what}, which no calibration can store: build it of those in modelsel.wrong.causes."
+            f"{what}, which no calibration can store: build it of those in modelsel.mechanisms.causes."
         )
     match cause:
         case Number(number, unit):

@@ -143,7 +143,7 @@ def terms_of(mechanisms: Iterable[Mechanism]) -> tuple[Term, ...]:
 
 
 def foreign(cause: Cause) -> str | None:
-    """What in a cause is not of modelsel.wrong.causes, in words: it prints in no grammar, and no
+    """What in a cause is not of modelsel.mechanisms.causes, in words: it prints in no grammar, and no
     file could hold it. A class derived from one of those is not that one."""
     if type(cause) not in KINDS:
         return f"{type(cause).__name__} is a kind of cause of its own"
@@ -174,7 +174,7 @@ def unstorable(mechanism: Mechanism) -> str | None:
     return (
         None
         if found is None
-        else f"{found}, which no calibration can store: build it of those in modelsel.wrong.causes."
+        else f"{found}, which no calibration can store: build it of those in modelsel.mechanisms.causes."
     )
 
 
