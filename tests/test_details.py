@@ -17,7 +17,7 @@ from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.report import drawing
 from modelsel.report.pages.findings import advise_separation
 from modelsel.results.details import select_rows
-from modelsel.results.schema import EntryRecord, ScrewRecord
+from modelsel.results.finding_schema import EntryRecord, ScrewRecord
 from modelsel.study.pipeline import Question
 from modelsel.study.runner import candidates_of, plan_of, robot_of
 

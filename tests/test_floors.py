@@ -45,6 +45,8 @@ HEAVY = ("scipy.stats", "matplotlib", "pandas", "pyarrow", "emcee", "rich", "pyd
 ALLOWED = {
     ("study_file", "pydantic"),
     ("fleet_file", "pydantic"),
+    ("record_types", "pydantic"),
+    ("finding_schema", "pydantic"),
     ("schema", "pydantic"),
     ("details_schema", "pydantic"),
     ("reading", "pydantic"),

@@ -19,7 +19,8 @@ from modelsel.mechanisms.terms import Screw, Term
 from modelsel.report.figures.finding import panel_height
 from modelsel.report.pages.findings import advise_separation
 from modelsel.report.pages.parameter_uncertainty import _format_quantiles, _write_mechanisms
-from modelsel.results.schema import EntryRecord, QuantilesRecord, ScrewRecord, SignificanceRecord
+from modelsel.results.finding_schema import EntryRecord, ScrewRecord
+from modelsel.results.model_schema import QuantilesRecord, SignificanceRecord
 from modelsel.results.tables import label_models
 from modelsel.robot.files import load
 

@@ -9,8 +9,9 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
+from ..results.finding_schema import EntryRecord, FindingRecord
 from ..results.placements import describe_placements
-from ..results.schema import EntryRecord, FindingRecord, RegistrationRecord, StudyRecord
+from ..results.schema import RegistrationRecord, StudyRecord
 from ..results.study_sentences import describe_split, opening_sentences
 from ..results.tables import label_ladder
 from .document import Source

@@ -12,8 +12,9 @@ from ..exceptions import sentence_list
 from ..measurements.table import where_of
 from ..notices import ALARMS
 from ..results.details_schema import DetailsRecord
+from ..results.model_schema import SignificanceRecord
 from ..results.placements import describe_placements
-from ..results.schema import ErrorMapRecord, SignificanceRecord, StudyRecord
+from ..results.schema import ErrorMapRecord, StudyRecord
 from ..results.study_sentences import (
     NOMINAL_CAVEAT,
     TABLE_PURPOSE,

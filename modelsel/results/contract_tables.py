@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from .schema import FindingRecord, StrictRecord, StudyRecord
+from .finding_schema import FindingRecord
+from .record_types import StrictRecord
+from .schema import StudyRecord
 
 
 def write_key_table(model: type[StrictRecord]) -> str:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from .schema import Axis, Figure, Number, Pair, StrictRecord, Text, Texts, Vector, Whole
+from .record_types import Axis, Figure, Number, Pair, StrictRecord, Text, Texts, Vector, Whole
 
 
 class DrawnRowsRecord(StrictRecord):

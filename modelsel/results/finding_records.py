@@ -18,7 +18,7 @@ from ..fitting.problem import Problem
 from ..mechanisms.causes import Bump, Cause
 from ..mechanisms.terms import Term
 from ..selection.evaluation import Gain
-from .schema import FAULT
+from .finding_schema import FAULT
 
 KNOWN_COVARIATES = ("payload_kg", "temperature_C", "time_s")
 STEP_FAULT = "bumped"  # in the name of a fault: from a row on the target is elsewhere

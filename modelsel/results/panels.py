@@ -22,8 +22,8 @@ from ..fitting.problem import Problem
 from ..mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named
 from ..mechanisms.terms import Term
 from .finding_records import Finding, Place
+from .finding_schema import FAULT
 from .map_details import MIN_DISPLACEMENT, find_wave
-from .schema import FAULT
 from .study_run import StudyRun
 
 # panels of a finding: the largest effects first

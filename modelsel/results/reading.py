@@ -14,7 +14,8 @@ from .._json import strict
 from ..exceptions import StudyError
 from .agreement import find_disagreement
 from .details_schema import DetailsRecord
-from .schema import StrictRecord, StudyRecord
+from .record_types import StrictRecord
+from .schema import StudyRecord
 
 SCHEMA = 1
 REMEDY = "modelsel study STUDY.toml --out DIR makes it"

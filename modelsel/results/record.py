@@ -14,10 +14,11 @@ from ..selection.branch_and_bound import Certified
 from ..selection.comparison import Comparison
 from ..selection.evaluation import Evaluation, turned
 from .finding_records import describe_fault, describe_finding, list_screws
+from .finding_schema import FAULT
 from .goodness_of_fit import describe_noise, locate_features, measure_lack_of_fit
 from .placements import locate_placements
 from .reading import SCHEMA, parse_record
-from .schema import FAULT, StudyRecord
+from .schema import StudyRecord
 from .study_run import Explanation, ModelSearch, StudyRun
 from .verdict import Named, complete_verdict, write_verdict
 

@@ -7,7 +7,9 @@ from collections.abc import Sequence
 
 from ..measurements.table import Where
 from ..notices import HOPELESS, Note, alarms
-from .schema import EntryRecord, FeatureRecord, FindingRecord, RungRecord, StudyRecord
+from .finding_schema import EntryRecord, FindingRecord
+from .model_schema import RungRecord
+from .schema import FeatureRecord, StudyRecord
 
 # what the table of subsets is for, said with it
 TABLE_PURPOSE = (

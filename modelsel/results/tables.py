@@ -6,7 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from .schema import FindingRecord, RungRecord, StrictRecord, StudyRecord
+from .finding_schema import FindingRecord
+from .model_schema import RungRecord
+from .record_types import StrictRecord
+from .schema import StudyRecord
 
 if TYPE_CHECKING:
     import pandas as pd

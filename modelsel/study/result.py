@@ -16,9 +16,10 @@ from ..fitting.problem import Problem
 from ..report.drawing import draw_records
 from ..results.details import draw_details
 from ..results.details_schema import DetailsRecord
+from ..results.finding_schema import FindingRecord
 from ..results.record import record_run
 from ..results.residual_table import RESIDUALS, ResidualColumns
-from ..results.schema import FindingRecord, StudyRecord, WarningRecord
+from ..results.schema import StudyRecord, WarningRecord
 from ..results.storage import (
     StudyFiles,
     read_study_files,

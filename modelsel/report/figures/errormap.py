@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..._typing import Array
-from ...results.schema import EntryRecord, ErrorMapRecord, StudyRecord
+from ...results.finding_schema import EntryRecord
+from ...results.schema import ErrorMapRecord, StudyRecord
 from ..style import INK, QUIET, RING, WIDTH, shorten, svg, use_style
 
 MAX_CAUSES = 26

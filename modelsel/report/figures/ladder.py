@@ -11,7 +11,8 @@ import numpy as np
 
 from ..._typing import Array, Index
 from ...results.details_schema import DetailsRecord
-from ...results.schema import NoiseFloorRecord, RungRecord, StudyRecord
+from ...results.model_schema import RungRecord
+from ...results.schema import NoiseFloorRecord, StudyRecord
 from ...results.tables import label_models
 from ..style import (
     AFTER,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..._typing import Array
-from ...results.schema import CorrelationRecord, ParameterRecord, TraceRecord
+from ...results.model_schema import CorrelationRecord, ParameterRecord, TraceRecord
 from ..style import (
     AFTER,
     BLUE,

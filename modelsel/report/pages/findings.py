@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from ...diagnosis.sentences import quantity
 from ...measurements.table import Where
 from ...results.details_schema import FindingDetailsRecord
-from ...results.schema import EntryRecord, EstimateRecord, FindingRecord
+from ...results.finding_schema import EntryRecord, EstimateRecord, FindingRecord
 from ...results.study_sentences import count_rows, format_mm, label_entries
 from ..document import Block, Source, make_heading, make_list, make_table, make_text
 from ..figures.finding import MAX_BARS, draw_credible_set, draw_panels, name_axis

@@ -6,8 +6,9 @@ from __future__ import annotations
 from math import degrees
 
 from ...results.details_schema import DetailsRecord, FindingDetailsRecord
+from ...results.finding_schema import FindingRecord
 from ...results.placements import describe_placements
-from ...results.schema import ErrorMapRecord, FindingRecord, StudyRecord
+from ...results.schema import ErrorMapRecord, StudyRecord
 from ...results.study_sentences import (
     describe_noise_floor,
     describe_probability,

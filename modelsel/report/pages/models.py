@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ...results.schema import CandidatesRecord, NestedRecord, StudyRecord, SubsetRecord
+from ...results.model_schema import CandidatesRecord, NestedRecord, SubsetRecord
+from ...results.schema import StudyRecord
 from ...results.study_sentences import (
     TABLE_PURPOSE,
     common_mechanisms,

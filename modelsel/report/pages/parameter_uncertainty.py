@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...diagnosis.sentences import prefixed
-from ...results.schema import (
+from ...results.model_schema import (
     ParameterRecord,
     QuantilesRecord,
     SamplingRecord,
     SignificanceRecord,
-    StudyRecord,
 )
+from ...results.schema import StudyRecord
 from ...results.study_sentences import (
     NOMINAL_CAVEAT,
     describe_predictable,
