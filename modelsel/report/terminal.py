@@ -177,7 +177,9 @@ def _map_table(whole: ErrorMapRecord) -> Table:
 def _strongest_columns(f: Array) -> list[int]:
     """Return the causes whose best cell stands out most, in the map's order."""
     best = np.where(np.isnan(f), 0.0, f).max(axis=0)
-    return sorted(np.argsort(-best, kind="stable")[:MAX_MAP_COLUMNS].tolist())
+    order = np.argsort(-best, kind="stable")
+    strongest: list[int] = order[:MAX_MAP_COLUMNS].tolist()
+    return sorted(strongest)
 
 
 def _map_cell(f: float, p: float) -> Any:

@@ -162,12 +162,14 @@ def round_nested(values: Array, digits: int) -> list[Any]:
 def select_rows(estimation: Mask, outlying: Mask, most: int = MAX_DRAWN_ROWS) -> Index:
     """Return the indices of the rows to draw: outlying ones first, then half for the held-out rows at most, evenly in
     file order."""
-    sound = estimation & ~outlying
+    used, held_out = estimation & ~outlying, ~estimation & ~outlying
     outliers = _spread(outlying, MAX_DRAWN_OUTLIERS)
     room = most - len(outliers)
-    held_out = _spread(~estimation & ~outlying, max(most // 2, room - int(sound.sum())))
-    used = _spread(sound, room - len(held_out))
-    return np.sort(np.concatenate([outliers, held_out, used]))
+    held_out_room = max(most // 2, room - int(used.sum()))
+    shown_held_out = _spread(held_out, held_out_room)
+    shown_used = _spread(used, room - len(shown_held_out))
+    shown = np.concatenate([outliers, shown_held_out, shown_used])
+    return np.sort(shown)
 
 
 def _spread(mask: Mask, count: int) -> Index:
@@ -184,8 +186,11 @@ def nominal_arm(problem: Problem) -> Array:
     """Return (n+2, 3) origins of the nominal chain, joint 1 to target, in the tracker's frame, at the configuration
     nearest to all."""
     q = problem.data.q
-    scaled = (q - np.median(q, axis=0)) / np.maximum(np.std(q, axis=0), 1e-9)
-    middle = problem.take(np.array([int(np.argmin(np.square(scaled).sum(1)))]))
+    spread = np.maximum(np.std(q, axis=0), 1e-9)
+    scaled = (q - np.median(q, axis=0)) / spread
+    distance = np.square(scaled).sum(1)
+    nearest = int(np.argmin(distance))
+    middle = problem.take(np.array([nearest]))
     rotation, translation = middle.placement
     group = middle.data.group[0]
     origins = middle.pose(slice(None)).origins[:, :, 0]

@@ -97,8 +97,10 @@ def describe_column(causes: tuple[Cause, ...], problem: Problem) -> Values:
 
 def _joint_of(angle: Cause, joints: int) -> int | None:
     """Return the joint whose reading an angle is; None of any other."""
-    names = {f"q{joint}": joint for joint in range(1, joints + 1)}
-    return names.get(angle.name) if isinstance(angle, Named) else None
+    if not isinstance(angle, Named):
+        return None
+    readings = {f"q{joint}": joint for joint in range(1, joints + 1)}
+    return readings.get(angle.name)
 
 
 def _cause_values(cause: Cause, problem: Problem) -> list[Any]:
@@ -179,8 +181,10 @@ def _place_slopes(
     for count in sorted({len(causes[column]) for column in scanned}):
         cells = [column for column in scanned if len(causes[column]) == count]
         values = np.concatenate([causes[column] for column in cells])
-        X = (displacement[None] * values[:, None]).reshape(len(values), -1)
-        Z = X - (X @ beyond.basis) @ beyond.basis.T
+        X = displacement[None] * values[:, None]
+        X = X.reshape(len(values), -1)
+        projection = X @ beyond.basis
+        Z = X - projection @ beyond.basis.T
         shape = (len(cells), count, -1)
         solved = _solve_slopes(Z.reshape(shape), X.reshape(shape), beyond.residual)
         for column, slopes in zip(cells, solved, strict=True):
@@ -194,12 +198,15 @@ def _solve_slopes(Z: Array, X: Array, residual: Array) -> list[list[float]]:
     size = np.linalg.norm(X, axis=2)
     moves = size.all(1)
     size = np.where(moves[:, None], size, 1.0)
-    gram = np.matmul(Z, Z.swapaxes(1, 2)) / size[:, :, None] / size[:, None]
+    gram = np.matmul(Z, Z.swapaxes(1, 2))
+    gram = gram / size[:, :, None] / size[:, None]
     value, vector = np.linalg.eigh(gram)
     is_left = value > MIN_SHARE
     inverse = np.where(is_left, 1 / np.where(is_left, value, 1), 0)
     projected = (Z @ residual / size)[:, :, None]
-    inner = inverse * np.matmul(vector.swapaxes(1, 2), projected)[:, :, 0]
-    slopes = np.matmul(vector, inner[:, :, None])[:, :, 0] / size
+    rotated = np.matmul(vector.swapaxes(1, 2), projected)[:, :, 0]
+    inner = inverse * rotated
+    slopes = np.matmul(vector, inner[:, :, None])[:, :, 0]
+    slopes = slopes / size
     solved: list[list[float]] = np.where(moves[:, None], slopes, 0.0).tolist()
     return solved

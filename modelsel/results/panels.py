@@ -174,12 +174,13 @@ def _group_terms(terms: Sequence[Term], estimate: Array, units: Mapping[str, str
     places = [tuple((screw.frame, screw.axis) for screw in term.screws) for term in terms]
     causes = [term.screws[0].cause for term in terms]
     parts: dict[tuple[tuple[Place, ...], _Abscissa], list[tuple[float, Cause]]] = {}
+    siblings: dict[tuple[Place, ...], list[Cause]] = {}
+    for place, cause in zip(places, causes, strict=True):
+        siblings.setdefault(place, []).append(cause)
     for place, cause, coefficient in zip(places, causes, estimate, strict=True):
-        siblings = [
-            other for other, elsewhere in zip(causes, places, strict=True) if elsewhere == place
-        ]
-        key = (place, _choose_abscissa(cause, siblings, units))
-        parts.setdefault(key, []).append((float(coefficient), cause))
+        abscissa = _choose_abscissa(cause, siblings[place], units)
+        same = parts.setdefault((place, abscissa), [])
+        same.append((float(coefficient), cause))
     return [_Group(place, abscissa, tuple(each)) for (place, abscissa), each in parts.items()]
 
 
@@ -231,8 +232,11 @@ def _draw_group(
 
 def _observed_part(moved: Array) -> slice:
     """Return which coordinates show a group: the position, else the orientation that it only turns."""
-    moves = float(np.abs(moved[:3]).max()) > MIN_DISPLACEMENT
-    return slice(0, 3) if moves or len(moved) == 3 else slice(3, 6)
+    displacement = float(np.abs(moved[:3]).max())
+    has_orientation = len(moved) > 3
+    if has_orientation and displacement <= MIN_DISPLACEMENT:
+        return slice(3, 6)
+    return slice(0, 3)
 
 
 def _select_points(mask: Array) -> Index | None:

@@ -81,9 +81,11 @@ def _verdict(run: StudyRun) -> tuple[str, ...]:
 
 def list_named(diagnosis: Explanation) -> list[Named]:
     """Return (name, verdict) of every finding, faults of the data first, as result.json lists them."""
-    faults = [(f"{FAULT}{fault.name}", "found") for fault in diagnosis.faults]
-    effects = [finding.effect for finding in diagnosis.findings]
-    return [*faults, *((effect.candidate.label, effect.named.verdict) for effect in effects)]
+    named = [(f"{FAULT}{fault.name}", "found") for fault in diagnosis.faults]
+    for finding in diagnosis.findings:
+        effect = finding.effect
+        named.append((effect.candidate.label, effect.named.verdict))
+    return named
 
 
 def _configurations(run: StudyRun) -> Values:
@@ -161,8 +163,10 @@ def _search(considered: Sequence[str], certified: Certified) -> Values:
 def _findings(run: StudyRun) -> list[Values]:
     """Return every finding, faults of the data first."""
     training = run.problem.take(run.split.estimation)
-    faults = [describe_fault(fault) for fault in run.diagnosis.faults]
-    return [*faults, *(describe_finding(one, training) for one in run.diagnosis.findings)]
+    diagnosis = run.diagnosis
+    faults = [describe_fault(fault) for fault in diagnosis.faults]
+    findings = [describe_finding(finding, training) for finding in diagnosis.findings]
+    return [*faults, *findings]
 
 
 def _nothing_else(run: StudyRun) -> Values:

@@ -76,8 +76,13 @@ def count_rows(rows: Sequence[int]) -> str:
 
 def list_errors(rung: RungRecord) -> list[str]:
     """Return mean and worst error [mm] of both sides of the split."""
-    sides = (rung.estimation, rung.held_out)
-    return [format_mm(error) for errors in sides for error in (errors.mean_mm, errors.max_mm)]
+    estimation, held_out = rung.estimation, rung.held_out
+    return [
+        format_mm(estimation.mean_mm),
+        format_mm(estimation.max_mm),
+        format_mm(held_out.mean_mm),
+        format_mm(held_out.max_mm),
+    ]
 
 
 def common_mechanisms(models: Sequence[RungRecord]) -> list[str]:

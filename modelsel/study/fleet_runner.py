@@ -24,7 +24,7 @@ from ..exceptions import CHECK_FAILED, DataError, ModelselError, StudyError
 from ..fitting.design import Model
 from ..mechanisms.registry import mechanism, with_plugins
 from ..report.drawing import draw
-from ..report.pages.fleet_summary import summary
+from ..report.pages.fleet_summary import write_summary
 from ..results.storage import WRITES
 from ..robot.files import builtin_names, load, read_robot
 from ..selection.streaming import Parts, fit_parts, parts_of
@@ -285,7 +285,7 @@ def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> lis
     write_beside(paths[1], buffer.getvalue())
     if name is not None:
         paths.append(out / "summary.pdf")
-        write_beside(paths[2], summary(name, rows, out))
+        write_beside(paths[2], write_summary(name, rows, out))
     return paths
 
 

@@ -44,8 +44,10 @@ def _to_array(table: Sequence[Sequence[float | None]]) -> Array:
 
 def stands_out(whole: ErrorMapRecord, row: int, column: int) -> bool:
     """Return whether a cell explains more than chance anywhere in the map."""
-    p = whole.p_family_wise[row][column]
-    return whole.f[row][column] is not None and p is not None and p < STANDS_OUT_P
+    f, p = whole.f[row][column], whole.p_family_wise[row][column]
+    if f is None or p is None:
+        return False
+    return p < STANDS_OUT_P
 
 
 def find_named_cells(record: StudyRecord) -> list[tuple[int, int]]:

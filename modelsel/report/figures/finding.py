@@ -166,9 +166,10 @@ def _weighted_means(values: Array, parts: Sequence[Index], weight: Array) -> Arr
 
 def average_sides(x: Array, y: Array, weight: Array) -> tuple[Array, Array]:
     """Return means on either side of zero, drawn where the points lie."""
-    sides = [side for side in (x < 0, x > 0) if side.any()]
-    places = np.array([np.average(x[side]) for side in sides])
-    return places, np.array([np.average(y[side], weights=weight[side]) for side in sides])
+    sides = [np.flatnonzero(side) for side in (x < 0, x > 0)]
+    sides = [side for side in sides if len(side)]
+    places = np.array([x[side].mean() for side in sides])
+    return places, _weighted_means(y, sides, weight)
 
 
 def panel_height(points: Array, curve: Array) -> float:

@@ -131,7 +131,9 @@ def _write_placements(record: StudyRecord) -> list[Block]:
 
 def _thinning_sentence(details: DetailsRecord) -> str:
     drawn, measured = len(details.rows.row), details.rows.of
-    return f" {drawn:,} of {measured:,} rows are drawn." if drawn < measured else ""
+    if drawn >= measured:
+        return ""
+    return f" {drawn:,} of {measured:,} rows are drawn."
 
 
 def _coverage_words(details: DetailsRecord) -> str:
