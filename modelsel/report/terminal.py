@@ -21,7 +21,6 @@ from ..results.study_sentences import (
     alarm_sentences,
     common_mechanisms,
     describe_feature,
-    describe_finding,
     describe_noise_floor,
     describe_outliers,
     describe_predictable,
@@ -34,6 +33,7 @@ from ..results.study_sentences import (
     gain_sentence,
     hopeless_sentences,
     list_errors,
+    write_finding_line,
 )
 from ..results.tables import label_ladder
 
@@ -248,7 +248,7 @@ def write_sentences(record: StudyRecord, details: DetailsRecord) -> list[str]:
         *alarm_sentences(record),
         *hopeless_sentences(record),
         _describe_models(record),
-        *(describe_finding(finding) for finding in record.findings),
+        *(write_finding_line(finding) for finding in record.findings),
         record.nothing_else.sentence,
         describe_predictable(record),
         describe_outliers(record, where, MAX_OUTLIERS),

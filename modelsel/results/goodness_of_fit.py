@@ -102,16 +102,19 @@ def sum_pure_error(problem: Problem) -> tuple[float, float]:
     count = np.bincount(posture)
     mean = np.stack([np.bincount(posture, position[:, axis]) / count for axis in range(3)], 1)
     # an arm read anew has moved its target, too: no repeat
-    still = _reading_ranges(data.q, posture, len(count)).max(1) <= SAME_READING
+    ranges = _reading_ranges(data.q, posture, len(count))
+    still = ranges.max(1) <= SAME_READING
     deviations = position - mean[posture]
-    squares = float(np.square(deviations[still[posture]]).sum())
-    return squares, 3.0 * float((count - 1)[still].sum())
+    squares = np.square(deviations[still[posture]])
+    freedom = (count - 1)[still]
+    return float(squares.sum()), 3.0 * float(freedom.sum())
 
 
 def _reading_ranges(q: Array, posture: Index, count: int) -> Array:
     """Return (count, n) how far the joint readings of each posture spread, rad or mm."""
-    low = np.full((count, q.shape[1]), np.inf)
-    high = np.full((count, q.shape[1]), -np.inf)
+    shape = (count, q.shape[1])
+    low = np.full(shape, np.inf)
+    high = np.full(shape, -np.inf)
     np.minimum.at(low, posture, q)
     np.maximum.at(high, posture, q)
     return np.asarray(high - low)
@@ -155,10 +158,12 @@ def describe_noise(floor: Floor, measured: Measurements) -> dict[str, Any]:
     """Return the result's noise floor; with rows that are no points also the mean length [mm] of a row's noise."""
     noise: dict[str, Any] = {"coordinate_mm": floor.coordinate_mm, "source": floor.source}
     if measured.gauges is not None:
-        single = float((measured.gauges.coordinates.sum(1) == 1).mean())
+        is_single = measured.gauges.coordinates.sum(1) == 1
+        single = float(is_single.mean())
         # mean lengths of one and of three standard normal coordinates
-        mean_length = single * np.sqrt(2 / np.pi) + (1 - single) * np.sqrt(8 / np.pi)
-        noise["mean_mm"] = floor.coordinate_mm * float(mean_length)
+        one, three = np.sqrt(2 / np.pi), np.sqrt(8 / np.pi)
+        mean_length = float(single * one + (1 - single) * three)
+        noise["mean_mm"] = floor.coordinate_mm * mean_length
     return noise
 
 

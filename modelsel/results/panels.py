@@ -130,9 +130,12 @@ def describe_panels(run: StudyRun, problem: Problem, field: Array, rows: Index) 
 
     `problem`, `field`: the drawn `rows` and the displacement of every place there."""
     residual = run.models.chosen.residual[rows]
-    faults = [_describe_fault(fault) for fault in run.diagnosis.faults]
-    findings = run.diagnosis.findings
-    return [*faults, *(_describe_finding(one, problem, field, residual) for one in findings)]
+    diagnosis = run.diagnosis
+    faults = [_describe_fault(fault) for fault in diagnosis.faults]
+    findings = [
+        _describe_finding(finding, problem, field, residual) for finding in diagnosis.findings
+    ]
+    return [*faults, *findings]
 
 
 def _describe_fault(fault: Fault) -> Values:

@@ -85,6 +85,9 @@ def _check_columns(columns: ResidualColumns, rows: int) -> None:
 
 def _check_column(name: str, values: NDArray[Any]) -> None:
     kind = KINDS.get(name, "f")
-    if values.dtype.kind != kind or (kind != "b" and not np.isfinite(values).all()):
+    is_sound = values.dtype.kind == kind
+    if is_sound and kind != "b":
+        is_sound = bool(np.isfinite(values).all())
+    if not is_sound:
         expected = "truths" if kind == "b" else "finite numbers"
         raise _DamagedTableError(f"column {name} holds something else than {expected}")

@@ -147,14 +147,15 @@ def label_entries(entries: Sequence[EntryRecord]) -> list[str]:
 
 def describe_probability(finding: FindingRecord) -> str:
     """Return how probable the first of the set is, and together with those that move the target as it does."""
-    alone, together = f"{finding.first.probability:.2f}", f"{finding.alike:.2f}"
+    alone = f"{finding.first.probability:.2f}"
+    together = f"{finding.alike:.2f}"
     others = sum(entry.alike for entry in finding.credible_set) - 1
     if alone == together or others < 1:
         return alone
     return f"{alone}; {together} with {others} alike"
 
 
-def describe_finding(finding: FindingRecord) -> str:
+def write_finding_line(finding: FindingRecord) -> str:
     """Return a finding in one line of a terminal."""
     if finding.first.is_fault:
         return finding.sentence

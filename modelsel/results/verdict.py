@@ -131,10 +131,13 @@ def _describe_named(named: Sequence[Named], extends: bool) -> str:
 
 
 def _list_names(named: Sequence[Named]) -> str:
-    names = list(dict.fromkeys(name for name, _ in named))
+    every = [name for name, _ in named]
+    names = list(dict.fromkeys(every))
     shown = names[:SHOWN_NAMES]
-    more = sum(name not in shown for name, _ in named)
-    return sentence_list([*shown, f"{more} more"] if more > 1 else names)
+    more = sum(name not in shown for name in every)
+    if more > 1:
+        return sentence_list([*shown, f"{more} more"])
+    return sentence_list(names)
 
 
 def _describe_rivals(named: Sequence[Named]) -> str:

@@ -175,8 +175,10 @@ def average_sides(x: Array, y: Array, weight: Array) -> tuple[Array, Array]:
 def panel_height(points: Array, curve: Array) -> float:
     """Return up to where a panel is drawn: nearly all points, and the fitted effect whole unless it is several times
     as high."""
-    usual = 1.15 * float(np.percentile(np.abs(points), 98))
-    whole = 1.05 * float(np.abs(curve).max(initial=0.0))
+    nearly_all = np.percentile(np.abs(points), 98)
+    usual = 1.15 * float(nearly_all)
+    largest = np.abs(curve).max(initial=0.0)
+    whole = 1.05 * float(largest)
     return max(usual, min(whole, 3 * usual), SMALLEST_HEIGHT)
 
 

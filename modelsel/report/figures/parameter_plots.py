@@ -132,14 +132,16 @@ def draw_correlation(correlation: CorrelationRecord) -> bytes:
 def _order_symbols(correlation: CorrelationRecord) -> list[str]:
     """Return the symbols to draw, those of clusters first."""
     clustered = [symbol for cluster in correlation.clusters for symbol in cluster]
-    return list(dict.fromkeys([*clustered, *correlation.symbols]))[:MAX_MATRIX]
+    symbols = dict.fromkeys([*clustered, *correlation.symbols])
+    return list(symbols)[:MAX_MATRIX]
 
 
 def _select_matrix(correlation: CorrelationRecord, symbols: Sequence[str]) -> Array:
     """Return the correlations of some symbols, undefined ones as NaN."""
     place = {symbol: index for index, symbol in enumerate(correlation.symbols)}
     indices = [place[symbol] for symbol in symbols]
-    return np.array(correlation.matrix, dtype=float)[np.ix_(indices, indices)]
+    matrix = np.array(correlation.matrix, dtype=float)
+    return matrix[np.ix_(indices, indices)]
 
 
 def _label_matrix(ax: Any, symbols: Sequence[str]) -> None:
