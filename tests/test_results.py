@@ -294,8 +294,10 @@ def test_a_folder_of_parts_is_refused(result, tmp_path) -> None:
 
 
 def test_the_contract_s_tables_are_the_schema_s() -> None:
-    """docs/contract.md has the keys of result.json and of a finding as the schema describes them."""
-    page = (Path(__file__).parents[1] / "docs" / "contract.md").read_text(encoding="utf-8")
+    """docs/reference/files.md has the keys of result.json and of a finding as the schema describes them."""
+    page = (Path(__file__).parents[1] / "docs" / "reference" / "files.md").read_text(
+        encoding="utf-8"
+    )
     assert write_result_tables() in page
 
 

@@ -1,4 +1,4 @@
-"""The tables of docs/contract.md about result.json, written from its schema."""
+"""The tables of docs/reference/files.md about result.json, written from its schema."""
 
 from __future__ import annotations
 
@@ -17,5 +17,5 @@ def write_key_table(model: type[StrictRecord]) -> str:
 
 
 def write_result_tables() -> str:
-    """Return the tables of result.json and of one of its findings, as docs/contract.md has them."""
+    """Return the tables of result.json and of one of its findings, as docs/reference/files.md has them."""
     return f"{write_key_table(StudyRecord)}\nA finding:\n\n{write_key_table(FindingRecord)}"

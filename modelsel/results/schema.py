@@ -210,7 +210,7 @@ class StudyRecord(StrictRecord):
     parameters: list[ParameterRecord] = Field(
         description="of each: `symbol mechanism unit estimate standard_error bootstrap_error posterior_error low high "
         "mean_mm max_mm configurations differ`; `low` and `high` bound its "
-        "[95 % interval](statistics.md#how-sure-it-is)",
+        "[95 % interval](../explanation/statistics.md#how-sure-it-is)",
     )
     correlation: CorrelationRecord = Field(
         description="`symbols`, `matrix`, `pairs` (`a b r sentence`), `clusters`",
