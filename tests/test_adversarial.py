@@ -164,7 +164,7 @@ def test_the_limit_is_kept(rng) -> None:
     inside = role == "estimation"
     part = State(body, state.q[inside])
     effect = one("cell", "a wave", acting(3, "tx", lambda s: np.sin(s.q[:, 1] + s.q[:, 2])), 1.0)
-    _, limit = study(body, state, [], role, rng).nothing_else
+    _, limit = study(body, state, [], role, rng).diagnosis.nothing_else
     assert limit is not None
     left = off(geometry(body.screws(part.q)), effect.displacement(part)).reshape(-1, 3)
     planted = effect.scaled(limit / float(np.sqrt(np.square(left).sum(1).mean())))

@@ -421,10 +421,10 @@ def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path
         "study.toml",
     )
     result = run(study, tmp_path, sampling=False)
-    told = result.to_dict()
+    told = result.record.to_dict()
     assert [(f["name"], f["fitted"]) for f in told["features"]][:2] == [
-        ("w1", ("x of w1", "y of w1", "z of w1")),
-        ("w2", ()),
+        ("w1", ["x of w1", "y of w1", "z of w1"]),
+        ("w2", []),
     ]
     np.testing.assert_allclose(told["features"][0]["position_mm"], ANCHORS["w1"], atol=0.3)
     assert (told["configurations"]["estimation"], told["configurations"]["held_out"]) == (110, 30)

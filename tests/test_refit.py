@@ -54,7 +54,7 @@ def puma() -> tuple[Result, Calibration]:
 
 def held_out(result: Result, predicted: np.ndarray) -> float:
     """mm rms, written again."""
-    data = result.data
+    data = result.split
     rows = ~data.estimation & ~data.outlying
     return float(np.sqrt(np.square((data.problem.data.position - predicted)[rows]).sum(1).mean()))
 
