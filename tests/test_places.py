@@ -81,7 +81,7 @@ def test_rows_are_called_as_their_user_counts(kind, rng, tmp_path) -> None:
         {"outliers": drawing.PAGES["outliers"], "findings": drawing.PAGES["findings"]},
     )
     shown = [block["text"] for block in pages if block["kind"] == "text"]
-    assert any(f"Left out: 4 rows ({words}" in text for text in shown)
+    assert any(f"Outliers left out: 4 rows ({words})." in text for text in shown)
     assert any(f"4 rows of the measurements ({words})" in text for text in shown)
 
 
