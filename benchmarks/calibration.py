@@ -21,7 +21,7 @@ from scipy.stats import chi2
 from modelsel import Model, mechanism, read_study
 from modelsel.fitting.design import residuals
 from modelsel.fitting.least_squares import Fit, fit
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN
@@ -84,7 +84,7 @@ def uniform(ranks: np.ndarray) -> float:
 
 def closed(studies: int, rng: np.random.Generator) -> list[str]:
     q = ARM.draw(rng, 12)
-    at = make_problem(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
+    at = Problem(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
     ranks, covered = [], []
     for _ in range(studies):
         sigma = float(np.exp(rng.normal(-2, 0.5)))
@@ -112,7 +112,7 @@ def closed(studies: int, rng: np.random.Generator) -> list[str]:
 def chains(count: int, rng: np.random.Generator) -> list[str]:
     engine.LONG, engine.AGREE = 15, 1.3
     q = ARM.draw(rng, 25)
-    at = make_problem(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
+    at = Problem(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
     ranks, covered = [], []
     for _ in range(count):
         sigma, tail = float(np.exp(rng.normal(-2, 0.5))), rng.uniform(0, 0.5)
@@ -141,7 +141,7 @@ def moments(count: int, rng: np.random.Generator, ratio: float) -> list[str]:
     engine.LONG, engine.AGREE, conditional.RATIOS = 20, 1.1, np.array([ratio])
     m, k = 50, len(BASE.terms)
     q = ARM.draw(rng, m)
-    at = make_problem(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
+    at = Problem(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
     quiet = replace(
         at, data=replace(at.data, position=at.data.position + rng.normal(0, 1.0, (m, 3)))
     )

@@ -11,7 +11,7 @@ from hidden_arm import Arm, Effect, State, arm, geometry, measured, off
 from hidden_effects import REGISTERED, UNREGISTERED
 from hidden_oracle import power
 
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load
 
@@ -51,7 +51,7 @@ class Case:
 
 def bound(arm: Arm, robot: str, state: State, x: Array) -> Problem:
     """A problem of modelsel's from plain arrays."""
-    return make_problem(
+    return Problem(
         load(robot), measurements(state.q, x, covariates=state.covariates), arm.tool[None]
     )
 

@@ -33,7 +33,7 @@ from modelsel.diagnosis.procedure import explain
 from modelsel.diagnosis.unexplained import predictable
 from modelsel.fitting.design import residuals
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import every
 from modelsel.robot.kinematics import forward
@@ -100,7 +100,7 @@ def configurations(condition: str, rng: np.random.Generator) -> Array:
 def campaign(condition: str, rng: np.random.Generator) -> tuple[Problem, Array]:
     """(a study in which geometry alone is wrong, its parameters)."""
     q = configurations(condition, rng)
-    at = make_problem(
+    at = Problem(
         ARM,
         measurements(q, forward(ARM, q, TOOL), group=np.repeat(np.arange(GROUPS), EACH)),
         TOOL[None],
@@ -171,9 +171,7 @@ def study(condition: str, seed: Sequence[int]) -> Study:
     base_fit = fit(data.training(), BASE)
     both = fit(data.training(), Model((*BASE.mechanisms, TESTED)))
     own = [
-        k
-        for k, t in enumerate(both.terms)
-        if t.screws == TESTED.terms[0].screws and k in both.found.kept
+        k for k, t in enumerate(both.terms) if t.key == TESTED.terms[0].key and k in both.found.kept
     ]
     left = extension.fit.residuals(at)[data.used]
     told = predictable(at.data.take(data.used), left, (False,) * 3, generator(seed[-1], "flips"))

@@ -25,9 +25,9 @@ from modelsel import Model, mechanism
 from modelsel._random import generator
 from modelsel.diagnosis.procedure import explain
 from modelsel.fitting.design import Model as Terms
-from modelsel.fitting.design import design, residuals
+from modelsel.fitting.design import compute_design, residuals
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import every
@@ -83,7 +83,7 @@ def campaign(
         target=[f"r{t}" for t in target],
         group=np.repeat(np.arange(times), len(angles) // times) if times > 1 else None,
     )
-    at = make_problem(robot, data, tools)
+    at = Problem(robot, data, tools)
     truth = np.zeros(len(base.terms))
     kept = list(fit(at, base).found.kept)
     truth[kept] = rng.normal(0, 1, len(kept)) * [
@@ -104,9 +104,9 @@ def planted(at: Problem, base: Model, rng: np.random.Generator) -> Array:
     wave = Terms(
         (Mechanism("planted", (Term("w", (Screw(j, "rz", sin(2.0 * q(j))),)),), "", "", ""),)
     )
-    moved = design(at, wave.terms)[0][:, :, 0]
+    moved = compute_design(at, wave.terms)[0][:, :, 0]
     fitted = fit(at, base)
-    X = design(at, base.terms)[0][:, :, list(fitted.found.kept)].reshape(moved.size, -1)
+    X = compute_design(at, base.terms)[0][:, :, list(fitted.found.kept)].reshape(moved.size, -1)
     left = moved.ravel() - X @ np.linalg.lstsq(X, moved.ravel(), rcond=None)[0]
     size = PLANTED * np.sqrt(90 / moved.size)
     return np.asarray(moved * SIGMA * size * np.sqrt(moved.size) / np.linalg.norm(left))

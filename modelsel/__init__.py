@@ -14,9 +14,9 @@ if (
     TYPE_CHECKING
 ):  # the table below, for type checkers and editors; tests/test_names.py holds the two alike
     from .calibration.calibration import Calibration as Calibration
-    from .calibration.calibration import predict as predict
     from .calibration.compensation import correct as correct
-    from .calibration.storage import load_calibration as load_calibration
+    from .calibration.loading import load_calibration as load_calibration
+    from .calibration.prediction import predict as predict
     from .config.study_file import Study as Study
     from .config.study_file import read_study as read_study
     from .exceptions import DataError as DataError
@@ -58,9 +58,10 @@ __version__ = VERSION
 # a name that is also a module's (fit, problem, extend …) is imported from there: from
 # modelsel.fitting.fit import fit
 _NAMES = {
-    "calibration.calibration": "Calibration predict",
+    "calibration.calibration": "Calibration",
     "calibration.compensation": "correct",
-    "calibration.storage": "load_calibration",
+    "calibration.loading": "load_calibration",
+    "calibration.prediction": "predict",
     "config.study_file": "Study read_study",
     "exceptions": "DataError ModelselError NotEstimable StudyError",
     "fitting.design": "Model residuals",

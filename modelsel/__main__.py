@@ -1,5 +1,5 @@
 """`python -m modelsel`: the command line where its script is not on the path."""
 
-from .cli.main import main
+from .cli.main import run_command_line
 
-main(prog_name="modelsel")
+run_command_line(prog_name="modelsel")

@@ -11,7 +11,7 @@ import pytest
 
 from modelsel._typing import Array
 from modelsel.fitting.design import residuals
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
@@ -31,7 +31,7 @@ def seeds(*values: int) -> pytest.MarkDecorator:
 
 def bind(robot: Robot | str, data: Measurements, tool: Sequence[float] = OFF_AXIS) -> Problem:
     robot = load(robot) if isinstance(robot, str) else robot
-    return make_problem(robot, data, np.tile(np.array(tool, float), (len(data.targets), 1)))
+    return Problem(robot, data, np.tile(np.array(tool, float), (len(data.targets), 1)))
 
 
 def drawn(

@@ -29,6 +29,7 @@ from modelsel.exceptions import ModelselError
 from modelsel.fitting.design import Model
 from modelsel.fitting.identifiability import identify, solve
 from modelsel.fitting.least_squares import Fit, fit
+from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.reduction import Reduction, Source, reduce
 from modelsel.mechanisms.causes import Named
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -179,7 +180,6 @@ class Regression(Source):
     x: Array
     response: Array
     start: Array
-    whiten: float = 1.0
 
     def __len__(self) -> int:
         return len(self.response)
@@ -196,11 +196,11 @@ class Regression(Source):
     def reduced(
         self,
         terms: Sequence[Term],
-        at: tuple[Sequence[Term], Array] | None = None,
+        at: Linearisation | None = None,
         only: Sequence[int] | None = None,
     ) -> Reduction:
         assert only is None or len(only) == len(terms)
-        return reduce(*self.at(np.zeros(len(self.start)) if at is None else at[1]))
+        return reduce(*self.at(np.zeros(len(self.start)) if at is None else at.theta))
 
 
 def model(p: int) -> Model:

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import settings
 
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 
 pytest.register_assert_rewrite("laws", "builders")
 settings.register_profile("modelsel", deadline=None, derandomize=True, database=None)
@@ -30,6 +30,6 @@ def drawn(tmp_path_factory) -> Path:
     """The PUMA study with its report, as `modelsel study` leaves it. To be read only."""
     folder = tmp_path_factory.mktemp("puma760")
     study = Path(__file__).parents[1] / "studies" / "puma760" / "study.toml"
-    result = CliRunner().invoke(main, ["study", str(study), "--out", str(folder)])
+    result = CliRunner().invoke(run_command_line, ["study", str(study), "--out", str(folder)])
     assert result.exit_code == 0, result.output
     return folder

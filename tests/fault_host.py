@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from fuzz_base import base_files
 
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
 from modelsel.study.result import load_result
 
@@ -95,7 +95,7 @@ def child(words: list[str], last: int | None = None, count: Path | None = None) 
     status, steps = 70, Steps(Path(words[words.index("--out") + 1]), last)
     steps.begin()
     try:
-        main(words)
+        run_command_line(words)
     except SystemExit as end:
         status = int(end.code or 0)
     finally:

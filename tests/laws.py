@@ -13,26 +13,27 @@ import numpy as np
 from builders import bind, drawn
 
 from modelsel import testing as laws
-from modelsel.fitting.design import design, residuals
+from modelsel.fitting.design import compute_design, residuals
+from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms import causes
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.kinematics import Robot
 from modelsel.robot.rigid import AXES
 from modelsel.testing import (
-    M,
+    CONFIGURATIONS,
+    draw_size,
     law1_columns_are_derivatives,
     law2_rows_are_local,
     law3_linear_in_the_cause,
     law5_symbols_and_units,
-    step,
-    usual,
+    step_size,
 )
 
 
 def check_mechanism(mechanism: Mechanism, robot: Robot, rng: np.random.Generator) -> None:
     """Every law in turn."""
-    at = drawn(robot, rng, M)
+    at = drawn(robot, rng, CONFIGURATIONS)
     carried(mechanism, at)
     for law in LAWS:
         law(mechanism, at, rng)
@@ -49,7 +50,7 @@ def carried(mechanism: Mechanism, at: Problem) -> None:
 def joined(mechanisms: Sequence[Mechanism], at_most: int = 50) -> tuple[Mechanism, ...]:
     """The terms of many side by side, for the laws of columns alone (L1 to L3, L7): a few products
     instead of hundreds."""
-    terms = list({t.screws: t for m in mechanisms for t in m.terms}.values())
+    terms = list({t.key: t for m in mechanisms for t in m.terms}.values())
     return tuple(
         Mechanism("joined", tuple(terms[k : k + at_most])) for k in range(0, len(terms), at_most)
     )
@@ -70,7 +71,7 @@ def locked(at: Problem, *more: np.ndarray) -> Iterator[Problem]:
         *at.placement,
         *more,
     ]
-    arrays += [] if isinstance(at.whiten, float) else [at.whiten]
+    arrays += [] if at.whitening.matrices is None else [at.whitening.matrices]
     before = [a.copy() for a in arrays]
     for a in arrays:
         a.setflags(write=False)
@@ -107,9 +108,12 @@ def law6_a_value(mechanism: Mechanism, at: Problem, rng: np.random.Generator) ->
 def law7_inputs_stay(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
     """L7: nothing writes into what it was given (all inputs are locked), and what comes out is no
     view of what went in. L4's fit runs on locked inputs too."""
-    terms, theta = mechanism.terms, np.array([usual(t, rng, 0.02) for t in mechanism.terms])
+    terms, theta = mechanism.terms, np.array([draw_size(t, rng, 0.02) for t in mechanism.terms])
     with locked(bind(at.robot, at.data, at.tools[0]), theta) as fresh:
-        for out in (*design(fresh, terms, (terms, theta)), residuals(fresh, terms, theta)):
+        for out in (
+            *compute_design(fresh, terms, Linearisation(terms, theta)),
+            residuals(fresh, terms, theta),
+        ):
             out[...] = np.nan
 
 
@@ -122,4 +126,4 @@ LAWS = (
     law6_a_value,
     law7_inputs_stay,
 )
-__all__ = ["AXES", "LAWS", "M", "step", "usual"]
+__all__ = ["AXES", "CONFIGURATIONS", "LAWS", "draw_size", "step_size"]

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.geometry import geometric, setup
 from modelsel.robot.files import load
@@ -59,7 +59,7 @@ def test_the_minimum_is_found_from_afar(name, rng) -> None:
     )
     best = np.sqrt(np.square(exact.fun).mean())
     at = register(
-        make_problem(robot, measurements(q, position), np.zeros((1, 3))), np.ones(m, bool), False
+        Problem(robot, measurements(q, position), np.zeros((1, 3))), np.ones(m, bool), False
     )
     model = Model((setup(robot, 1, 1, True, False), geometric(robot)))
     plain, found = fit(at, model, held="nothing"), fit(at, model)

@@ -10,11 +10,12 @@ import pytest
 from builders import drawn, planted, study_of
 
 from modelsel.diagnosis.scan import stacked
-from modelsel.fitting import problem
+from modelsel.fitting import problem, state_variables
 from modelsel.fitting import reduction as reduce
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
+from modelsel.fitting.state_variables import StateVariables
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.selection import cross_validation as folds
@@ -48,8 +49,8 @@ def split(rng: np.random.Generator) -> Split:
     )
     at = drawn(ARM, rng, M)
     again = np.r_[np.arange(M - 10), np.arange(10)]
-    at = planted(at.anew(data=at.data.take(again)), whole.terms, theta, rng, 0.05)
-    data = study_of(at.anew(), held_out=100)
+    at = planted(replace(at, data=at.data.take(again)), whole.terms, theta, rng, 0.05)
+    data = study_of(at, held_out=100)
     data.outlying[[3, 250]] = True
     return data
 
@@ -66,7 +67,7 @@ def blocks(monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setattr(Problem.blocks, "__defaults__", (BLOCK,))
         monkeypatch.setattr(reduce, "STREAM", 50)
         monkeypatch.setattr(folds, "STREAM", 50)
-        monkeypatch.setattr(problem, "REMEMBER", BLOCK)
+        monkeypatch.setattr(state_variables, "MAX_ROWS_KEPT", BLOCK)
 
     return smaller
 
@@ -200,9 +201,9 @@ def test_causes_are_evaluated_once_a_block(split: Split, blocks, monkeypatch) ->
     fitted = fit(split.training(), BASE)
     blocks()
     evaluated: list[int] = []
-    by_pose = Problem._by_pose
+    pose = StateVariables.pose
     monkeypatch.setattr(
-        Problem, "_by_pose", lambda self, name: evaluated.append(len(self)) or by_pose(self, name)
+        StateVariables, "pose", lambda self: evaluated.append(len(self.data)) or pose(self)
     )
     rows = []
     for offered in (OFFERED[1:2], OFFERED):
@@ -214,8 +215,7 @@ def test_causes_are_evaluated_once_a_block(split: Split, blocks, monkeypatch) ->
         rows.append(sum(evaluated))
     assert rows[1] <= 1.5 * rows[0]
     evaluated.clear()
-    residuals(
-        split.problem.anew(), (*BASE.terms, *OFFERED[1].terms), np.full(len(BASE.terms) + 1, 1e-4)
-    )
+    fresh = replace(split.problem, tools=split.problem.tools.copy())
+    residuals(fresh, (*BASE.terms, *OFFERED[1].terms), np.full(len(BASE.terms) + 1, 1e-4))
     assert sum(evaluated) == M
     assert max(evaluated) == BLOCK

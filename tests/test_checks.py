@@ -16,10 +16,10 @@ from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 from modelsel._typing import Array
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.noise import Floor, from_target_pairs
-from modelsel.fitting.noise_check import lack, likeliest
+from modelsel.fitting.noise_check import lack, name_likeliest_mistake
 from modelsel.measurements.measurements import measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import geometric
@@ -68,8 +68,8 @@ def frame(
     for name in targets:
         some = bind(arm, at.data, TOOLS[name])
         x = planted(
-            some.anew(
-                data=replace(at.data, position=forward(arm, at.data.q, np.array(TOOLS[name])))
+            replace(
+                some, data=replace(at.data, position=forward(arm, at.data.q, np.array(TOOLS[name])))
             ),
             terms,
             theta,
@@ -225,8 +225,8 @@ def test_the_range_holds_what_chance_gives(rng) -> None:
     assert ((chi < stated.low) | (chi > stated.high)).mean() == pytest.approx(1e-3, abs=8e-4)
     pairs = lack(Floor(1.0, "repeats", own), 1.0, freedom)
     assert pairs.low < stated.low < stated.high < pairs.high
-    assert "another unit" in likeliest(30.0, "x")
-    assert "degrees stand where radians" in likeliest(57.0, "x", "rad")
+    assert "another unit" in name_likeliest_mistake(30.0, "x")
+    assert "degrees stand where radians" in name_likeliest_mistake(57.0, "x", "rad")
 
 
 def test_markers_of_one_rigid_body_show_no_noise(rng, tmp_path) -> None:
@@ -346,7 +346,7 @@ def test_mistaken_quaternions_are_said(name, rng, tmp_path) -> None:
 def test_check_says_it_too(rng, tmp_path) -> None:
     data = turned(rng)
     data.assign(qw=-data.qw).to_csv(tmp_path / "d.csv", index=False)
-    ran = CliRunner().invoke(main, ["check", str(tmp_path / "d.csv"), "--robot", "ur5"])
+    ran = CliRunner().invoke(run_command_line, ["check", str(tmp_path / "d.csv"), "--robot", "ur5"])
     assert ran.exit_code == 0, ran.output
     assert "Check the orientations: The orientations fit " in ran.output
 
@@ -404,9 +404,8 @@ def test_another_robots_links_are_no_mistake_in_this_ones(rng, tmp_path) -> None
     before[:3, 3] *= 1.2
     joints[2] = replace(joints[2], before=before)
     wrong = replace(own, name="mine", joints=tuple(joints))
-    at = bind("ur5", read_measurements(frame(rng, 60), own.prismatic), (0.0, 0.0, 0.0)).anew(
-        robot=wrong
-    )
+    at = bind("ur5", read_measurements(frame(rng, 60), own.prismatic), (0.0, 0.0, 0.0))
+    at = replace(at, robot=wrong)
     use = np.ones(len(at), bool)
     placed = register(at, use, False)
     assert {n.code for n in setup_notes(placed, use, True, False)} == {"other-robot"}
@@ -494,7 +493,7 @@ def test_swapped_labels_are_said(share, registered, rng) -> None:
     late = np.arange(120) >= round(120 * (1 - share) / 2) * 2
     mixed = data.assign(target=np.where(late, data.target.map({"A": "B", "B": "A"}), data.target))
     at = bind("ur5", read_measurements(mixed, load("ur5").prismatic), TOOLS["A"])
-    at = at.anew(tools=np.array([TOOLS[name] for name in at.data.targets]))
+    at = replace(at, tools=np.array([TOOLS[name] for name in at.data.targets]))
     use = np.ones(len(at), bool)
     sentence = labels_mistake(register(at, use, False) if registered else at, use, registered) or ""
     assert sentence.startswith(
@@ -623,10 +622,12 @@ def calibrated(folder: Path, data: pd.DataFrame, more: str = "") -> Path:
 def validated(folder: Path, data: pd.DataFrame, *more: str) -> tuple[int, dict[str, object], str]:
     data.to_csv(folder / "new.csv", index=False)
     ran = CliRunner().invoke(
-        main, ["validate", str(folder), str(folder / "new.csv"), "--json", *more]
+        run_command_line, ["validate", str(folder), str(folder / "new.csv"), "--json", *more]
     )
     assert ran.exit_code in (0, 5), ran.output
-    plain = CliRunner().invoke(main, ["validate", str(folder), str(folder / "new.csv"), *more])
+    plain = CliRunner().invoke(
+        run_command_line, ["validate", str(folder), str(folder / "new.csv"), *more]
+    )
     return ran.exit_code, json.loads(ran.output), plain.output
 
 
@@ -643,7 +644,7 @@ def test_validate_does_not_believe_a_stated_uncertainty(rng, tmp_path) -> None:
     record = json.loads((folder / "calibration.json").read_text())
     for held, drifted, words in (
         (0.09, True, "which is expected here instead"),
-        (None, False, "No drift can be told"),
+        (None, False, "Drift cannot be judged"),
     ):
         old = record | {
             "noise_floor": {"coordinate_mm": 40.0, "source": "stated", "freedom": None},
@@ -684,11 +685,11 @@ def test_validate_finds_a_new_target_where_it_registers(rng, tmp_path) -> None:
     new = late.assign(target=late.target.map({"A": "A", "B": "C"}))
     _, found, text = validated(folder, new, "--register")
     assert found["drifted"] is False
-    assert 'Target "C" was not calibrated: where it sits was found from the new data' in text
+    assert 'Target "C" was not calibrated: its place was found from the new data' in text
     assert found["registered"]["target_mm"] < 0.2
     only = new[new.target == "C"]
     assert validated(folder, only, "--register")[1]["drifted"] is False
-    ran = CliRunner().invoke(main, ["validate", str(folder), str(folder / "new.csv")])
+    ran = CliRunner().invoke(run_command_line, ["validate", str(folder), str(folder / "new.csv")])
     assert ran.exit_code == 3
     assert "--register" in ran.output
 
@@ -709,4 +710,4 @@ def test_drawn_scenes_have_no_slips(rng) -> None:
             * direction
             / np.linalg.norm(direction, axis=1)[:, None]
         )
-        assert slipped(at.anew(data=replace(at.data, position=x)), residuals, gross) == ()
+        assert slipped(replace(at, data=replace(at.data, position=x)), residuals, gross) == ()

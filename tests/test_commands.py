@@ -13,13 +13,13 @@ import pytest
 from click.testing import CliRunner
 
 from modelsel.cli import doctor
-from modelsel.cli.main import COMMANDS, main
+from modelsel.cli.main import COMMANDS, run_command_line
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"
 
 
 def invoked(*words: str, status: int = 0) -> str:
-    ran = CliRunner().invoke(main, [str(w) for w in words])
+    ran = CliRunner().invoke(run_command_line, [str(w) for w in words])
     assert ran.exit_code == status, ran.output
     return ran.stdout + ran.stderr
 
@@ -27,7 +27,7 @@ def invoked(*words: str, status: int = 0) -> str:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_is_there_and_says_what_it_does(name) -> None:
     said = invoked(name, "--help")
-    assert f"Usage: main {name}" in said
+    assert f"Usage: modelsel {name}" in said
     assert f"  {name}" in invoked("--help")
 
 
@@ -38,8 +38,8 @@ def test_an_unknown_command_is_suggested() -> None:
 def test_help_loads_no_command() -> None:
     """Nothing heavy, not even numpy, for --help."""
     code = (
-        "import sys; sys.argv = ['modelsel', '--help']\nfrom modelsel.cli.main import main\n"
-        "try: main()\nexcept SystemExit: pass\n"
+        "import sys; sys.argv = ['modelsel', '--help']\nfrom modelsel.cli.main import run_command_line\n"
+        "try: run_command_line()\nexcept SystemExit: pass\n"
         "print([m for m in sys.modules if m == 'numpy' or m.startswith('modelsel.com')])"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -50,7 +50,9 @@ def test_an_output_without_greek_letters_loses_no_more_than_them(tmp_path) -> No
     """A log or a terminal of another encoding: no internal error; JSON is UTF-8 all the same."""
 
     def ran(encoding: str, *more: object) -> bytes:
-        code = "from modelsel.cli.main import main; main(prog_name='modelsel')"
+        code = (
+            "from modelsel.cli.main import run_command_line; run_command_line(prog_name='modelsel')"
+        )
         return subprocess.run(
             [sys.executable, "-c", code, *map(str, more)],
             capture_output=True,
@@ -81,7 +83,7 @@ def test_dry_run_computes_and_writes_nothing(tmp_path, monkeypatch) -> None:
     assert "80 configurations would estimate, 120 would be held out" in said
     assert not (tmp_path / "out").exists()
     words = ["study", str(PUMA), "--dry-run", "--json", "--out", str(tmp_path / "out")]
-    found = json.loads(CliRunner().invoke(main, words).stdout)
+    found = json.loads(CliRunner().invoke(run_command_line, words).stdout)
     assert found["configurations"] == {"estimation": 80, "held_out": 120}
     (tmp_path / "study.toml").write_text(
         (PUMA / "study.toml").read_text().replace("estimation = 80", "estimation = 9999")
@@ -121,7 +123,11 @@ def test_completion_knows_the_commands() -> None:
         "COMP_CWORD": "1",
     }
     ran = subprocess.run(
-        [sys.executable, "-c", "from modelsel.cli.main import main; main(prog_name='modelsel')"],
+        [
+            sys.executable,
+            "-c",
+            "from modelsel.cli.main import run_command_line; run_command_line(prog_name='modelsel')",
+        ],
         env=env,
         capture_output=True,
         text=True,
@@ -143,9 +149,9 @@ def test_columns_of_other_names(tmp_path) -> None:
     name = first.split(",")[0]
     (tmp_path / "lab.csv").write_text(first.replace(name, "J1", 1) + "\n" + rest, encoding="utf-8")
     words = ["check", str(tmp_path / "lab.csv"), "--robot", "puma760"]
-    refused = CliRunner().invoke(main, words)
+    refused = CliRunner().invoke(run_command_line, words)
     assert refused.exit_code == 3
     assert f"--column {name}=NAME" in refused.stderr
-    assert CliRunner().invoke(main, [*words, "--column", f"{name}=J1"]).exit_code == 0
-    wrong = CliRunner().invoke(main, [*words, "--column", "J1"])
+    assert CliRunner().invoke(run_command_line, [*words, "--column", f"{name}=J1"]).exit_code == 0
+    wrong = CliRunner().invoke(run_command_line, [*words, "--column", "J1"])
     assert (wrong.exit_code, "no NAME=COLUMN" in wrong.stderr) == (2, True)

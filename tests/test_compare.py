@@ -12,8 +12,9 @@ import pytest
 from builders import drawn, planted, seeds
 
 from modelsel.diagnosis.candidates import candidates, strongest
-from modelsel.fitting.design import Model, design
+from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
+from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.causes import ONE, Named, cos, q, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -72,7 +73,7 @@ class Table:
     def __init__(self, split: Split, offered: tuple[Mechanism, ...]):
         base = fit(split.training(), BASE, held="nothing")
         terms = (BASE + offered).terms
-        X, r = design(split.problem, terms, base.at())
+        X, r = compute_design(split.problem, terms, base.at())
         inside = split.estimation
         train, test = (X[rows].reshape(-1, len(terms)) for rows in (inside, ~inside))
         kept, ends = (
@@ -155,7 +156,7 @@ def test_one_definition_of_every_criterion(known, rng) -> None:
     exp(evidence) by that sigma."""
     offered = (*(mechanism(name, ARM) for name in TRUE), *(harmonics(k, rng, 3) for k in range(4)))
     data = replace(study(rng, 0.3, estimation=60), known_sigma=known)
-    data = replace(data, problem=replace(data.problem, whiten=1 / SIGMA))
+    data = replace(data, problem=replace(data.problem, whitening=Whitening(1 / SIGMA)))
     table = compare(
         data, BASE, fit(data.training(), BASE, held="nothing"), offered, ("geometric",), (), 4860
     )
@@ -186,7 +187,7 @@ def test_rung_cross_validates_like_refits(rng) -> None:
     data = study(rng, 1.0)
     whole = evaluate(data, BASE, ("geometric",))
     at, folds = data.training(), data.training_folds()
-    X, r = design(at, BASE.terms, whole.fit.at())
+    X, r = compute_design(at, BASE.terms, whole.fit.at())
     kept, left, prior = list(whole.fit.found.kept), np.empty((ESTIMATION, 3)), whole.fit.prior
     for k in np.unique(folds):
         held = folds == k

@@ -14,22 +14,23 @@ from hidden_arm import arm
 from hidden_engine import Engine
 from test_calibration import wide
 
-from modelsel.calibration.calibration import predict
 from modelsel.calibration.compensation import (
-    BOUND,
-    commanded,
-    compensate,
+    MAX_CORRECTION,
+    compensate_commands,
     correct,
-    from_order,
-    nominal,
-    outside,
-    refuse,
+    describe_extrapolation,
+    describe_order_dependence,
+    predict_nominal,
+    refuse_large_changes,
+    replace_readings,
 )
+from modelsel.calibration.prediction import predict
 from modelsel.calibration.storage import calibration_text
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import DataError
 from modelsel.fitting.design import Model
+from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism
@@ -73,10 +74,10 @@ def plan(at, rows: slice, **more):
 def test_lands_on_the_model(made) -> None:
     c, at = made
     data = plan(at, slice(1, 90))
-    found = compensate(c, data)
-    there = commanded(c.problem(data), found.q)
+    found = compensate_commands(c, data)
+    there = replace_readings(c.problem(data), found.q)
     assert found.reached.all()
-    assert np.abs(predict(c, there) - nominal(c.problem(data))).max() < 1e-3
+    assert np.abs(predict(c, there) - predict_nominal(c.problem(data))).max() < 1e-3
     np.testing.assert_allclose(
         found.before_mm, np.linalg.norm(predict(c, c.problem(data)) - found.wanted, axis=1)
     )
@@ -88,7 +89,7 @@ def test_least_change(made) -> None:
     """Of all commands that land there, the nearest: any other direction that keeps the position is
     longer."""
     c, at = made
-    found = compensate(c, plan(at, slice(1, 30)))
+    found = compensate_commands(c, plan(at, slice(1, 30)))
     J = (
         c.problem(plan(at, slice(1, 30)))
         .pose(slice(0, 29))
@@ -103,17 +104,17 @@ def test_least_change(made) -> None:
 def test_orientation_is_kept_where_wanted(made, rng) -> None:
     c, at = made
     data = plan(at, slice(1, 40), rotation=from_quaternion(rng.normal(size=(39, 4))))
-    free = compensate(c, replace(data, rotation=None))
+    free = compensate_commands(c, replace(data, rotation=None))
     wanted = c.problem(data).pose(slice(0, 39)).rotation.transpose(2, 0, 1)
-    kept = compensate(c, replace(data, rotation=wanted))
+    kept = compensate_commands(c, replace(data, rotation=wanted))
     assert kept.reached.mean() > 0.9
 
     def turned(found) -> np.ndarray:
-        from modelsel.calibration.calibration import pose_of
+        from modelsel.calibration.prediction import compute_pose
 
-        R = pose_of(commanded(c.problem(data), found.q), c.terms, c.theta).rotation.transpose(
-            2, 0, 1
-        )
+        R = compute_pose(
+            replace_readings(c.problem(data), found.q), c.terms, c.theta
+        ).rotation.transpose(2, 0, 1)
         return np.arccos(np.clip((np.einsum("mij,mij->m", R, wanted) - 1) / 2, -1, 1))
 
     assert np.median(turned(kept)) < 1e-5 < np.median(turned(free))
@@ -124,8 +125,8 @@ def test_refuses_beyond_the_bound(made) -> None:
     data = plan(at, slice(1, 9), position=predict(c, at)[1:9])
     data.position[4] += 30.0
     with pytest.raises(DataError, match=r"row 4: .* beyond the bound of 10 mrad and 20 mm"):
-        refuse(c, compensate(c, data), data, BOUND, "t.csv")
-    refuse(c, compensate(c, data), data, (10.0, 1e3), "t.csv")
+        refuse_large_changes(c, compensate_commands(c, data), data, MAX_CORRECTION, "t.csv")
+    refuse_large_changes(c, compensate_commands(c, data), data, (10.0, 1e3), "t.csv")
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
@@ -134,9 +135,9 @@ def test_a_frame_of_targets_in_and_out(made) -> None:
     by their row."""
     c, at = made
     data = plan(at, slice(1, 9))
-    data = replace(data, position=nominal(c.problem(data)))
+    data = replace(data, position=predict_nominal(c.problem(data)))
     frame = data.to_frame().drop(columns=["configuration", "order"])
-    found, made_here = correct(c, frame), compensate(c, data)
+    found, made_here = correct(c, frame), compensate_commands(c, data)
     np.testing.assert_allclose(found[[f"q{j}_rad" for j in range(1, 7)]], made_here.q, atol=1e-9)
     np.testing.assert_allclose(found["expected_error_mm"], made_here.expected_mm, rtol=1e-6)
     frame.iloc[4, frame.columns.get_loc("x_mm")] += 30.0
@@ -156,11 +157,11 @@ def test_outside_is_said(made) -> None:
     c, at = made
     joints = [replace(j, limits=(-3.2, 3.2)) for j in c.robot.joints]
     c, data = replace(c, robot=replace(c.robot, joints=tuple(joints))), plan(at, slice(1, 9))
-    assert outside(c, data) == []
+    assert describe_extrapolation(c, data) == []
     data.q[3, 1] = 4.0
     data.covariates["temperature_C"][:2] = 80.0
     data.approach[0, 2] = 0
-    said = " ".join(outside(c, data))
+    said = " ".join(describe_extrapolation(c, data))
     assert "q2: 1 of 8" in said
     assert "temperature_C: 2 of 8" in said
     assert "joint 2: 1 of 8 rows lie beyond its limits" in said
@@ -210,7 +211,7 @@ def test_arm_in_an_engine_lands_within_the_noise(tmp_path) -> None:
         approach=np.sign(plan_q - last),
         covariates={"temperature_C": warm},
     )
-    found = compensate(c, data)
+    found = compensate_commands(c, data)
     wanted = forward(robot, plan_q, np.array([0.0, 0, 100]))
     off = engine_error(measure(plan_q, last, warm), wanted)
     landed = engine_error(
@@ -238,14 +239,15 @@ def test_command(made, tmp_path) -> None:
     pd.DataFrame(columns).to_csv(tmp_path / "plan.csv", index=False)
     out = tmp_path / "out.csv"
     ran = CliRunner().invoke(
-        main, ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(out)]
+        run_command_line,
+        ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(out)],
     )
     assert ran.exit_code == 0, ran.output
     assert "expected" in ran.output
     wrote = pd.read_csv(out)
     assert (wrote["error_left_mm"] < 1e-3).all()
     back = CliRunner().invoke(
-        main,
+        run_command_line,
         ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(out), "--forward"],
     )
     assert back.exit_code == 0
@@ -258,7 +260,7 @@ def test_command(made, tmp_path) -> None:
     )
     out.unlink()
     ran = CliRunner().invoke(
-        main,
+        run_command_line,
         [
             "compensate",
             str(tmp_path),
@@ -287,7 +289,7 @@ def test_a_slide_is_compensated(rng) -> None:
         for k, j in enumerate(puma.joints)
     ]
     robot = replace(puma, joints=tuple(joints))
-    at = replace(drawn(robot, rng, 80), whiten=50.0)
+    at = replace(drawn(robot, rng, 80), whitening=Whitening(50.0))
     at = replace(at, data=replace(at.data, position=at.data.position + np.array([2.0, 1.0, -1.0])))
     model = Model((mechanism("geometric", robot),))
     every_row = np.ones(80, bool)
@@ -300,7 +302,7 @@ def test_a_slide_is_compensated(rng) -> None:
         False,
         {},
     )
-    found = compensate(c, plan(at, slice(1, 40)))
+    found = compensate_commands(c, plan(at, slice(1, 40)))
     assert found.reached.all()
     assert np.abs(found.change[:, 2]).max() > 0.1  # mm
 
@@ -318,16 +320,16 @@ def test_a_corrected_command_beyond_a_limit_is_said(made, tmp_path) -> None:
     """The planned ones are all within: what the correction adds goes beyond."""
     c, at = made
     data = plan(at, slice(1, 30))
-    change = compensate(c, data).change[:, 1]
+    change = compensate_commands(c, data).change[:, 1]
     k = int(np.argmax(change))
     c = limited(c, 2, -4.0, float(data.q[:, 1].max()))
     data.q[k, 1] = data.q[:, 1].max()
-    found = compensate(c, data)
+    found = compensate_commands(c, data)
     stuck = found.q[:, 1] > c.robot.joints[1].limits[1] + 1e-9
     assert stuck.any()
     np.testing.assert_array_equal(found.beyond[:, 1], stuck)
     assert not found.beyond[:, [0, 2, 3, 4, 5]].any()
-    assert outside(c, data) == []
+    assert describe_extrapolation(c, data) == []
     (tmp_path / "calibration.json").write_text(calibration_text(c))
     data.to_frame().drop(columns=["configuration", "order"]).to_csv(
         tmp_path / "plan.csv", index=False
@@ -339,12 +341,12 @@ def test_a_corrected_command_beyond_a_limit_is_said(made, tmp_path) -> None:
         "--out",
         str(tmp_path / "out.csv"),
     ]
-    ran = CliRunner().invoke(main, words)
+    ran = CliRunner().invoke(run_command_line, words)
     assert ran.exit_code == 5
     assert f"joint 2: {stuck.sum()} of 29 corrected commands lie beyond its limits" in ran.output
     assert f"line {', '.join(str(row + 2) for row in np.flatnonzero(stuck))})" in ran.output
     assert (tmp_path / "out.csv").exists()
-    assert CliRunner().invoke(main, [*words, "--forward"]).exit_code == 0
+    assert CliRunner().invoke(run_command_line, [*words, "--forward"]).exit_code == 0
     with pytest.warns(UserWarning, match="corrected commands lie beyond its limits"):
         correct(c, data.to_frame().drop(columns=["configuration", "order"]))
 
@@ -354,9 +356,9 @@ def test_what_is_left_is_in_what_is_expected(made) -> None:
     """Out of reach by a known length: the expected error cannot be less."""
     c, at = made
     data = plan(at, slice(1, 9))
-    data = replace(data, position=nominal(c.problem(data)))
+    data = replace(data, position=predict_nominal(c.problem(data)))
     data.position[3] *= 1.5 * c.robot.reach / np.linalg.norm(data.position[3])
-    found = compensate(c, data)
+    found = compensate_commands(c, data)
     assert found.left_mm[3] > 10
     assert (found.expected_mm > found.left_mm).all()
     np.testing.assert_allclose(
@@ -371,12 +373,15 @@ def test_orientation_errors_are_said(made, tmp_path) -> None:
     data = plan(at, slice(1, 40))
     pose_at = c.problem(replace(data, rotation=np.tile(np.eye(3), (39, 1, 1)))).pose(slice(0, 39))
     wanted = pose_at.rotation.transpose(2, 0, 1)
-    found, free = compensate(c, replace(data, rotation=wanted)), compensate(c, data)
-    from modelsel.calibration.calibration import pose_of
+    found, free = (
+        compensate_commands(c, replace(data, rotation=wanted)),
+        compensate_commands(c, data),
+    )
+    from modelsel.calibration.prediction import compute_pose
 
     def off(q: np.ndarray) -> np.ndarray:
-        R = pose_of(
-            commanded(c.problem(replace(data, rotation=wanted)), q), c.terms, c.theta
+        R = compute_pose(
+            replace_readings(c.problem(replace(data, rotation=wanted)), q), c.terms, c.theta
         ).rotation.transpose(2, 0, 1)
         return 2 * np.arcsin(np.clip(np.linalg.norm(R - wanted, axis=(1, 2)) / np.sqrt(8), 0, 1))
 
@@ -387,10 +392,10 @@ def test_orientation_errors_are_said(made, tmp_path) -> None:
     assert "orientation_left_mrad" in found.figures()
     assert "orientation_left_mrad" not in free.figures()
     (tmp_path / "calibration.json").write_text(calibration_text(c))
-    frame = replace(data, rotation=wanted, position=nominal(c.problem(data))).to_frame()
+    frame = replace(data, rotation=wanted, position=predict_nominal(c.problem(data))).to_frame()
     frame.drop(columns=["configuration", "order"]).to_csv(tmp_path / "plan.csv", index=False)
     ran = CliRunner().invoke(
-        main,
+        run_command_line,
         [
             "compensate",
             str(tmp_path),
@@ -431,14 +436,17 @@ def test_degrees_in_degrees_out(made) -> None:
 def test_directions_taken_from_the_order_are_said(made) -> None:
     c, at = made
     data = plan(at, slice(1, 9))
-    assert from_order(c, data) == []
+    assert describe_order_dependence(c, data) == []
     bare = measurements(data.q, data.position, covariates=data.covariates)
-    (said,) = from_order(c, bare)
+    (said,) = describe_order_dependence(c, bare)
     assert "joint 3: the directions of approach are taken from the order of the targets" in said
     geometry = Mechanism("geometry", c.model.mechanisms[1].terms)
-    assert from_order(replace(c, model=Model((geometry,)), theta=c.theta[:6]), bare) == []
+    assert (
+        describe_order_dependence(replace(c, model=Model((geometry,)), theta=c.theta[:6]), bare)
+        == []
+    )
     lagging = mechanism("settle:2", c.robot)
-    (said,) = from_order(
+    (said,) = describe_order_dependence(
         replace(c, model=Model((lagging,)), theta=np.zeros(len(lagging.terms))), data
     )
     assert "joint 2: the sizes of the moves are taken from the order" in said

@@ -11,7 +11,7 @@ from builders import drawn, planted, small_arm, study_of
 from scipy.special import logsumexp
 
 from modelsel._typing import Array
-from modelsel.fitting.design import Model, design
+from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.environment import tracker_step
@@ -71,13 +71,14 @@ def dense(problem: Problem, fitted: Fit, moments: Array, ratio: float) -> Array:
     rows of the base's prior below them."""
     base = [k for k in fitted.found.kept if k < FIRST]
     X, left = (
-        part.reshape(len(problem) * 3, -1) for part in design(problem, fitted.terms, fitted.at())
+        part.reshape(len(problem) * 3, -1)
+        for part in compute_design(problem, fitted.terms, fitted.at())
     )
     y = np.concatenate([left[:, 0] + X @ fitted.theta, np.zeros(len(fitted.root))])
     W = np.vstack([X, fitted.root])[:, base]
     steps = [
         np.pad(
-            design(problem, stepped(t).terms[FIRST:], fitted.at())[0].reshape(-1, 6),
+            compute_design(problem, stepped(t).terms[FIRST:], fitted.at())[0].reshape(-1, 6),
             ((0, len(fitted.root)), (0, 0)),
         )
         for t in moments

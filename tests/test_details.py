@@ -10,7 +10,7 @@ import pytest
 from test_report import PUMA
 
 from modelsel import read_study, run
-from modelsel.fitting.design import design
+from modelsel.fitting.design import compute_design
 from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -73,7 +73,7 @@ def test_slopes_of_the_map_are_those_of_a_fit(drawn) -> None:
     fitted = next(r for r in result.models.ladder if r.names == ("geometric",)).fit
     cell = Mechanism("cell", (Term("m", (Screw(5, "rz", q(4)),)),))
     problem = result.split.training()
-    A, r = design(problem, (*base.terms, *cell.terms), fitted.at())
+    A, r = compute_design(problem, (*base.terms, *cell.terms), fitted.at())
     keep = [*fitted.found.kept, len(base.terms)]
     theta = np.linalg.lstsq(A.reshape(-1, A.shape[2])[:, keep], r.ravel(), rcond=None)[0]
     i, j = (

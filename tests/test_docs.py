@@ -174,7 +174,7 @@ def test_what_is_drawn_is_what_the_chain_does() -> None:
     import catalogue
     import numpy as np
 
-    from modelsel.fitting.design import design
+    from modelsel.fitting.design import compute_design
     from modelsel.robot.files import load
 
     robot = load(catalogue.ROBOT)
@@ -183,7 +183,7 @@ def test_what_is_drawn_is_what_the_chain_does() -> None:
         at, _ = arm.sweep(robot, arm.driver(mechanism))
         small = 1e-3 * arm.values(mechanism.terms)
         moved = arm.displacement(at, mechanism.terms, small)
-        linear = design(at, mechanism.terms)[0] @ small
+        linear = compute_design(at, mechanism.terms)[0] @ small
         assert np.abs(moved - linear).max() < 1e-2 * np.abs(linear).max(), stem
         assert np.abs(linear).max() > 0, stem
 

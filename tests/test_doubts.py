@@ -13,11 +13,12 @@ from scipy.stats import f as fisher
 from scipy.stats import kstest, multivariate_t
 
 from modelsel.diagnosis.outliers import DRAWS, misplaced
-from modelsel.fitting.design import Model, design
+from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor, from_repeats
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.shrinkage import fit_shrunk
+from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.registry import mechanism
@@ -57,7 +58,7 @@ def campaign(
 
 
 def weighed(at: Problem) -> Split:
-    return study_of(replace(at, whiten=1 / SIGMA))
+    return study_of(replace(at, whitening=Whitening(1 / SIGMA)))
 
 
 # -- the noise floor
@@ -87,7 +88,7 @@ def test_lack_of_fit_is_uniform_where_there_is_none(rng) -> None:
     found = measure_lack_of_fit(
         evaluate(data, BASE, ("geometric",)),
         Floor(SIGMA / 1.3, "stated"),
-        study_of(replace(data.problem, whiten=1.3 / SIGMA)),
+        study_of(replace(data.problem, whitening=Whitening(1.3 / SIGMA))),
     )
     assert found.f == pytest.approx(1.69, rel=0.25)
     assert found.low_mm < SIGMA * np.sqrt(1 - 1 / 1.69) < found.high_mm
@@ -118,7 +119,7 @@ def test_lack_of_fit_against_repeats_is_the_textbooks(rng) -> None:
     data = weighed(at)
     found = measure_lack_of_fit(evaluate(data, BASE, ("geometric",)), from_repeats(at.data), data)
     fitted = fit(data.training(), BASE)
-    X, r = design(replace(data.problem, whiten=1.0), BASE.terms, fitted.at())
+    X, r = compute_design(data.problem.unweighted(), BASE.terms, fitted.at())
     X = X[:, :, list(fitted.found.kept)].reshape(r.size, -1)
     e = r.ravel() - X @ np.linalg.lstsq(X, r.ravel(), rcond=None)[0]
     y = at.data.position.reshape(3, 25, 3)

@@ -37,7 +37,7 @@ def missed(result: Result, q: np.ndarray, where: np.ndarray) -> float:
     """Root mean square error [mm] at readings q with the tool made longer."""
     at, fitted = result.split.problem, result.models.chosen.fit
     data = replace(at.data.take(np.zeros(len(q), np.intp)), q=q, position=where)
-    longer = at.anew(data=data, tools=at.tools + UP * LONGER)
+    longer = replace(at, data=data, tools=at.tools + UP * LONGER)
     return float(np.sqrt(np.square(residuals(longer, fitted.terms, fitted.theta)).sum(1).mean()))
 
 

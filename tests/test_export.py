@@ -16,16 +16,23 @@ from click.testing import CliRunner
 from test_calibration import wide
 from test_robots import screw_x, screw_z
 
-from modelsel.calibration.calibration import calibrate, predict
-from modelsel.calibration.constant_part import alone, parts, points, workspace
+from modelsel.calibration.calibration import calibrate
+from modelsel.calibration.constant_part import (
+    compute_points,
+    restrict_to_form,
+    sample_workspace,
+    split_parts,
+)
 from modelsel.calibration.export import FORMS, export
+from modelsel.calibration.prediction import predict
 from modelsel.calibration.storage import calibration_text
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
+from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.dh import rows_of
 from modelsel.robot.files import builtin_names, load, read_robot, robot_from_table
@@ -76,7 +83,7 @@ def rotation(r: float, p: float, y: float) -> np.ndarray:
 
 def test_urdf_read_by_hand(made) -> None:
     """Another reader: the joints in the order of the file, 4 x 4 products."""
-    root, at = ET.fromstring(export(made, "urdf").text), workspace(made, 1, m=20)
+    root, at = ET.fromstring(export(made, "urdf").text), sample_workspace(made, 1, m=20)
     place = {}
     for joint in root.iter("joint"):
         xyz, angles = (
@@ -85,7 +92,7 @@ def test_urdf_read_by_hand(made) -> None:
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = rotation(*angles), np.array(xyz) * 1e3
         place[joint.find("child").get("link")] = T
-    wanted = points(at, parts(alone(made, "geometry"), 1)[0])
+    wanted = compute_points(at, split_parts(restrict_to_form(made, "geometry"), 1)[0])
     for q, x in zip(at.data.q, wanted, strict=True):
         T = np.eye(4)
         for k in range(6):
@@ -97,7 +104,7 @@ def test_urdf_read_by_hand(made) -> None:
 def test_dh_read_by_hand(modified, made) -> None:
     table, at = (
         tomllib.loads(export(made, "mdh" if modified else "dh").text),
-        workspace(made, 0, m=20),
+        sample_workspace(made, 0, m=20),
     )
     target = [
         float(v)
@@ -105,7 +112,11 @@ def test_dh_read_by_hand(modified, made) -> None:
         if line.startswith("# target a ")
         for v in line.partition("= ")[2].removesuffix(" mm").split(", ")
     ]
-    for q, x in zip(at.data.q, points(at, parts(alone(made, "geometry"), 0)[0]), strict=True):
+    for q, x in zip(
+        at.data.q,
+        compute_points(at, split_parts(restrict_to_form(made, "geometry"), 0)[0]),
+        strict=True,
+    ):
         T = np.vstack([table["base_mm"], [0, 0, 0, 1]])
         for value, joint in zip(q, table["joint"], strict=True):
             d, theta = joint["dh"]["d_mm"], np.radians(joint["dh"]["theta_deg"])
@@ -177,7 +188,7 @@ def test_nearly_parallel_axes_are_said() -> None:
 
 def test_python_stands_alone(made, tmp_path) -> None:
     """In a process of its own, where modelsel cannot be imported."""
-    at = workspace(made, 1, m=7)
+    at = sample_workspace(made, 1, m=7)
     (tmp_path / "arm.py").write_text(export(made, "python").text)
     np.savez(
         tmp_path / "in.npz",
@@ -220,7 +231,7 @@ def test_python_knows_every_derived_cause(rng) -> None:
             "backlash:2",
         )
         model = Model(tuple(mechanism(n, robot) for n in names))
-        at = replace(drawn(robot, rng, 60), whiten=50.0)
+        at = replace(drawn(robot, rng, 60), whitening=Whitening(50.0))
         theta = np.array([t.size[0] + 0.1 * (t.size[1] - t.size[0]) for t in model.terms])
         at = planted(at, model.terms, theta, rng, 0.02)
         every_row = np.ones(60, bool)
@@ -240,14 +251,17 @@ def test_python_knows_every_derived_cause(rng) -> None:
 def test_command(made, tmp_path) -> None:
     (tmp_path / "calibration.json").write_text(calibration_text(made))
     ran = CliRunner().invoke(
-        main, ["export", str(tmp_path), "--format", "urdf", "--out", str(tmp_path / "a.urdf")]
+        run_command_line,
+        ["export", str(tmp_path), "--format", "urdf", "--out", str(tmp_path / "a.urdf")],
     )
     assert ran.exit_code == 0
     assert "µm" in ran.output
     assert "It cannot carry joint-compliance:2" in ran.output
     assert (
         CliRunner()
-        .invoke(main, ["export", str(tmp_path / "none"), "--format", "urdf", "--out", "x"])
+        .invoke(
+            run_command_line, ["export", str(tmp_path / "none"), "--format", "urdf", "--out", "x"]
+        )
         .exit_code
         == 2
     )
@@ -339,9 +353,9 @@ def test_check_takes_a_chain(tmp_path, rng) -> None:
     (tmp_path / "m.csv").write_text(f"q1_rad,q2_rad,x_mm,y_mm,z_mm\n{rows}\n")
     words = ["check", str(tmp_path / "m.csv"), "--robot", str(tmp_path / "rig.urdf")]
     assert (
-        CliRunner().invoke(main, words).exit_code == 3
+        CliRunner().invoke(run_command_line, words).exit_code == 3
     )  # the whole chain has a rail: q1_mm is missing
-    ran = CliRunner().invoke(main, [*words, "--base", "rail", "--tip", "tool"])
+    ran = CliRunner().invoke(run_command_line, [*words, "--base", "rail", "--tip", "tool"])
     assert ran.exit_code == 0, ran.output
     assert "12 configurations" in ran.output
 

@@ -21,7 +21,7 @@ from modelsel.diagnosis.residual_tests import adjusted, together, units
 from modelsel.diagnosis.state import view
 from modelsel.diagnosis.stepwise import Diagnosis, extend
 from modelsel.diagnosis.unexplained import predictable
-from modelsel.fitting.design import Model, design
+from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
@@ -214,7 +214,7 @@ def test_an_effect_under_uneven_noise_is_found(rng) -> None:
     for noise in (even, heavy, unequal, slant, lasts):
         at, _ = campaign(noise, rng)
         effect = one(3, "rz", q(2))
-        moved = design(at, effect.terms)[0][:, :, 0]
+        moved = compute_design(at, effect.terms)[0][:, :, 0]
         size = 2 * SIGMA / np.sqrt(np.mean(np.square(moved - moved.mean(0))))
         shift = np.subtract(
             *(planted(at, effect.terms, np.array([c])).data.position for c in (size, 0.0))

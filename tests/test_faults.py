@@ -20,11 +20,15 @@ from fuzz_clean import WRITTEN
 from fuzz_judge import guarded
 
 from modelsel._files import claimed, write_all, write_beside
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
 
 HERE = Path(__file__).parent
-COMMAND = [sys.executable, "-c", "from modelsel.cli.main import main; main(prog_name='modelsel')"]
+COMMAND = [
+    sys.executable,
+    "-c",
+    "from modelsel.cli.main import run_command_line; run_command_line(prog_name='modelsel')",
+]
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals and limits of Unix")
 
 
@@ -40,7 +44,7 @@ def words(study: Path, out: Path, *more: str) -> list[str]:
 
 
 def invoked(*arguments: str) -> tuple[int, str]:
-    ran = CliRunner().invoke(main, list(arguments))
+    ran = CliRunner().invoke(run_command_line, list(arguments))
     return ran.exit_code, ran.output
 
 
@@ -85,7 +89,7 @@ def test_interrupted(by, study, tmp_path) -> None:
         # a shell's background job begins deaf to it
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "s.analyse = lambda *a, **k: (print('there', flush=True), time.sleep(60))\n"
-        "from modelsel.cli.main import main; main(prog_name='modelsel')"
+        "from modelsel.cli.main import run_command_line; run_command_line(prog_name='modelsel')"
     )
     ran = subprocess.Popen(
         [sys.executable, "-c", code, *words(study, tmp_path / "out")],
@@ -306,7 +310,7 @@ def test_no_network(study, tmp_path) -> None:
         "import socket\n"
         "def broken(*a, **k): raise RuntimeError('a socket was opened')\n"
         "socket.socket.__init__ = broken\n"
-        "from modelsel.cli.main import main; main(prog_name='modelsel')"
+        "from modelsel.cli.main import run_command_line; run_command_line(prog_name='modelsel')"
     )
     words_ = ["study", str(study), "--out", str(tmp_path / "out"), "--no-sampling"]
     alone = ["unshare", "-rn"]

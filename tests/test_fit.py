@@ -13,11 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modelsel.exceptions import NotEstimable
-from modelsel.fitting.design import Model, design
+from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.identifiability import identify
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.reduction import Reduction, merged, reduce, reduce_problem
+from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.causes import Named
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
@@ -60,7 +61,7 @@ def test_estimate_and_covariance_are_statsmodels(rng) -> None:
     at = planted(drawn("puma760", rng, 50), which.terms, some(which, rng), rng, 0.1)
     found = fit(at, which, held="nothing")
     kept = list(found.found.kept)
-    X, left = (part.reshape(150, -1) for part in design(at, which.terms, found.at()))
+    X, left = (part.reshape(150, -1) for part in compute_design(at, which.terms, found.at()))
     other = sm.OLS(left[:, 0] + X[:, kept] @ found.theta[kept], X[:, kept]).fit(method="qr")
     np.testing.assert_allclose(found.theta[kept], other.params, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(found.standard_errors[kept], other.bse, rtol=1e-7)
@@ -85,8 +86,10 @@ def test_weights(rng) -> None:
     at = planted(drawn("puma760", rng, 30), which.terms, np.array([1e-3, -2e-3, 5e-4]), rng, 0.3)
     A = rng.normal(size=(30, 3, 3)) + 3 * np.eye(3)
     spread = A @ A.transpose(0, 2, 1)
-    found = fit(replace(at, whiten=np.linalg.inv(np.linalg.cholesky(spread))), which)
-    X, r = design(at, which.terms, found.at())
+    found = fit(
+        replace(at, whitening=Whitening(matrices=np.linalg.inv(np.linalg.cholesky(spread)))), which
+    )
+    X, r = compute_design(at, which.terms, found.at())
     weight = np.linalg.inv(spread)
     gram = np.einsum("mip,mij,mjq->pq", X, weight, X)
     assert (
@@ -102,7 +105,7 @@ def test_prior(rng) -> None:
     at = planted(drawn("puma760", rng, 40), which.terms, some(which, rng), rng, 0.1)
     precision = np.array([0.0 if t.unit == "mm" else 1e6 for t in which.terms])
     found = fit(at, which, precision=precision, held="nothing")
-    X, r = (part.reshape(120, -1) for part in design(at, which.terms, found.at()))
+    X, r = (part.reshape(120, -1) for part in compute_design(at, which.terms, found.at()))
     kept = list(found.found.kept)
     slope = (X.T @ r[:, 0] - precision * found.theta)[kept]
     np.testing.assert_allclose(slope / np.linalg.norm(X[:, kept], axis=0), 0, atol=1e-3)
@@ -152,7 +155,7 @@ def test_dependent_terms_are_put_back(late, rng, monkeypatch) -> None:
     load_ = np.full(400, 2.0)
     load_[157] += late  # a payload that changes in one row, which no probe of 20 sees
     data = replace(at.data, covariates={**at.data.covariates, "payload_kg": load_})
-    at = at.anew(data=data)
+    at = replace(at, data=data)
     plain = reduce_problem(at, which.terms)
     monkeypatch.setattr(reducer, "PROBE", (20, 100))
     monkeypatch.setattr(reducer, "STREAM", 64)
@@ -169,7 +172,10 @@ def test_dependent_terms_are_put_back(late, rng, monkeypatch) -> None:
 def test_streamed_is_one_piece(size, rng, monkeypatch) -> None:
     which = whole()
     at = planted(drawn("puma760", rng, 100), which.terms, some(which, rng), rng, 0.1)
-    at = replace(at, whiten=np.linalg.inv(np.eye(3) + 0.1 * rng.normal(size=(100, 3, 3))))
+    at = replace(
+        at,
+        whitening=Whitening(matrices=np.linalg.inv(np.eye(3) + 0.1 * rng.normal(size=(100, 3, 3)))),
+    )
     once, reduction = fit(at, which), reduce_problem(at, which.terms)
     left = once.residuals(at)
     in_one = Problem.blocks

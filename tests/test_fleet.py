@@ -19,13 +19,13 @@ from click.testing import CliRunner
 from pypdf import PdfReader
 
 from modelsel._files import claimed
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 from modelsel.config.fleet_file import read_fleet
 from modelsel.config.study_file import read_study
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.results.storage import WRITES
@@ -162,7 +162,9 @@ def test_fleet_on_two_workers(folder) -> None:
     assert all(row["name"] in words for row in rows)
     assert "line 9" in words
     assert {path.name for path in (out / "arm0").iterdir()} == set(WRITES)
-    drawn_again = CliRunner().invoke(main, ["report", str(out / "arm0"), "--pages", "provenance"])
+    drawn_again = CliRunner().invoke(
+        run_command_line, ["report", str(out / "arm0"), "--pages", "provenance"]
+    )
     assert drawn_again.exit_code == 0, drawn_again.output
     assert "Written" in drawn_again.output
 
@@ -266,7 +268,7 @@ def test_pieces_know_nothing_of_the_one_before(folder) -> None:
     fitted, _ = fit_parts(Parts(arm, TOOL, parts_of([folder / "stated.parquet"])), model)
     at = read_measurements(folder / "stated.parquet", [False] * 6)
     np.testing.assert_allclose(
-        fitted.theta, fit(make_problem(arm, at, np.array([TOOL])), model).theta, atol=1e-9
+        fitted.theta, fit(Problem(arm, at, np.array([TOOL])), model).theta, atol=1e-9
     )
 
 

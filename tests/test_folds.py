@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from modelsel.exceptions import NotEstimable
-from modelsel.fitting.design import Model, design
+from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
+from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
@@ -153,7 +154,7 @@ def test_scene_against_refits(folds, rng) -> None:
     kept = list(plain.found.kept)
     found = cross_validate(fold(at, which.terms, fold_of, about), kept)
     left = held_out_residuals(at, which.terms, fold_of, found.without, about)
-    X, r = design(at, which.terms, about)
+    X, r = compute_design(at, which.terms, about)
     for k in range(fold_of.max() + 1):
         held = fold_of == k
         beta, *_ = np.linalg.lstsq(
@@ -181,7 +182,7 @@ def test_folds_stream(size, rng, monkeypatch) -> None:
 
     which = Model((mechanism("geometric", load("ur5")),))
     at = planted(drawn("ur5", rng, 60), which.terms, np.zeros(len(which.terms)), rng, 0.1)
-    at = replace(at, whiten=rng.uniform(0.5, 2, (60, 1, 1)) * np.eye(3))
+    at = replace(at, whitening=Whitening(matrices=rng.uniform(0.5, 2, (60, 1, 1)) * np.eye(3)))
     fold_of = assign(at.data, 4, rng)
     once = cross_validate(fold(at, which.terms, fold_of))
     monkeypatch.setattr(folds, "BLOCK", size)

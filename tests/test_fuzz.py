@@ -36,7 +36,7 @@ COMMAND = [
     "-W",
     "error",
     "-c",
-    "from modelsel.cli.main import main; main(prog_name='modelsel')",
+    "from modelsel.cli.main import run_command_line; run_command_line(prog_name='modelsel')",
 ]
 
 

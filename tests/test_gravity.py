@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from builders import bind, drawn
 
-from modelsel.fitting.design import design
+from modelsel.fitting.design import compute_design
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import builtin_names, load, robot_from_table
@@ -122,7 +122,7 @@ def test_base_tilt_turns_frame_0_about_its_origin(name, rng) -> None:
     """Whatever stands between frame 0 and joint 1, the columns are moment * (axis x target)."""
     at = drawn(name, rng, 10)
     tilt = mechanism("base-tilt", at.robot)
-    columns = design(at, tilt.terms)[0]
+    columns = compute_design(at, tilt.terms)[0]
     M = moment(at.robot, at.pose(slice(None)), at.data.q)
     for k in range(2):
         np.testing.assert_allclose(
@@ -135,9 +135,9 @@ def test_payload_tilt_turns_frame_0_with_the_moment_of_the_load(down, rng) -> No
     """Standing, leaning and on a wall: the columns are kilograms times (lever x down) about the
     axis, times (axis x target)."""
     at = drawn("ur10", rng, 10)
-    at = at.anew(robot=replace(at.robot, gravity=down))
+    at = replace(at, robot=replace(at.robot, gravity=down))
     tilt = mechanism("payload-tilt", at.robot)
-    columns = design(at, tilt.terms)[0]
+    columns = compute_design(at, tilt.terms)[0]
     moved = at.data.covariates["payload_kg"][:, None] * np.cross(at.data.position, down)
     for k, term in enumerate(tilt.terms):
         axis = "xyz".index(term.symbol[1])

@@ -30,7 +30,7 @@ from modelsel.diagnosis.stepwise import Diagnosis, extend
 from modelsel.diagnosis.stepwise import Effect as Found
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.files import load
@@ -79,7 +79,7 @@ class Ground:
 
     def problem(self, x: np.ndarray, state: State | None = None) -> Problem:
         state = state or self.state
-        return make_problem(
+        return Problem(
             load(self.arm.name),
             measurements(state.q, x, covariates=state.covariates),
             self.arm.tool[None],
@@ -151,7 +151,7 @@ def ground() -> Iterator[Ground]:
         )
 
     state, fresh = campaign(M), campaign(FRESH)
-    at = make_problem(
+    at = Problem(
         robot,
         measurements(state.q, measured(body, state, [], rng, NOISE), covariates=state.covariates),
         body.tool[None],

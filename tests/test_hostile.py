@@ -23,12 +23,12 @@ from fuzz_base import ROBOT, STUDY, base_files
 from hostile import NAMES, REFUSED
 
 from modelsel._names import guarded, unfit, unguarded
-from modelsel.calibration.calibration import predict
-from modelsel.calibration.constant_part import workspace
+from modelsel.calibration.constant_part import sample_workspace
 from modelsel.calibration.export import FORMS, export
-from modelsel.calibration.export.python import data_in, module_of
-from modelsel.calibration.storage import loads
-from modelsel.cli.main import main
+from modelsel.calibration.export.python import read_module_data, write_module
+from modelsel.calibration.loading import parse_calibration
+from modelsel.calibration.prediction import predict
+from modelsel.cli.main import run_command_line
 from modelsel.config.fleet_file import read_fleet
 from modelsel.config.study_file import Study, parse_study
 from modelsel.exceptions import DataError, ModelselError, StudyError
@@ -109,7 +109,7 @@ def everything(place: Path) -> set[str]:
 
 def told(*words: str, status: int = 0) -> str:
     """What a command says, with the status it must have."""
-    ran = CliRunner().invoke(main, list(words))
+    ran = CliRunner().invoke(run_command_line, list(words))
     assert ran.exit_code == status, ran.output
     assert not INSIDE.search(ran.output)
     assert "Traceback" not in ran.output
@@ -257,7 +257,7 @@ def _exports(name: str, out: Path) -> None:
     assert len({len(row) for row in rows}) == 1
     for cell in (cell for row in rows for cell in row):
         assert cell[:1] not in SIGNS or not cell or re.fullmatch(r"[+-]?[\d.]+(e[+-]?\d+)?", cell)
-    data = data_in(texts["python"])
+    data = read_module_data(texts["python"])
     assert (data["study"], data["robot"], data["targets"]) == (name, name, [name])
     assert (
         texts["python"].split("\nDATA: Data = ")[0]
@@ -269,8 +269,8 @@ def _exports(name: str, out: Path) -> None:
 def test_every_python_module_is_imported(tmp_path) -> None:
     """In a process of its own, where modelsel cannot be imported: each is the arm, and nothing is
     written."""
-    c = loads(plain()["calibration.json"])
-    at = workspace(c, 0, m=5)
+    c = parse_calibration(plain()["calibration.json"])
+    at = sample_workspace(c, 0, m=5)
     np.save(tmp_path / "q.npy", at.data.q)
     for k, name in enumerate(NAMES.values()):
         record = json.loads(plain()["calibration.json"])
@@ -278,7 +278,7 @@ def test_every_python_module_is_imported(tmp_path) -> None:
             0
         ]["name"] = name
         (tmp_path / f"arm{k}.py").write_text(
-            export(loads(json.dumps(record)), "python").text, "utf-8"
+            export(parse_calibration(json.dumps(record)), "python").text, "utf-8"
         )
     before = everything(tmp_path)
     code = (
@@ -293,7 +293,7 @@ def test_every_python_module_is_imported(tmp_path) -> None:
     )
     for name, (study, robot, target, x) in zip(NAMES.values(), json.loads(ran.stdout), strict=True):
         assert study == robot == target == name
-        if not data_in((tmp_path / "arm0.py").read_text("utf-8"))["needs"]:
+        if not read_module_data((tmp_path / "arm0.py").read_text("utf-8"))["needs"]:
             np.testing.assert_allclose(x, predict(c, at), atol=1e-9)
     assert everything(tmp_path) == before
 
@@ -349,7 +349,7 @@ def test_refused_everywhere_else(name, tmp_path) -> None:
         key = "study" if place is record else "name"
         kept, place[key] = place[key], name
         with pytest.raises(StudyError):
-            export(loads(json.dumps(record)), "urdf")
+            export(parse_calibration(json.dumps(record)), "urdf")
         place[key] = kept
     if len(name) > 200:
         return  # names of mechanisms may be longer: they are made of their causes
@@ -368,17 +368,17 @@ def test_a_changed_calibration_runs_nothing(tmp_path, monkeypatch) -> None:
     ):
         if old in text:
             with pytest.raises(StudyError, match="damaged"):
-                loads(text.replace(old, new))
+                parse_calibration(text.replace(old, new))
     record = json.loads(text)
     record["targets"] *= 2
     with pytest.raises(StudyError, match="two targets"):
-        loads(json.dumps(record))
+        parse_calibration(json.dumps(record))
     with pytest.raises(ValueError, match="malformed"):
-        data_in(
-            module_of({}).replace("= {}\n", "= {'a': __import__('os').system('touch PWNED')}\n")
+        read_module_data(
+            write_module({}).replace("= {}\n", "= {'a': __import__('os').system('touch PWNED')}\n")
         )
     with pytest.raises(ValueError, match="not a module"):
-        data_in("import os\n" + module_of({}))
+        read_module_data("import os\n" + write_module({}))
     assert everything(tmp_path) == set()
 
 
@@ -451,7 +451,7 @@ def test_column_names_and_mechanisms(name, tmp_path, monkeypatch) -> None:
     for note in read_measurements(frame, (False,) * 3).notes:
         assert not INSIDE.search(note.sentence)
     before = everything(tmp_path)
-    ran = CliRunner().invoke(main, ["mechanisms", f"--new={name}"])
+    ran = CliRunner().invoke(run_command_line, ["mechanisms", f"--new={name}"])
     assert ran.exit_code in (0, 2)
     assert everything(tmp_path) - before <= {
         name,

@@ -11,12 +11,13 @@ from builders import OFF_AXIS, ON_AXIS, drawn, planted, seeds
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modelsel.fitting.design import Model, design, residuals
-from modelsel.fitting.identifiability import Identified, identify, solve, unidentifiable, without
+from modelsel.fitting.design import Model, compute_design, residuals
+from modelsel.fitting.identifiability import Identified, identify, solve, without
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.prior import faint, usual_sizes
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.reduction import reduce, reduce_problem
+from modelsel.fitting.undetermined import describe_unidentifiable
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 
@@ -58,7 +59,7 @@ def test_ranks_of_the_paper(names, tool, columns, rank, rng) -> None:
     assert (
         identify(reduce_problem(at, which.terms)).rank == rank
     )  # a gap, not a matter of the faintness bound
-    assert np.linalg.matrix_rank(design(at, which.terms)[0].reshape(-1, columns)) == rank
+    assert np.linalg.matrix_rank(compute_design(at, which.terms)[0].reshape(-1, columns)) == rank
 
 
 @seeds(1, 2)
@@ -86,8 +87,8 @@ def test_sentences_name_the_alias_groups(names, tool, rng) -> None:
     named, once."""
     at, which = drawn("puma760", rng, 80, tool), model(names)
     found = identified(at, which)
-    said = unidentifiable(found, which.terms)
-    X = design(at, which.terms)[0].reshape(-1, len(which.terms))
+    said = describe_unidentifiable(found, which.terms)
+    X = compute_design(at, which.terms)[0].reshape(-1, len(which.terms))
     scale = np.linalg.norm(X, axis=0)
     scale[scale < 1e-9] = 1
     _, singular, Vt = np.linalg.svd(X / scale)
@@ -111,7 +112,9 @@ def test_known_aliases_of_the_paper(rng) -> None:
     """By hand: joints 2 and 3 are parallel, so a slide along one is a slide along the other; γ6
     turns the target on the spot."""
     which = model(GEOMETRIC)
-    said = unidentifiable(identified(drawn("puma760", rng, 80, ON_AXIS), which), which.terms)
+    said = describe_unidentifiable(
+        identified(drawn("puma760", rng, 80, ON_AXIS), which), which.terms
+    )
     assert any({"c2", "c3"} <= set(u.parameters) for u in said)
     assert any({"c6", "c7"} == set(u.parameters) for u in said)
     (alone,) = [u.sentence for u in said if u.parameters == ("γ6",)]
@@ -121,7 +124,7 @@ def test_known_aliases_of_the_paper(rng) -> None:
 def test_relation_rebuilds_every_column(rng) -> None:
     at, which = drawn("puma760", rng, 80), model(H1234)
     found = identified(at, which)
-    X = design(at, which.terms)[0].reshape(-1, len(which.terms))
+    X = compute_design(at, which.terms)[0].reshape(-1, len(which.terms))
     np.testing.assert_allclose(
         X[:, list(found.kept)] @ found.relation.T, X, atol=1e-9 * np.abs(X).max()
     )

@@ -13,29 +13,30 @@ import pytest
 from gauged import ANCHORS, NOISE, TOOL, Campaign, hold
 from hidden_effects import at, one
 
-from modelsel.calibration.calibration import predict
-from modelsel.calibration.experiment_design import pool
-from modelsel.calibration.storage import calibration_text, loads
+from modelsel.calibration.experiment_design import build_pool
+from modelsel.calibration.loading import parse_calibration
+from modelsel.calibration.prediction import predict
+from modelsel.calibration.storage import calibration_text
 from modelsel.calibration.validation import judge
 from modelsel.config.study_file import parse_study
 from modelsel.diagnosis.outliers import gross, scale_of
 from modelsel.diagnosis.procedure import explain
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.batch import Ensemble
-from modelsel.fitting.design import Model, design, residuals
-from modelsel.fitting.identifiability import unidentifiable
+from modelsel.fitting.design import Model, compute_design, residuals
 from modelsel.fitting.least_squares import fit
+from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.noise import Floor, Instrument
 from modelsel.fitting.observation import Fixtures
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.problem import Problem
+from modelsel.fitting.undetermined import describe_unidentifiable
 from modelsel.measurements.features import KINDS, UNKNOWN
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.measurements.observation_columns import Known, with_known
 from modelsel.measurements.reader import read_measurements
-from modelsel.mechanisms.causes import Member
 from modelsel.mechanisms.geometry import setup
 from modelsel.mechanisms.registry import mechanism, parts
-from modelsel.mechanisms.terms import Screw, Term
+from modelsel.mechanisms.terms import FixtureTerm, Screw, Term
 from modelsel.report.terminal import write_sentences
 from modelsel.results.goodness_of_fit import lack_of_fit_notes, measure_lack_of_fit
 from modelsel.results.storage import details_text
@@ -163,13 +164,13 @@ def every_kind(rng: np.random.Generator) -> tuple[Problem, tuple[Term, ...], np.
     turned = np.linalg.qr(rng.normal(size=(count + 1, 3, 3)))[0]
     fixtures = Fixtures(rng.normal(0, 1500, (count, 3)), turned[1:], rng.uniform(0, 100, count))
     bound = replace(
-        make_problem(PUMA, data, np.array([TOOL])),
+        Problem(PUMA, data, np.array([TOOL])),
         fixtures=fixtures,
         placement=(turned[:1], rng.normal(0, 100, (1, 3))),
     )
     terms = model(data, "gravity-twist", "approach-backlash:2").terms
     terms += tuple(
-        Term(f"{axis} again", (Screw(0, axis, Member("feature", k)),))
+        FixtureTerm(f"{axis} again", feature=k, axis=axis)
         for k, f in enumerate(data.gauges.features)
         for axis in ("length",)
         if f.kind == "wire"
@@ -183,7 +184,7 @@ def every_kind(rng: np.random.Generator) -> tuple[Problem, tuple[Term, ...], np.
 
 def test_columns_are_the_derivatives_of_what_rows_read(rng) -> None:
     bound, terms, theta = every_kind(rng)
-    X, r = design(bound, terms, (terms, theta))
+    X, r = compute_design(bound, terms, Linearisation(terms, theta))
     np.testing.assert_allclose(r, residuals(bound, terms, theta), atol=1e-9)
     for k, term in enumerate(terms):
         h = np.zeros(len(terms))
@@ -194,8 +195,9 @@ def test_columns_are_the_derivatives_of_what_rows_read(rng) -> None:
         np.testing.assert_allclose(
             X[:, :, k], steps, atol=1e-6 * max(np.abs(steps).max(), 1e-3), err_msg=term.symbol
         )
-    assert not X[~bound.measured].any()
-    assert {s.frame for t in terms for s in t.screws} == set(range(8))
+    assert not X[~bound.components_measured].any()
+    assert {s.frame for t in terms for s in t.screws} == set(range(1, 8))
+    assert any(isinstance(t, FixtureTerm) for t in terms)
 
 
 def test_many_draws_at_once_and_some_rows_alone_read_the_same(rng) -> None:
@@ -251,9 +253,9 @@ def test_without_a_length_one_stays_as_drawn_and_that_is_said(tmp_path) -> None:
         0.0,
     )  # the longest: 431.8 mm from joint 2 to 3
     assert fitted.sigma == pytest.approx(1, rel=0.2)  # not shrunk to nothing
-    said = " ".join(u.sentence for u in unidentifiable(fitted.found, fitted.terms))
+    said = " ".join(u.sentence for u in describe_unidentifiable(fitted.found, fitted.terms))
     assert "a3 is kept at zero: no row measures a length" in said
-    assert "α1, β1 and γ1 are kept at zero: no row is measured in a frame of its own" in said
+    assert "α1, β1 and γ1 are kept at zero: no row is measured in a fixed frame" in said
     assert "x of p0" in said  # nor where the base stands
     assert "a1" in said
     c.distances(6)
@@ -436,13 +438,13 @@ def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path
         for line in write_sentences(result.record, result.details)
     )
     assert "NaN" not in details_text(result.details)
-    stored = loads(calibration_text(result.calibration))
+    stored = parse_calibration(calibration_text(result.calibration))
     assert not any(t.fixture for t in stored.terms)
     q = c.arm.draw(c.rng, 50)
     fresh = measurements(q, c.exact(q) + c.noise(50, 3))
     assert np.linalg.norm(predict(stored, stored.problem(fresh)) - c.exact(q), axis=1).mean() < 0.1
     assert not judge(stored, fresh, free_setup=False).drifted
-    with pytest.raises(DataError, match="rows that are no points"):
+    with pytest.raises(DataError, match="some rows are not points"):
         judge(stored, read_measurements(tmp_path / "measurements.csv", ARM), free_setup=False)
 
 
@@ -769,10 +771,10 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
     some = [fitted.terms[k] for k in fitted.representatives]
     at, pool_scene = (
         fitted.at(),
-        make_problem(PUMA, measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL])),
+        Problem(PUMA, measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL])),
     )
-    p = pool(known, pool_scene, fitted.terms, at, NOISE)
-    X = design(replace(known, whiten=1.0), some, at)[0].reshape(-1, len(some))
+    p = build_pool(known, pool_scene, fitted.terms, at, NOISE)
+    X = compute_design(known.unweighted(), some, at)[0].reshape(-1, len(some))
     own = [k for k, t in enumerate(some) if not t.fixture]
     columns = p.known.reshape(-1, len(p.terms))[:, p.of(some)]
     inverse = np.linalg.inv(X.T @ X)[np.ix_(own, own)]

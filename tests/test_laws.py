@@ -44,7 +44,7 @@ def picked(robot: Robot, rng: np.random.Generator) -> list[Mechanism]:
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("law", EACH, ids=lambda law: law.__name__)
 def test_law(law, robot, rng) -> None:
-    at = drawn(ROBOTS[robot], rng, laws.M)
+    at = drawn(ROBOTS[robot], rng, laws.CONFIGURATIONS)
     problems = []
     for m in picked(ROBOTS[robot], rng):
         laws.carried(m, at)
@@ -58,7 +58,7 @@ def test_law(law, robot, rng) -> None:
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("law", JOINED, ids=lambda law: law.__name__)
 def test_law_of_columns(law, robot, rng) -> None:
-    at = drawn(ROBOTS[robot], rng, laws.M)
+    at = drawn(ROBOTS[robot], rng, laws.CONFIGURATIONS)
     for some in laws.joined(picked(ROBOTS[robot], rng)):
         laws.carried(some, at)
         law(some, at, rng)
@@ -114,7 +114,7 @@ def test_names(robot) -> None:
 )
 def test_any_screw_obeys(cause, rng) -> None:
     """What the error map will scan: every place times a cause of each kind."""
-    at = drawn("puma760", rng, laws.M)
+    at = drawn("puma760", rng, laws.CONFIGURATIONS)
     terms = tuple(
         Term(f"{f}{axis}", (Screw(f, axis, cause),)) for f in range(1, 8) for axis in laws.AXES
     )
@@ -179,7 +179,7 @@ def broken_l6() -> Mechanism:
 )
 def test_laws_can_fail(law, wrong, rng) -> None:
     with pytest.raises((AssertionError, NameError)):
-        law(wrong(), drawn("puma760", rng, laws.M), rng)
+        law(wrong(), drawn("puma760", rng, laws.CONFIGURATIONS), rng)
 
 
 def test_law1_can_fail(rng, monkeypatch) -> None:
@@ -203,20 +203,20 @@ def test_setup_columns_with_orientation(rng) -> None:
     robot = ROBOTS["ur5"]
     at = drawn(robot, rng, 20)
     turned = at.pose(slice(None)).rotation.transpose(2, 0, 1)
-    from modelsel.fitting.problem import make_problem
+    from modelsel.fitting.problem import Problem
     from modelsel.measurements.measurements import measurements
 
     data = measurements(at.data.q, at.data.position, rotation=turned)
-    six = make_problem(robot, data, at.tools)
+    six = Problem(robot, data, at.tools)
     assert six.components == 6
     whole = setup(robot, 1, 1, True, True)
     both = Mechanism("all", (*whole.terms, *mechanism("wrist-coupling", robot).terms))
-    from modelsel.fitting.design import design, residuals
+    from modelsel.fitting.design import compute_design, residuals
 
-    columns, residual = design(six, both.terms)
+    columns, residual = compute_design(six, both.terms)
     assert np.abs(residual).max() < 1e-9
     for j, term in enumerate(both.terms):
-        h, zero = laws.step(term, six), np.zeros(len(both.terms))
+        h, zero = laws.step_size(term, six), np.zeros(len(both.terms))
         up, down = zero.copy(), zero.copy()
         up[j], down[j] = h, -h
         difference = (residuals(six, both.terms, down) - residuals(six, both.terms, up)) / (2 * h)

@@ -12,7 +12,7 @@ import pytest
 from builders import bind, drawn, one, planted, study_of
 from click.testing import CliRunner
 
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 from modelsel.diagnosis import candidates as possible
 from modelsel.diagnosis.candidates import candidates, crowded
 from modelsel.diagnosis.procedure import explain
@@ -59,7 +59,7 @@ def told(folder: Path, table: pd.DataFrame, status: int) -> str:
     table.to_csv(folder / "measurements.csv", index=False)
     out = folder / "out"
     ran = CliRunner().invoke(
-        main, ["study", str(folder), "--out", str(out), "--no-report", "--no-sampling"]
+        run_command_line, ["study", str(folder), "--out", str(out), "--no-report", "--no-sampling"]
     )
     assert ran.exit_code == status, ran.output
     assert "Traceback" not in ran.output
@@ -260,7 +260,7 @@ def test_the_error_map_of_many_joints_is_bounded(rng, monkeypatch) -> None:
 def test_a_fit_holds_no_design_matrix(rng) -> None:
     """Forty thousand configurations: the fit takes a small part of what the design matrix alone
     would."""
-    at = drawn("puma760", rng, 40_000).anew()
+    at = drawn("puma760", rng, 40_000)
     model = Model((mechanism("geometric", PUMA),))
     tracemalloc.start()
     fitted = fit(at, model)

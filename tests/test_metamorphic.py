@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from modelsel.config.study_file import parse_study
-from modelsel.fitting.problem import make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import Named, q, sin
 from modelsel.mechanisms.terms import Screw, Term
@@ -164,7 +164,7 @@ def campaign() -> pd.DataFrame:
         "temperature_C": rng.uniform(18, 30, ROWS).round(2),
         "time_s": 40.0 * np.arange(ROWS),
     }
-    at = make_problem(
+    at = Problem(
         robot,
         measurements(angles, forward(robot, angles, np.array(TOOL)), covariates=covariates),
         np.array([TOOL]),

@@ -16,7 +16,7 @@ from builders import drawn as drawn_arm
 from click.testing import CliRunner
 
 from modelsel._typing import Array
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import read_study
 from modelsel.exceptions import DataError
 from modelsel.fitting.problem import Problem
@@ -55,7 +55,7 @@ def said(at: Problem, change: Change, registered: bool = True) -> str | None:
     """What is said of the problem with a mistake put into its readings and positions."""
     q, position = change(at.data.q, at.data.position)
     data = replace(measurements(q, position), notes=())
-    wrong = at.anew(data=data)
+    wrong = replace(at, data=data)
     use = np.ones(len(at), bool)
     return mistake(register(wrong, use, per_group=False) if registered else wrong, use, registered)
 
@@ -230,7 +230,7 @@ def test_it_is_told_first_and_nothing_is_changed(rng, tmp_path) -> None:
         ["check", str(tmp_path / "measurements.csv"), "--robot", "ur5"],
         ["study", str(tmp_path), "--dry-run"],
     ):
-        ran = CliRunner().invoke(main, command)
+        ran = CliRunner().invoke(run_command_line, command)
         assert ran.exit_code == 0, ran.output
         assert words in ran.output
     result = run(tmp_path, sampling=False)

@@ -59,7 +59,7 @@ def with_link(at: Problem, joint: int, by: float) -> Problem:
     N = joints[joint - 1].before.copy()
     N[:3, 3] += by * N[:3, 0]
     joints[joint - 1] = replace(joints[joint - 1], before=N)
-    return at.anew(robot=replace(at.robot, joints=tuple(joints)))
+    return replace(at, robot=replace(at.robot, joints=tuple(joints)))
 
 
 @seeds(1, 2)

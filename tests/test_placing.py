@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.design import residuals
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import Measurements, measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load, read_robot
@@ -89,7 +89,7 @@ def site(
 
 
 def bound(robot: Robot, data: Measurements, tools: Array | None = None) -> Problem:
-    return make_problem(robot, data, np.zeros((len(data.targets), 3)) if tools is None else tools)
+    return Problem(robot, data, np.zeros((len(data.targets), 3)) if tools is None else tools)
 
 
 def rms(at: Problem, rows: Array | slice = slice(None)) -> float:

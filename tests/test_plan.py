@@ -14,24 +14,24 @@ from click.testing import CliRunner
 
 from modelsel import Study, plan_next
 from modelsel import run as study_run
+from modelsel._choices import PLAN_CRITERIA
 from modelsel.calibration.experiment_design import (
-    CRITERIA,
     Pool,
     Rivals,
+    _naming_probability,
     _Pair,
-    _right,
-    determine,
-    distinct,
-    indices,
-    more_needed,
-    pool,
-    tell_apart,
-    told_with,
+    build_pool,
+    choose_for_parameters,
+    choose_for_rivals,
+    compute_indices,
+    compute_naming_probability,
+    count_more_needed,
+    merge_indistinct,
 )
-from modelsel.cli.main import main
-from modelsel.cli.plan import PURPOSES
+from modelsel.cli.main import run_command_line
 from modelsel.exceptions import DataError, StudyError
-from modelsel.fitting.design import design
+from modelsel.fitting.design import compute_design
+from modelsel.fitting.linearisation import Linearisation
 from modelsel.mechanisms.registry import mechanism, parts
 from modelsel.mechanisms.terms import Term
 from modelsel.robot.files import load
@@ -59,28 +59,30 @@ def simulated(
     a pool of others."""
     known, more = drawn(ROBOT, rng, 60), drawn(ROBOT, rng, possible)
     mechanisms = [parts(name, ROBOT)[0] for name in names]
-    Q = np.linalg.svd(design(known, GEOMETRY.terms)[0].reshape(180, -1), full_matrices=False)[0][
-        :, :25
-    ]
+    Q = np.linalg.svd(
+        compute_design(known, GEOMETRY.terms)[0].reshape(180, -1), full_matrices=False
+    )[0][:, :25]
     estimates = []
     for m in mechanisms:
         theta = np.array([t.size[1] for t in m.terms])
-        moved = (design(known, m.terms)[0] @ theta).ravel()
+        moved = (compute_design(known, m.terms)[0] @ theta).ravel()
         estimates.append(theta * size / np.sqrt(np.square(moved - Q @ (Q.T @ moved)).sum() / 60))
     even = np.full(len(names), 1 / len(names))
     rivals = Rivals(
         names, tuple(m.terms for m in mechanisms), tuple(estimates), even, GEOMETRY.terms
     )
     terms = [*GEOMETRY.terms, *(t for m in mechanisms for t in m.terms)]
-    return pool(known, more, terms, ((), np.zeros(0)), SIGMA), rivals
+    return build_pool(known, more, terms, Linearisation((), np.zeros(0)), SIGMA), rivals
 
 
 def test_right_is_the_formula() -> None:
     """methods: δ = 4, ρ = 0.9 gives 0.8144; nothing between them, a coin; all between them,
     certainty."""
-    assert _right(np.array(16.0), np.array(16 * (1 - 0.81))) == pytest.approx(0.8144, abs=1e-4)
-    assert _right(np.array(100.0), np.array(0.0)) == 0.5
-    assert _right(np.array(100.0), np.array(100.0)) == pytest.approx(1.0, abs=1e-9)
+    assert _naming_probability(np.array(16.0), np.array(16 * (1 - 0.81))) == pytest.approx(
+        0.8144, abs=1e-4
+    )
+    assert _naming_probability(np.array(100.0), np.array(0.0)) == 0.5
+    assert _naming_probability(np.array(100.0), np.array(100.0)) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_update_is_a_refit(rng) -> None:
@@ -131,7 +133,7 @@ def test_probability_is_the_rate_of_naming(names, rng) -> None:
     p, rivals = simulated(rng, names, 30, 0.02)
     for some in ([], list(range(15))):
         assert named_rate(p, rivals, some, rng) == pytest.approx(
-            told_with(p, [rivals], some), abs=0.04
+            compute_naming_probability(p, [rivals], some), abs=0.04
         )
 
 
@@ -141,10 +143,10 @@ def test_ten_chosen_separate_what_forty_drawn_do(rng) -> None:
     chosen, random, rates = [], [], []
     for names in NAMES:
         p, rivals = simulated(rng, names, 3000)
-        rows, told = tell_apart(p, [rivals], 10)
+        rows, told = choose_for_rivals(p, [rivals], 10)
         draws = [rng.choice(3000, 40, replace=False).tolist() for _ in range(8)]
         chosen.append(told[-1])
-        random.append(np.mean([told_with(p, [rivals], some) for some in draws]))
+        random.append(np.mean([compute_naming_probability(p, [rivals], some) for some in draws]))
         assert told[0] < told[-1]
         assert len(set(rows)) == 10
         if len(rivals.terms[0]) == len(rivals.terms[1]) == 1:
@@ -163,11 +165,11 @@ def test_what_no_choice_tells_is_one(rng) -> None:
         np.array([0.4, 0.35, 0.25]),
         rivals.others,
     )
-    left, twins = distinct(p, twice)
+    left, twins = merge_indistinct(p, twice)
     assert left.names == ("a", "b")
     np.testing.assert_allclose(left.probability, [0.65, 0.35])
     assert twins == ("a again and a",)
-    only, _ = distinct(
+    only, _ = merge_indistinct(
         p,
         replace(
             twice,
@@ -196,7 +198,7 @@ def test_indices_are_those_of_the_singular_values(rng) -> None:
     A = np.concatenate([p.known, p.possible[[2, 7]]])[:, :, columns]
     A = A / np.sqrt(np.square(p.possible[:, :, columns]).sum(1).mean(0)) / SIGMA
     s = np.linalg.svd(A.reshape(-1, len(columns)), compute_uv=False)
-    found = indices(p, terms, [2, 7])
+    found = compute_indices(p, terms, [2, 7])
     expected = {
         "o1": np.prod(s) ** (1 / len(s)) / np.sqrt(62),
         "o2": s[-1] / s[0],
@@ -210,28 +212,28 @@ def test_indices_are_those_of_the_singular_values(rng) -> None:
         assert found[name] == pytest.approx(value, rel=1e-6)
 
 
-@pytest.mark.parametrize("criterion", CRITERIA)
+@pytest.mark.parametrize("criterion", PLAN_CRITERIA)
 def test_criterion_beats_chance(criterion, rng) -> None:
     p, _ = simulated(rng, NAMES[0], 150)
     terms = kept(p)
-    rows = determine(p, terms, 6, criterion)
+    rows = choose_for_parameters(p, terms, 6, criterion)
     drawn_ = max(
-        indices(p, terms, rng.choice(150, 6, replace=False).tolist())[criterion] for _ in range(40)
+        compute_indices(p, terms, rng.choice(150, 6, replace=False).tolist())[criterion]
+        for _ in range(40)
     )
-    assert indices(p, terms, rows)[criterion] > drawn_
+    assert compute_indices(p, terms, rows)[criterion] > drawn_
     assert len(set(rows)) == 6
 
 
 def test_the_command_offers_every_criterion() -> None:
     """Listed there once more, so that `modelsel plan --help` loads no numpy."""
-    assert ("rivals", *CRITERIA) == PURPOSES
 
 
 def test_more_needed() -> None:
     """Noncentrality is configurations x size²: a quarter of the size takes sixteen times as
     many."""
-    assert more_needed(0.02, 80, 0.005) == 16 * 80 - 80
-    assert more_needed(0.02, 80, 0.03) == 0
+    assert count_more_needed(0.02, 80, 0.005) == 16 * 80 - 80
+    assert count_more_needed(0.02, 80, 0.03) == 0
 
 
 STUDY = """name = "rivals"
@@ -261,7 +263,7 @@ def test_command(tmp_path, rng) -> None:
     runner = CliRunner()
 
     def run(*words: str):
-        return runner.invoke(main, [str(w) for w in words])
+        return runner.invoke(run_command_line, [str(w) for w in words])
 
     assert run("simulate", tmp_path, "--out", tmp_path / "measurements.csv").exit_code == 0
     ran = run(
@@ -374,14 +376,14 @@ def test_every_target_is_seen_at_every_configuration(rng) -> None:
     assert possible.configurations == 7
     tools = np.array([[40.0, 0, 100], [0, 60.0, 100]])
     known, more = (at.anew(data=data, tools=tools) for data in (at.data, possible))
-    p = pool(known, more, GEOMETRY.terms, ((), np.zeros(0)), SIGMA)
+    p = build_pool(known, more, GEOMETRY.terms, ((), np.zeros(0)), SIGMA)
     assert p.possible.shape == (7, 6, len(GEOMETRY.terms))
     assert p.configurations == 20
     c = load_calibration_like(known)
     np.testing.assert_allclose(table_of(c, possible, [4, 2])["q3_rad"], q[[4, 2], 2])
-    torn = more.anew(data=possible.take(np.arange(13)))
+    torn = replace(more, data=possible.take(np.arange(13)))
     with pytest.raises(DataError, match="different numbers of rows"):
-        pool(known, torn, GEOMETRY.terms, ((), np.zeros(0)), SIGMA)
+        build_pool(known, torn, GEOMETRY.terms, ((), np.zeros(0)), SIGMA)
 
 
 def load_calibration_like(at):

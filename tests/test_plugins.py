@@ -15,16 +15,16 @@ import pytest
 from click.testing import CliRunner
 
 from modelsel import read_study, run, simulate_study
-from modelsel.calibration.storage import load_calibration
-from modelsel.cli.main import main
-from modelsel.cli.plugin_template import skeleton, table, tried
+from modelsel.calibration.loading import load_calibration
+from modelsel.cli.main import run_command_line
+from modelsel.cli.plugins import Trial, load_plugin, render_plugin, try_mechanisms
 from modelsel.config.study_file import ModelTable
 from modelsel.exceptions import StudyError
 from modelsel.mechanisms.causes import Named, Number, q
 from modelsel.mechanisms.registry import BUILTIN, mechanism, unsound, with_plugins
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
-from modelsel.testing import LawBroken, broken, check_mechanism
+from modelsel.testing import LawBroken, check_mechanism, find_broken_laws
 
 PUMA = load("puma760")
 STUDY = """name = "outside"
@@ -50,7 +50,7 @@ size = 1e-3
 
 
 def command(*words: str, cwd: Path, path: Path | None = None) -> subprocess.CompletedProcess[str]:
-    code = "from modelsel.cli.main import main; main()"
+    code = "from modelsel.cli.main import run_command_line; run_command_line()"
     env = os.environ | ({} if path is None else {"PYTHONPATH": str(path)})
     return subprocess.run(
         [sys.executable, "-c", code, *words],
@@ -143,7 +143,7 @@ def mechanisms():
 def test_what_is_wrong_is_said(tmp_path) -> None:
     (tmp_path / "wrong.py").write_text(WRONG)
     ran = CliRunner().invoke(
-        main, ["mechanisms", "--test", str(tmp_path / "wrong.py"), "--robot", "puma760"]
+        run_command_line, ["mechanisms", "--test", str(tmp_path / "wrong.py"), "--robot", "puma760"]
     )
     assert ran.exit_code == 5
     assert "lever on puma760: L5:" in ran.output
@@ -155,7 +155,7 @@ def test_what_is_wrong_is_said(tmp_path) -> None:
         (tmp_path / "none.py", "cannot be loaded"),
     ):
         with pytest.raises(StudyError, match=says):
-            table(str(path))
+            load_plugin(str(path))
 
 
 def test_a_broken_plugin_is_listed_and_stops_nothing(tmp_path, monkeypatch) -> None:
@@ -173,7 +173,7 @@ def test_a_broken_plugin_is_listed_and_stops_nothing(tmp_path, monkeypatch) -> N
     assert out["gone"].startswith("ModuleNotFoundError")
     assert out["wrong, raises"].startswith("ZeroDivisionError")
     assert out["wrong, geometric"] == 'the name "geometric" is taken'
-    ran = CliRunner().invoke(main, ["mechanisms", "backlash"])
+    ran = CliRunner().invoke(run_command_line, ["mechanisms", "backlash"])
     assert ran.exit_code == 0
     assert "plug-in wrong, raises is left out: ZeroDivisionError" in ran.output
     monkeypatch.delitem(sys.modules, "wrong")
@@ -216,12 +216,14 @@ def test_a_cause_that_no_calibration_can_store_is_refused_before_the_work(own_ca
     says = "Squared is a kind of cause of its own, which no calibration can store: build it of those in modelsel.mechanisms.causes."
     quick = ["--no-report", "--no-sampling"]
     study, out = own_cause / "study.toml", own_cause / "out"
-    ran = CliRunner().invoke(main, ["study", str(study), "--out", str(out), *quick])
+    ran = CliRunner().invoke(run_command_line, ["study", str(study), "--out", str(out), *quick])
     assert ran.exit_code == 0, ran.output
     assert f"plug-in own, bent is left out: {says}" in ran.stderr
     assert load_calibration(out).model.names[0] == "geometric"
     study.write_text(study.read_text().replace('"wrist-coupling"', '"bent"'))
-    ran = CliRunner().invoke(main, ["study", str(study), "--out", str(own_cause / "other"), *quick])
+    ran = CliRunner().invoke(
+        run_command_line, ["study", str(study), "--out", str(own_cause / "other"), *quick]
+    )
     assert ran.exit_code == 2
     assert says in ran.stderr
     assert 'unknown mechanism "bent"' in ran.stderr
@@ -271,21 +273,23 @@ def bad(**changes: object) -> Mechanism:
     ],
 )
 def test_laws_say_what_is_wrong(wrong, says, rng) -> None:
-    assert any(re.search(says, text) for text in broken(wrong, PUMA, rng)), broken(wrong, PUMA, rng)
+    assert any(re.search(says, text) for text in find_broken_laws(wrong, PUMA, rng)), (
+        find_broken_laws(wrong, PUMA, rng)
+    )
     with pytest.raises(LawBroken):
         check_mechanism(wrong, PUMA, rng)
 
 
 def test_a_covariate_of_ones_own_is_drawn(rng) -> None:
     assert (
-        broken(
+        find_broken_laws(
             bad(terms=(Term("k", (Screw(2, "rz", Named("current_A", "A")),), (1e-5, 1e-3)),)),
             PUMA,
             rng,
         )
         == []
     )
-    assert broken(mechanism("backlash:3", PUMA), PUMA, rng) == []
+    assert find_broken_laws(mechanism("backlash:3", PUMA), PUMA, rng) == []
 
 
 def test_unsound() -> None:
@@ -299,11 +303,15 @@ def test_unsound() -> None:
 @pytest.mark.parametrize("name", ["Hose", "2nd", "a b", "../x", "é"])
 def test_a_name_that_cannot_be_one(name) -> None:
     with pytest.raises(StudyError, match="cannot name a mechanism"):
-        skeleton(name)
+        render_plugin(name)
 
 
 def test_same_robots_same_words(tmp_path) -> None:
     (tmp_path / "wrong.py").write_text(WRONG)
     entries = {"m": lambda robot: bad()}
-    assert tried(entries, [PUMA]) == tried(entries, [PUMA]) == [("m", "puma760", [])]
-    assert np.all([r for _, r, _ in tried(entries, [PUMA, load("ur5")])])
+    assert (
+        try_mechanisms(entries, [PUMA])
+        == try_mechanisms(entries, [PUMA])
+        == [Trial("m", "puma760", [])]
+    )
+    assert np.all([trial.robot for trial in try_mechanisms(entries, [PUMA, load("ur5")])])

@@ -13,10 +13,11 @@ from scipy.stats import chi2
 
 from modelsel._typing import Array
 from modelsel.fitting.batch import Ensemble
-from modelsel.fitting.design import Model, design, residuals, whitened
+from modelsel.fitting.design import Model, compute_design, residuals, whitened
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.prior import usual_sizes
 from modelsel.fitting.problem import Problem
+from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.causes import cos, q
 from modelsel.mechanisms.geometry import setup
 from modelsel.mechanisms.registry import mechanism
@@ -36,7 +37,9 @@ def oriented(rng: np.random.Generator, m: int = 9) -> Problem:
     bare = drawn(ARM, rng, m)
     data = replace(bare.data, rotation=np.einsum("ijm->mij", bare.pose(slice(None)).rotation))
     whiten = np.tile(np.diag([10.0, 10, 10, 2000, 2000, 2000]), (m, 1, 1))
-    return replace(bare, data=data, tool_rotations=rotations(rng, 1), whiten=whiten)
+    return replace(
+        bare, data=data, tool_rotations=rotations(rng, 1), whitening=Whitening(matrices=whiten)
+    )
 
 
 def placed(rng: np.random.Generator) -> Problem:
@@ -52,7 +55,7 @@ def placed(rng: np.random.Generator) -> Problem:
     return replace(
         bare,
         placement=(rotations(rng, 2), rng.normal(0, 100, (2, 3))),
-        whiten=rng.normal(size=(12, 3, 3)),
+        whitening=Whitening(matrices=rng.normal(size=(12, 3, 3))),
         tools=rng.normal(0, 50, (2, 3)),
     )
 
@@ -93,7 +96,7 @@ def test_intervals_are_those_of_least_squares(rng: np.random.Generator) -> None:
     problem = planted(at, MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
     fitted = fit(problem, MODEL, held="nothing")
     kept = list(fitted.found.kept)
-    X, r = design(problem, MODEL.terms, fitted.at())
+    X, r = compute_design(problem, MODEL.terms, fitted.at())
     X = X.reshape(-1, len(MODEL.terms))[:, kept]
     plain = sm.OLS(r.ravel() + X @ fitted.theta[kept], X).fit()
     low, high = posterior(fitted).quantile(np.array([0.025, 0.975])).T
@@ -110,7 +113,7 @@ def test_shrunk_posterior_is_the_conjugate_one(rng: np.random.Generator) -> None
     precision[-1] = 1e8
     fitted = fit(problem, MODEL, precision=precision, held="nothing")
     kept = list(fitted.found.kept)
-    X, r = design(problem, MODEL.terms, fitted.at())
+    X, r = compute_design(problem, MODEL.terms, fitted.at())
     X = X.reshape(-1, len(MODEL.terms))[:, kept]
     y = r.ravel() + X @ fitted.theta[kept]
     gram = X.T @ X + np.diag(precision[kept])

@@ -21,10 +21,10 @@ from click.testing import CliRunner
 from test_floors import FLOORS, PACKAGE
 
 import modelsel
-from modelsel.cli.main import COMMANDS, main
+from modelsel.cli.main import COMMANDS, run_command_line
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
-from modelsel.fitting.design import design, residuals
+from modelsel.fitting.design import compute_design, residuals
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import BUILTIN, Registry, parts, with_plugins
 from modelsel.report.terminal import show_study
@@ -224,7 +224,7 @@ def test_example_is_a_mechanism(plugin, rng) -> None:
     (name,) = set(registry) - set(BUILTIN)
     (mechanism,) = parts(name, load("puma760"), registry)
     at = drawn("puma760", rng, 40)
-    columns, h = design(at, mechanism.terms)[0], 1e-5
+    columns, h = compute_design(at, mechanism.terms)[0], 1e-5
     for j, term in enumerate(mechanism.terms):
         low, high = (residuals(at, [term], np.array([step])) for step in (-h, h))
         difference = (low - high) / (2 * h)  # residual = measured - predicted
@@ -238,7 +238,7 @@ def test_example_prints_as_shown(plugin) -> None:
     text = section("A mechanism in ten lines", CONTRIBUTING.read_text(encoding="utf-8"))
     (shown,) = fenced("console", text)
     command, _, output = shown.partition("\n")
-    result = CliRunner().invoke(main, command.removeprefix("$ modelsel ").split())
+    result = CliRunner().invoke(run_command_line, command.removeprefix("$ modelsel ").split())
     assert result.output == output
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from builders import drawn
 
-from modelsel.fitting.design import Model, design
+from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Screw, Term
@@ -57,7 +57,7 @@ def test_poses_and_screw_fields_are_pinocchios(name, rng) -> None:
         for k in range(1, n + 1)
         for axis in ("tx", "ty", "tz", "rx", "ry", "rz")
     ]
-    columns, _ = design(at, terms)
+    columns, _ = compute_design(at, terms)
     position = pose(robot, at.data.q, TOOL).target.T
     for row, q in enumerate(at.data.q * scale):
         pin.forwardKinematics(model, data, q)
@@ -94,7 +94,7 @@ def test_cross_validation_is_scikit_learns(rng) -> None:
     model = Model((mechanism("geometric", at.robot), mechanism("joint-compliance:3", at.robot)))
     fitted = fit(at, model, held="nothing")
     kept, fold_of = list(fitted.found.kept), assign(at.data, 10, rng)
-    X, r = design(at, model.terms, fitted.at())
+    X, r = compute_design(at, model.terms, fitted.at())
     scale = np.linalg.norm(X, axis=(0, 1))[kept]
     A, y, groups = (
         X[:, :, kept].reshape(150, -1) / scale,

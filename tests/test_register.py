@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from modelsel.exceptions import DataError
 from modelsel.fitting.design import residuals
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.robot.files import load, read_robot
 from modelsel.robot.kinematics import Robot, pose
@@ -51,7 +51,7 @@ def site(
     data = measurements(
         q, position, target=[f"r{k}" for k in target], group=[f"day{g}" for g in group], **more
     )
-    return make_problem(robot, data, np.zeros((targets, 3))), R, t, turned
+    return Problem(robot, data, np.zeros((targets, 3))), R, t, turned
 
 
 def everything(at: Problem) -> np.ndarray:

@@ -18,7 +18,7 @@ import pytest
 from click.testing import CliRunner
 
 from modelsel import read_study, run
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
 from modelsel.report import drawing
 from modelsel.report.document import Source, collect_blocks
@@ -163,7 +163,7 @@ def test_what_the_table_of_subsets_is_for_is_said_with_it(drawn) -> None:
     (page,) = [p for p in pages(drawn) if "The table of subsets" in p]
     assert plain(TABLE_PURPOSE) in plain(page)
     ran = CliRunner().invoke(
-        main,
+        run_command_line,
         ["study", str(PUMA), "--out", str(drawn.parent / "said"), "--no-report", "--no-sampling"],
     )
     assert plain(TABLE_PURPOSE) in plain(ran.output)
@@ -214,7 +214,7 @@ def test_same_bytes_anywhere(drawn, tmp_path) -> None:
 
 def test_study_writes_the_same_details_again(drawn, tmp_path) -> None:
     again = CliRunner().invoke(
-        main, ["study", str(PUMA / "study.toml"), "--out", str(tmp_path), "--no-report"]
+        run_command_line, ["study", str(PUMA / "study.toml"), "--out", str(tmp_path), "--no-report"]
     )
     assert again.exit_code == 0
     assert {p.name for p in tmp_path.iterdir()} == set(WRITES)
@@ -225,13 +225,15 @@ def test_study_writes_the_same_details_again(drawn, tmp_path) -> None:
 def test_pages_are_chosen(drawn, tmp_path) -> None:
     for name in ("result.json", "details.json"):
         shutil.copy(drawn / name, tmp_path)
-    done = CliRunner().invoke(main, ["report", str(tmp_path), "--pages", "first, map", "--json"])
+    done = CliRunner().invoke(
+        run_command_line, ["report", str(tmp_path), "--pages", "first, map", "--json"]
+    )
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout) == {"written": ["report.pdf", "report.html"]}
     text = pages(tmp_path)
     assert len(text) == 2
     assert "Error map" in text[1]
-    wrong = CliRunner().invoke(main, ["report", str(tmp_path), "--pages", "frist"])
+    wrong = CliRunner().invoke(run_command_line, ["report", str(tmp_path), "--pages", "frist"])
     assert wrong.exit_code == 2
     assert 'Did you mean "first"?' in wrong.output
 
@@ -253,7 +255,7 @@ def test_refuses_in_one_sentence(drawn, tmp_path, change, said) -> None:
     for name in ("result.json", "details.json"):
         shutil.copy(drawn / name, tmp_path)
     change(tmp_path)
-    done = CliRunner().invoke(main, ["report", str(tmp_path)])
+    done = CliRunner().invoke(run_command_line, ["report", str(tmp_path)])
     assert done.exit_code == 2
     assert said in done.output
     assert "modelsel study" in done.output
@@ -302,7 +304,8 @@ def test_failure_leaves_the_result(monkeypatch, tmp_path) -> None:
 
     monkeypatch.setattr(drawing, "collect_blocks", broken)
     done = CliRunner().invoke(
-        main, ["study", str(PUMA / "study.toml"), "--out", str(tmp_path), "--no-sampling"]
+        run_command_line,
+        ["study", str(PUMA / "study.toml"), "--out", str(tmp_path), "--no-sampling"],
     )
     assert done.exit_code == 1
     assert "the compiler is ill" in done.output

@@ -3,6 +3,8 @@ slow motions still do."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from builders import drawn, seeds, small_arm
 
@@ -87,7 +89,7 @@ def test_a_resting_joint_is_the_place_of_no_cause_of_motion(rng: np.random.Gener
     q = robot.draw(rng, 40)
     q[:, 1] = 0.4 + 1e-5 * rng.standard_normal(40)
     at = drawn(robot, rng, 40)
-    at = at.anew(data=measurements(q, at.data.position))
+    at = replace(at, data=measurements(q, at.data.position))
     base = Model((mechanism("geometric", robot),))
     fitted, found = fit(at, base), candidates(at, base, every(robot), cells=False)
     X, _ = stacked(at, base.terms, fitted.at())

@@ -11,7 +11,7 @@ import pytest
 from builders import drawn
 
 from modelsel.exceptions import StudyError
-from modelsel.fitting.design import design, residuals
+from modelsel.fitting.design import compute_design, residuals
 from modelsel.mechanisms.geometry import geometric
 from modelsel.robot.files import builtin_names, load, read_robot, robot_from_table
 from modelsel.robot.kinematics import Robot, forward, pose, screw_field
@@ -342,7 +342,9 @@ def test_residual_in_the_trackers_frame(rng) -> None:
     np.testing.assert_allclose(residuals(far), np.tile([1.0, 2, 3], (5, 1)), atol=1e-9)
     terms = geometric(at.robot).terms
     np.testing.assert_allclose(
-        design(far, terms)[0], np.einsum("ij,mjp->mip", R, design(at, terms)[0]), atol=1e-9
+        compute_design(far, terms)[0],
+        np.einsum("ij,mjp->mip", R, compute_design(at, terms)[0]),
+        atol=1e-9,
     )
 
 

@@ -16,12 +16,13 @@ from click.testing import CliRunner
 from scipy.integrate import quad
 
 from modelsel._typing import Array
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
-from modelsel.fitting.design import Model, design
+from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.noise import Instrument, weigh
 from modelsel.fitting.problem import Problem
+from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.environment import tracker_step
@@ -132,14 +133,14 @@ def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) 
     whole = LogPosterior(
         fitted, noise, chosen, (*map(str, chosen), *noise.names), ("1",) * (len(chosen) + 2)
     )
-    X, r = design(at, MODEL.terms, fitted.at())
+    X, r = compute_design(at, MODEL.terms, fitted.at())
     rest = [k for k in fitted.found.kept if k not in chosen]
     X = X.reshape(-1, len(MODEL.terms))[:, rest]
     line = at.data.position - np.array(instrument.at)
     d = np.linalg.norm(line, axis=1)
     u = line / d[:, None]
-    assert not isinstance(at.whiten, float)
-    root = np.linalg.inv(at.whiten)
+    assert not at.whitening.uniform
+    root = np.linalg.inv(at.whitening.matrices)
     walkers = np.zeros((4, whole.size))
     walkers[:, len(chosen) :] = rng.normal(0, 3, (4, 2))
     expected = []
@@ -180,7 +181,7 @@ def test_tail_with_a_coefficient_integrated_out(rng: np.random.Generator, nu: fl
     problem = planted(at, model.terms, np.zeros(2), rng, 0.1)
     fitted = fit(problem, model)
     whole = target(problem, fitted, (1,), tail=True)
-    X, r = design(problem, model.terms, fitted.at())
+    X, r = compute_design(problem, model.terms, fitted.at())
     points, expected = np.zeros((3, 3)), []
     points[:, 2] = (1 / nu - whole.natural(np.zeros((1, 3)))[0, 2]) / 0.05
     points[:, 0], points[:, 1] = (0.0, 1.5, -1.0), (0.0, 1.0, -2.0)
@@ -445,7 +446,7 @@ def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, str]:
     """The command; its chains on the QR-reduced data, which take a second."""
     monkeypatch.setattr("modelsel.uncertainty.summary.ROWS", 0)
     monkeypatch.setattr(sys, "argv", ["modelsel", *arguments])
-    done = CliRunner().invoke(main, list(arguments))
+    done = CliRunner().invoke(run_command_line, list(arguments))
     return done.exit_code, done.output
 
 
@@ -574,7 +575,7 @@ def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
     if kind == "targets":
         more = {"target": np.array(["a", "b"] * 15)}
     at = drawn(arm, rng, 30)
-    at = at.anew(data=measurements(joints, position, **more))  # type: ignore[arg-type]
+    at = replace(at, data=measurements(joints, position, **more))  # type: ignore[arg-type]
     at = replace(at, tools=np.tile(at.tools[:1], (len(at.data.targets), 1)))
     if kind == "orientation":
         turned = np.einsum("ijm->mij", at.pose(slice(None)).rotation)
@@ -587,7 +588,9 @@ def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
             at,
             data=replace(at.data, rotation=turned),
             tool_rotations=np.eye(3)[None],
-            whiten=np.tile(np.diag([10.0, 10, 10, 1000, 1000, 1000]), (30, 1, 1)),
+            whitening=Whitening(
+                matrices=np.tile(np.diag([10.0, 10, 10, 1000, 1000, 1000]), (30, 1, 1))
+            ),
         )
     elif kind == "sigma":
         at, _floor = weigh(at, None, None)

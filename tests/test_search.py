@@ -16,7 +16,7 @@ from scipy import integrate, stats
 from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.evidence import single_f
 from modelsel.diagnosis.scan import basis, columns, scan, stacked
-from modelsel.fitting.design import Model, design
+from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.causes import ONE
 from modelsel.mechanisms.registry import mechanism
@@ -154,7 +154,7 @@ def test_subsets_of_mechanisms(rng) -> None:
     terms = Model((geometric, *some)).terms
     at = planted(drawn("puma760", rng, 50), terms, rng.normal(size=len(terms)) * 1e-4, rng, 0.1)
     fold_of = assign(at.data, 5, rng)
-    X, r = design(at, terms)
+    X, r = compute_design(at, terms)
     X, y, rows = X.reshape(150, -1), r.ravel(), fold_of.repeat(3)
     from modelsel.fitting.identifiability import identify
 

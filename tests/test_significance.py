@@ -14,7 +14,7 @@ from scipy.linalg import sqrtm
 from scipy.stats import binom
 
 from modelsel._json import dumps
-from modelsel.fitting.design import Model, design, residuals
+from modelsel.fitting.design import Model, compute_design, residuals
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.mechanisms.causes import Named, q, sin
 from modelsel.mechanisms.registry import BUILTIN, mechanism
@@ -53,7 +53,7 @@ def split(rng: np.random.Generator) -> Split:
 
 def linear(split: Split, fitted: Fit) -> tuple[np.ndarray, np.ndarray, list[int]]:
     """(X (m, 3, p), response (m, 3) as if fitted from nought, kept) of the training rows."""
-    X, r = design(split.training(), fitted.terms, fitted.at())
+    X, r = compute_design(split.training(), fitted.terms, fitted.at())
     return X, r + X @ fitted.theta, list(fitted.found.kept)
 
 
@@ -106,7 +106,7 @@ def test_what_is_lost_without_a_mechanism(split: Split, rng: np.random.Generator
     assert ecc.cv_rms_without_mm == pytest.approx(np.sqrt(cv.mean()), rel=1e-6)
     A = np.vstack([X[:, :, left].reshape(-1, len(left)), prior])
     beta = np.linalg.lstsq(A, np.append(y.ravel(), np.zeros(len(prior))), rcond=1e-15)[0]
-    away, far = design(
+    away, far = compute_design(
         split.problem.take(~split.estimation & ~split.outlying), MODEL.terms, whole.fit.at()
     )
     missed = far + away @ whole.fit.theta - away[:, :, left] @ beta
@@ -197,12 +197,12 @@ def test_bootstrap_is_the_cluster_robust_formula(rng: np.random.Generator) -> No
         q=bare.data.q[np.arange(40) // 2 * 2],
     )
     model = Model((one(1, "tx"), one(1, "rz"), one(2, "rz"), one(2, "rz", sin(q(1)))))
-    at = planted(bare.anew(data=pairs), model.terms, np.zeros(4))
+    at = planted(replace(bare, data=pairs), model.terms, np.zeros(4))
     lump = np.repeat(rng.normal(0, 0.1, (20, 3)), 2, axis=0)
     at = replace(at, data=replace(at.data, position=at.data.position + lump))
     fitted = fit(at, model)
     found = bootstrap(by_unit(at, model.terms, at.data.block, fitted.at()), fitted, rng)
-    X, r = design(at, model.terms, fitted.at())
+    X, r = compute_design(at, model.terms, fitted.at())
     X, r = X.reshape(-1, 4), r.ravel()
     inverse = np.linalg.inv(X.T @ X)
     meat = np.zeros((4, 4))

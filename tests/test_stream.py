@@ -12,6 +12,7 @@ from modelsel.exceptions import DataError
 from modelsel.fitting.design import Model
 from modelsel.fitting.identifiability import solve
 from modelsel.fitting.least_squares import fit
+from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
@@ -50,7 +51,9 @@ def test_pieces_in_any_order_are_the_whole(rng) -> None:
     np.testing.assert_allclose(a[0], b[0], rtol=0, atol=1e-9 * np.abs(theta).max())
     assert a[2] == pytest.approx(b[2], rel=1e-11)
     one = cross_validate(found.folded(), kept)
-    other = cross_validate(fold(at, which.terms, fold_of(at.data, 5), (which.terms, theta)), kept)
+    other = cross_validate(
+        fold(at, which.terms, fold_of(at.data, 5), Linearisation(which.terms, theta)), kept
+    )
     np.testing.assert_allclose(one.held_out, other.held_out, rtol=1e-9)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from click.testing import CliRunner
 from test_readme import SHOWN, fenced, printed
 
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 
 ROOT = Path(__file__).parents[1]
 TUTORIAL, PYTHON = (
@@ -44,7 +44,7 @@ RIVALS = '["gear-eccentricity", "axis-wobble", "joint-compliance", "base-tilt", 
 def invoked(*words: str) -> str:
     """What a command prints on the output; it must be done (0) or have said what a check found
     (5)."""
-    ran = CliRunner().invoke(main, [*words])
+    ran = CliRunner().invoke(run_command_line, [*words])
     assert ran.exit_code in (0, 5), ran.output
     return ran.stdout
 

@@ -15,7 +15,7 @@ from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.prior import usual_sizes
 from modelsel.mechanisms.geometry import OPEN, geometric, setup
-from modelsel.mechanisms.serialization import mechanism_of, mechanism_record
+from modelsel.mechanisms.serialization import mechanism_from_record, mechanism_record
 from modelsel.robot.files import load, robot_from_table, robot_of, robot_record
 
 PUMA = load("puma760")
@@ -34,7 +34,7 @@ def test_a_target_wanders_off_the_axis_without_a_jump(rng) -> None:
     fresh = drawn(PUMA, rng, 60, (0.0, 0.0, 250.0))
     predicted = []
     for off in (0.0, 1e-9, 1e-6, 1e-4, 1e-2, 0.03, 0.1, 0.3, 1.0):
-        here = at.anew(tools=np.array([[off, 0.0, 100.0]]))
+        here = replace(at, tools=np.array([[off, 0.0, 100.0]]))
         here = planted(here, model.terms, theta)
         found = fit(
             replace(here, data=replace(here.data, position=here.data.position + noise)), model
@@ -75,7 +75,7 @@ def test_the_robot_file_may_say_more(rng) -> None:
         OPEN["t"],
     )  # found by registration
     assert robot_of(robot_record(robot)).usual == robot.usual
-    assert mechanism_of(mechanism_record(geometric(robot))) == geometric(robot)
+    assert mechanism_from_record(mechanism_record(geometric(robot))) == geometric(robot)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from modelsel.calibration.compensation import Commands
 from modelsel.cli.compensate import _sentence
-from modelsel.cli.main import main
+from modelsel.cli.main import run_command_line
 from modelsel.diagnosis.sentences import amount, quantity
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.terms import Screw, Term
@@ -158,7 +158,7 @@ def test_the_set_up_alone_has_a_name_in_every_table() -> None:
 
 def test_a_robot_without_masses_says_so() -> None:
     assert load("puma760").joints[0].mass is None
-    shown = CliRunner().invoke(main, ["robots", "puma760"]).output
+    shown = CliRunner().invoke(run_command_line, ["robots", "puma760"]).output
     assert "mass not known; transform before it [mm]:" in shown
     assert "None" not in shown
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from modelsel.fitting.design import Model
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
@@ -41,6 +41,4 @@ def arm_scene(m: int, noise: float = 0.1, seed: int = 1) -> tuple[Problem, Model
     arm, rng = load("puma760"), np.random.default_rng(seed)
     q = arm.draw(rng, m)
     data = measurements(q, forward(arm, q, TOOL) + rng.normal(0, noise, (m, 3)))
-    return make_problem(arm, data, TOOL[None]), Model(
-        tuple(mechanism(name, arm) for name in FLEXURE)
-    )
+    return Problem(arm, data, TOOL[None]), Model(tuple(mechanism(name, arm) for name in FLEXURE))

@@ -10,7 +10,7 @@ import numpy as np
 
 from modelsel._typing import Array
 from modelsel.fitting.design import twist_of
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.terms import Mechanism, Term
 from modelsel.report.style import BLUE, ORANGE, QUIET, choose_unit, svg, use_style
@@ -100,7 +100,7 @@ def _problem(robot: Robot, q: Array, **covariates: Array) -> Problem:
         configuration=list(range(len(q))),
         covariates=everything,
     )
-    return replace(make_problem(robot, data, np.array([TOOL])), tracker=TRACKER)
+    return replace(Problem(robot, data, np.array([TOOL])), tracker=TRACKER)
 
 
 def sweep(robot: Robot, by: Driver) -> tuple[Problem, Array]:

@@ -13,7 +13,7 @@ from modelsel.diagnosis.candidates import Candidate, candidates
 from modelsel.diagnosis.scan import Columns, Scan, basis, columns, scan, stacked
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import Fit, fit
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Term
@@ -37,7 +37,7 @@ def measured(
     the effects and noise."""
     rng = np.random.default_rng(seed)
     q = ROBOT.draw(rng, m)
-    at = make_problem(ROBOT, measurements(q, forward(ROBOT, q, np.array(TOOL))), np.array([TOOL]))
+    at = Problem(ROBOT, measurements(q, forward(ROBOT, q, np.array(TOOL))), np.array([TOOL]))
     size = [0.3 if t.screws[0].axis[0] == "t" else 5e-4 for t in BASE.terms]
     built = np.random.default_rng([seed, 1]).normal(
         0, size

@@ -14,8 +14,8 @@ import numpy as np
 
 from modelsel._typing import Array
 from modelsel.diagnosis.scan import basis
-from modelsel.fitting.design import design
-from modelsel.fitting.problem import Problem, make_problem
+from modelsel.fitting.design import compute_design
+from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import measurements
 from modelsel.mechanisms.registry import BUILTIN, Registry, Scanned, parts
 from modelsel.mechanisms.serialization import mechanism_card
@@ -65,7 +65,7 @@ def drawn(robot: Robot) -> Problem:
     q = robot.draw(rng, COUNT)
     more = {"payload_kg": rng.uniform(0, 5, COUNT), "temperature_C": rng.uniform(15, 35, COUNT)}
     data = measurements(q, forward(robot, q, np.array(arm.TOOL)), covariates=more)
-    return replace(make_problem(robot, data, np.array([arm.TOOL])), tracker=arm.TRACKER)
+    return replace(Problem(robot, data, np.array([arm.TOOL])), tracker=arm.TRACKER)
 
 
 def beyond(
@@ -73,11 +73,11 @@ def beyond(
 ) -> tuple[dict[str, float], dict[str, Array]]:
     """({name: share of its displacement that geometry absorbs}, {name: basis (3m, k) of what is
     left}) of every name a joint."""
-    Q = basis(design(at, parts("geometric", robot)[0].terms)[0].reshape(3 * len(at), -1))
+    Q = basis(compute_design(at, parts("geometric", robot)[0].terms)[0].reshape(3 * len(at), -1))
     absorbed, left = {}, {}
     for stem in registry:
         for m in {m.name: m for m in reversed(parts(stem, robot, registry))}.values():
-            X = design(at, m.terms)[0].reshape(3 * len(at), -1)
+            X = compute_design(at, m.terms)[0].reshape(3 * len(at), -1)
             rest = X - Q @ (Q.T @ X)
             size = float(np.square(X).sum())
             absorbed[m.name] = (

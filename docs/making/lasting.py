@@ -13,7 +13,7 @@ from arm import short
 from campaigns import BASE, ROBOT, measured
 
 from modelsel._typing import Array
-from modelsel.fitting.design import design
+from modelsel.fitting.design import compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import mechanism
 from modelsel.report.style import BLUE, INK, ORANGE, QUIET, svg, use_style
@@ -52,7 +52,9 @@ def grouped() -> tuple[bytes, str]:
     base = len(BASE.terms)
     whole = (*BASE.terms, *pool)
     (A, r), (B, s) = (
-        tuple(x.reshape(x.shape[0] * 3, *x.shape[2:]) for x in design(part, whole, theta.at()))
+        tuple(
+            x.reshape(x.shape[0] * 3, *x.shape[2:]) for x in compute_design(part, whole, theta.at())
+        )
         for part in (rows, new)
     )
     folded = {kind: fold(rows, whole, of, theta.at()) for kind, of in by.items()}

@@ -11,7 +11,7 @@ import click
 from pydantic import BaseModel
 
 import modelsel
-from modelsel.cli.main import COMMANDS, main
+from modelsel.cli.main import COMMANDS, run_command_line
 from modelsel.config.fleet_file import FleetFile
 from modelsel.config.study_file import Held, Study
 from modelsel.robot.kinematics import Robot
@@ -19,9 +19,9 @@ from modelsel.robot.kinematics import Robot
 
 def commands() -> str:
     """Every command: what it does, its arguments and options, as `--help` says them."""
-    out, context = [], click.Context(main, info_name="modelsel")
+    out, context = [], click.Context(run_command_line, info_name="modelsel")
     for name, says in COMMANDS.items():
-        command = main.get_command(context, name)
+        command = run_command_line.get_command(context, name)
         assert command is not None
         inner = click.Context(
             command,

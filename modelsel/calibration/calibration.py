@@ -10,35 +10,64 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._typing import Array, Index
 from ..exceptions import DataError, suggest
-from ..fitting.design import Model, columns_of, field_of, twist_of
+from ..fitting.design import Model
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Member
 from ..mechanisms.terms import Term
-from ..robot.kinematics import Pose, Robot
+from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
 from .refitting import Refits, part_of
 
 if TYPE_CHECKING:
     import pandas as pd
-DIGITS = 10  # of the covariance factor; everything else is written in full
-MIDDLE = 0.5  # of the campaign: where a drift is taken on data of another day
+
+    from ..measurements.table import Source
+    from .export.form import Exported
+
+FACTOR_DIGITS = 10  # of the covariance factor; everything else is written in full
+MID_CAMPAIGN = 0.5  # where a drift is taken on data of another day
+PLACED_NAMES = {"target", "group", "feature"}  # names of a cause that are no values with a range
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
-    """A calibrated robot. theta (p,) in the terms' units; covariance = factor factorᵀ, factor (p,
-    r); `kept` the fitted terms; `ranges` of every joint reading, covariate and value that the
-    model's causes looked at in estimation; `refits` for the forms that carry less than all (None
-    where there are none, as in files of earlier versions)."""
+    """A calibrated robot: predicts positions, corrects commands, exports itself.
+
+    Attributes, the arm:
+        study: name of the study that it comes from.
+        robot: the nominal robot.
+        model: the fitted mechanisms.
+        theta: (p,) estimates of the model's terms, in their units.
+        factor: (p, r) with covariance of theta = factor factorᵀ.
+        kept: places of the terms that were fitted; the others are fixed.
+        refits: fits for the forms that cannot carry all terms; None in files of earlier versions.
+
+    The set-up:
+        targets: names of the targets.
+        groups: names of the groups of measurements.
+        tools: (T, 3) nominal targets in the flange frame [mm].
+        tool_rotations: (T, 3, 3) their orientations, None without.
+        placement: R (G, 3, 3) and t (G, 3) [mm] of frame 0 in the tracker's frame.
+        registered: whether the placement was found from the data.
+        tracker: position of the tracker in its own frame [mm].
+
+    How good it is, and where:
+        floor: noise of one measured coordinate.
+        held_out_rms_mm: rms length of the held-out residuals, None without.
+        ranges: least and largest value in estimation of every joint reading, covariate and value
+            that the model's causes use.
+        provenance: versions and digests of what it was made from.
+    """
 
     study: str
     robot: Robot
@@ -66,76 +95,116 @@ class Calibration:
 
     @property
     def standard_errors(self) -> Array:
-        """(p,) zero where a term is fixed."""
+        """Standard errors (p,) of theta; zero where a term is fixed."""
         return np.asarray(np.sqrt(np.square(self.factor).sum(1)))
 
     def needs(self) -> frozenset[str]:
-        """Names that the model's causes look at."""
+        """Return the names of the state that the model's causes use."""
         return frozenset[str]().union(*(m.names() for m in self.model.mechanisms))
 
+    def predict(self, measurements: Measurements) -> Array:
+        """Predict where the calibrated robot has the target at measured or planned configurations.
+
+        Returns positions (m, 3) [mm] in the tracker's frame. Raises DataError where a target, a
+        group or a covariate is not known.
+        """
+        from .prediction import predict
+
+        return predict(self, self.problem(measurements))
+
+    def correct(
+        self, targets: Source | Array, *, bound: tuple[float, float] | None = None
+    ) -> pd.DataFrame:
+        """Correct planned commands, so that the real target is where the nominal one should be.
+
+        `targets` are joint readings (m, n) [rad, mm], or a file or DataFrame with columns q1_rad …,
+        wanted positions x_mm y_mm z_mm where they are not the nominal ones, and what the model
+        needs. `bound` (rad, mm) is the largest change that is no mistake. Returns a row a command:
+        `modelsel.correct` says what is in it. Raises DataError.
+        """
+        from .compensation import MAX_CORRECTION, correct, tabulate_readings
+
+        table = tabulate_readings(self, targets) if isinstance(targets, np.ndarray) else targets
+        return correct(self, table, bound=MAX_CORRECTION if bound is None else bound)
+
+    def export(self, form: str) -> Exported:
+        """Export to "urdf", "dh", "mdh", "json", "csv", "python" or "table".
+
+        The result holds the text, its largest error when read back, and what the form leaves out.
+        Raises StudyError for another form, or where a name cannot be written.
+        """
+        from .export import export
+
+        return export(self, form)
+
+    def save(self, folder: Path | str) -> Path:
+        """Write calibration.json into a folder and return its path; `load_calibration` reads it.
+        Raises StudyError where it cannot be written."""
+        from .storage import save_calibration
+
+        return save_calibration(self, folder)
+
     def problem(self, data: Measurements, *, another_day: bool = True) -> Problem:
-        """These data bound to the calibrated set-up. On `another_day` drift stands at the middle of
-        the campaign that was fitted. Raises DataError where a target, a group or a covariate is not
-        known."""
+        """Bind measurements to the calibrated set-up.
+
+        On `another_day` a drift is taken at the middle of the fitted campaign. Raises DataError
+        where a target, a group or a covariate is not known.
+        """
         if data.gauges is not None:
             raise DataError(
-                "the file has rows that are no points, and a calibration is held against points alone.",
+                "some rows are not points, and a calibration is compared with points only.",
                 remedy="Leave out the rows of other kinds, or make a study of the file.",
             )
-        target = _matched(data.target, data.targets, self.targets, "target", len(self.targets) > 1)
-        many = any(
-            isinstance(s.cause, Member) and s.cause.kind == "group"
-            for t in self.terms
-            for s in t.screws
-        )
-        group = _matched(
-            data.group,
-            data.groups,
-            self.groups,
-            "group",
-            many or float(np.ptp(self.placement[1], axis=0).max(initial=0.0)) > 0,
-        )
-        progress = np.full(len(data), MIDDLE) if another_day else data.progress
-        here = replace(
+        several = len(self.targets) > 1
+        bound_data = replace(
             data,
-            target=target,
+            target=_match_names(data.target, data.targets, self.targets, "target", several),
             targets=self.targets,
-            group=group,
+            group=_match_names(
+                data.group, data.groups, self.groups, "group", self._groups_differ()
+            ),
             groups=self.groups,
-            progress=progress,
+            progress=np.full(len(data), MID_CAMPAIGN) if another_day else data.progress,
         )
-        bound = Problem(
+        rotations = None if data.rotation is None else self._rotations()
+        problem = Problem(
             self.robot,
-            here,
+            bound_data,
             self.tools,
             self.placement,
-            None if data.rotation is None else self._rotations(),
+            rotations,
             tracker=self.tracker,
         )
-        missing = sorted(self.needs() - bound.names().keys())
+        missing = sorted(self.needs() - problem.names().keys())
         if missing:
             raise DataError(
                 f"the calibrated model needs {', '.join(missing)}, which the file does not have.",
                 remedy="Add a column for each.",
             )
-        return bound
+        return problem
+
+    def _groups_differ(self) -> bool:
+        """Whether the calibration knows its groups apart: by placement, or by a term of one."""
+        causes = [screw.cause for term in self.terms for screw in term.screws]
+        if any(isinstance(cause, Member) and cause.kind == "group" for cause in causes):
+            return True
+        return bool(np.ptp(self.placement[1], axis=0).max(initial=0.0) > 0)
 
     def _rotations(self) -> Array:
-        return (
-            np.tile(np.eye(3), (len(self.tools), 1, 1))
-            if self.tool_rotations is None
-            else self.tool_rotations
-        )
+        """Return the targets' orientations (T, 3, 3), the flange's where they have none."""
+        if self.tool_rotations is None:
+            return np.tile(np.eye(3), (len(self.tools), 1, 1))
+        return self.tool_rotations
 
     def to_frame(self) -> pd.DataFrame:
-        """A row a term: mechanism, symbol, where and why, estimate, standard error, unit, whether
+        """Tabulate the terms: mechanism, symbol, screws, estimate, standard error, unit, and whether
         the data determine it."""
         import pandas as pd
 
-        owner = {t.screws: m.name for m in reversed(self.model.mechanisms) for t in m.terms}
+        owner = {t.key: m.name for m in reversed(self.model.mechanisms) for t in m.terms}
         return pd.DataFrame(
             {
-                "mechanism": [owner[t.screws] for t in self.terms],
+                "mechanism": [owner[t.key] for t in self.terms],
                 "symbol": [t.symbol for t in self.terms],
                 "screws": ["; ".join(map(str, t.screws)) for t in self.terms],
                 "estimate": self.theta,
@@ -158,18 +227,18 @@ class Calibration:
         return f"<p>{escape(repr(self))}</p>{self.to_frame().to_html(index=False, max_rows=60)}"
 
 
-def _matched(
-    index: Index, names: tuple[str, ...], known: tuple[str, ...], what: str, told: bool
+def _match_names(
+    index: Index, names: tuple[str, ...], known: tuple[str, ...], kind: str, distinct: bool
 ) -> Index:
-    """Rows' indices among the `known` names; where all of these are alike (not `told` apart),
-    unknown names are the first."""
+    """Return rows' indices among the `known` names; where these are not `distinct`, unknown names
+    count as the first."""
     place = {name: k for k, name in enumerate(known)}
-    for name in names:
-        if name not in place and told:
-            raise DataError(
-                f'{what} "{name}" was not calibrated. {suggest(name, known)}',
-                remedy="Use a calibrated one, or validate with --register where the set-up is new.",
-            )
+    unknown = [name for name in names if name not in place]
+    if unknown and distinct:
+        raise DataError(
+            f'{kind} "{unknown[0]}" was not calibrated. {suggest(unknown[0], known)}',
+            remedy="Use a calibrated one, or validate with --register where the set-up is new.",
+        )
     return np.array([place.get(name, 0) for name in names], dtype=np.intp)[index]
 
 
@@ -182,89 +251,63 @@ def calibrate(
     registered: bool,
     provenance: Mapping[str, str],
 ) -> Calibration:
-    """The calibration of a model fitted to the rows of a study that fit; its refits are another's
-    to add."""
-    problem, some = split.problem, split.training()
-    names = {f"q{j}" for j in range(1, problem.robot.n + 1)} | set(problem.data.covariates)
-    names |= {n for m in fitted.model.mechanisms for n in m.names()} - {
-        "target",
-        "group",
-        "feature",
-    }
-    ranges = {
-        name: (float(some.value(name).min()), float(some.value(name).max()))
-        for name in sorted(names)
-    }
-    whole = fitted.factor * (fitted.sigma if np.isfinite(fitted.sigma) else 1.0)
-    factor = np.array([float(f"{v:.{DIGITS}g}") for v in whole.ravel()]).reshape(whole.shape)
-    of_arm = [
-        k for k, t in enumerate(fitted.terms) if not t.fixture
-    ]  # anchors and planes are no part of it
-    kept = tuple(i for i, k in enumerate(of_arm) if k in fitted.found.kept)
+    """Return the calibration of a model fitted to a study's rows, without refits: features of the
+    set-up are no part of it."""
+    problem = split.problem
+    of_arm = [k for k, term in enumerate(fitted.terms) if not term.fixture]
+    kept = tuple(place for place, k in enumerate(of_arm) if k in fitted.found.kept)
+    factor = _round_factor(fitted)
     if len(of_arm) < len(fitted.terms):
-        factor = _triangle(factor[of_arm], kept)
+        factor = _triangularise(factor[of_arm], kept)
     return Calibration(
-        study,
-        problem.robot,
-        problem.data.targets,
-        problem.data.groups,
-        problem.tools,
-        problem.tool_rotations,
-        problem.placement,
-        registered,
-        problem.tracker,
-        _arm(fitted.model),
-        fitted.theta[of_arm],
-        factor,
-        kept,
-        floor,
-        held_out_rms_mm,
-        ranges,
-        dict(provenance),
+        study=study,
+        robot=problem.robot,
+        targets=problem.data.targets,
+        groups=problem.data.groups,
+        tools=problem.tools,
+        tool_rotations=problem.tool_rotations,
+        placement=problem.placement,
+        registered=registered,
+        tracker=problem.tracker,
+        model=_remove_fixtures(fitted.model),
+        theta=fitted.theta[of_arm],
+        factor=factor,
+        kept=kept,
+        floor=floor,
+        held_out_rms_mm=held_out_rms_mm,
+        ranges=_find_ranges(split.training(), fitted.model),
+        provenance=dict(provenance),
     )
 
 
-def _arm(model: Model) -> Model:
-    """Without the terms that move features of the set-up."""
-    return (
-        model
-        if not any(t.fixture for t in model.terms)
-        else part_of(model, lambda t: not t.fixture)
-    )
+def _find_ranges(training: Problem, model: Model) -> dict[str, tuple[float, float]]:
+    """Return the least and largest value of every joint reading, covariate and name in a cause."""
+    joints = {f"q{j}" for j in range(1, training.robot.n + 1)}
+    causes = {name for mechanism in model.mechanisms for name in mechanism.names()}
+    names = joints | set(training.data.covariates) | causes - PLACED_NAMES
+    values = {name: training.value(name) for name in sorted(names)}
+    return {name: (float(v.min()), float(v.max())) for name, v in values.items()}
 
 
-def _triangle(factor: Array, kept: tuple[int, ...]) -> Array:
-    """(p, len(kept)) factor of the same covariance, a row of the kept ones nought before its own
-    column, as the file has it."""
-    out = np.zeros((len(factor), len(kept)))
-    some = factor[list(kept)]
-    out[list(kept)] = np.linalg.qr(some[::-1].T)[1].T[::-1, ::-1]
-    return out
+def _round_factor(fitted: Fit) -> Array:
+    """Return the factor of the covariance to FACTOR_DIGITS digits."""
+    scale = fitted.sigma if np.isfinite(fitted.sigma) else 1.0
+    factor = fitted.factor * scale
+    rounded = [float(f"{v:.{FACTOR_DIGITS}g}") for v in factor.ravel()]
+    return np.array(rounded).reshape(factor.shape)
 
 
-def pose_of(problem: Problem, terms: tuple[Term, ...], theta: Array) -> Pose:
-    """The exact chain of all rows at parameters theta, in frame 0."""
-    rows = slice(0, len(problem))
-    return problem.pose(rows, twist_of(problem, terms, theta, rows))
+def _remove_fixtures(model: Model) -> Model:
+    """Return a model without the terms that move features of the set-up."""
+    if not any(term.fixture for term in model.terms):
+        return model
+    return part_of(model, lambda term: not term.fixture)
 
 
-def in_tracker(problem: Problem, points: Array) -> Array:
-    """Points (m, 3) of frame 0 in the tracker's frame."""
-    R, t = problem.placement[0][problem.data.group], problem.placement[1][problem.data.group]
-    return np.asarray(np.einsum("mij,mj->mi", R, points) + t)
-
-
-def predict(calibration: Calibration, problem: Problem) -> Array:
-    """(m, 3) mm: where the calibrated robot has the target, in the tracker's frame."""
-    return in_tracker(problem, pose_of(problem, calibration.terms, calibration.theta).target.T)
-
-
-def uncertainty(calibration: Calibration, problem: Problem) -> Array:
-    """(m, 3, r) mm: columns whose products summed are the covariance of the predicted positions,
-    noise left out."""
-    out = np.empty((len(problem), 3, calibration.factor.shape[1]))
-    for rows in problem.blocks(512):
-        at = problem.pose(rows, twist_of(problem, calibration.terms, calibration.theta, rows))
-        columns = columns_of(problem, field_of(problem, at, rows), calibration.terms, rows)[:, :3]
-        out[rows] = np.einsum("pcm,pr->mcr", columns, calibration.factor)
-    return out
+def _triangularise(factor: Array, kept: tuple[int, ...]) -> Array:
+    """Return a factor (p, len(kept)) of the same covariance whose kept rows are zero before their
+    own column, as the file has it."""
+    triangular = np.zeros((len(factor), len(kept)))
+    reversed_rows = factor[list(kept)][::-1]
+    triangular[list(kept)] = np.linalg.qr(reversed_rows.T)[1].T[::-1, ::-1]
+    return triangular

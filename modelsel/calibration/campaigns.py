@@ -8,35 +8,41 @@ for their number (Holm 1979). What moved is then said in the fewest terms that e
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from .._typing import Array
+from .._linalg import TINY, project_out
+from .._typing import Array, Index
 from ..exceptions import StudyError
-from ..fitting.design import design
+from ..fitting.design import compute_design
 from ..fitting.identifiability import identify
 from ..fitting.reduction import reduce
 from ..mechanisms.geometry import setup
 from ..mechanisms.terms import Term
+from ..robot.kinematics import Joint
 from .calibration import Calibration
-from .constant_part import workspace
+from .constant_part import sample_workspace
 from .mechanism_changes import (
-    LEVEL,
-    SEEN,
+    DEFINITE_CHANGES,
+    POWER_QUANTILE,
+    SIGNIFICANCE,
     MechanismChange,
     Motions,
-    mechanisms,
-    quantile,
-    told,
-    two_sided,
+    compare_mechanisms,
+    describe_change,
+    two_sided_p,
+    two_sided_quantile,
 )
 
-SAME_MM = 1e-6  # two nominal robots alike to this are one
-CONFIGURATIONS = 300
-WORTH = 9.0  # χ² that a term must explain to be said
-LISTED = 6
-ALIKE = 2.0  # and by how much less another may, and still do as well
+MAX_DIFFERENCE_MM = 1e-6  # between the transforms of two nominal robots that are one
+CONFIGURATIONS = 300  # drawn from what both campaigns have seen
+MIN_CHI2 = 9.0  # that a term must explain to be named
+MAX_CHI2_LOSS = 2.0  # by how much less another term may explain and still do as well
+MIN_FREE_NORM = 1e-6  # of a unit column beyond the chosen ones, to be another direction
+MAX_LISTED = 6
 
 
 @dataclass(frozen=True)
@@ -57,8 +63,8 @@ class Change:
 
 @dataclass(frozen=True)
 class Explanation:
-    """A change of one term that, beside those before it, explains the difference best; `alike` move
-    the arm as it does."""
+    """A change of one term that, with those before it, explains the difference best; the terms
+    `alike` would explain it as well."""
 
     mechanism: str
     symbol: str
@@ -71,25 +77,24 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All parameters tested, the most surprising first; the fewest terms that explain what moved;
-    mechanisms; what could not be compared."""
+    """Two campaigns compared: all parameters tested, the most surprising first; the fewest terms
+    that explain what changed; the mechanisms; what could not be compared."""
 
     changes: tuple[Change, ...]
     explained_by: tuple[Explanation, ...]
     mechanisms: tuple[MechanismChange, ...]
     left_aside: tuple[str, ...]
-    seen_mm: (
-        tuple[float, float] | None
-    )  # from where a change of the best, of the worst told parameter would have been seen
+    # from where a change of the best, of the worst determined parameter would have been seen
+    seen_mm: tuple[float, float] | None
 
     @property
     def moved(self) -> tuple[Change, ...]:
         """The changes beyond chance."""
-        return tuple(c for c in self.changes if c.p <= LEVEL)
+        return tuple(c for c in self.changes if c.p <= SIGNIFICANCE)
 
 
-def holm(p: Array) -> Array:
-    """p-values (k,) corrected for their number, step down (Holm 1979)."""
+def correct_holm(p: Array) -> Array:
+    """Correct p-values (k,) for their number, step down (Holm 1979)."""
     order = np.argsort(p, kind="stable")
     stepped = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
     out = np.empty(len(p))
@@ -97,193 +102,338 @@ def holm(p: Array) -> Array:
     return out
 
 
-def same_robot(a: Calibration, b: Calibration) -> None:
-    """Refuses two nominal robots that differ. Raises StudyError."""
+def require_same_robot(a: Calibration, b: Calibration) -> None:
+    """Raise StudyError where two nominal robots differ."""
     ja, jb = a.robot.joints, b.robot.joints
-    if len(ja) != len(jb) or any(
-        np.abs(x.before - y.before).max() > SAME_MM or x.prismatic != y.prismatic
-        for x, y in zip(ja, jb, strict=True)
-    ):
+    same = len(ja) == len(jb) and all(map(_is_same_joint, ja, jb))
+    if not same:
         raise StudyError(
             f"{a.robot.name} and {b.robot.name} are not the same nominal robot: nothing can be compared."
         )
 
 
-def compare(a: Calibration, b: Calibration) -> Comparison:
-    """Campaign b against campaign a, on configurations that both have seen. Raises StudyError."""
-    same_robot(a, b)
-    both = {
-        name: (max(pair[0], b.ranges[name][0]), min(pair[1], b.ranges[name][1]))
-        for name, pair in a.ranges.items()
-        if name in b.ranges
-    }
-    ranges = {
-        name: (low, max(high, low))
-        for name, (low, high) in {**b.ranges, **a.ranges, **both}.items()
-    }
-    at = workspace(replace(a, ranges=ranges, model=a.model + b.model.mechanisms), m=CONFIGURATIONS)
-    placing = setup(a.robot, 1, 1, True, False).terms if a.registered or b.registered else ()
-    terms = tuple(dict.fromkeys([*placing, *(t for c in (a, b) for t in c.terms)]))
-    place = {t.screws: k for k, t in reversed(list(enumerate(terms)))}
-    theta, factors = np.zeros((2, len(terms))), []
-    for k, c in enumerate((a, b)):
-        own = np.array([place[t.screws] for t in c.terms], dtype=np.intp)
-        theta[k, own] = c.theta
-        factor = np.zeros((len(terms), c.factor.shape[1]))
-        factor[own] = c.factor
-        factors.append(factor)
-    X = design(at, terms)[0]
-    found = identify(
-        reduce(X.transpose(0, 1, 2).reshape(-1, len(terms)), np.zeros(X.shape[0] * X.shape[1]))
-    )
-    kept, relation = list(found.exact), found.relation
-    before, after = theta @ relation
-    F = np.concatenate([relation.T @ f for f in factors], 1)
-    spread = np.sqrt(np.square(F).sum(1))
-    tested = [
-        i
-        for i, k in enumerate(kept)
-        if spread[i] > 0 and terms[k] not in placing and _in_both(a, b, terms[k])
-    ]
-    p = holm(np.array([two_sided((after[i] - before[i]) / spread[i]) for i in tested]))
-    size = np.sqrt(np.square(X).sum(1).mean(0))
-    owner = {
-        t.screws: m.name for c in (b, a) for m in reversed(c.model.mechanisms) for t in m.terms
-    }
-    changes = [
-        Change(
-            owner[t.screws],
-            t.symbol,
-            t.unit,
-            float(before[i]),
-            float(after[i]),
-            float(spread[i]),
-            float(q),
-            float(abs(after[i] - before[i]) * size[kept[i]]),
-        )
-        for i, q in zip(tested, p, strict=True)
-        for t in (terms[kept[i]],)
-    ]
-    changes.sort(key=lambda c: (c.p, -abs(c.after - c.before) / c.standard_error))
-    explained: list[Explanation] = []
-    if len(p) and p.min() <= LEVEL:
-        open_ = [
-            k
-            for k, t in enumerate(terms)
-            if t not in placing and t.screws in owner and _in_both(a, b, t)
-        ]
-        for k, by, error, alike in _fewest(
-            (after - before)[tested], F[tested], relation[np.ix_(open_, tested)]
-        ):
-            t = terms[open_[k]]
-            explained.append(
-                Explanation(
-                    owner[t.screws],
-                    t.symbol,
-                    t.unit,
-                    by,
-                    error,
-                    float(abs(by) * size[open_[k]]),
-                    tuple(
-                        f"{o.symbol} of {owner[o.screws]}"
-                        for j in alike
-                        for o in (terms[open_[j]],)
-                    ),
-                )
-            )
-    each = [np.linalg.norm(relation.T[tested] @ f, axis=1) for f in factors]
-    surer = float(np.median(each[1] / np.maximum(each[0], 1e-300))) if tested else 1.0
-    named = mechanisms(
-        Motions((a, b), terms, theta, factors, X, surer), {e.mechanism for e in explained}
-    )
-    least = (
-        (quantile(LEVEL / max(len(tested), 1)) + SEEN)
-        * spread[tested]
-        * size[np.array(kept, dtype=np.intp)[tested]]
+def _is_same_joint(x: Joint, y: Joint) -> bool:
+    near = np.abs(x.before - y.before).max() <= MAX_DIFFERENCE_MM
+    return bool(near) and x.prismatic == y.prismatic
+
+
+def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
+    """Compare campaign b with campaign a, on configurations that both have seen. Raises
+    StudyError."""
+    require_same_robot(a, b)
+    space = _build_common_space(a, b)
+    tested = _select_tested(space)
+    changes, p = _test_parameters(space, tested)
+    significant = bool(len(p)) and p.min() <= SIGNIFICANCE
+    explained = _explain(space, tested) if significant else ()
+    moved = {explanation.mechanism for explanation in explained}
+    motions = Motions(
+        (a, b), space.terms, space.theta, space.factors, space.X, _error_ratio(space, tested)
     )
     return Comparison(
-        tuple(changes),
-        tuple(explained),
-        named,
-        tuple(t.symbol for t in placing),
-        (float(least.min()), float(least.max())) if tested else None,
+        changes,
+        explained,
+        compare_mechanisms(motions, moved),
+        tuple(term.symbol for term in space.placing),
+        _find_detectable_range(space, tested),
     )
 
 
-def _fewest(d: Array, F: Array, directions: Array) -> list[tuple[int, float, float, list[int]]]:
-    """(term, its change, standard error, terms that would do as well), one after the other, until
-    what is left of the difference d (k,) with covariance F Fᵀ is chance: generalised least squares
-    on the `directions` (terms, k) of single terms."""
+@dataclass(frozen=True, eq=False)
+class _CommonSpace:
+    """Both campaigns in one set of representatives.
+
+    `X` (m, 3, p) columns of all terms at common configurations; `theta` (2, p) and `factors` of the
+    campaigns' covariances; `kept` places of the representatives, `relation` (p, r) from all terms
+    to them; `placing` the terms that a new placement takes up.
+    """
+
+    campaigns: tuple[Calibration, Calibration]
+    terms: tuple[Term, ...]
+    placing: tuple[Term, ...]
+    theta: Array
+    factors: list[Array]
+    X: Array
+    kept: Index
+    relation: Array
+
+    @cached_property
+    def shared(self) -> set[tuple[Hashable, ...]]:
+        """Keys of the terms that both campaigns fitted."""
+        first, second = ({term.key for term in c.terms} for c in self.campaigns)
+        return first & second
+
+    @cached_property
+    def owner(self) -> dict[tuple[Hashable, ...], str]:
+        """The mechanism of every term, by its screws; the first campaign's where both have it."""
+        a, b = self.campaigns
+        mechanisms = [m for c in (b, a) for m in reversed(c.model.mechanisms)]
+        return {term.key: m.name for m in mechanisms for term in m.terms}
+
+    @cached_property
+    def displacement(self) -> Array:
+        """Rms displacement (p,) of the target per unit of every term [mm]."""
+        return np.asarray(np.sqrt(np.square(self.X).sum(1).mean(0)))
+
+    @cached_property
+    def estimates(self) -> Array:
+        """Representatives (2, r) in both campaigns."""
+        return np.asarray(self.theta @ self.relation)
+
+    @cached_property
+    def difference(self) -> Array:
+        """Second campaign minus first (r,)."""
+        before, after = self.estimates
+        return np.asarray(after - before)
+
+    @cached_property
+    def difference_factor(self) -> Array:
+        """Factor (r, k) of the difference's covariance."""
+        return np.concatenate([self.relation.T @ factor for factor in self.factors], 1)
+
+    @cached_property
+    def standard_errors(self) -> Array:
+        """Standard errors (r,) of the difference."""
+        return np.asarray(np.sqrt(np.square(self.difference_factor).sum(1)))
+
+    def is_comparable(self, term: Term) -> bool:
+        """Whether both campaigns fitted a term, and no new placement takes it up."""
+        return term not in self.placing and term.key in self.shared
+
+
+def _build_common_space(a: Calibration, b: Calibration) -> _CommonSpace:
+    model = a.model + b.model.mechanisms
+    problem = sample_workspace(
+        replace(a, ranges=_intersect_ranges(a, b), model=model), m=CONFIGURATIONS
+    )
+    registered = a.registered or b.registered
+    placing = setup(a.robot, 1, 1, True, False).terms if registered else ()
+    terms = tuple(dict.fromkeys([*placing, *a.terms, *b.terms]))
+    X = compute_design(problem, terms)[0]
+    rows = X.transpose(0, 1, 2).reshape(-1, len(terms))
+    identified = identify(reduce(rows, np.zeros(len(rows))))
+    placed = [_place_estimates(c, terms) for c in (a, b)]
+    return _CommonSpace(
+        (a, b),
+        terms,
+        placing,
+        np.array([theta for theta, _ in placed]),
+        [factor for _, factor in placed],
+        X,
+        np.array(identified.exact, dtype=np.intp),
+        identified.relation,
+    )
+
+
+def _intersect_ranges(a: Calibration, b: Calibration) -> dict[str, tuple[float, float]]:
+    """Return what both campaigns have seen of a value; of a value that one alone has, what it has
+    seen."""
+    ranges = {**b.ranges, **a.ranges}
+    for name in a.ranges.keys() & b.ranges.keys():
+        low = max(a.ranges[name][0], b.ranges[name][0])
+        high = min(a.ranges[name][1], b.ranges[name][1])
+        ranges[name] = (low, max(high, low))
+    return ranges
+
+
+def _place_estimates(c: Calibration, terms: Sequence[Term]) -> tuple[Array, Array]:
+    """Return a campaign's theta (p,) and covariance factor (p, r) among the terms of both; zero for
+    the other's terms."""
+    place = {term.key: k for k, term in reversed(list(enumerate(terms)))}
+    places = np.array([place[term.key] for term in c.terms], dtype=np.intp)
+    theta = np.zeros(len(terms))
+    theta[places] = c.theta
+    factor = np.zeros((len(terms), c.factor.shape[1]))
+    factor[places] = c.factor
+    return theta, factor
+
+
+def _select_tested(space: _CommonSpace) -> Index:
+    """Select the representatives that both campaigns fitted and the data determine."""
+    comparable = np.array([space.is_comparable(space.terms[k]) for k in space.kept], dtype=bool)
+    return np.flatnonzero(comparable & (space.standard_errors > 0))
+
+
+def _test_parameters(space: _CommonSpace, tested: Index) -> tuple[tuple[Change, ...], Array]:
+    """Test every representative: (changes, the most surprising first; p-values corrected for their
+    number, in the order of `tested`)."""
+    z = space.difference[tested] / space.standard_errors[tested]
+    p = correct_holm(np.array([two_sided_p(value) for value in z.tolist()]))
+    changes = [_build_change(space, i, value) for i, value in zip(tested, p.tolist(), strict=True)]
+    changes.sort(
+        key=lambda change: (change.p, -abs(change.after - change.before) / change.standard_error)
+    )
+    return tuple(changes), p
+
+
+def _build_change(space: _CommonSpace, i: int, p: float) -> Change:
+    term = space.terms[space.kept[i]]
+    before, after = space.estimates[:, i].tolist()
+    return Change(
+        mechanism=space.owner[term.key],
+        symbol=term.symbol,
+        unit=term.unit,
+        before=before,
+        after=after,
+        standard_error=float(space.standard_errors[i]),
+        p=p,
+        moves_mm=float(abs(space.difference[i]) * space.displacement[space.kept[i]]),
+    )
+
+
+def _explain(space: _CommonSpace, tested: Index) -> tuple[Explanation, ...]:
+    """Explain the difference by the fewest terms that both campaigns fitted."""
+    comparable = [space.is_comparable(term) for term in space.terms]
+    open_terms = np.flatnonzero(comparable)
+    steps = _select_fewest_terms(
+        space.difference[tested],
+        space.difference_factor[tested],
+        space.relation[np.ix_(open_terms, tested)],
+    )
+    return tuple(_build_explanation(space, open_terms.tolist(), step) for step in steps)
+
+
+def _build_explanation(space: _CommonSpace, open_terms: list[int], step: _Step) -> Explanation:
+    place = open_terms[step.term]
+    term = space.terms[place]
+    others = [space.terms[open_terms[k]] for k in step.alike]
+    return Explanation(
+        mechanism=space.owner[term.key],
+        symbol=term.symbol,
+        unit=term.unit,
+        by=step.change,
+        standard_error=step.standard_error,
+        moves_mm=float(abs(step.change) * space.displacement[place]),
+        alike=tuple(f"{other.symbol} of {space.owner[other.key]}" for other in others),
+    )
+
+
+def _error_ratio(space: _CommonSpace, tested: Index) -> float:
+    """Return the second campaign's standard errors over the first's, in the median."""
+    if not len(tested):
+        return 1.0
+    relation = space.relation.T[tested]
+    first, second = (np.linalg.norm(relation @ factor, axis=1) for factor in space.factors)
+    return float(np.median(second / np.maximum(first, TINY)))
+
+
+def _find_detectable_range(space: _CommonSpace, tested: Index) -> tuple[float, float] | None:
+    """Return the rms displacements [mm] from which a change of the best and of the worst determined
+    parameter would have been seen; None where none is tested."""
+    if not len(tested):
+        return None
+    errors = two_sided_quantile(SIGNIFICANCE / len(tested)) + POWER_QUANTILE
+    displacement = space.displacement[space.kept[tested]]
+    least = errors * space.standard_errors[tested] * displacement
+    return float(least.min()), float(least.max())
+
+
+# -- the fewest terms that explain a difference
+# ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A chosen term, its change with standard error, and the terms that would do as well."""
+
+    term: int
+    change: float
+    standard_error: float
+    alike: list[int]
+
+
+def _select_fewest_terms(difference: Array, factor: Array, directions: Array) -> list[_Step]:
+    """Select terms one after the other until what they leave of a difference is chance.
+
+    `difference` (k,) has the covariance factor factorᵀ; `directions` (terms, k) is what a unit of
+    each term changes. Generalised least squares by orthogonal matching pursuit.
+    """
     from scipy.linalg import qr, solve_triangular
     from scipy.special import chdtrc
 
-    L = qr(F.T, mode="r")[0][: len(d)].T  # F Fᵀ = L Lᵀ
-    z, V = solve_triangular(L, d, lower=True), solve_triangular(L, directions.T, lower=True)
-    size = np.linalg.norm(V, axis=0)
-    V = V[:, :] / np.where(size > 0, size, 1.0)
-    Q, chosen, alike = np.zeros((len(d), 0)), list[int](), list[list[int]]()
-    left = z
-    while len(chosen) < len(d) and chdtrc(len(d) - len(chosen), float(left @ left)) < LEVEL:
-        free = V - Q @ (Q.T @ V)
-        norm = np.linalg.norm(free, axis=0)
-        gain = np.where(norm > 1e-6, (free.T @ left) ** 2 / np.maximum(norm, 1e-6) ** 2, -1.0)
-        best = int(np.argmax(gain))
-        if gain[best] < WORTH:
+    count = len(difference)
+    L = qr(factor.T, mode="r")[0][:count].T  # factor factorᵀ = L Lᵀ
+    response = solve_triangular(L, difference, lower=True)
+    columns = solve_triangular(L, directions.T, lower=True)
+    lengths = np.linalg.norm(columns, axis=0)
+    columns = columns / np.where(lengths > 0, lengths, 1.0)
+    basis, residual = np.zeros((count, 0)), response
+    chosen, alike = list[int](), list[list[int]]()
+    while len(chosen) < count:
+        if chdtrc(count - len(chosen), float(residual @ residual)) >= SIGNIFICANCE:
             break
-        alike.append([j for j in np.flatnonzero(gain > gain[best] - ALIKE).tolist() if j != best])
+        free = project_out(columns, basis)
+        norms = np.linalg.norm(free, axis=0)
+        gains = _explained_chi2(free, norms, residual)
+        best = int(np.argmax(gains))
+        if gains[best] < MIN_CHI2:
+            break
+        rivals = np.flatnonzero(gains > gains[best] - MAX_CHI2_LOSS).tolist()
+        alike.append([rival for rival in rivals if rival != best])
         chosen.append(best)
-        Q = np.column_stack([Q, free[:, best] / norm[best]])
-        left = z - Q @ (Q.T @ z)
-    if not chosen:
-        return []
-    R = Q.T @ V[:, chosen]
-    by = np.linalg.solve(R, Q.T @ z)
-    error = np.linalg.norm(np.linalg.inv(R), axis=1)
+        basis = np.column_stack([basis, free[:, best] / norms[best]])
+        residual = response - basis @ (basis.T @ response)
+    changes, errors = _solve_chosen(basis, columns[:, chosen], response)
     return [
-        (k, float(b / size[k]), float(e / size[k]), others)
-        for k, b, e, others in zip(chosen, by, error, alike, strict=True)
+        _Step(term, float(change / lengths[term]), float(error / lengths[term]), others)
+        for term, change, error, others in zip(chosen, changes, errors, alike, strict=True)
     ]
 
 
-def _in_both(a: Calibration, b: Calibration, term: Term) -> bool:
-    return all(term.screws in {t.screws for t in c.terms} for c in (a, b))
+def _explained_chi2(free: Array, norms: Array, residual: Array) -> Array:
+    """Return the χ² that each direction explains; -1 for one that the chosen ones span."""
+    explained = (free.T @ residual) ** 2 / np.maximum(norms, MIN_FREE_NORM) ** 2
+    return np.where(norms > MIN_FREE_NORM, explained, -1.0)
 
 
-def sentences(found: Comparison) -> list[str]:
-    """What changed, in words; what did not, too, and how large a change would have been seen (with
+def _solve_chosen(basis: Array, columns: Array, response: Array) -> tuple[Array, Array]:
+    """Return the changes of the chosen terms and their standard errors."""
+    R = basis.T @ columns
+    changes = np.linalg.solve(R, basis.T @ response)
+    errors = np.linalg.norm(np.linalg.inv(R), axis=1)
+    return np.asarray(changes), np.asarray(errors)
+
+
+def describe_comparison(comparison: Comparison) -> list[str]:
+    """Describe what changed and what did not, and how large a change would have been seen (with
     90 %)."""
-    out = [told(m) for m in found.mechanisms]
-    for e in found.explained_by:
-        also = f" (or as well: {', '.join(e.alike[:LISTED])})" if e.alike else ""
-        out.append(
-            f"{e.symbol} of {e.mechanism}{also} changed by {e.by:.3g} ± {e.standard_error:.2g} {e.unit}: "
-            f"{e.moves_mm:.3g} mm rms at the target."
+    sentences = [describe_change(change) for change in comparison.mechanisms]
+    sentences += map(_describe_explanation, comparison.explained_by)
+    sentences.append(_summarise(comparison))
+    if comparison.left_aside:
+        sentences.append(
+            "The set-up was registered again: motions that the tracker or the target would also make "
+            f"({', '.join(comparison.left_aside)}) cannot be compared."
         )
-    least = min((c.p for c in found.changes), default=1.0)
-    counted = f"{len(found.changes)} parameters tested, p = {least:.2g} for the most surprising, corrected for their number"
-    if found.seen_mm is None:
-        out.append("No parameter is fitted in both campaigns: nothing else can be compared.")
-    elif found.explained_by:
-        out.append(
-            f"These are the fewest terms that explain the difference of the parameters ({counted})."
+    return sentences
+
+
+def _describe_explanation(explanation: Explanation) -> str:
+    alike = ", ".join(explanation.alike[:MAX_LISTED])
+    also = f" (or equally well: {alike})" if alike else ""
+    return (
+        f"{explanation.symbol} of {explanation.mechanism}{also} changed by {explanation.by:.3g} ± "
+        f"{explanation.standard_error:.2g} {explanation.unit}: {explanation.moves_mm:.3g} mm rms at the target."
+    )
+
+
+def _summarise(comparison: Comparison) -> str:
+    """Return the sentence on all parameters tested."""
+    least = min((change.p for change in comparison.changes), default=1.0)
+    tested = f"{len(comparison.changes)} parameters tested, p = {least:.2g} for the most surprising, corrected for their number"
+    if comparison.seen_mm is None:
+        return "No parameter is fitted in both campaigns: nothing else can be compared."
+    if comparison.explained_by:
+        return (
+            f"These are the fewest terms that explain the difference of the parameters ({tested})."
         )
-    elif found.moved:
-        names = ", ".join(f"{c.symbol} of {c.mechanism}" for c in found.moved[:LISTED])
-        out.append(f"{names} changed beyond chance, but no few terms explain it ({counted}).")
-    else:
-        other = (
-            "else "
-            if any(m.what in ("came", "went", "grew", "shrank") for m in found.mechanisms)
-            else ""
-        )
-        low, high = found.seen_mm
-        out.append(
-            f"Nothing {other}changed beyond chance ({counted}); a change of one by {low:.2g} mm rms at the target, of the "
-            f"least told by {high:.2g} mm, would have been seen."
-        )
-    if found.left_aside:
-        out.append(
-            "The set-up was registered anew: what moves the arm as the tracker or the target would "
-            f"({', '.join(found.left_aside)}) cannot be compared."
-        )
-    return out
+    if comparison.moved:
+        moved = comparison.moved[:MAX_LISTED]
+        names = ", ".join(f"{change.symbol} of {change.mechanism}" for change in moved)
+        return f"{names} changed beyond chance, but no few terms explain it ({tested})."
+    changed = any(change.what in DEFINITE_CHANGES for change in comparison.mechanisms)
+    low, high = comparison.seen_mm
+    return (
+        f"Nothing {'else ' if changed else ''}changed beyond chance ({tested}). A change of {low:.2g} mm rms at the "
+        f"target in the best determined parameter, of {high:.2g} mm in the worst, would have been seen."
+    )

@@ -17,27 +17,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..exceptions import sentence_list
+from ..exceptions import DataError, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import Source
 from ..robot.kinematics import forward
 from ..robot.rigid import rotation_vector
-from .calibration import Calibration, in_tracker, pose_of, uncertainty
+from .prediction import compute_pose, propagate_uncertainty, to_tracker_frame
 
 if TYPE_CHECKING:
     import pandas as pd
 
-ITERATIONS = 60
-REACHED_MM = 1e-3  # 1 µm
-SETTLED_MM = 1e-7
+    from .calibration import Calibration
+
+MAX_ITERATIONS = 60
+START_DAMPING, MIN_DAMPING, MAX_DAMPING = 1e-9, 1e-12, 1e6  # of the trace of J Jᵀ
+REACHED_MM = 1e-3  # 1 µm: a row that is nearer is reached
+SETTLED_MM = 1e-7  # a row that is nearer is left alone
 # what a radian of a wanted orientation weighs against a mm, and a slide's mm against a radian
 LEVER_MM = 100.0
-BOUND = (10e-3, 20.0)  # rad, mm: what a correction may change before it is more likely a mistake
-EDGE = 0.01  # of a range: further beyond it is said
-AT_LIMIT = 1e-9  # rad, mm: a command at the limit, as it comes back from degrees
-READ_IN = {"rad": 1.0, "deg": 180 / np.pi, "mm": 1.0, "m": 1e-3}  # units of readings, in rad or mm
+MAX_CORRECTION = (10e-3, 20.0)  # rad, mm: a correction beyond is more likely a mistake
+RANGE_TOLERANCE = 0.01  # of a range: a value further beyond it is noted
+LIMIT_TOLERANCE = 1e-9  # rad, mm: a command at the limit, as it comes back from degrees
+UNITS_PER_READING = {"rad": 1.0, "deg": 180 / np.pi, "mm": 1.0, "m": 1e-3}  # from rad or mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,229 +93,317 @@ class Commands:
         return out
 
 
-def commanded(at: Problem, q: Array) -> Problem:
-    """The problem at other joint readings, all else as it was: the direction and size of the moves
-    are those of the plan."""
-    return at.anew(data=replace(at.data, q=q))
+def replace_readings(at: Problem, q: Array) -> Problem:
+    """Return the problem at other joint readings, all else as it was: the direction and size of the
+    moves are those of the plan."""
+    return replace(at, data=replace(at.data, q=q))
 
 
-def nominal(at: Problem) -> Array:
-    """(m, 3) where the nominal robot has the target, in the tracker's frame."""
-    return in_tracker(at, forward(at.robot, at.data.q, at.tool))
+def predict_nominal(at: Problem) -> Array:
+    """Predict where the nominal robot has the target (m, 3), in the tracker's frame."""
+    return to_tracker_frame(at, forward(at.robot, at.data.q, at.tool))
 
 
-def _error(c: Calibration, at: Problem, wanted: Array) -> tuple[Array, Array]:
-    """(what is missing (m, c), its derivative to the joints (m, c, n)) in frame 0: mm, and with
-    orientations rad · LEVER_MM."""
-    pose, R = pose_of(at, c.terms, c.theta), at.placement[0][at.data.group]
-    inside = np.einsum("mji,mj->mi", R, wanted - at.placement[1][at.data.group])
-    joint = [2 if j.prismatic else 5 for j in at.robot.joints]
-    J = pose.displacement()[range(at.robot.n), joint].transpose(2, 1, 0)
+def _pose_error(c: Calibration, at: Problem, wanted: Array) -> tuple[Array, Array]:
+    """Return what is missing (m, k) in frame 0 and its derivative to the joints (m, k, n): mm, and
+    with orientations rad · LEVER_MM."""
+    pose = compute_pose(at, c.terms, c.theta)
+    R, t = (part[at.data.group] for part in at.placement)
+    inside = np.einsum("mji,mj->mi", R, wanted - t)
+    moving_axis = [2 if joint.prismatic else 5 for joint in at.robot.joints]  # tz or rz
+    joints = range(at.robot.n)
+    J = pose.displacement()[joints, moving_axis].transpose(2, 1, 0)
     error = inside - pose.target.T
     if at.data.rotation is None:
         return error, J
-    turned = np.einsum("mji,mjk,mlk->mil", R, at.data.rotation, pose.rotation.transpose(2, 0, 1))
-    turns = np.array([not j.prismatic for j in at.robot.joints])
-    K = pose.axes[range(at.robot.n), joint].transpose(2, 1, 0) * turns
-    return np.concatenate([error, LEVER_MM * rotation_vector(turned)], 1), np.concatenate(
-        [J, LEVER_MM * K], 1
-    )
+    rotation = pose.rotation.transpose(2, 0, 1)
+    turn = rotation_vector(np.einsum("mji,mjk,mlk->mil", R, at.data.rotation, rotation))
+    revolute = ~np.array(at.robot.prismatic)
+    K = pose.axes[joints, moving_axis].transpose(2, 1, 0) * revolute
+    both_errors = np.concatenate([error, LEVER_MM * turn], 1)
+    return both_errors, np.concatenate([J, LEVER_MM * K], 1)
 
 
-def compensate(c: Calibration, data: Measurements) -> Commands:
-    """Corrected commands for planned ones: `data.q` nominal commands, `data.position` wanted
-    positions (nan: where the nominal robot has the target), `data.rotation` wanted orientations
-    where there are any. Raises DataError."""
-    start = c.problem(data)
-    wanted = np.where(np.isnan(data.position), nominal(start), data.position)
-    scale = np.array([LEVER_MM if j.prismatic else 1.0 for j in c.robot.joints])
-    q, damping = data.q.copy(), np.full(len(data), 1e-9)
-    error, J = _error(c, start, wanted)
-    before, size = error, np.linalg.norm(error, axis=1)
-    for _ in range(ITERATIONS):
-        going = (size > SETTLED_MM) & (damping < 1e6)
-        if not going.any():
-            break
-        Js = J[going] * scale
-        inner = Js @ Js.transpose(0, 2, 1)
-        weight = damping[going] * np.trace(inner, axis1=1, axis2=2)
+@dataclass(eq=False)
+class _Inversion:
+    """Commands q (m, n) on their way: the error there with its length, its derivative J, and every
+    row's damping."""
+
+    q: Array
+    error: Array
+    J: Array
+    size: Array
+    damping: Array
+
+    def unsettled(self) -> NDArray[np.bool_]:
+        """Return the rows (m,) that are not there yet and may still come nearer."""
+        return (self.size > SETTLED_MM) & (self.damping < MAX_DAMPING)
+
+    def propose(self, rows: NDArray[np.bool_], scale: Array) -> Array:
+        """Return the commands after a damped step of least joint change in some rows; `scale` (n,)
+        weighs the joints."""
+        J = self.J[rows] * scale
+        inner = J @ J.transpose(0, 2, 1)
+        weight = self.damping[rows] * np.trace(inner, axis1=1, axis2=2)
         damped = inner + weight[:, None, None] * np.eye(inner.shape[1])
-        step = Js.transpose(0, 2, 1) @ np.linalg.solve(damped, error[going, :, None])
-        trial = q.copy()
-        trial[going] += step[:, :, 0] * scale
-        e, slope = _error(c, commanded(start, trial), wanted)
-        new = np.linalg.norm(e, axis=1)
-        better = going & (new < size)
-        error = np.where(better[:, None], e, error)
-        q[better], J[better], size[better] = trial[better], slope[better], new[better]
-        damping = np.where(
-            better, np.maximum(damping / 10, 1e-12), np.where(going, damping * 10, damping)
-        )
-    left, turned = np.linalg.norm(error[:, :3], axis=1), data.rotation is not None
-    model = np.sqrt(np.square(uncertainty(c, commanded(start, q))).sum((1, 2)))
+        step = J.transpose(0, 2, 1) @ np.linalg.solve(damped, self.error[rows, :, None])
+        trial = self.q.copy()
+        trial[rows] += step[:, :, 0] * scale
+        return trial
+
+    def accept(self, rows: NDArray[np.bool_], trial: Array, error: Array, J: Array) -> None:
+        """Take the rows of a trial that come nearer; damp the others more."""
+        size = np.linalg.norm(error, axis=1)
+        better = rows & (size < self.size)
+        self.error = np.where(better[:, None], error, self.error)
+        self.q[better] = trial[better]
+        self.J[better] = J[better]
+        self.size[better] = size[better]
+        relaxed = np.maximum(self.damping / 10, MIN_DAMPING)
+        raised = np.where(rows, self.damping * 10, self.damping)
+        self.damping = np.where(better, relaxed, raised)
+
+
+def compensate_commands(c: Calibration, data: Measurements) -> Commands:
+    """Correct planned commands.
+
+    `data.q` are nominal commands, `data.position` wanted positions (NaN: where the nominal robot
+    has the target), `data.rotation` wanted orientations where there are any. Raises DataError.
+    """
+    start = c.problem(data)
+    wanted = np.where(np.isnan(data.position), predict_nominal(start), data.position)
+    before, J = _pose_error(c, start, wanted)
+    size = np.linalg.norm(before, axis=1)
+    inversion = _Inversion(data.q.copy(), before, J, size, np.full(len(data), START_DAMPING))
+    scale = np.where(c.robot.prismatic, LEVER_MM, 1.0)
+    for _ in range(MAX_ITERATIONS):
+        rows = inversion.unsettled()
+        if not rows.any():
+            break
+        trial = inversion.propose(rows, scale)
+        inversion.accept(rows, trial, *_pose_error(c, replace_readings(start, trial), wanted))
+    return _summarise_commands(c, start, wanted, before, inversion)
+
+
+def _summarise_commands(
+    c: Calibration, start: Problem, wanted: Array, before: Array, inversion: _Inversion
+) -> Commands:
+    q, left = inversion.q, inversion.error
+    factors = propagate_uncertainty(c, replace_readings(start, q))
+    model_mm = np.sqrt(np.square(factors).sum((1, 2)))
+    left_mm = np.linalg.norm(left[:, :3], axis=1)
+    noise = 3 * c.floor.coordinate_mm**2
+    turned = start.data.rotation is not None
     return Commands(
-        q,
-        q - data.q,
-        wanted,
-        np.linalg.norm(before[:, :3], axis=1),
-        left,
-        model,
-        np.sqrt(left**2 + model**2 + 3 * c.floor.coordinate_mm**2),
-        np.linalg.norm(before[:, 3:], axis=1) / LEVER_MM if turned else None,
-        np.linalg.norm(error[:, 3:], axis=1) / LEVER_MM if turned else None,
-        past_limits(c, q),
+        q=q,
+        change=q - start.data.q,
+        wanted=wanted,
+        before_mm=np.linalg.norm(before[:, :3], axis=1),
+        left_mm=left_mm,
+        model_mm=model_mm,
+        expected_mm=np.sqrt(left_mm**2 + model_mm**2 + noise),
+        before_rad=np.linalg.norm(before[:, 3:], axis=1) / LEVER_MM if turned else None,
+        left_rad=np.linalg.norm(left[:, 3:], axis=1) / LEVER_MM if turned else None,
+        beyond=find_past_limits(c, q),
     )
 
 
-def past_limits(c: Calibration, q: Array) -> NDArray[np.bool_]:
-    """(m, n) readings beyond their joint's limits; none where these are not known."""
+def find_past_limits(c: Calibration, q: Array) -> NDArray[np.bool_]:
+    """Find the readings (m, n) beyond their joint's limits; none where these are not known."""
     low, high = np.array([j.limits or (-np.inf, np.inf) for j in c.robot.joints]).T
-    return np.asarray((q < low - AT_LIMIT) | (q > high + AT_LIMIT))
+    return np.asarray((q < low - LIMIT_TOLERANCE) | (q > high + LIMIT_TOLERANCE))
 
 
-def correct(c: Calibration, targets: Source, *, bound: tuple[float, float] = BOUND) -> pd.DataFrame:
-    """Corrected commands of a file or DataFrame of planned ones (q1_rad … or _deg, wanted x_mm y_mm
-    z_mm or none, and what the model looks at), with the error before, and what is left and expected
-    after. Warns of what the calibration has never seen and of rows that are not reached. `bound`:
-    rad and mm that a correction may not pass. Raises DataError."""
+def correct(
+    c: Calibration, targets: Source, *, bound: tuple[float, float] = MAX_CORRECTION
+) -> pd.DataFrame:
+    """Correct the planned commands of a file or DataFrame.
+
+    Columns are q1_rad … (or _deg), wanted x_mm y_mm z_mm where they are not the nominal ones, and
+    what the model needs. Returns the corrected commands, with the error before, what is left and
+    what is expected. `bound` (rad, mm): a correction beyond it is refused. Warns of configurations
+    that the calibration has not seen and of rows that are not reached. Raises DataError.
+    """
     from warnings import warn
 
     data = read_measurements(targets, c.robot.prismatic, positions=False, once=False)
-    made = compensate(c, data)
-    refuse(c, made, data, bound, Path(targets).name if isinstance(targets, (str, PathLike)) else "")
-    missed = int((~made.reached).sum())
-    for said in (
-        *outside(c, data),
-        *from_order(c, data),
-        *at_limits(made),
-        *(
-            [f"{missed} of {len(data)} rows are not reached: see {made.where_left}."]
-            if missed
-            else []
-        ),
-    ):
-        warn(said, stacklevel=2)
-    return commands_frame(c, data, made.q, made.wanted, made.figures())
+    file = Path(targets).name if isinstance(targets, (str, PathLike)) else ""
+    commands, notes = correct_measurements(c, data, bound, file)
+    missed = int((~commands.reached).sum())
+    if missed:
+        notes.append(f"{missed} of {len(data)} rows are not reached: see {commands.where_left}.")
+    for note in notes:
+        warn(note, stacklevel=2)
+    return build_commands_table(c, data, commands.q, commands.wanted, commands.figures())
 
 
-def commands_frame(
+def correct_measurements(
+    c: Calibration, data: Measurements, bound: tuple[float, float], file: str
+) -> tuple[Commands, list[str]]:
+    """Correct planned commands and list what to note about them. Raises DataError where a change is
+    beyond the bound (rad, mm); `file` is its name, empty for a DataFrame."""
+    commands = compensate_commands(c, data)
+    refuse_large_changes(c, commands, data, bound, file)
+    notes = [
+        *describe_extrapolation(c, data),
+        *describe_order_dependence(c, data),
+        *describe_limit_violations(commands),
+    ]
+    return commands, notes
+
+
+def tabulate_readings(c: Calibration, q: Array) -> pd.DataFrame:
+    """Tabulate joint readings (m, n) [rad, mm] as planned commands. Raises DataError for another
+    number of joints."""
+    import pandas as pd
+
+    if q.ndim != 2 or q.shape[1] != c.robot.n:
+        shape = " x ".join(map(str, q.shape))
+        raise DataError(
+            f"joint readings: expected an array of m x {c.robot.n}, found {shape}.",
+            remedy="Give one row a configuration, one column a joint.",
+        )
+    names = [f"q{j}_{c.robot.unit(j)}" for j in range(1, c.robot.n + 1)]
+    return pd.DataFrame(q, columns=names)
+
+
+def build_commands_table(
     c: Calibration, data: Measurements, q: Array, x: Array, more: Mapping[str, Array]
 ) -> pd.DataFrame:
-    """Commands q (m, n) and positions x (m, 3) as a table in the form of a measurements file, the
+    """Tabulate commands q (m, n) and positions x (m, 3) in the form of a measurements file, the
     commands in the units of the planned ones, with `more` columns."""
     import pandas as pd
 
     units = data.units or [c.robot.unit(j) for j in range(1, c.robot.n + 1)]
     columns: dict[str, object] = {
-        f"q{j}_{unit}": q[:, j - 1] * READ_IN[unit] for j, unit in enumerate(units, 1)
+        f"q{j}_{unit}": q[:, j - 1] * UNITS_PER_READING[unit] for j, unit in enumerate(units, 1)
     }
     columns |= dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
     columns["target"] = np.array(data.targets)[data.target]
-    columns |= {
-        f"approach{j + 1}": data.approach[:, j].astype(int) for j in range(c.robot.n)
-    } | dict(data.covariates)
-    return pd.DataFrame(columns | dict(more))
+    columns |= {f"approach{j}": column for j, column in enumerate(data.approach.T.astype(int), 1)}
+    return pd.DataFrame({**columns, **data.covariates, **more})
 
 
-def refuse(
-    c: Calibration, made: Commands, data: Measurements, bound: tuple[float, float], file: str
+def refuse_large_changes(
+    c: Calibration,
+    commands: Commands,
+    data: Measurements,
+    bound: tuple[float, float],
+    file: str,
 ) -> None:
-    """Raises DataError with the first row that would be changed by more than the bound (rad, mm);
+    """Raise DataError with the first row that would be changed by more than the bound (rad, mm);
     `file`: empty for a DataFrame."""
-    slides = np.array(c.robot.prismatic)
-    over = np.abs(made.change) / np.where(slides, bound[1], bound[0])
-    whole = np.column_stack([over, made.before_mm / bound[1]])
-    bad = np.flatnonzero((whole > 1).any(1))
-    if not len(bad):
+    bounds = np.where(c.robot.prismatic, bound[1], bound[0])
+    joint_shares = np.abs(commands.change) / bounds
+    shares = np.column_stack([joint_shares, commands.before_mm / bound[1]])
+    rows = np.flatnonzero((shares > 1).any(1))
+    if not len(rows):
         return
-    row = int(bad[0])
-    k = int(np.argmax(whole[row]))
-    what = (
-        f"the target would be moved by {made.before_mm[row]:.3g} mm"
-        if k == c.robot.n
-        else f"joint {k + 1} would be changed by "
-        + (
-            f"{made.change[row, k]:.3g} mm"
-            if slides[k]
-            else f"{made.change[row, k] * 1e3:.3g} mrad"
-        )
-    )
+    first = int(rows[0])
+    change = _describe_largest_change(c, commands, first, int(np.argmax(shares[first])))
+    count = f" ({len(rows)} such rows)" if len(rows) > 1 else ""
+    done, option = ("written", "--bound") if file else ("changed", "the bound")
     raise data.where.refuse(
-        f"{what}, beyond the bound of {bound[0] * 1e3:g} mrad and {bound[1]:g} mm"
-        + (f" ({len(bad)} such rows)." if len(bad) > 1 else "."),
-        row=int(data.row[row]),
-        remedy=f"Nothing was {'written' if file else 'changed'}. Check that the wanted position belongs "
-        f"to the command, or raise {'--bound' if file else 'the bound'}.",
+        f"{change}, beyond the bound of {bound[0] * 1e3:g} mrad and {bound[1]:g} mm{count}.",
+        row=int(data.row[first]),
+        remedy=f"Nothing was {done}. Check that the wanted position belongs to the command, or raise {option}.",
     )
 
 
-def outside(c: Calibration, data: Measurements) -> list[str]:
-    """What is asked of beyond what the calibration has seen, in words: joint readings and the
-    covariates its model looks at."""
-    n, out = c.robot.n, []
-    values = {f"q{j + 1}": data.q[:, j] for j in range(n)} | {
-        k: v for k, v in data.covariates.items() if k in c.needs()
-    }
-    for name, seen in values.items():
-        if name not in c.ranges:
-            continue
-        low, high = c.ranges[name]
-        slack = EDGE * (high - low)
-        beyond = int(((seen < low - slack) | (seen > high + slack)).sum())
-        if beyond:
-            factor, unit = _shown(c, name)
-            known = f"{low * factor:.4g} to {high * factor:.4g}{unit}"
-            out.append(
-                f"{name}: {beyond} of {len(data)} rows lie beyond the {known} that the calibration has seen; there the "
-                "model is a guess."
-            )
-    out += [
-        f"joint {j}: {count} of {len(data)} rows lie beyond its limits."
-        for j, count in enumerate(past_limits(c, data.q).sum(0).tolist(), 1)
-        if count
-    ]
-    unknown = sorted(
-        int(name.removeprefix("approach"))
-        for name in c.needs()
-        if name.startswith("approach")
-        and (data.approach[:, int(name.removeprefix("approach")) - 1] == 0).any()
-    )
-    out += [
-        f"joint {j}: the direction of approach of some rows is not known (0): its backlash is taken at the middle there."
-        for j in unknown
-    ]
-    return out
+def _describe_largest_change(c: Calibration, commands: Commands, row: int, joint: int) -> str:
+    """Describe a row's change of a joint (from 0), or of the target where `joint` is their
+    number."""
+    if joint == c.robot.n:
+        return f"the target would be moved by {commands.before_mm[row]:.3g} mm"
+    change = commands.change[row, joint]
+    size = f"{change:.3g} mm" if c.robot.joints[joint].prismatic else f"{change * 1e3:.3g} mrad"
+    return f"joint {joint + 1} would be changed by {size}"
 
 
-def from_order(c: Calibration, data: Measurements) -> list[str]:
-    """That the model looks at motions which nobody gave but the order of the targets, in words."""
-    own, out = any(n.code == "approach-from-order" for n in data.notes), []
-    for stem, what in (("approach", "directions of approach"), ("move", "sizes of the moves")):
-        joints = sorted(
-            int(n.removeprefix(stem))
-            for n in c.needs()
-            if n.removeprefix(stem).isdigit() and n.startswith(stem)
-        )
-        if joints and (own or stem == "move"):
-            remedy = " or give approach columns" if stem == "approach" else ""
-            out.append(
-                f"joint{'s' * (len(joints) > 1)} {sentence_list([str(j) for j in joints])}: the {what} are taken from the "
-                f"order of the targets in the file. Run them in this order{remedy}."
-            )
-    return out
-
-
-def at_limits(made: Commands) -> list[str]:
-    """Which corrected commands no joint can take, in words."""
+def describe_extrapolation(c: Calibration, data: Measurements) -> list[str]:
+    """Describe what lies beyond what the calibration has seen: joint readings, the covariates that
+    its model uses, joint limits, unknown directions of approach."""
     return [
-        f"joint {j}: {count} of {len(made.q)} corrected commands lie beyond its limits."
-        for j, count in enumerate(made.beyond.sum(0).tolist(), 1)
+        *_describe_beyond_ranges(c, data),
+        *_describe_past_limits(c, data),
+        *_describe_unknown_approach(c, data),
+    ]
+
+
+def _describe_beyond_ranges(c: Calibration, data: Measurements) -> list[str]:
+    needs = c.needs()
+    values = {f"q{j}": readings for j, readings in enumerate(data.q.T, 1)}
+    values |= {name: column for name, column in data.covariates.items() if name in needs}
+    sentences = []
+    for name in [name for name in values if name in c.ranges]:
+        low, high = c.ranges[name]
+        slack = RANGE_TOLERANCE * (high - low)
+        beyond = (values[name] < low - slack) | (values[name] > high + slack)
+        if beyond.any():
+            factor, unit = _reading_unit(c, name)
+            known = f"{low * factor:.4g} to {high * factor:.4g}{unit}"
+            sentences.append(
+                f"{name}: {int(beyond.sum())} of {len(data)} rows lie beyond the {known} that the calibration has seen; "
+                "there the model extrapolates."
+            )
+    return sentences
+
+
+def _describe_past_limits(c: Calibration, data: Measurements) -> list[str]:
+    counts = find_past_limits(c, data.q).sum(0).tolist()
+    return [
+        f"joint {j}: {count} of {len(data)} rows lie beyond its limits."
+        for j, count in enumerate(counts, 1)
         if count
     ]
 
 
-def _shown(c: Calibration, name: str) -> tuple[float, str]:
-    """(factor, unit) in which people read a value: degrees and mm for joints."""
-    if name not in {f"q{j}" for j in range(1, c.robot.n + 1)}:
+def _describe_unknown_approach(c: Calibration, data: Measurements) -> list[str]:
+    joints = _joints_of(c, "approach")
+    return [
+        f"joint {j}: the direction of approach is unknown (0) in some rows; the middle of the backlash is taken there."
+        for j in joints
+        if (data.approach[:, j - 1] == 0).any()
+    ]
+
+
+def _joints_of(c: Calibration, stem: str) -> list[int]:
+    """List the joints whose value of a stem ("approach", "move") the model uses."""
+    numbers = [name.removeprefix(stem) for name in c.needs() if name.startswith(stem)]
+    return sorted(int(number) for number in numbers if number.isdigit())
+
+
+def describe_order_dependence(c: Calibration, data: Measurements) -> list[str]:
+    """Describe which motions that the model uses follow from the order of the targets alone."""
+    from_order = any(note.code == "approach-from-order" for note in data.notes)
+    approach = _joints_of(c, "approach") if from_order else []
+    sentences = []
+    for joints, what, remedy in (
+        (approach, "directions of approach", " or give approach columns"),
+        (_joints_of(c, "move"), "sizes of the moves", ""),
+    ):
+        if joints:
+            named = sentence_list([str(j) for j in joints])
+            sentences.append(
+                f"joint{'s' * (len(joints) > 1)} {named}: the {what} are taken from the order of the targets in the "
+                f"file. Run them in this order{remedy}."
+            )
+    return sentences
+
+
+def describe_limit_violations(commands: Commands) -> list[str]:
+    """Describe which corrected commands are beyond their joint's limits."""
+    counts = commands.beyond.sum(0).tolist()
+    return [
+        f"joint {j}: {count} of {len(commands.q)} corrected commands lie beyond its limits."
+        for j, count in enumerate(counts, 1)
+        if count
+    ]
+
+
+def _reading_unit(c: Calibration, name: str) -> tuple[float, str]:
+    """Return the factor and unit in which people read a value: degrees and mm for joints."""
+    joints = {f"q{j}": joint for j, joint in enumerate(c.robot.joints, 1)}
+    if name not in joints:
         return 1.0, ""
-    return (1.0, " mm") if c.robot.joints[int(name[1:]) - 1].prismatic else (180 / np.pi, " deg")
+    return (1.0, " mm") if joints[name].prismatic else (180 / np.pi, " deg")

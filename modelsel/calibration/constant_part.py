@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import add, mul, sub, truediv
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,15 +14,19 @@ from .._typing import Array
 from ..fitting.design import PLACE
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements, measurements
-from ..measurements.reader import RESERVED
+from ..measurements.state_names import is_state_name
 from ..mechanisms.causes import Cause, Combined, Member, Number
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..robot.rigid import transform, turn
-from .calibration import Calibration, pose_of
-from .refitting import carries, part_of
+from .prediction import compute_pose
+from .refitting import part_of, select_carried
 
-TRIED = 400  # configurations that a round trip is measured at
+if TYPE_CHECKING:
+    from .calibration import Calibration
+
+OPERATORS = {"+": add, "-": sub, "*": mul, "/": truediv}
+SAMPLED_CONFIGURATIONS = 400  # configurations that a round trip is measured at
 
 
 @dataclass(frozen=True)
@@ -35,7 +41,7 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
+class ConstantChain:
     """The constant part: every joint's transform with its errors in it, and where each target sits
     on the flange (4, 4)."""
 
@@ -43,133 +49,139 @@ class Carried:
     targets: Mapping[str, Array]
 
 
-def enough(c: Calibration, form: str) -> str:
+def resolve_form(c: Calibration, form: str) -> str:
     """ "whole" where a form ("geometry", "table", "whole") carries all terms, else the form."""
-    return "whole" if all(map(carries(c.model, form), c.terms)) else form
+    return "whole" if all(map(select_carried(c.model, form), c.terms)) else form
 
 
-def alone(c: Calibration, form: str) -> Calibration:
-    """The calibration of what a form ("geometry", "table", "whole") carries: as refitted without
-    the rest, or, where there is no refit, as estimated with it."""
-    if enough(c, form) == "whole":
+def restrict_to_form(c: Calibration, form: str) -> Calibration:
+    """Return the calibration of what a form ("geometry", "table", "whole") carries: as refitted
+    without the rest, or, where there is no refit, as estimated with it."""
+    if resolve_form(c, form) == "whole":
         return c
-    found, keep = None if c.refits is None else c.refits.alone.get(form), carries(c.model, form)
-    some = [k for k, t in enumerate(c.terms) if keep(t)] if found is None else list(found.terms)
-    return _some(c, some, c.theta[some] if found is None else found.theta)
+    refit = None if c.refits is None else c.refits.alone.get(form)
+    if refit is not None:
+        return _select_terms(c, refit.terms, refit.theta)
+    carries = select_carried(c.model, form)
+    places = [k for k, term in enumerate(c.terms) if carries(term)]
+    return _select_terms(c, places, c.theta[places])
 
 
-def missing(c: Calibration, form: str) -> list[Part]:
-    """What a form cannot carry, for the first target and group."""
-    keep = carries(c.model, form)
-    some = [k for k, t in enumerate(c.terms) if not keep(t)]
-    constant, varying = parts(_some(c, some, c.theta[some]))
+def list_left_out(c: Calibration, form: str) -> list[Part]:
+    """List what a form cannot carry, for the first target and group."""
+    carries = select_carried(c.model, form)
+    places = [k for k, term in enumerate(c.terms) if not carries(term)]
+    constant, varying = split_parts(_select_terms(c, places, c.theta[places]))
     return constant + varying
 
 
-def _some(c: Calibration, some: Sequence[int], theta: Array) -> Calibration:
-    """The calibration of some of its terms, at other estimates."""
-    screws = {c.terms[k].screws for k in some}
+def _select_terms(c: Calibration, places: Sequence[int], theta: Array) -> Calibration:
+    """Return the calibration of the terms at some places, at other estimates."""
+    screws = {c.terms[place].key for place in places}
     return replace(
         c,
-        model=part_of(c.model, lambda t: t.screws in screws),
+        model=part_of(c.model, lambda term: term.key in screws),
         theta=theta,
-        factor=c.factor[list(some)],
-        kept=tuple(i for i, k in enumerate(some) if k in c.kept),
+        factor=c.factor[list(places)],
+        kept=tuple(k for k, place in enumerate(places) if place in c.kept),
     )
 
 
-def fixed(cause: Cause, target: int, group: int) -> Cause:
-    """The cause for one target and group: a constant, where nothing else is in it, is a Number."""
+def fix_members(cause: Cause, target: int, group: int) -> Cause:
+    """Return the cause for one target and group: a Number where nothing else is in it."""
     if isinstance(cause, Member):
-        return Number(float(cause.index == (target if cause.kind == "target" else group)))
-    if isinstance(cause, Combined):
-        a, b = fixed(cause.left, target, group), fixed(cause.right, target, group)
-        if isinstance(a, Number) and isinstance(b, Number):
-            value = {"+": a.number + b.number, "-": a.number - b.number, "*": a.number * b.number}
-            return Number(a.number / b.number if cause.operator == "/" else value[cause.operator])
-        return Combined(cause.operator, a, b)
-    return cause
+        chosen = target if cause.kind == "target" else group
+        return Number(float(cause.index == chosen))
+    if not isinstance(cause, Combined):
+        return cause
+    left, right = fix_members(cause.left, target, group), fix_members(cause.right, target, group)
+    if isinstance(left, Number) and isinstance(right, Number):
+        operate = OPERATORS[cause.operator]
+        return Number(operate(left.number, right.number))
+    return Combined(cause.operator, left, right)
 
 
-def parts(c: Calibration, target: int = 0, group: int = 0) -> tuple[list[Part], list[Part]]:
-    """(the constant screws, those that vary with the state) of every term that is not nought, for
-    one target and group."""
-    owner = {t.screws: m.name for m in reversed(c.model.mechanisms) for t in m.terms}
+def split_parts(c: Calibration, target: int = 0, group: int = 0) -> tuple[list[Part], list[Part]]:
+    """Split every term that is not zero into its constant screws and those that vary with the
+    state, for one target and group."""
     constant, varying = list[Part](), list[Part]()
-    for term, value, error in zip(
-        c.terms, c.theta.tolist(), c.standard_errors.tolist(), strict=True
-    ):
+    estimates = zip(c.terms, c.theta.tolist(), c.standard_errors.tolist(), strict=True)
+    owner = {term.key: m.name for m in reversed(c.model.mechanisms) for term in m.terms}
+    for term, value, error in estimates:
         if not value:
             continue
-        screws = [Screw(s.frame, s.axis, fixed(s.cause, target, group)) for s in term.screws]
-        for out, some in (
-            (constant, [s for s in screws if isinstance(s.cause, Number)]),
-            (varying, [s for s in screws if not isinstance(s.cause, Number)]),
-        ):
-            if some:
-                out.append(
-                    Part(owner[term.screws], replace(term, screws=tuple(some)), value, error)
-                )
+        screws = [Screw(s.frame, s.axis, fix_members(s.cause, target, group)) for s in term.screws]
+        fixed = tuple(s for s in screws if isinstance(s.cause, Number))
+        moving = tuple(s for s in screws if not isinstance(s.cause, Number))
+        mechanism = owner[term.key]
+        if fixed:
+            constant.append(Part(mechanism, replace(term, screws=fixed), value, error))
+        if moving:
+            varying.append(Part(mechanism, replace(term, screws=moving), value, error))
     return constant, varying
 
 
-def constants(c: Calibration, target: int = 0, group: int = 0) -> Array:
-    """(n+1, 6) constant entries of every H for one target and group."""
-    out = np.zeros((c.robot.n + 1, 6))
-    for one in parts(c, target, group)[0]:
-        for s in one.term.screws:
-            assert isinstance(s.cause, Number)
-            out[s.frame - 1, PLACE[s.axis]] += one.value * s.cause.number
-    return out
+def constant_entries(c: Calibration, target: int = 0, group: int = 0) -> Array:
+    """Sum the constant entries (n+1, 6) of every H for one target and group."""
+    entries = np.zeros((c.robot.n + 1, 6))
+    for part in split_parts(c, target, group)[0]:
+        for screw in part.term.screws:
+            assert isinstance(screw.cause, Number)
+            entries[screw.frame - 1, PLACE[screw.axis]] += part.value * screw.cause.number
+    return entries
 
 
-def screw(entries: Array) -> Array:
-    """H = Trans(a, b, c) Rx(α) Ry(β) Rz(γ), (4, 4)."""
-    return transform(turn(0, entries[3]) @ turn(1, entries[4]) @ turn(2, entries[5]), entries[:3])
+def frame_transform(entries: Array) -> Array:
+    """Compute H = Trans(a, b, c) Rx(α) Ry(β) Rz(γ), (4, 4), of six entries."""
+    rotation = turn(0, entries[3]) @ turn(1, entries[4]) @ turn(2, entries[5])
+    return transform(rotation, entries[:3])
 
 
-def carried(c: Calibration, group: int = 0) -> Carried:
-    """The chain with its constant errors in it."""
-    H = constants(c, 0, group)
-    joints = tuple(replace(j, before=j.before @ screw(H[k])) for k, j in enumerate(c.robot.joints))
-    targets = {
-        name: transform(None, c.tools[t]) @ screw(constants(c, t, group)[-1])
-        for t, name in enumerate(c.targets)
-    }
-    robot = Robot(
-        c.robot.name,
-        f"calibrated by modelsel, study {c.study}",
-        joints,
-        c.robot.last,
-        c.robot.gravity,
+def build_constant_chain(c: Calibration, group: int = 0) -> ConstantChain:
+    """Build the chain with its constant errors in it."""
+    entries = constant_entries(c, 0, group)
+    joints = tuple(
+        replace(joint, before=joint.before @ frame_transform(entries[k]))
+        for k, joint in enumerate(c.robot.joints)
     )
-    return Carried(robot, targets)
+    targets = {}
+    for k, name in enumerate(c.targets):
+        offset = frame_transform(constant_entries(c, k, group)[-1])
+        targets[name] = transform(None, c.tools[k]) @ offset
+    source = f"calibrated by modelsel, study {c.study}"
+    robot = Robot(c.robot.name, source, joints, c.robot.last, c.robot.gravity)
+    return ConstantChain(robot, targets)
 
 
-def workspace(c: Calibration, target: int = 0, group: int = 0, m: int = TRIED) -> Problem:
-    """Configurations all over what the calibration has seen, evenly drawn, with every covariate and
+def sample_workspace(
+    c: Calibration, target: int = 0, group: int = 0, m: int = SAMPLED_CONFIGURATIONS
+) -> Problem:
+    """Sample configurations evenly from all that the calibration has seen, with every covariate and
     direction of approach."""
     rng = np.random.default_rng(0)
+    joints = range(1, c.robot.n + 1)
     values = {name: rng.uniform(low, high, m) for name, (low, high) in c.ranges.items()}
-    q = np.stack([values[f"q{j}"] for j in range(1, c.robot.n + 1)], 1)
+    q = np.stack([values[f"q{j}"] for j in joints], 1)
     data: Measurements = measurements(
         q,
         np.zeros((m, 3)),
         target=[c.targets[target]] * m,
         group=[c.groups[group]] * m,
         approach=rng.choice([-1.0, 1.0], q.shape),
-        covariates={n: v for n, v in values.items() if not RESERVED.fullmatch(n)},
+        covariates={name: v for name, v in values.items() if not is_state_name(name)},
     )
-    move = np.stack([values.get(f"move{j}", np.ones(m)) for j in range(1, c.robot.n + 1)], 1)
+    move = np.stack([values.get(f"move{j}", np.ones(m)) for j in joints], 1)
     return c.problem(replace(data, move=move))
 
 
-def points(at: Problem, some: Sequence[Part]) -> Array:
-    """(m, 3) mm: the target in frame 0 with these screws in the chain."""
-    return pose_of(at, tuple(p.term for p in some), np.array([p.value for p in some])).target.T
+def compute_points(at: Problem, parts: Sequence[Part]) -> Array:
+    """Compute the target (m, 3) [mm] in frame 0 with these screws in the chain."""
+    terms = tuple(part.term for part in parts)
+    theta = np.array([part.value for part in parts])
+    return compute_pose(at, terms, theta).target.T
 
 
-def rms_and_most(difference: Array) -> tuple[float, float]:
-    """(root mean square, largest) length of rows (m, 3)."""
-    size = np.linalg.norm(difference, axis=1)
-    return float(np.sqrt(np.square(size).mean())), float(size.max())
+def rms_and_max(difference: Array) -> tuple[float, float]:
+    """Return the root mean square and the largest length of rows (m, 3)."""
+    lengths = np.linalg.norm(difference, axis=1)
+    return float(np.sqrt(np.square(lengths).mean())), float(lengths.max())

@@ -13,17 +13,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from .._linalg import TINY, orthonormal_basis, project_out
 from .._typing import Array
 from ..exceptions import DataError
-from ..fitting.design import design
+from ..fitting.design import compute_design
+from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
+from ..fitting.whitening import UNIT
 from ..mechanisms.terms import Term
 
-FREE_MM = 10.0  # what a term that nothing is known of may move the target, rms: its prior
-HOPELESS = 1.0  # χ² over a whole pool below which no choice from it tells two apart
-RIVALS = 6  # of one effect, the most probable
-CRITERIA = ("d", "a", "o1", "o2", "o3", "o4", "o5")
-At = tuple[Sequence[Term], Array]
+PRIOR_MM = 10.0  # what a term that nothing is known of may move the target, rms: its prior
+MIN_POOL_CHI2 = 1.0  # χ² over a whole pool below which no choice from it tells two apart
+MAX_RIVALS = 6  # of one effect, the most probable
 
 
 @dataclass(frozen=True)
@@ -51,22 +52,24 @@ class Pool:
 
     def of(self, some: Sequence[Term]) -> list[int]:
         """Columns of some terms; features of the set-up have none."""
-        place = {t.screws: k for k, t in enumerate(self.terms)}
-        return list(dict.fromkeys(place[t.screws] for t in some if not t.fixture))
+        place = {t.key: k for k, t in enumerate(self.terms)}
+        return list(dict.fromkeys(place[t.key] for t in some if not t.fixture))
 
 
-def pool(known: Problem, possible: Problem, terms: Sequence[Term], at: At, sigma: float) -> Pool:
+def build_pool(
+    known: Problem, possible: Problem, terms: Sequence[Term], at: Linearisation, sigma: float
+) -> Pool:
     """Columns of the known rows and of every configuration of the possible ones, linearised at the
     fitted model; what the known rows say of features they share is projected out. Raises DataError
     where configurations have different numbers of rows."""
-    distinct = tuple({t.screws: t for t in terms if not t.fixture}.values())
-    features = tuple({t.screws: t for t in terms if t.fixture}.values())
+    distinct = tuple({t.key: t for t in terms if not t.fixture}.values())
+    features = tuple({t.key: t for t in terms if t.fixture}.values())
 
     def columns(problem: Problem, of: Sequence[Term] = distinct) -> Array:
-        plain = problem.anew(
-            whiten=1.0, data=replace(problem.data, rotation=None), tool_rotations=None
+        plain = replace(
+            problem, whitening=UNIT, data=replace(problem.data, rotation=None), tool_rotations=None
         )
-        return design(plain, of, at)[0]
+        return compute_design(plain, of, at)[0]
 
     each = np.unique(possible.data.configuration, return_counts=True)[1]
     if np.ptp(each):
@@ -75,7 +78,10 @@ def pool(known: Problem, possible: Problem, terms: Sequence[Term], at: At, sigma
             remedy="List every target in each, or none.",
         )
     order = np.argsort(possible.data.configuration, kind="stable")
-    measured = _beyond(columns(known), columns(known, features)) if features else columns(known)
+    measured = columns(known)
+    if features:
+        basis = orthonormal_basis(columns(known, features).reshape(-1, len(features)))
+        measured = project_out(measured.reshape(-1, len(distinct)), basis).reshape(measured.shape)
     return Pool(
         distinct,
         measured,
@@ -83,16 +89,6 @@ def pool(known: Problem, possible: Problem, terms: Sequence[Term], at: At, sigma
         sigma,
         known.data.configurations,
     )
-
-
-def _beyond(columns: Array, features: Array) -> Array:
-    """Columns (K, 3, p) with the span of other columns (K, 3, f) taken out."""
-    flat, other = columns.reshape(-1, columns.shape[2]), features.reshape(-1, features.shape[2])
-    U, singular, _ = np.linalg.svd(
-        other / np.maximum(np.linalg.norm(other, axis=0), 1e-300), full_matrices=False
-    )
-    Q = U[:, singular > 1e-9]
-    return np.asarray((flat - Q @ (Q.T @ flat)).reshape(columns.shape))
 
 
 # -- rivals
@@ -118,7 +114,7 @@ class _Pair:
             np.square(p.possible[:, :, columns]).sum(1).mean(0)
             + np.square(p.known[:, :, columns]).sum(1).mean(0)
         )
-        self.G = known.T @ known + np.diag((scale / FREE_MM) ** 2 + 1e-12)
+        self.G = known.T @ known + np.diag((scale / PRIOR_MM) ** 2 + 1e-12)
         self.b, self.total = known.T @ seen, float(seen @ seen)
         self.base = [columns.index(k) for k in base]
 
@@ -143,7 +139,9 @@ class _Pair:
 
     def told(self) -> float:
         """Probability that the true one is named, now."""
-        return float(_right(np.array(self.left(self.base)), np.array(self.left(slice(None)))))
+        return float(
+            _naming_probability(np.array(self.left(self.base)), np.array(self.left(slice(None))))
+        )
 
     def with_each(self) -> tuple[Array, Array]:
         """(P,) the same with each configuration of the pool added, and Δ there."""
@@ -157,21 +155,21 @@ class _Pair:
                 self.left(columns)
                 + np.einsum("pr,pr->p", e, np.linalg.solve(H, e[:, :, None])[:, :, 0])
             )
-        return _right(out[0], out[1]), out[1]
+        return _naming_probability(out[0], out[1]), out[1]
 
 
-def _right(size: Array, left: Array) -> Array:
+def _naming_probability(size: Array, left: Array) -> Array:
     """P(the true one fits better) = Φ(a)Φ(b) + Φ(−a)Φ(−b), a, b = δ √((1 ∓ ρ)/2), δ² = size, 1 − ρ²
     = left/size."""
     from scipy.special import ndtr
 
-    rho = np.sqrt(np.clip(1 - left / np.maximum(size, 1e-300), 0, 1))
+    rho = np.sqrt(np.clip(1 - left / np.maximum(size, TINY), 0, 1))
     # a from `left` itself: 1 − ρ of two that are nearly alike would cancel
     a, b = np.sqrt(left / (2 * (1 + rho))), np.sqrt(size * (1 + rho) / 2)
     return np.asarray(ndtr(a) * ndtr(b) + ndtr(-a) * ndtr(-b))
 
 
-def distinct(p: Pool, rivals: Rivals) -> tuple[Rivals | None, tuple[str, ...]]:
+def merge_indistinct(p: Pool, rivals: Rivals) -> tuple[Rivals | None, tuple[str, ...]]:
     """(the rivals without those that the whole pool would not tell from a more probable one, whose
     probability goes to that one; None where one is left; their names)."""
     kept, twins, weight = list[int](), list[str](), rivals.probability.copy()
@@ -179,7 +177,7 @@ def distinct(p: Pool, rivals: Rivals) -> tuple[Rivals | None, tuple[str, ...]]:
         for i in kept:
             pair = _Pair(p, rivals, j, i)
             pair.add_all()
-            if pair.left(slice(None)) < HOPELESS:
+            if pair.left(slice(None)) < MIN_POOL_CHI2:
                 weight[i] += weight[j]
                 twins.append(f"{rivals.names[j]} and {rivals.names[i]}")
                 break
@@ -196,7 +194,7 @@ def distinct(p: Pool, rivals: Rivals) -> tuple[Rivals | None, tuple[str, ...]]:
     ), tuple(twins)
 
 
-def _pairs(p: Pool, sets: Sequence[Rivals]) -> list[tuple[float, list[_Pair]]]:
+def _build_pairs(p: Pool, sets: Sequence[Rivals]) -> list[tuple[float, list[_Pair]]]:
     """(weight, pairs against every other) of every rival as the true one."""
     return [
         (float(r.probability[i]), [_Pair(p, r, i, j) for j in range(len(r.names)) if j != i])
@@ -205,25 +203,25 @@ def _pairs(p: Pool, sets: Sequence[Rivals]) -> list[tuple[float, list[_Pair]]]:
     ]
 
 
-def _named(pairs: list[tuple[float, list[_Pair]]], sets: int) -> float:
+def _mean_naming_probability(pairs: list[tuple[float, list[_Pair]]], sets: int) -> float:
     return sum(w * min(pair.told() for pair in against) for w, against in pairs) / sets
 
 
-def tell_apart(p: Pool, sets: Sequence[Rivals], count: int) -> tuple[list[int], list[float]]:
+def choose_for_rivals(p: Pool, sets: Sequence[Rivals], count: int) -> tuple[list[int], list[float]]:
     """(configurations of the pool in the order to measure them, probability that the true rival is
     told from its nearest before the first and after each). Greedy: each raises that probability
     most; exchanging them afterwards gained nothing."""
-    pairs = _pairs(p, sets)
+    pairs = _build_pairs(p, sets)
     every = [pair for _, against in pairs for pair in against]
     chosen: list[int] = []
     for _ in range(min(count, len(p.possible))):
-        chosen.append(_next(pairs, chosen))
+        chosen.append(_choose_next(pairs, chosen))
         for pair in every:
             pair.add(chosen[-1])
-    return chosen, [told_with(p, sets, chosen[:k]) for k in range(len(chosen) + 1)]
+    return chosen, [compute_naming_probability(p, sets, chosen[:k]) for k in range(len(chosen) + 1)]
 
 
-def _next(pairs: list[tuple[float, list[_Pair]]], blocked: Sequence[int]) -> int:
+def _choose_next(pairs: list[tuple[float, list[_Pair]]], blocked: Sequence[int]) -> int:
     """The configuration that tells best, beside what is in the pairs already."""
     value: Array = np.zeros(1)
     for weight, against in pairs:
@@ -236,15 +234,15 @@ def _next(pairs: list[tuple[float, list[_Pair]]], blocked: Sequence[int]) -> int
     return int(np.argmax(value))
 
 
-def told_with(p: Pool, sets: Sequence[Rivals], some: Sequence[int]) -> float:
+def compute_naming_probability(p: Pool, sets: Sequence[Rivals], some: Sequence[int]) -> float:
     """Probability that the true rival is told from its nearest with these configurations
     measured."""
-    pairs = _pairs(p, sets)
+    pairs = _build_pairs(p, sets)
     for _, against in pairs:
         for pair in against:
             for k in some:
                 pair.add(k)
-    return _named(pairs, len(sets))
+    return _mean_naming_probability(pairs, len(sets))
 
 
 # -- parameters
@@ -255,7 +253,7 @@ def _indices(information: Array, configurations: int) -> dict[str, Array]:
     """Criteria, larger is better, of informations (…, p, p) of unit-scaled columns: D and A as -log
     det and -log trace of the covariance; O1 … O5 from the singular values (Sun & Hollerbach 2008,
     table I)."""
-    squares = np.maximum(np.linalg.eigvalsh(information), 1e-300)
+    squares = np.maximum(np.linalg.eigvalsh(information), TINY)
     s = np.sqrt(squares)
     low, high = s[..., 0], s[..., -1]
     return {
@@ -269,7 +267,7 @@ def _indices(information: Array, configurations: int) -> dict[str, Array]:
     }
 
 
-def scaled(p: Pool, some: Sequence[Term]) -> tuple[Array, Array]:
+def scale_columns(p: Pool, some: Sequence[Term]) -> tuple[Array, Array]:
     """(known information (k, k), columns of the pool (P, r, k)): every term in units of what moves
     the target by 1 mm rms over the pool, so that mm and rad compare; in units of the noise."""
     columns = p.of(some)
@@ -279,9 +277,9 @@ def scaled(p: Pool, some: Sequence[Term]) -> tuple[Array, Array]:
     return K.T @ K, X
 
 
-def indices(p: Pool, some: Sequence[Term], rows: Sequence[int]) -> dict[str, float]:
+def compute_indices(p: Pool, some: Sequence[Term], rows: Sequence[int]) -> dict[str, float]:
     """Every criterion with some configurations of the pool measured beside the known ones."""
-    information, X = scaled(p, some)
+    information, X = scale_columns(p, some)
     added = X[list(rows)].reshape(-1, len(information))
     return {
         k: float(v)
@@ -289,15 +287,15 @@ def indices(p: Pool, some: Sequence[Term], rows: Sequence[int]) -> dict[str, flo
     }
 
 
-def determine(p: Pool, some: Sequence[Term], count: int, criterion: str) -> list[int]:
+def choose_for_parameters(p: Pool, some: Sequence[Term], count: int, criterion: str) -> list[int]:
     """Configurations of the pool in the order to measure them: greedy, then each exchanged once for
     a better one, where there is one (Fedorov 1972)."""
-    information, X = scaled(p, some)
+    information, X = scale_columns(p, some)
     gains = X.transpose(0, 2, 1) @ X
     first = p.configurations
 
     def best(inner: Array, blocked: Sequence[int]) -> int:
-        value = _fast(inner, X, gains, criterion, first + len(blocked) + 1)
+        value = _evaluate_additions(inner, X, gains, criterion, first + len(blocked) + 1)
         value[list(blocked)] = -np.inf
         return int(np.argmax(value))
 
@@ -313,7 +311,9 @@ def determine(p: Pool, some: Sequence[Term], count: int, criterion: str) -> list
     return chosen
 
 
-def _fast(inner: Array, X: Array, gains: Array, criterion: str, configurations: int) -> Array:
+def _evaluate_additions(
+    inner: Array, X: Array, gains: Array, criterion: str, configurations: int
+) -> Array:
     """(P,) the criterion with each configuration added; D and A by the matrix determinant lemma."""
     if criterion in ("d", "o1", "a"):
         C = np.linalg.inv(inner)
@@ -332,7 +332,7 @@ def _fast(inner: Array, X: Array, gains: Array, criterion: str, configurations: 
     )
 
 
-def more_needed(limit_mm: float, configurations: int, size_mm: float) -> int:
+def count_more_needed(limit_mm: float, configurations: int, size_mm: float) -> int:
     """Further configurations until an effect of a size (rms mm at the target, beyond the model) is
     found with 90 %: the limit falls with the square root of the number of configurations."""
     return max(0, int(np.ceil(configurations * (limit_mm / size_mm) ** 2)) - configurations)

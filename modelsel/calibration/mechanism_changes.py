@@ -13,16 +13,19 @@ from functools import cached_property
 
 import numpy as np
 
+from .._linalg import TINY, orthonormal_basis, project_out
 from .._typing import Array
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term
 from .calibration import Calibration
 
-LEVEL = 0.05
-GEOMETRY = ("geometric", SETUP)
-RENAMED = 0.95  # cosine of two motions that are one under two names
-SEEN = 1.28  # standard errors beyond the level's own: a change so large is seen with 90 %
-NAMED = 5.4  # standard errors from which a search among thousands names an effect with 90 %
+SIGNIFICANCE = 0.05
+GEOMETRY_NAMES = ("geometric", SETUP)
+MIN_COSINE = 0.95  # of two motions that are one under two names
+POWER_QUANTILE = 1.28  # standard errors beyond the level's own: a change so large is seen with 90 %
+NAMING_THRESHOLD = 5.4  # standard errors from which a search among thousands names with 90 %
+SINGLE_WORDS = (("went", "may have gone"), ("came", "may have come"))  # certain, else possible
+DEFINITE_CHANGES = ("came", "went", "grew", "shrank")
 
 
 @dataclass(frozen=True)
@@ -40,15 +43,15 @@ class MechanismChange:
     seen_mm: float
 
 
-def two_sided(z: float) -> float:
-    """How often chance goes beyond z, to either side."""
+def two_sided_p(z: float) -> float:
+    """Return the probability that chance goes beyond z, to either side."""
     from scipy.special import ndtr
 
     return float(2 * ndtr(-abs(z)))
 
 
-def quantile(p: float) -> float:
-    """The z beyond which, to either side, chance goes with probability p."""
+def two_sided_quantile(p: float) -> float:
+    """Return the z beyond which, to either side, chance goes with probability p."""
     from scipy.special import ndtri
 
     return float(-ndtri(p / 2))
@@ -72,27 +75,19 @@ class Motions:
         """X (3 m, p) without what the geometry and the set-up follow: both campaigns have fitted
         these along."""
         X = self.X.reshape(-1, len(self.terms))
-        geometry = {
-            t.screws
-            for c in self.campaigns
-            for m in c.model.mechanisms
-            if m.name in GEOMETRY
-            for t in m.terms
-        }
-        own = X[:, [k for k, t in enumerate(self.terms) if t.screws in geometry]]
-        U, s, _ = np.linalg.svd(
-            own / np.maximum(np.linalg.norm(own, axis=0), 1e-300), full_matrices=False
-        )
-        Q = U[:, s > 1e-9 * s.max(initial=1.0)]
-        return np.asarray(X - Q @ (Q.T @ X))
+        mechanisms = [m for c in self.campaigns for m in c.model.mechanisms]
+        shared = [m for m in mechanisms if m.name in GEOMETRY_NAMES]
+        geometry = {t.key for m in shared for t in m.terms}
+        fitted_along = X[:, [k for k, t in enumerate(self.terms) if t.key in geometry]]
+        return project_out(X, orthonormal_basis(fitted_along))
 
     def named(self, k: int) -> dict[str, list[int]]:
         """The mechanisms of campaign k (0 or 1) but the geometry: places of their terms."""
-        place = {t.screws: i for i, t in reversed(list(enumerate(self.terms)))}
+        place = {t.key: i for i, t in reversed(list(enumerate(self.terms)))}
         return {
-            m.name: [place[t.screws] for t in m.terms]
+            m.name: [place[t.key] for t in m.terms]
             for m in self.campaigns[k].model.mechanisms
-            if m.name not in GEOMETRY
+            if m.name not in GEOMETRY_NAMES
         }
 
     def whole(self, k: int, own: list[int]) -> Array:
@@ -102,59 +97,87 @@ class Motions:
     def size(self, k: int, own: list[int], along: Array) -> tuple[float, float]:
         """(rms size, its standard error) [mm] along a direction (3 m,) of what the terms do beyond
         the geometry."""
-        slope = along @ self.beyond[:, own] / (np.linalg.norm(along) or 1.0) / np.sqrt(len(self.X))
-        return float(slope @ self.theta[k, own]), float(
-            np.linalg.norm(slope @ self.factors[k][own])
-        )
+        slope = _unit(along) @ self.beyond[:, own] / np.sqrt(len(self.X))
+        error = np.linalg.norm(slope @ self.factors[k][own])
+        return float(slope @ self.theta[k, own]), float(error)
 
     def motion(self, k: int, own: list[int]) -> Array:
         """(3 m,) what the terms do beyond the geometry."""
         return np.asarray(self.beyond[:, own] @ self.theta[k, own])
 
 
-def mechanisms(found: Motions, moved: set[str]) -> tuple[MechanismChange, ...]:
-    """What is named in one campaign alone, and what is in both under two names or with terms that
-    `moved`: every mechanism but the geometry. One that went and one that came and moves the target
-    alike are one motion under two names."""
-    before, after = found.named(0), found.named(1)
-    went, came = [n for n in before if n not in after], [n for n in after if n not in before]
-    pairs = [(n, n, n) for n in before if n in after and n in moved]
-    for name in list(went):
-        like = [
-            n
-            for n in came
-            if _cosine(found.whole(0, before[name]), found.whole(1, after[n])) > RENAMED
-        ]
-        if like:
-            went.remove(name)
-            came.remove(like[0])
-            pairs.append((f"{name} (now {like[0]}, which moves the arm alike)", name, like[0]))
-    out = []
-    for called, first, second in pairs:
-        m = [found.motion(0, before[first]), found.motion(1, after[second])]
-        along = sum((x / (np.linalg.norm(x) or 1.0) for x in m), np.zeros(len(m[0])))
-        (x, sx), (y, sy) = found.size(0, before[first], along), found.size(1, after[second], along)
-        error = float(np.hypot(sx, sy)) or 1e-300
-        p = min(len(pairs) * two_sided((y - x) / error), 1.0)
-        what = (
-            ("grew" if y > x else "shrank")
-            if p <= LEVEL
-            else "changed"
-            if first in moved
-            else "did not change"
-        )
-        out.append(
-            MechanismChange(called, what, x, y, p, (quantile(LEVEL / len(pairs)) + SEEN) * error)
-        )
-    for k, names, own, certain in ((0, went, before, "went"), (1, came, after, "came")):
-        for name in names:
-            size, error = found.size(k, own[name], found.motion(k, own[name]))
-            seen = NAMED * error * (found.surer if k == 0 else 1 / found.surer)
-            what = certain if size > seen else f"may have {'gone' if k == 0 else 'come'}"
-            out.append(
-                MechanismChange(name, what, size if k == 0 else 0.0, size if k else 0.0, None, seen)
-            )
-    return tuple(out)
+def compare_mechanisms(motions: Motions, moved: set[str]) -> tuple[MechanismChange, ...]:
+    """Compare every mechanism but the geometry: those named in one campaign alone, those in both
+    under two names, and those with terms that `moved`."""
+    before, after = motions.named(0), motions.named(1)
+    went = [name for name in before if name not in after]
+    came = [name for name in after if name not in before]
+    pairs = [_Pair(name, name, name) for name in before if name in after and name in moved]
+    pairs += _match_renamed(motions, went, came)
+    renamed_before = {pair.first for pair in pairs}
+    renamed_after = {pair.second for pair in pairs}
+    changes = [_compare_pair(motions, pair, pair.first in moved, len(pairs)) for pair in pairs]
+    changes += [_judge_single(motions, 0, name) for name in went if name not in renamed_before]
+    changes += [_judge_single(motions, 1, name) for name in came if name not in renamed_after]
+    return tuple(changes)
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """One motion of both campaigns: what it is called, its name in the first and in the second."""
+
+    label: str
+    first: str
+    second: str
+
+
+def _match_renamed(motions: Motions, went: list[str], came: list[str]) -> list[_Pair]:
+    """Match mechanisms that went with ones that came and move the target alike: one motion under
+    two names."""
+    before, after = motions.named(0), motions.named(1)
+    unmatched, pairs = list(came), list[_Pair]()
+    for name in went:
+        motion = motions.whole(0, before[name])
+        alike = [n for n in unmatched if _cosine(motion, motions.whole(1, after[n])) > MIN_COSINE]
+        if alike:
+            unmatched.remove(alike[0])
+            label = f"{name} (now {alike[0]}, which moves the arm alike)"
+            pairs.append(_Pair(label, name, alike[0]))
+    return pairs
+
+
+def _compare_pair(motions: Motions, pair: _Pair, moved: bool, count: int) -> MechanismChange:
+    """Compare the sizes of one motion along the direction that both campaigns have in common; p is
+    corrected for the number of pairs."""
+    first, second = motions.named(0)[pair.first], motions.named(1)[pair.second]
+    along = _unit(motions.motion(0, first)) + _unit(motions.motion(1, second))
+    before, before_error = motions.size(0, first, along)
+    after, after_error = motions.size(1, second, along)
+    error = float(np.hypot(before_error, after_error)) or TINY
+    p = min(count * two_sided_p((after - before) / error), 1.0)
+    if p <= SIGNIFICANCE:
+        what = "grew" if after > before else "shrank"
+    else:
+        what = "changed" if moved else "did not change"
+    detectable = (two_sided_quantile(SIGNIFICANCE / count) + POWER_QUANTILE) * error
+    return MechanismChange(pair.label, what, before, after, p, detectable)
+
+
+def _judge_single(motions: Motions, campaign: int, name: str) -> MechanismChange:
+    """Judge a mechanism that one campaign alone has named: it went or came only if the other would
+    have named it."""
+    places = motions.named(campaign)[name]
+    size, error = motions.size(campaign, places, motions.motion(campaign, places))
+    ratio = motions.surer if campaign == 0 else 1 / motions.surer
+    detectable = NAMING_THRESHOLD * error * ratio
+    certain, possible = SINGLE_WORDS[campaign]
+    what = certain if size > detectable else possible
+    before, after = (size, 0.0) if campaign == 0 else (0.0, size)
+    return MechanismChange(name, what, before, after, None, detectable)
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / (np.linalg.norm(vector) or 1.0))
 
 
 def _cosine(a: Array, b: Array) -> float:
@@ -162,20 +185,31 @@ def _cosine(a: Array, b: Array) -> float:
     return float(a @ b) / size if size else 0.0
 
 
-def told(m: MechanismChange) -> str:
-    """One mechanism in words that go no further than the evidence."""
-    if m.p is None:
-        here, there = ("first", "second") if m.before_mm else ("second", "first")
-        size = f"{max(m.before_mm, m.after_mm):.3g} mm rms at the target"
-        if m.what in ("came", "went"):
-            return f"{m.name} {m.what}: {size}; the {there} campaign would have named it from {m.seen_mm:.2g} mm on."
+def describe_change(change: MechanismChange) -> str:
+    """Describe one mechanism in words that go no further than the evidence."""
+    if change.p is None:
+        return _describe_single(change)
+    sizes = (
+        f"{change.before_mm:.3g} to {change.after_mm:.3g} mm rms at the target (p = {change.p:.2g})"
+    )
+    if change.what in ("grew", "shrank"):
+        return f"{change.name} {change.what}: {sizes}."
+    if change.what == "changed":
+        return f"The terms of {change.name} changed, its size did not beyond chance: {sizes}."
+    return f"{change.name} did not change beyond chance: {sizes}; a change of {change.seen_mm:.2g} mm would have been seen."
+
+
+def _describe_single(change: MechanismChange) -> str:
+    """Describe a mechanism that one campaign alone has named."""
+    named, other = ("first", "second") if change.before_mm else ("second", "first")
+    size = f"{max(change.before_mm, change.after_mm):.3g} mm rms at the target"
+    if change.what in DEFINITE_CHANGES:
         return (
-            f"{m.name} is named in the {here} campaign alone, with {size}; the {there} would have named it only from "
-            f"{m.seen_mm:.2g} mm on: whether it {'came' if m.after_mm else 'went'} is not told."
+            f"{change.name} {change.what}: {size}; the {other} campaign would have named it from "
+            f"{change.seen_mm:.2g} mm on."
         )
-    sizes = f"{m.before_mm:.3g} to {m.after_mm:.3g} mm rms at the target (p = {m.p:.2g})"
-    if m.what in ("grew", "shrank"):
-        return f"{m.name} {m.what}: {sizes}."
-    if m.what == "changed":
-        return f"{m.name} changed in its terms, not in its size beyond chance: {sizes}."
-    return f"{m.name} did not change beyond chance: {sizes}; a change of {m.seen_mm:.2g} mm would have been seen."
+    verb = "came" if change.after_mm else "went"
+    return (
+        f"{change.name} is named in the {named} campaign only, with {size}. The {other} would have named it only from "
+        f"{change.seen_mm:.2g} mm on, so it cannot be said whether it {verb}."
+    )

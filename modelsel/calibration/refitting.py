@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from .._json import Each, Maybe
 from .._typing import Array
 from ..exceptions import NotEstimable
 from ..fitting.design import Model
@@ -22,18 +21,17 @@ from ..measurements.reference_temperature import TEMPERATURE
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term
 from ..selection.evaluation import Evaluation, Split, errors, evaluate
+from .schema import RefitRecord, RefitsRecord
 
-PLACED = frozenset(
+PLACEMENT_NAMES = frozenset(
     ("target", "group", "feature")
 )  # names that are fixed where a robot description is written
-TABLED = 2  # values of the state that a table may hang on
-WIDER = ("nominal", "geometry", "table")  # each carries what the one before it does, and more
-ERRORS = {"estimation_rms_mm": Maybe(float), "held_out_rms_mm": Maybe(float)}
-REFITS = {
-    "whole": ERRORS,
-    "temperature_C": Maybe(float),
-    "alone": {str: {"estimates": Each({"term": int, "symbol": str, "value": float}), **ERRORS}},
-}
+MAX_TABLE_NAMES = 2  # values of the state that a table may hang on
+NESTED_FORMS = (
+    "nominal",
+    "geometry",
+    "table",
+)  # each carries what the one before it does, and more
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,23 +77,23 @@ class Refits:
         return None
 
 
-def constant(term: Term) -> bool:
+def is_constant(term: Term) -> bool:
     """Whether a term is part of the geometry: it does not change with the state."""
-    return all(s.cause.names() <= PLACED for s in term.screws)
+    return all(s.cause.names() <= PLACEMENT_NAMES for s in term.screws)
 
 
-def tabled(term: Term) -> bool:
+def is_tabled(term: Term) -> bool:
     """Whether a table can hold a term: each of its screws hangs on two values at most."""
-    return all(len(s.cause.names() - PLACED) <= TABLED for s in term.screws)
+    return all(len(s.cause.names() - PLACEMENT_NAMES) <= MAX_TABLE_NAMES for s in term.screws)
 
 
-def carries(model: Model, form: str) -> Callable[[Term], bool]:
+def select_carried(model: Model, form: str) -> Callable[[Term], bool]:
     """Whether "nominal", "geometry", "table" or "whole" carries a term of a model."""
-    setting = {t.screws for m in model.mechanisms if m.name == SETUP for t in m.terms}
+    setting = {t.key for m in model.mechanisms if m.name == SETUP for t in m.terms}
     rules: dict[str, Callable[[Term], bool]] = {
-        "nominal": lambda t: t.screws in setting,
-        "geometry": constant,
-        "table": tabled,
+        "nominal": lambda t: t.key in setting,
+        "geometry": is_constant,
+        "table": is_tabled,
         "whole": lambda t: True,
     }
     return rules[form]
@@ -107,26 +105,30 @@ def part_of(model: Model, keep: Callable[[Term], bool]) -> Model:
     return Model(tuple(m for m in own if m.terms))
 
 
-def refitted(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> Refits:
+def refit_forms(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> Refits:
     """The refits of a model that was fitted to a study's rows; models that stand among the `known`
     are not fitted again."""
-    place = {t.screws: k for k, t in enumerate(t for t in fitted.terms if not t.fixture)}
-    own = {frozenset(t.screws for t in r.fit.terms): r for r in known}
+    place = {t.key: k for k, t in enumerate(t for t in fitted.terms if not t.fixture)}
+    own = {frozenset(t.key for t in r.fit.terms): r for r in known}
     best: Evaluation | None = None
     alone = dict[str, Refit]()
-    for form in WIDER:
-        model = part_of(fitted.model, carries(fitted.model, form))
+    for form in NESTED_FORMS:
+        model = part_of(fitted.model, select_carried(fitted.model, form))
         if len(model.terms) == len(fitted.terms) and form != "nominal":
             break
         try:
-            made = own.get(frozenset(t.screws for t in model.terms)) or evaluate(
+            made = own.get(frozenset(t.key for t in model.terms)) or evaluate(
                 split, model, model.names, start=fitted
             )
         except NotEstimable:
             continue
-        best = made if best is None or _crossed(made) <= _crossed(best) else best
+        best = (
+            made
+            if best is None or _cross_validation_error(made) <= _cross_validation_error(best)
+            else best
+        )
         some = [k for k, t in enumerate(best.fit.terms) if not t.fixture]
-        places = np.array([place[best.fit.terms[k].screws] for k in some], dtype=np.intp)
+        places = np.array([place[best.fit.terms[k].key] for k in some], dtype=np.intp)
         order = np.argsort(places)
         alone[form] = Refit(
             tuple(places[order].tolist()),
@@ -147,7 +149,7 @@ def refitted(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> Ref
     return Refits(alone, whole, None if warm is None else float(warm[split.used].mean()))
 
 
-def _crossed(made: Evaluation) -> float:
+def _cross_validation_error(made: Evaluation) -> float:
     return np.inf if made.cv_rms_mm is None or not np.isfinite(made.cv_rms_mm) else made.cv_rms_mm
 
 
@@ -159,7 +161,7 @@ def refits_record(refits: Refits, symbols: Sequence[str]) -> dict[str, Any]:
     """As JSON values; `symbols` of the calibration's terms."""
     return {
         "says": "terms that a form can carry, fitted without the others; rms lengths of what is left",
-        "whole": dict(zip(ERRORS, refits.whole, strict=True)),
+        "whole": {"estimation_rms_mm": refits.whole[0], "held_out_rms_mm": refits.whole[1]},
         "temperature_C": refits.mean_celsius,
         "alone": {
             form: {
@@ -175,45 +177,22 @@ def refits_record(refits: Refits, symbols: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def refits_of(record: Mapping[str, Any], model: Model) -> Refits:
-    """The refits of a record of its shape. Raises ValueError where they are not of the model's
-    terms."""
-    terms = model.terms
-    for form, r in record["alone"].items():
-        places = [e["term"] for e in r["estimates"]]
-        if (
-            form not in WIDER
-            or places != sorted(set(places))
-            or not set(places) <= set(range(len(terms)))
-        ):
-            raise ValueError(f"what its refits carry alone ({form}) is not of its terms")
-        keep = carries(model, form)
-        if any(
-            terms[e["term"]].symbol != e["symbol"] or not keep(terms[e["term"]])
-            for e in r["estimates"]
-        ):
-            raise ValueError(f"what its refits carry alone ({form}) are other terms")
-    if any(
-        (v or 0) < 0
-        for r in (record["whole"], *record["alone"].values())
-        for v in (r[key] for key in ERRORS)
-    ):
-        raise ValueError("an error of its refits is below zero")
+def refits_of(record: RefitsRecord, model: Model) -> Refits:
+    """Return the refits of a record. Raises ValueError where they are not of the model's terms."""
+    alone = {form: _restore_refit(form, refit, model) for form, refit in record.alone.items()}
+    whole = record.whole.estimation_rms_mm, record.whole.held_out_rms_mm
+    return Refits(alone, whole, record.mean_celsius)
 
-    def number(value: float | None) -> float | None:
-        return None if value is None else float(value)
 
-    alone = {
-        form: Refit(
-            tuple(e["term"] for e in r["estimates"]),
-            np.array([float(e["value"]) for e in r["estimates"]]),
-            number(r["estimation_rms_mm"]),
-            number(r["held_out_rms_mm"]),
-        )
-        for form, r in record["alone"].items()
-    }
-    return Refits(
-        alone,
-        (number(record["whole"]["estimation_rms_mm"]), number(record["whole"]["held_out_rms_mm"])),
-        number(record["temperature_C"]),
-    )
+def _restore_refit(form: str, record: RefitRecord, model: Model) -> Refit:
+    places = [estimate.term for estimate in record.estimates]
+    known = form in NESTED_FORMS and set(places) <= set(range(len(model.terms)))
+    if not known or places != sorted(set(places)):
+        raise ValueError(f"what its refits carry alone ({form}) is not of its terms")
+    carries = select_carried(model, form)
+    terms = [model.terms[place] for place in places]
+    symbols = [estimate.symbol for estimate in record.estimates]
+    if symbols != [term.symbol for term in terms] or not all(map(carries, terms)):
+        raise ValueError(f"what its refits carry alone ({form}) are other terms")
+    theta = np.array([estimate.value for estimate in record.estimates])
+    return Refit(tuple(places), theta, record.estimation_rms_mm, record.held_out_rms_mm)

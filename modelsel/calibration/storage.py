@@ -1,94 +1,42 @@
-"""Whether the parts of a stored calibration fit one another: what stands in the file twice, or
-hangs together, says the same."""
+"""A calibration as the text of calibration.json."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._json import PAIR, THREE, Each, Maybe, misfit, read, strict
-from .._typing import Array
-from ..exceptions import StudyError
-from ..fitting.design import Model
-from ..fitting.noise import Floor
-from ..mechanisms.serialization import TERM, mechanism_of, mechanism_record, members
-from ..robot.files import JOINT, ROTATION, TRANSFORM, numbers, robot_of, robot_record, rotation
-from .calibration import Calibration
-from .refitting import REFITS, refits_of, refits_record
+from .._files import write_beside
+from ..mechanisms.serialization import mechanism_record
+from ..robot.files import robot_record
+from .refitting import refits_record
+from .schema import SCHEMA_VERSION
 
 if TYPE_CHECKING:
-    pass
+    from .calibration import Calibration
 
-SAME = 1e-6  # relative: two numbers of a file that say the same
-
-
-def contradiction(r: Mapping[str, Any], model: Model, standard_errors: Array) -> str | None:
-    """What in a record of a calibration contradicts the rest of it, or its `model` and the
-    `standard_errors` of its covariance factor; None where nothing does."""
-    joints, floor = len(r["robot"]["joints"]), r["noise_floor"]
-    names = {key: [one["name"] for one in r[f"{key}s"]] for key in ("target", "group")}
-    screws = [s for t in model.terms for s in t.screws]
-    needs = {f"q{j}" for j in range(1, joints + 1)}.union(*(s.cause.names() for s in screws)) - {
-        "target",
-        "group",
-    }
-    checks = (
-        (
-            np.allclose(
-                [e["standard_error"] for e in r["estimates"]], standard_errors, rtol=SAME, atol=0
-            ),
-            "its standard errors are not those of its covariance_factor",
-        ),
-        (
-            all(s.frame <= joints + 1 for s in screws),
-            "a screw is at a frame that its robot does not have",
-        ),
-        (
-            all(0 <= m.index < len(names[m.kind]) for s in screws for m in members(s.cause)),
-            "a cause names a target or group that it does not have",
-        ),
-        (
-            len({t["rotation"] is None for t in r["targets"]}) == 1,
-            "some of its targets have an orientation and some have none",
-        ),
-        (
-            all(len(set(some)) == len(some) for some in names.values()),
-            "two targets or groups share a name",
-        ),
-        (
-            floor["coordinate_mm"] >= 0 and (floor["freedom"] is None or floor["freedom"] > 0),
-            "its noise_floor is none",
-        ),
-        ((r["held_out_rms_mm"] or 0) >= 0, "its held_out_rms_mm is below zero"),
-        (all(low <= high for low, high in r["ranges"].values()), "a range ends before it begins"),
-        (
-            needs <= r["ranges"].keys(),
-            f"its ranges lack {', '.join(sorted(needs - r['ranges'].keys()))}",
-        ),
-    )
-    return next((what for holds, what in checks if not holds), None)
+CALIBRATION_FILE = "calibration.json"
 
 
-SCHEMA = 1
-NAME = "calibration.json"
-
-
-# -- the file
-# ----------------------------------------------------------------------------------------------------------------
+def save_calibration(c: Calibration, folder: Path | str) -> Path:
+    """Write calibration.json into a folder, whole or not at all, and return its path. Raises
+    StudyError."""
+    path = Path(folder) / CALIBRATION_FILE
+    write_beside(path, calibration_text(c).encode())
+    return path
 
 
 def calibration_text(c: Calibration) -> str:
-    """Text of calibration.json; numbers in full."""
-    return json.dumps(_record(c), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+    """Return the text of calibration.json; numbers in full."""
+    return json.dumps(calibration_record(c), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
 
 
-def _record(c: Calibration) -> dict[str, Any]:
+def calibration_record(c: Calibration) -> dict[str, Any]:
+    """Return a calibration as JSON values, in the order of the file."""
     return {
-        "schema": SCHEMA,
+        "schema": SCHEMA_VERSION,
         "kind": "calibration",
         "study": c.study,
         "robot": robot_record(c.robot),
@@ -139,141 +87,3 @@ def _record(c: Calibration) -> dict[str, Any]:
             else {"refits": refits_record(c.refits, [t.symbol for t in c.terms])}
         ),
     }
-
-
-def _restored(r: Mapping[str, Any]) -> Calibration:
-    """The calibration of a record of its shape. Raises ValueError where its parts do not agree."""
-    model = Model(tuple(mechanism_of(m) for m in r["mechanisms"]))
-    estimates, rows, robot = r["estimates"], r["covariance_factor"]["rows"], robot_of(r["robot"])
-    if [(e["symbol"], e["unit"]) for e in estimates] != [(t.symbol, t.unit) for t in model.terms]:
-        raise ValueError("its estimates are not those of its terms")
-    kept = tuple(k for k, e in enumerate(estimates) if e["estimable"])
-    if [len(row) for row in rows] != list(range(len(kept), 0, -1)):
-        raise ValueError("its covariance_factor has other rows than its estimable terms")
-    factor = np.zeros((len(estimates), len(kept)))
-    for i, (k, row) in enumerate(zip(kept, rows, strict=True)):
-        factor[k, i:] = row
-    for kind in ("targets", "groups"):
-        if len({each["name"] for each in r[kind]}) < len(r[kind]):
-            raise ValueError(f"two {kind} have one name")
-    turned = [None if t["rotation"] is None else rotation(t["rotation"]) for t in r["targets"]]
-    floor, held, (x, y, z) = (
-        r["noise_floor"],
-        r["held_out_rms_mm"],
-        numbers(r["tracker_mm"]).tolist(),
-    )
-    c = Calibration(
-        r["study"],
-        robot,
-        tuple(t["name"] for t in r["targets"]),
-        tuple(g["name"] for g in r["groups"]),
-        numbers([t["tool_mm"] for t in r["targets"]]),
-        None if any(t is None for t in turned) else np.array(turned),
-        (
-            np.array([rotation(g["rotation"]) for g in r["groups"]]),
-            numbers([g["translation_mm"] for g in r["groups"]]),
-        ),
-        r["registered"],
-        (x, y, z),
-        model,
-        np.array([float(e["value"]) for e in estimates]),
-        factor,
-        kept,
-        Floor(
-            float(floor["coordinate_mm"]),
-            floor["source"],
-            np.inf if floor["freedom"] is None else float(floor["freedom"]),
-        ),
-        None if held is None else float(held),
-        {k: (float(v[0]), float(v[1])) for k, v in r["ranges"].items()},
-        dict(r["provenance"]),
-        refits_of(r["refits"], model) if "refits" in r else None,
-    )
-    if (what := contradiction(r, model, c.standard_errors)) is not None:
-        raise ValueError(what)
-    return c
-
-
-def loads(text: str, where: str = NAME) -> Calibration:
-    """The calibration of a file's text. Raises StudyError."""
-    try:
-        record = strict(text)
-    except ValueError as error:
-        raise StudyError(f"{where}: cannot be read: {error}. Run the study again.") from None
-    if not isinstance(record, dict) or record.get("kind") != "calibration":
-        raise StudyError(
-            f"{where}: not a calibration; `modelsel study` writes one beside its result.json."
-        )
-    if record.get("schema") is True or record.get("schema") != SCHEMA:
-        raise StudyError(
-            f"{where}: schema {str(record.get('schema'))[:40]}, but this modelsel reads schema {SCHEMA}. Run the "
-            "study again."
-        )
-    try:
-        if (found := misfit(record, CALIBRATION)) is not None:
-            raise ValueError(found)
-        return _restored(record)
-    except ValueError as error:
-        raise StudyError(f"{where}: damaged: {error}. Run the study again.") from None
-
-
-def load_calibration(path: Path | str) -> Calibration:
-    """A stored calibration: its file, the result.json beside it, or the folder of both. Raises
-    StudyError."""
-    path = Path(path)
-    path = (
-        path / NAME
-        if path.is_dir()
-        else path.with_name(NAME)
-        if path.name == "result.json"
-        else path
-    )
-    try:
-        text = read(path)
-    except FileNotFoundError:
-        raise StudyError(
-            f"{path}: no such calibration; `modelsel study STUDY.toml` writes one beside its result.json."
-        ) from None
-    except ValueError as error:
-        raise StudyError(f"{path.name}: cannot be read: {error}. Run the study again.") from None
-    return loads(text, path.name)
-
-
-# Causes, terms, mechanisms and robots as plain JSON values, and back: structure as structure,
-# nothing parsed from text.
-
-CALIBRATION = {
-    "kind": frozenset(["calibration"]),
-    "study": str,
-    "robot": {
-        "name": str,
-        "source": str,
-        "gravity": Maybe(THREE),
-        "joints": Each(JOINT, least=1),
-        "last_mm": TRANSFORM,
-        "usual?": PAIR,
-    },
-    "targets": Each({"name": str, "tool_mm": THREE, "rotation": Maybe(ROTATION)}, least=1),
-    "groups": Each({"name": str, "rotation": ROTATION, "translation_mm": THREE}, least=1),
-    "registered": bool,
-    "tracker_mm": THREE,
-    "mechanisms": Each(
-        {
-            "name": str,
-            "sentence": str,
-            "equation": str,
-            "source": str,
-            "terms": Each(TERM),
-            "contrary?": str,
-        }
-    ),
-    "estimates": Each(
-        {"symbol": str, "value": float, "standard_error": float, "unit": str, "estimable": bool}
-    ),
-    "covariance_factor": {"rows": Each(Each(float))},
-    "noise_floor": {"coordinate_mm": float, "source": str, "freedom": Maybe(float)},
-    "held_out_rms_mm": Maybe(float),
-    "ranges": {str: PAIR},
-    "provenance": {str: str},
-    "refits?": REFITS,
-}

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 
-def _pairs(
+def _parse_pairs(
     context: click.Context, option: click.Parameter, given: tuple[str, ...]
 ) -> dict[str, str]:
     """NAME=COLUMN pairs as contract name -> name in the file."""
@@ -20,7 +20,7 @@ def _pairs(
     return dict(pair.split("=", 1) for pair in given)
 
 
-def mapped(command: Callable[..., Any]) -> Callable[..., Any]:
+def column_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """The option --column, of commands that read a data file without a study: `columns`, as
     [measurements] columns has them."""
     return click.option(
@@ -28,7 +28,7 @@ def mapped(command: Callable[..., Any]) -> Callable[..., Any]:
         "columns",
         multiple=True,
         metavar="NAME=COLUMN",
-        callback=_pairs,
+        callback=_parse_pairs,
         help="A column that the file calls otherwise: q1_rad=J1. May be repeated.",
     )(command)
 
@@ -40,14 +40,14 @@ def print_json(value: Any) -> None:
     click.echo(dumps(value).encode(), nl=False)  # JSON is UTF-8, whatever the terminal's encoding
 
 
-def console() -> Any:
+def make_console() -> Any:
     """Where tables are printed: as wide as the terminal, 160 in a log."""
     from rich.console import Console
 
     return Console(width=None if sys.stdout.isatty() else 160, markup=False, emoji=False)
 
 
-def progress() -> Callable[[str], None]:
+def make_progress() -> Callable[[str], None]:
     """Progress as plain lines on the error stream: each says what starts, with the seconds so
     far."""
     import time

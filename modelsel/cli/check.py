@@ -6,17 +6,17 @@ from pathlib import Path
 
 import click
 
-from ._options import mapped, print_json
+from ._options import column_option, print_json
 
 
-@click.command()
+@click.command("check")
 @click.argument("data", type=click.Path(path_type=Path))
 @click.option("--robot", required=True, help="A built-in robot's name, or a robot file.")
 @click.option("--base", help="Of a URDF: the link the chain starts at; default its root.")
 @click.option("--tip", help="Of a URDF: the link the chain ends at; default the longest chain's.")
-@mapped
+@column_option
 @click.option("--json", "as_json", is_flag=True)
-def check(
+def check_command(
     data: Path,
     robot: str,
     base: str | None,

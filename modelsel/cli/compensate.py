@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exceptions import CHECK_FAILED
-from ._options import mapped, print_json
+from ._options import column_option, print_json
 
 if TYPE_CHECKING:
     from ..calibration.compensation import Commands
+    from ..measurements.measurements import Measurements
 
 
-@click.command()
+@click.command("compensate")
 @click.argument("result", type=click.Path(path_type=Path))
 @click.argument("targets", type=click.Path(path_type=Path))
 @click.option(
@@ -32,14 +33,14 @@ if TYPE_CHECKING:
     default=(10.0, 20.0),
     show_default=True,
     metavar="MRAD MM",
-    help="Most that a joint, and the target, may be changed by.",
+    help="Largest change of a joint, and of the target, that is no mistake.",
 )
 @click.option(
-    "--forward", is_flag=True, help="Change no command: say where the real target is at each."
+    "--forward", is_flag=True, help="Keep the commands: write where the real target is at each."
 )
-@mapped
+@column_option
 @click.option("--json", "as_json", is_flag=True)
-def compensate(
+def compensate_command(
     result: Path,
     targets: Path,
     out: Path,
@@ -48,52 +49,52 @@ def compensate(
     columns: dict[str, str],
     as_json: bool,
 ) -> None:
-    """Joint commands whose real position is the wanted one.
+    """Correct joint commands so that the real target is where it is wanted.
 
     TARGETS has a row a target: nominal commands q1_rad … (or _deg), wanted positions x_mm y_mm z_mm
     (left out: where the nominal robot has the target) in the tracker's frame, wanted orientations,
-    and what the model needs as well. Commands are written in the units that they were given in."""
+    and what the model needs. Commands are written in the units in which they were given."""
     from .._files import write_frame
-    from ..calibration.calibration import predict
-    from ..calibration.compensation import at_limits, commands_frame, from_order, outside, refuse
-    from ..calibration.compensation import compensate as corrected
-    from ..calibration.storage import load_calibration
+    from ..calibration.compensation import (
+        build_commands_table,
+        correct_measurements,
+        describe_extrapolation,
+        describe_order_dependence,
+    )
+    from ..calibration.loading import load_calibration
     from ..measurements.reader import read_measurements
 
     c = load_calibration(result)
     data = read_measurements(targets, c.robot.prismatic, columns, positions=False, once=False)
-    made, said = corrected(c, data), [*outside(c, data), *from_order(c, data)]
+    commands: Commands | None = None
     if forward:
-        frame = commands_frame(c, data, data.q, predict(c, c.problem(data)), {})
+        notes = [*describe_extrapolation(c, data), *describe_order_dependence(c, data)]
+        table = build_commands_table(c, data, data.q, c.predict(data), {})
     else:
-        refuse(c, made, data, (bound[0] / 1e3, bound[1]), targets.name)
-        said += at_limits(made)
-        frame = commands_frame(c, data, made.q, made.wanted, made.figures())
-    write_frame(frame, out, "%.10g")
+        commands, notes = correct_measurements(c, data, (bound[0] / 1e3, bound[1]), targets.name)
+        table = build_commands_table(c, data, commands.q, commands.wanted, commands.figures())
+    write_frame(table, out, "%.10g")
     if as_json:
-        print_json(
-            {
-                "written": out.name,
-                "rows": len(data),
-                "warnings": said,
-                **({} if forward else _figures(made)),
-            }
-        )
+        figures = {} if commands is None else _figures(commands)
+        print_json({"written": out.name, "rows": len(data), "warnings": notes, **figures})
     else:
+        slides = np.array(c.robot.prismatic)
+        gain = "" if commands is None else _sentence(commands, slides)
+        click.echo(f"Written: {out}, {len(data)} rows.{gain}")
+        for note in notes:
+            click.echo(f"Note: {note}")
+    if commands is not None:
+        _check_commands(commands, data)
+
+
+def _check_commands(commands: Commands, data: Measurements) -> None:
+    """Exit with CHECK_FAILED where a row is not reached or beyond a joint's limits, and say
+    which."""
+    missed, stuck = ~commands.reached, commands.beyond.any(1)
+    if missed.any():
         click.echo(
-            f"Written: {out}, {len(data)} rows."
-            + ("" if forward else _sentence(made, np.array(c.robot.prismatic)))
-        )
-        for line in said:
-            click.echo(f"Note: {line}")
-    if forward:
-        return
-    stuck = made.beyond.any(1)
-    if not made.reached.all():
-        missed = data.where.listed(data.row[~made.reached])
-        click.echo(
-            f"modelsel: {int((~made.reached).sum())} rows are not reached, next to a jump of the model or at the edge of "
-            f"the workspace ({missed}); {made.where_left} says what is left.",
+            f"modelsel: {int(missed.sum())} rows are not reached, next to a jump of the model or at the edge of the "
+            f"workspace ({data.where.listed(data.row[missed])}); {commands.where_left} says what is left.",
             err=True,
         )
     if stuck.any():
@@ -102,61 +103,64 @@ def compensate(
             f"({data.where.listed(data.row[stuck])}): the arm cannot take them. Choose other postures.",
             err=True,
         )
-    if stuck.any() or not made.reached.all():
+    if missed.any() or stuck.any():
         raise SystemExit(CHECK_FAILED)
 
 
-def _figures(made: Commands) -> dict[str, Any]:
-    turned = (
-        {}
-        if made.before_rad is None or made.left_rad is None
-        else {
-            "orientation_before_mrad": {
-                "mean": 1e3 * made.before_rad.mean(),
-                "max": 1e3 * made.before_rad.max(),
-            },
-            "orientation_left_mrad": {
-                "mean": 1e3 * made.left_rad.mean(),
-                "max": 1e3 * made.left_rad.max(),
-            },
-        }
-    )
+def _figures(commands: Commands) -> dict[str, Any]:
+    """Return the figures of --json."""
+    lengths = {
+        "error_before_mm": commands.before_mm,
+        "expected_error_mm": commands.expected_mm,
+        "model_uncertainty_mm": commands.model_mm,
+    }
+    if commands.before_rad is not None and commands.left_rad is not None:
+        lengths["orientation_before_mrad"] = 1e3 * commands.before_rad
+        lengths["orientation_left_mrad"] = 1e3 * commands.left_rad
     return {
-        "error_before_mm": {"mean": made.before_mm.mean(), "max": made.before_mm.max()},
-        "expected_error_mm": {"mean": made.expected_mm.mean(), "max": made.expected_mm.max()},
-        "model_uncertainty_mm": {"mean": made.model_mm.mean(), "max": made.model_mm.max()},
-        **turned,
-        "largest_change": np.abs(made.change).max(0),
-        "reached": int(made.reached.sum()),
-        "beyond_limits": int(made.beyond.any(1).sum()),
+        **{name: {"mean": rows.mean(), "max": rows.max()} for name, rows in lengths.items()},
+        "largest_change": np.abs(commands.change).max(0),
+        "reached": int(commands.reached.sum()),
+        "beyond_limits": int(commands.beyond.any(1).sum()),
     }
 
 
-def _sentence(made: Commands, slides: NDArray[np.bool_]) -> str:
-    from ..calibration.compensation import REACHED_MM
-
-    before = f"{made.before_mm.mean():.3f} mm on average and {made.before_mm.max():.3f} mm at most"
-    left = (
-        ""
-        if made.left_mm.max() <= REACHED_MM
-        else f" and {made.left_mm.mean():.3f} mm from what the commands leave"
+def _sentence(commands: Commands, slides: NDArray[np.bool_]) -> str:
+    """Describe the errors without and with correction, and the largest change of a joint."""
+    before = f"{commands.before_mm.mean():.3f} mm on average and {commands.before_mm.max():.3f} mm at most"
+    after = (
+        f"{commands.expected_mm.mean():.3f} mm as measured is expected, {commands.model_mm.mean():.3f} mm of it from "
+        f"the model{_describe_unreached(commands)}"
     )
-    after = f"{made.expected_mm.mean():.3f} mm as measured is expected, {made.model_mm.mean():.3f} mm of it from the model{left}"
-    turned = (
-        ""
-        if made.before_rad is None or made.left_rad is None
-        else (
-            f" Orientations are off by {1e3 * made.before_rad.mean():.3g} mrad on average without it; with it, "
-            f"{1e3 * made.left_rad.mean():.3g} mrad on average and {1e3 * made.left_rad.max():.3g} mrad at most are left."
-        )
-    )
-    most = np.abs(made.change).max(0)
-    bounds = [
-        f"{most[some].max() * 1e3:.3g} {unit}"
-        for some, unit in ((~slides, "mrad"), (slides, "µm"))
-        if some.any()
-    ]
     return (
         f" Without correction the target is off by {before}; with it, {after}. No joint changes by more than "
-        f"{' or '.join(bounds)}.{turned}"
+        f"{_describe_changes(commands, slides)}.{_describe_orientations(commands)}"
+    )
+
+
+def _describe_unreached(commands: Commands) -> str:
+    from ..calibration.compensation import REACHED_MM
+
+    if commands.left_mm.max() <= REACHED_MM:
+        return ""
+    return f" and {commands.left_mm.mean():.3f} mm from what the commands leave"
+
+
+def _describe_changes(commands: Commands, slides: NDArray[np.bool_]) -> str:
+    largest = np.abs(commands.change).max(0)
+    bounds = [
+        f"{largest[joints].max() * 1e3:.3g} {unit}"
+        for joints, unit in ((~slides, "mrad"), (slides, "µm"))
+        if joints.any()
+    ]
+    return " or ".join(bounds)
+
+
+def _describe_orientations(commands: Commands) -> str:
+    if commands.before_rad is None or commands.left_rad is None:
+        return ""
+    before, left = 1e3 * commands.before_rad, 1e3 * commands.left_rad
+    return (
+        f" Orientations are off by {before.mean():.3g} mrad on average without it; with it, {left.mean():.3g} mrad on "
+        f"average and {left.max():.3g} mrad at most are left."
     )

@@ -14,9 +14,9 @@ from ..exceptions import CHECK_FAILED
 from ._options import print_json
 
 
-@click.command()
+@click.command("doctor")
 @click.option("--json", "as_json", is_flag=True)
-def doctor(as_json: bool) -> None:
+def doctor_command(as_json: bool) -> None:
     """Whether this installation works, and with what: libraries, plug-ins, data, and a small
     calibration from scratch."""
     checks = [*_libraries(), *_plugins(), _data(), _calibration()]

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 
-from ._options import console, print_json, progress
+from ._options import make_console, make_progress, print_json
 
 
-@click.command()
+@click.command("fleet")
 @click.argument("fleet", type=click.Path(path_type=Path, dir_okay=False))
 @click.option(
     "--out",
@@ -35,7 +35,7 @@ from ._options import console, print_json, progress
 @click.option(
     "--json", "as_json", is_flag=True, help="Print the summary as JSON instead of a table."
 )
-def fleet(
+def fleet_command(
     fleet: Path,
     out: Path | None,
     workers: int | None,
@@ -62,13 +62,13 @@ def fleet(
                 sampling=not no_sampling,
                 resume=resume,
                 reports=not no_report,
-                say=progress(),
+                say=make_progress(),
             )
         written = save_summary(rows, folder, read.name)
     if as_json:
         print_json({"fleet": read.name, "studies": rows})
     else:
-        show_fleet(rows, console())
+        show_fleet(rows, make_console())
         click.echo(f"Written: {', '.join(map(str, written))}")
     worst = max((row["exit"] for row in rows), default=0)
     if worst:

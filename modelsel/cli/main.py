@@ -74,7 +74,9 @@ class _Lazy(click.Group):
             from ..exceptions import suggest
 
             ctx.fail(f'No such command "{cmd_name}". {suggest(cmd_name, COMMANDS)}')
-        found: click.Command = getattr(import_module(f".{cmd_name}", __package__), cmd_name)
+        found: click.Command = getattr(
+            import_module(f".{cmd_name}", __package__), f"{cmd_name}_command"
+        )
         return found
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -124,8 +126,8 @@ class _Lazy(click.Group):
             sys.exit(1)
 
 
-@click.group(cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group("modelsel", cls=_Lazy, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(VERSION, prog_name="modelsel")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-def main(debug: bool) -> None:
+def run_command_line(debug: bool) -> None:
     """What a robot's model gets wrong, why, and what is gained by saying so."""

@@ -2,31 +2,37 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..exceptions import CHECK_FAILED
 from ._options import print_json
 
+if TYPE_CHECKING:
+    from ..mechanisms.terms import Mechanism
+    from .plugins import Trial
 
-@click.command()
+
+@click.command("mechanisms")
 @click.argument("name", required=False)
 @click.option(
     "--robot",
-    help="The arm to show or try them on; default puma760, and for --test every built-in one.",
+    help="Robot to show or check them on; default puma760, for --test every built-in one.",
 )
 @click.option(
     "--new",
-    help="Write a package with a mechanism of this name into a folder of its own, to begin with.",
+    help="Write a package to start from, with a mechanism of this name, into a new folder.",
 )
-@click.option("--test", help="Try a module's mechanisms (a name or a file) against the laws.")
+@click.option("--test", help="Check a module's mechanisms (its name or file) against the laws.")
 @click.option("--json", "as_json", is_flag=True)
-def mechanisms(
+def mechanisms_command(
     name: str | None, robot: str | None, new: str | None, test: str | None, as_json: bool
 ) -> None:
-    """The registry of error mechanisms: equations, units, where each acts; and to begin and try
-    one's own."""
+    """List the error mechanisms: equations, units, where each acts; write and check your own."""
     if new is not None:
         _begin(new)
     elif test is not None:
@@ -38,11 +44,11 @@ def mechanisms(
 def _begin(name: str) -> None:
     from .._files import write_beside
     from ..exceptions import StudyError
-    from .plugin_template import skeleton
+    from .plugins import render_plugin
 
-    folder, texts = Path(name), skeleton(name)
+    folder, texts = Path(name), render_plugin(name)
     if folder.exists():
-        raise StudyError(f"{folder}: is there already; nothing was written.")
+        raise StudyError(f"{folder} already exists; nothing was written.")
     for file, text in texts.items():
         write_beside(folder / file, text.encode())
     module = next(file for file in texts if file.endswith(".py"))
@@ -53,66 +59,71 @@ def _begin(name: str) -> None:
 
 def _try(where: str, robot: str | None, as_json: bool) -> None:
     from ..robot.files import builtin_names, load
-    from .plugin_template import table, tried
+    from .plugins import load_plugin, try_mechanisms
 
-    found = tried(table(where), [load(n) for n in ([robot] if robot else builtin_names())])
-    wrong = [(m, r, what) for m, r, what in found if what]
+    names = [robot] if robot else builtin_names()
+    trials = try_mechanisms(load_plugin(where), [load(name) for name in names])
     if as_json:
-        print_json(
-            {
-                "module": where,
-                "tried": [
-                    {"mechanism": m, "robot": r or None, "broken": what} for m, r, what in found
-                ],
-            }
-        )
+        tried = [
+            {"mechanism": trial.mechanism, "robot": trial.robot or None, "broken": trial.broken}
+            for trial in trials
+        ]
+        print_json({"module": where, "tried": tried})
     else:
-        for m, r, what in found:
-            click.echo(
-                f"{m} on {r}: {'; '.join(what) or 'obeys the laws'}"
-                if r
-                else f"{m} applies to none of the robots tried"
-            )
-    if wrong:
+        for trial in trials:
+            click.echo(_describe_trial(trial))
+    if any(trial.broken for trial in trials):
         raise SystemExit(CHECK_FAILED)
+
+
+def _describe_trial(trial: Trial) -> str:
+    if not trial.robot:
+        return f"{trial.mechanism} applies to none of the robots tried"
+    return f"{trial.mechanism} on {trial.robot}: {'; '.join(trial.broken) or 'obeys the laws'}"
 
 
 def _show(name: str | None, robot: str, as_json: bool) -> None:
     from ..mechanisms.registry import every, parts, with_plugins
-    from ..mechanisms.serialization import mechanism_card
     from ..robot.files import load
 
     arm = load(robot)
     registry, broken = with_plugins(robot=arm)
-    built = parts(name, arm, registry) if name else every(arm, registry)
-    alike: dict[str, int] = {}
-    for m in built:
-        alike[m.name] = alike.get(m.name, 0) + 1
-    cards = [
-        mechanism_card(m) | {"constants": alike[m.name]}
-        for m in {m.name: m for m in reversed(built)}.values()
-    ][::-1]
+    mechanisms = parts(name, arm, registry) if name else every(arm, registry)
+    cards = _list_cards(mechanisms)
     if as_json:
         print_json({"robot": robot, "mechanisms": cards, "broken_plugins": broken})
         return
     for card in cards:
-        scanned = (
-            f" ({card['constants']} constants are scanned; this is one)"
-            if card["constants"] > 1
-            else ""
-        )
-        click.echo(f"{card['name']}: {card['sentence']}{scanned}")
-        if name:
-            click.echo(f"    equation  {card['equation']}\n    source    {card['source']}")
-            for term in card["terms"]:
-                click.echo(
-                    f"    {term['symbol']:8} [{term['unit']}]  {', '.join(term['screws'])}{term['expected']}"
-                )
+        _print_card(card, in_full=name is not None)
     if name and not cards:
         click.echo(f"{name} does not apply to {robot}.")
     if not name:
         absent = [stem for stem in registry if not parts(stem, arm, registry)]
         if absent:
             click.echo(f"Not on {robot}: {', '.join(absent)}.")
-    for plugin, why in broken.items():
-        click.echo(f"plug-in {plugin} is left out: {why}")
+    for plugin, reason in broken.items():
+        click.echo(f"plug-in {plugin} is left out: {reason}")
+
+
+def _list_cards(mechanisms: Sequence[Mechanism]) -> list[dict[str, Any]]:
+    """Return a card for every name, of its first mechanism, with the number of constants that are
+    scanned under it."""
+    from ..mechanisms.serialization import mechanism_card
+
+    counts = Counter(m.name for m in mechanisms)
+    first: dict[str, Mechanism] = {}
+    for mechanism in mechanisms:
+        first.setdefault(mechanism.name, mechanism)
+    return [{**mechanism_card(m), "constants": counts[name]} for name, m in first.items()]
+
+
+def _print_card(card: dict[str, Any], *, in_full: bool) -> None:
+    constants = card["constants"]
+    scanned = f" ({constants} constants are scanned; this is one)" if constants > 1 else ""
+    click.echo(f"{card['name']}: {card['sentence']}{scanned}")
+    if not in_full:
+        return
+    click.echo(f"    equation  {card['equation']}\n    source    {card['source']}")
+    for term in card["terms"]:
+        screws = ", ".join(term["screws"])
+        click.echo(f"    {term['symbol']:8} [{term['unit']}]  {screws}{term['expected']}")

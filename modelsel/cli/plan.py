@@ -3,33 +3,37 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from ._options import print_json, progress
+from .._choices import PLAN_PURPOSES
+from ._options import make_progress, print_json
 
-PURPOSES = ("rivals", "d", "a", "o1", "o2", "o3", "o4", "o5")
+if TYPE_CHECKING:
+    from ..study.planning import Planned
+    from ..study.result import Result
 
 
-@click.command()
+@click.command("plan")
 @click.argument("study", type=click.Path(path_type=Path))
 @click.option(
     "--pool",
     "pool_file",
     type=click.Path(path_type=Path),
-    help="File of configurations that could be measured.",
+    help="File of the configurations that could be measured.",
 )
 @click.option(
     "--limits",
     is_flag=True,
-    help="Draw the pool within the robot file's joint limits; default: as was measured.",
+    help="Draw the pool within the robot file's joint limits; default: within the measured ranges.",
 )
 @click.option(
     "--joint",
     "joints",
     multiple=True,
     metavar="q2_deg=LOW:HIGH",
-    help="Draw this joint within a range of your own.",
+    help="Draw this joint within the given range.",
 )
 @click.option(
     "--count",
@@ -41,21 +45,21 @@ PURPOSES = ("rivals", "d", "a", "o1", "o2", "o3", "o4", "o5")
 @click.option(
     "--for",
     "purpose",
-    type=click.Choice(PURPOSES),
-    help="What for; default: to tell rivals apart, else D-optimal.",
+    type=click.Choice(PLAN_PURPOSES),
+    help="Purpose; default: to tell rivals apart where there are any, else D-optimal.",
 )
 @click.option(
     "--size",
     type=click.FloatRange(0, min_open=True),
-    help="How many more to find an effect of so many mm rms.",
+    help="Say how many more configurations an effect of this size (mm rms) needs.",
 )
 @click.option(
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="CSV file for the chosen configurations.",
+    help="CSV file to write the chosen configurations to.",
 )
 @click.option("--json", "as_json", is_flag=True)
-def plan(
+def plan_command(
     study: Path,
     pool_file: Path | None,
     limits: bool,
@@ -66,62 +70,73 @@ def plan(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """What to measure next: what best tells a study's rival explanations apart, or determines its
+    """Choose what to measure next: to tell a study's rival explanations apart, or to determine its
     parameters."""
     from .._files import csv_bytes, write_beside
-    from ..calibration.experiment_design import more_needed
     from ..config.study_file import read_study
     from ..mechanisms.registry import with_plugins
     from ..study.planning import plan_next, sentences
     from ..study.runner import robot_of, run
 
-    own = dict(map(_range, joints))
-    if pool_file is not None and (limits or own):
+    ranges = dict(map(_range, joints))
+    if pool_file is not None and (limits or ranges):
         raise click.UsageError(
             "--pool gives the configurations themselves: leave --limits and --joint out."
         )
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
     registry, _ = with_plugins(robot=robot_of(read, path.parent))
-    result = run(read, path.parent, registry=registry, say=progress(), sampling=False)
-    found = plan_next(result, count, pool=pool_file, purpose=purpose, limits=limits, joints=own)
-    table, known, limit = (
-        found.to_frame(),
-        found.configurations,
-        result.record.nothing_else.detection_limit_mm,
+    result = run(read, path.parent, registry=registry, say=make_progress(), sampling=False)
+    planned = plan_next(
+        result, count, pool=pool_file, purpose=purpose, limits=limits, joints=ranges
     )
-    more = None if size is None or limit is None else more_needed(limit, known, size)
+    table = planned.to_frame()
+    more = _count_more(result, planned, size)
     if out is not None:
         write_beside(out, csv_bytes(table, "%.6f"))
     if as_json:
-        print_json(
-            {
-                "purpose": found.purpose,
-                "pool_rows": found.rows,
-                "configurations": table.to_dict("records"),
-                "rivals": found.rivals,
-                "alike": found.twins,
-                "told_apart": found.told,
-                "told_apart_random": found.random,
-                "criteria": {k: {"before": a, "after": b} for k, (a, b) in found.indices.items()},
-                "learning_curve": [
-                    {"size_mm": s, "more_configurations": m} for s, m in found.learning
-                ],
-                "more_for_size": more,
-            }
-        )
+        configurations = table.to_dict("records")
+        print_json(_to_dict(planned) | {"configurations": configurations, "more_for_size": more})
         return
-    click.echo(
-        table.to_string(index=False, float_format=lambda v: f"{v:.4f}")
-        if out is None
-        else f"Written: {out}"
-    )
-    for line in sentences(found):
+    text = table.to_string(index=False, float_format=lambda v: f"{v:.4f}")
+    click.echo(text if out is None else f"Written: {out}")
+    for line in sentences(planned):
         click.echo(line)
     if more is not None:
         click.echo(
             f"An effect of {size:g} mm rms beyond the model is found with 90 % after {more} more configurations."
         )
+
+
+def _count_more(result: Result, planned: Planned, size: float | None) -> int | None:
+    """Count the further configurations that an effect of a size [mm] needs; None where no size is
+    given, or no detection limit is known."""
+    from ..calibration.experiment_design import count_more_needed
+
+    limit = result.record.nothing_else.detection_limit_mm
+    if size is None or limit is None:
+        return None
+    return count_more_needed(limit, planned.configurations, size)
+
+
+def _to_dict(planned: Planned) -> dict[str, Any]:
+    """Return the plan as JSON values, without its configurations."""
+    criteria = planned.indices.items()
+    return {
+        "purpose": planned.purpose,
+        "pool_rows": planned.rows,
+        "configurations": [],
+        "rivals": planned.rivals,
+        "alike": planned.twins,
+        "told_apart": planned.told,
+        "told_apart_random": planned.random,
+        "criteria": {
+            name: {"before": before, "after": after} for name, (before, after) in criteria
+        },
+        "learning_curve": [
+            {"size_mm": size, "more_configurations": more} for size, more in planned.learning
+        ],
+    }
 
 
 def _range(text: str) -> tuple[str, tuple[float, float]]:

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import click
 
-from ._options import print_json, progress
+from ._options import make_progress, print_json
 
 
-@click.command()
+@click.command("report")
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
 @click.option("--pages", help="Pages of report.pdf, by name, with commas; all without.")
 @click.option("--json", "as_json", is_flag=True)
-def report(folder: Path, pages: str | None, as_json: bool) -> None:
+def report_command(folder: Path, pages: str | None, as_json: bool) -> None:
     """Draw report.pdf and report.html of a finished study again, from its folder; nothing is
     computed anew."""
     from .._files import check_writable, claimed
@@ -24,7 +24,7 @@ def report(folder: Path, pages: str | None, as_json: bool) -> None:
     )
     check_writable(folder)
     with claimed(folder):
-        written = draw(folder, chosen, progress())
+        written = draw(folder, chosen, make_progress())
     if as_json:
         print_json({"written": [path.name for path in written]})
     else:

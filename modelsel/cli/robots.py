@@ -7,10 +7,10 @@ import click
 from ._options import print_json
 
 
-@click.command()
+@click.command("robots")
 @click.argument("name", required=False)
 @click.option("--json", "as_json", is_flag=True)
-def robots(name: str | None, as_json: bool) -> None:
+def robots_command(name: str | None, as_json: bool) -> None:
     """The built-in nominal robots, each with its source."""
     from ..robot.files import builtin_names, load
     from ..study.inspection import robot_card

@@ -9,7 +9,7 @@ import click
 from ._options import print_json
 
 
-@click.command()
+@click.command("simulate")
 @click.argument("study", type=click.Path(path_type=Path))
 @click.option(
     "--out",
@@ -18,7 +18,7 @@ from ._options import print_json
     help="CSV (or Parquet) file to write.",
 )
 @click.option("--json", "as_json", is_flag=True)
-def simulate(study: Path, out: Path, as_json: bool) -> None:
+def simulate_command(study: Path, out: Path, as_json: bool) -> None:
     """Make data with planted effects: [simulate] and [[simulate.effect]] of a study file."""
     from .._files import write_frame
     from ..config.study_file import read_study

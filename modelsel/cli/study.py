@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import CHECK_FAILED
-from ._options import console, print_json, progress
+from ._options import make_console, make_progress, print_json
 
 if TYPE_CHECKING:
     from ..study.result import Result
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 COLLECT = 50_000  # new values between two looks of Python's garbage collector
 
 
-@click.command()
+@click.command("study")
 @click.argument("study", type=click.Path(path_type=Path))
 @click.option(
     "--out",
@@ -35,7 +35,7 @@ COLLECT = 50_000  # new values between two looks of Python's garbage collector
 @click.option(
     "--resume", is_flag=True, help="Go on where an interrupted run of the same study stopped."
 )
-def study(
+def study_command(
     study: Path,
     out: Path | None,
     no_report: bool,
@@ -72,7 +72,7 @@ def study(
         else:
             click.echo(_would(found, folder, WRITES))
         return
-    say = progress()
+    say = make_progress()
     with claimed(folder):
         keeper = Checkpoint(folder, resume)
         result = run(
@@ -104,7 +104,7 @@ def _tell(result: Result, as_json: bool) -> None:
     else:
         from ..report.terminal import show_study
 
-        show_study(result.record, result.details, console())
+        show_study(result.record, result.details, make_console())
 
 
 def _would(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:

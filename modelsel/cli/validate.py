@@ -7,10 +7,10 @@ from pathlib import Path
 import click
 
 from ..exceptions import CHECK_FAILED
-from ._options import mapped, print_json
+from ._options import column_option, print_json
 
 
-@click.command()
+@click.command("validate")
 @click.argument("result", type=click.Path(path_type=Path))
 @click.argument("data", type=click.Path(path_type=Path))
 @click.option(
@@ -18,21 +18,21 @@ from ._options import mapped, print_json
     is_flag=True,
     help="The tracker or the target may have moved: find them anew, keep the arm.",
 )
-@mapped
+@column_option
 @click.option("--json", "as_json", is_flag=True)
-def validate(
+def validate_command(
     result: Path, data: Path, register: bool, columns: dict[str, str], as_json: bool
 ) -> None:
     """Whether a stored calibration still holds on new measurements; nothing of it is refitted."""
-    from ..calibration.compensation import outside
-    from ..calibration.storage import load_calibration
-    from ..calibration.validation import judge, sentences
+    from ..calibration.compensation import describe_extrapolation
+    from ..calibration.loading import load_calibration
+    from ..calibration.validation import describe_verdict, judge
     from ..measurements.reader import read_measurements
 
     c = load_calibration(result)
     measured = read_measurements(data, c.robot.prismatic, columns)
     found = judge(c, measured, register)
-    said, beyond = sentences(measured, found), outside(c, measured)
+    said, beyond = describe_verdict(measured, found), describe_extrapolation(c, measured)
     warnings = [*found.doubts, *beyond]
     if as_json:
         print_json(

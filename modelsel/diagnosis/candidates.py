@@ -22,7 +22,7 @@ from ..mechanisms.causes import Applied, Bump, Cause, Named, cos, q, sign, sin, 
 from ..mechanisms.drives import WAVES, wave
 from ..mechanisms.environment import warmth
 from ..mechanisms.gravity_effects import far, near
-from ..mechanisms.terms import Mechanism, Screw, Term
+from ..mechanisms.terms import Mechanism, Screw, Term, TermKey
 from ..robot.gravity import arm_pair, under_gravity
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
@@ -255,13 +255,13 @@ def candidates(
 ) -> tuple[Candidate, ...]:
     """Every explanation the data could carry beyond the base, with priors that sum to one.
     `cells=False`: the given mechanisms alone."""
-    names, inside = problem.names(), {t.screws for t in base.terms}
+    names, inside = problem.names(), {t.key for t in base.terms}
     fitting = _distinct(
         problem,
         [
             m
             for m in mechanisms
-            if m.names() <= names.keys() and not {t.screws for t in m.terms} <= inside
+            if m.names() <= names.keys() and not {t.key for t in m.terms} <= inside
         ],
     )
     count: dict[str, int] = {}
@@ -285,7 +285,7 @@ def candidates(
             *pitches(problem),
             *((f, ODD) for f in free_functions(problem)),
         ]:
-            key = frozenset(t.screws for t in m.terms)
+            key = frozenset(t.key for t in m.terms)
             if key not in seen and not key <= inside:
                 seen.add(key)
                 others.append((m, weight))
@@ -298,7 +298,7 @@ def candidates(
                 m,
                 False,
                 (1 - share) * weight / whole,
-                one_sided.get(frozenset(t.screws for t in m.terms), ()),
+                one_sided.get(frozenset(t.key for t in m.terms), ()),
             )
             for m, weight in others
         ),
@@ -307,14 +307,12 @@ def candidates(
 
 def _taken(
     mechanisms: Sequence[Mechanism],
-) -> tuple[
-    set[frozenset[tuple[Screw, ...]]], dict[frozenset[tuple[Screw, ...]], tuple[Mechanism, ...]]
-]:
+) -> tuple[set[frozenset[TermKey]], dict[frozenset[TermKey], tuple[Mechanism, ...]]]:
     """(screws of which no cell is offered beside the mechanisms; the mechanisms by their screws
     that have these with one sign only: with the other they are a cell without a name)."""
-    by_screws: dict[frozenset[tuple[Screw, ...]], list[Mechanism]] = {}
+    by_screws: dict[frozenset[TermKey], list[Mechanism]] = {}
     for m in mechanisms:
-        by_screws.setdefault(frozenset(t.screws for t in m.terms), []).append(m)
+        by_screws.setdefault(frozenset(t.key for t in m.terms), []).append(m)
     one_sided = {
         key: tuple(same)
         for key, same in by_screws.items()
@@ -349,7 +347,7 @@ def strongest(
         if candidate.registered and f > best.get(candidate.mechanism.name, (0.0, -1))[0]:
             best[candidate.mechanism.name] = (f, g)
     ranked = [g for _, g in sorted(best.values(), key=lambda pair: -pair[0])]
-    screws = {g: {t.screws for t in found[g].mechanism.terms} for g in ranked}
+    screws = {g: {t.key for t in found[g].mechanism.terms} for g in ranked}
     first = {g for f, g in best.values() if f == np.inf}
     parts = {g for g in ranked if g not in first and any(screws[g] < screws[h] for h in first)}
     unions = {

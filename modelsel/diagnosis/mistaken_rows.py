@@ -79,7 +79,7 @@ def slipped(
     before = _length(left(some))
     still, out = before > FAR * near, list[str]()
     for slip in (*_slips(some), _stale(problem, rows)):
-        changed = some.anew(data=replace(some.data, q=slip.q, position=slip.position))
+        changed = replace(some, data=replace(some.data, q=slip.q, position=slip.position))
         after = _length(left(changed))
         good = still & (after < near)
         if good.any():
@@ -140,7 +140,7 @@ def _settled(
     at = _with(problem, slip, marked, registered, per_group)
     for _ in range(ROUNDS):
         plain, other = (
-            _length(residuals(at.anew(data=replace(at.data, q=q, position=x))))
+            _length(residuals(replace(at, data=replace(at.data, q=q, position=x))))
             for q, x in ((problem.data.q, problem.data.position), (slip.q, slip.position))
         )
         again = other < plain / 2
@@ -157,12 +157,13 @@ def _with(
     """The problem without the slip in the marked rows, tracker and targets found again where they
     were found before."""
     rows = marked[:, None]
-    at = problem.anew(
+    at = replace(
+        problem,
         data=replace(
             problem.data,
             q=np.where(rows, slip.q, problem.data.q),
             position=np.where(rows, slip.position, problem.data.position),
-        )
+        ),
     )
     try:
         return (

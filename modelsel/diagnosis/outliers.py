@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array, Index
-from ..fitting.design import Model, design
+from ..fitting.design import Model, compute_design
 from ..fitting.identifiability import identify
 from ..fitting.least_squares import Fit, fit
 from ..fitting.problem import Problem
@@ -52,7 +52,7 @@ def gross(problem: Problem, base: Model) -> Mask:
     (Rousseeuw & Van Driessen 1999), then residuals in robust standard deviations, each divided by
     what its leverage makes of it."""
     fitted = fit(problem, base)
-    X, r = design(problem, base.terms, fitted.at())
+    X, r = compute_design(problem, base.terms, fitted.at())
     X = X[:, :, list(fitted.representatives)]
     seen = problem.measured
     m, p, c = len(X), X.shape[2], problem.coordinates / len(X)

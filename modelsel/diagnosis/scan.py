@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from .._typing import Array, Index
 from ..fitting.design import blocks
+from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
-from ..fitting.splines import spline, splines
+from ..fitting.splines import spline, spline_groups
 from ..mechanisms.terms import Term
 from .candidates import Candidate
 from .sign_constraints import Sides, least, sides
@@ -103,16 +104,16 @@ class Columns:
 
 
 def columns(
-    problem: Problem, found: Sequence[Candidate], at: tuple[Sequence[Term], Array] | None = None
+    problem: Problem, found: Sequence[Candidate], at: Linearisation | None = None
 ) -> Columns:
     """Columns of every candidate, each screw's evaluated once. Rows are ordered block, component,
     configuration."""
     terms: dict[tuple[object, ...], Term] = {}
     for candidate in found:
         for t in candidate.mechanism.terms:
-            terms.setdefault(t.screws, t)
+            terms.setdefault(t.key, t)
     place = {screws: k for k, screws in enumerate(terms)}
-    slices = [np.array([place[t.screws] for t in c.mechanism.terms], dtype=np.intp) for c in found]
+    slices = [np.array([place[t.key] for t in c.mechanism.terms], dtype=np.intp) for c in found]
     parts = [flat(problem, rows, c) for rows, c, _ in blocks(problem, tuple(terms.values()), at)]
     XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
     rms: dict[int, float] = {}  # by the cause's identity: a hundred places share one
@@ -160,7 +161,7 @@ def pieces(count: int, size: int) -> Iterator[slice]:
 def flat(problem: Problem, rows: slice, values: NDArray[Any]) -> NDArray[Any]:
     """(k, N) measured coordinates of values (k, c, rows)."""
     every = values.reshape(len(values), values.shape[1] * values.shape[2])  # of no columns, too
-    return every if problem.measured is None else every[:, problem.measured[rows].T.reshape(-1)]
+    return problem.select_measured(every, rows)
 
 
 def _most(problem: Problem, term: Term, rms: dict[int, float]) -> float:
@@ -177,7 +178,7 @@ def _root(terms: Sequence[Term], norms: Array) -> Array:
     """(k, k) root of the prior covariance of a free function's coefficients; places of one
     mechanism move the target alike far, whatever their units."""
     out = np.zeros((len(terms), len(terms)))
-    for index, root in splines(terms):
+    for index, root in spline_groups(terms):
         out[np.ix_(index, index)] = root / np.sqrt(max(float(norms[index].mean()), 1e-300))
     return out
 
@@ -207,7 +208,7 @@ def subset(cols: Columns, which: Index) -> Columns:
 
 
 def stacked(
-    problem: Problem, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None
+    problem: Problem, terms: Sequence[Term], at: Linearisation | None
 ) -> tuple[Array, Array]:
     """(columns (N, p), residual (N,)) whitened, in the row order of `columns`."""
     parts = [

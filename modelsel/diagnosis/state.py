@@ -72,8 +72,8 @@ class Search:
     def unbounded(self, g: int, view: View) -> bool:
         """Whether the fit leaves an effect's size open: a term, or its standard error, is beyond
         what a small screw can be."""
-        place = {t.screws: k for k, t in enumerate(view.model.terms)}
-        at = [place[t.screws] for t in self.found[g].mechanism.terms]
+        place = {t.key: k for k, t in enumerate(view.model.terms)}
+        at = [place[t.key] for t in self.found[g].mechanism.terms]
         block = next(b for b in self.columns.grams if g in b.which)
         most = block.most[int(np.flatnonzero(block.which == g)[0])]
         return bool(
@@ -220,9 +220,9 @@ class View:
     def own(self, *effects: Candidate) -> Array:
         """(p,) mask of the terms that these effects alone bring."""
         whose = [e.mechanism for e in effects]
-        mine = {t.screws for m in whose for t in m.terms}
-        shared = {t.screws for m in self.model.mechanisms if m not in whose for t in m.terms}
-        return np.array([t.screws in mine and t.screws not in shared for t in self.model.terms])
+        mine = {t.key for m in whose for t in m.terms}
+        shared = {t.key for m in self.model.mechanisms if m not in whose for t in m.terms}
+        return np.array([t.key in mine and t.key not in shared for t in self.model.terms])
 
     def freed(self, *effects: Candidate) -> tuple[Array, Array]:
         """(D (N, d), the residual with the effects put back): no refit, the directions that only

@@ -137,10 +137,10 @@ def extend(
     if chosen != before:  # what the dropped ones explained is left
         left, left_p, held_back = *_left(search, view, chosen), None
     fitted = fit_shrunk(problem, view.model, view.fitted, held="all") if chosen else view.fitted
-    place = {t.screws: k for k, t in enumerate(view.model.terms)}
+    place = {t.key: k for k, t in enumerate(view.model.terms)}
     effects, undone = [], _undone(search, chosen, view)
     for g, p in known.items():
-        (one, _), at = search.again(g, view), [place[t.screws] for t in found[g].mechanism.terms]
+        (one, _), at = search.again(g, view), [place[t.key] for t in found[g].mechanism.terms]
         effects.append(
             Effect(found[g], one, p, fitted.theta[at], fitted.standard_errors[at], undone.get(g))
         )
@@ -265,12 +265,12 @@ def pruned(
 
 def _moved(before: View, after: View, candidate: Candidate) -> bool:
     """Whether a newcomer changed what an effect does to the target by more than a tenth."""
-    old = dict(zip((t.screws for t in before.model.terms), before.fitted.theta, strict=True))
+    old = dict(zip((t.key for t in before.model.terms), before.fitted.theta, strict=True))
     own = np.flatnonzero(after.own(candidate))
     moves = after.A[: after.seen.columns.XT.shape[1], own]
     now = moves @ after.fitted.theta[own]
     change = moves @ (
-        after.fitted.theta[own] - [old.get(after.model.terms[k].screws, 0.0) for k in own]
+        after.fitted.theta[own] - [old.get(after.model.terms[k].key, 0.0) for k in own]
     )
     return float(np.linalg.norm(change)) > SHIFT * float(np.linalg.norm(now))
 

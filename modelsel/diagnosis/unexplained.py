@@ -168,11 +168,7 @@ def estimated_floor(rung_: Evaluation, split: Split) -> Floor:
     """One coordinate's standard deviation [mm] from the residuals of a fitted model."""
     fitted = rung_.fit
     square = np.square(rung_.residual[split.used][:, :3])
-    mean = (
-        square.mean()
-        if split.problem.measured is None
-        else square.sum() / split.problem.measured[split.used][:, :3].sum()
-    )
+    mean = square.sum() / split.problem.components_measured[split.used][:, :3].sum()
     return Floor(float(np.sqrt(mean * fitted.rows / fitted.freedom)), "estimated", fitted.freedom)
 
 

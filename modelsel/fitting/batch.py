@@ -17,8 +17,9 @@ from .._typing import Array, Index
 from ..mechanisms.terms import Term
 from ..robot.kinematics import pose
 from ..robot.rigid import rotation_vector
-from .design import PLACE, fixture_values
-from .observation import predicted
+from .design import PLACE
+from .linearisation import add_feature_changes
+from .observation import predict_readings
 from .problem import Problem
 
 ROWS = 8192  # draws x configurations in one block: its arrays stay in cache
@@ -35,26 +36,25 @@ class Ensemble:
     _places: dict[Place, tuple[Index, Array]] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        found: dict[Place, tuple[list[int], list[Array]]] = {}
+        terms_at: dict[Place, list[int]] = {}
+        causes_at: dict[Place, list[Array]] = {}
         for k, term in enumerate(self.terms):
-            for s in () if term.fixture else term.screws:
-                index, causes = found.setdefault((s.frame - 1, PLACE[s.axis]), ([], []))
-                index.append(k)
-                causes.append(np.asarray(self.problem.cause(s.cause), float))
-        m = len(self.problem)
-        object.__setattr__(
-            self,
-            "_places",
-            {
-                place: (
-                    np.array(index, dtype=np.intp),
-                    np.stack([c.reshape(1) for c in causes])
-                    if all(c.ndim == 0 for c in causes)
-                    else np.stack([np.broadcast_to(c, (m,)) for c in causes]),
-                )
-                for place, (index, causes) in sorted(found.items())
-            },
-        )
+            for s in term.screws:
+                place = s.frame - 1, PLACE[s.axis]
+                cause = np.asarray(self.problem.cause(s.cause), float)
+                terms_at.setdefault(place, []).append(k)
+                causes_at.setdefault(place, []).append(cause)
+        places = {}
+        for place in sorted(terms_at):
+            index = np.array(terms_at[place], dtype=np.intp)
+            places[place] = index, self._stacked(causes_at[place])
+        object.__setattr__(self, "_places", places)
+
+    def _stacked(self, causes: Sequence[Array]) -> Array:
+        """(k, m) causes, or (k, 1) where all are constant."""
+        if all(cause.ndim == 0 for cause in causes):
+            return np.stack([cause.reshape(1) for cause in causes])
+        return np.stack([np.broadcast_to(cause, (len(self.problem),)) for cause in causes])
 
     @cached_property
     def _turns(self) -> tuple[tuple[Array, Array], ...]:
@@ -83,11 +83,7 @@ class Ensemble:
             left = self._left(twist, draws.stop - start)
             if self._bare is not None:
                 left = self._read(left, theta[draws])
-            out[draws] = (
-                left * problem.whiten
-                if isinstance(problem.whiten, float)
-                else np.einsum("mij,djm->dim", problem.whiten, left)
-            )
+            out[draws] = problem.whitening.apply(left)
         return out
 
     def _left(self, twist: Twist, D: int) -> Array:
@@ -99,7 +95,7 @@ class Ensemble:
     @cached_property
     def _bare(self) -> Ensemble | None:
         """The same rows as points measured at nought, where not every row is a point."""
-        return None if self.problem.data.gauges is None else Ensemble(self.problem.bare, ())
+        return None if self.problem.only_points else Ensemble(self.problem.bare, ())
 
     @cached_property
     def _origin(self) -> Ensemble | None:
@@ -108,15 +104,14 @@ class Ensemble:
     def _read(self, left: Array, theta: Array) -> Array:
         """Measured minus predicted (D, c, m) of what the rows read, from the target's position with
         its sign turned."""
-        problem, gauges, start = self.problem, self.problem.data.gauges, None
-        assert gauges is not None
+        problem, origin_x = self.problem, None
+        gauges = problem.observed()
         if self._origin is not None:
-            start = -self._origin._left(self._origin.twist(theta), len(theta))[:, :3]
-        values = fixture_values(len(gauges.features), self.terms, theta)
-        left[:, :3] = problem.readings - predicted(
-            gauges, problem.fixtures, values, -left[:, :3], start
-        )
-        return left if problem.measured is None else left * problem.measured.T
+            origin_x = -self._origin._left(self._origin.twist(theta), len(theta))[:, :3]
+        change = add_feature_changes(len(gauges.features), self.terms, theta)
+        predicted = predict_readings(gauges, problem.fixtures, change, -left[:, :3], origin_x)
+        left[:, :3] = problem.readings - predicted
+        return left * problem.components_measured.T
 
     def _positions(self, twist: Twist, D: int) -> Array:
         """Measured minus predicted (D, 3, m) [mm]."""

@@ -1,31 +1,37 @@
-"""What the data determine: rank, a stable choice of representatives, alias groups and lost
-combinations in words."""
+"""What the data determine: the rank, a stable choice of representatives, the relations among
+dependent columns."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from .._typing import Array
-from ..exceptions import sentence_list
+from ..measurements.features import Feature
+from ..measurements.measurements import Gauges
 from ..mechanisms.causes import ONE, Number
 from ..mechanisms.terms import Term
 from .problem import Problem
 from .reduction import Reduction, Source, independent
 
-SHARE = 1e-4  # a smaller part of a combination is not worth a word
+MIN_COLUMN = 1e-13  # of the largest column's norm: a smaller column is zero
+# spread [mm] of readings from which the size of the arm is known
+MIN_READING_SPREAD_MM = 1.0
+# how many features of a kind, at known places, tell the size of the arm
+FEATURES_THAT_TELL_SIZE = {"same-point": 2, "plane": 4}
 
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """`kept`: indices of the fitted terms, in the columns' order: of `identify` the
-    representatives; `scale` (p,) norms of the columns; `triangle` (p, p); `exact`: the
-    representatives, whatever else is fitted; `held`: the length that stays as drawn where the data
-    measure none, `still`: the base's turns where they do not say which way it looks (see
-    `size`)."""
+    """Which terms are fitted and which represent others.
+
+    `kept`: indices of the fitted terms, in the columns' order: of `identify` the representatives;
+    `scale` (p,) norms of the columns; `triangle` (p, p); `exact`: the representatives, whatever
+    else is fitted; `held`: the length that stays as drawn where the data measure none, `still`:
+    the base's rotations where they do not say which way it looks (see `as_drawn`)."""
 
     kept: tuple[int, ...]
     scale: Array
@@ -51,34 +57,39 @@ class Identified:
     @cached_property
     def condition(self) -> float:
         """Condition number of the kept columns, scaled to unit norm."""
+        if not self.kept:
+            return 1.0
         kept = list(self.kept)
-        singular = (
-            np.linalg.svd(self.triangle[:, kept] / self.scale[kept], compute_uv=False)
-            if kept
-            else np.ones(1)
-        )
+        unit = self.triangle[:, kept] / self.scale[kept]
+        singular = np.linalg.svd(unit, compute_uv=False)
         return float(singular[0] / singular[-1])
+
+    @property
+    def zero(self) -> tuple[int, ...]:
+        """Columns that move nothing."""
+        limit = MIN_COLUMN * self.scale.max(initial=0)
+        return tuple(np.flatnonzero(self.scale <= limit).tolist())
 
 
 def identify(reduction: Reduction) -> Identified:
-    """Rank by sequential orthogonalisation of the unit columns, in their order: an earlier column
-    represents a later one that depends on it, so the choice does not hang on the data. A column
-    below 1e-13 of the largest is zero."""
+    """Determine the rank by sequential orthogonalisation of the unit columns, in their order: an
+    earlier column represents a later one that depends on it, so the choice does not hang on the
+    data. A column below 1e-13 of the largest is zero."""
     R = reduction.R[: reduction.p, : reduction.p]
     kept, scale = independent(R)
     return Identified(tuple(kept), scale, R, tuple(kept))
 
 
-def without(found: Identified, lost: set[int]) -> Identified:
-    """With some representatives fixed: a target 0.7 mm off the last axis makes combinations
-    estimable on paper that need radians to move it by a micrometre, and least squares would put
-    such radians in."""
-    return replace(found, kept=tuple(k for k in found.kept if k not in lost))
+def without(identified: Identified, lost: set[int]) -> Identified:
+    """Return what is identified with some representatives fixed: a target 0.7 mm off the last axis
+    makes combinations estimable on paper that need radians to move it by a micrometre, and least
+    squares would put such radians in."""
+    return replace(identified, kept=tuple(k for k in identified.kept if k not in lost))
 
 
 def solve(reduction: Reduction, kept: Sequence[int]) -> tuple[Array, Array, float]:
-    """(estimate of the kept columns, their unscaled covariance factor R⁻¹ with cov = R⁻¹R⁻ᵀ,
-    residual sum of squares)."""
+    """Solve for the kept columns: (their estimate (k,), their unscaled covariance factor R⁻¹
+    (k, k) with cov = R⁻¹R⁻ᵀ, the residual sum of squares)."""
     from scipy.linalg import solve_triangular
 
     inner = reduction.select(kept)
@@ -92,196 +103,126 @@ def solve(reduction: Reduction, kept: Sequence[int]) -> tuple[Array, Array, floa
     return estimate, factor, float(inner.R[k, k] ** 2)
 
 
-@dataclass(frozen=True)
-class Unidentifiable:
-    """A combination of parameters that the data cannot tell, in words."""
+# -- what stays as drawn: how long is the arm, and which way does it look?
+# ------------------------------------------------------------------------------------------------------
 
-    sentence: str
-    parameters: tuple[str, ...]
-
-
-def unidentifiable(
-    found: Identified, terms: Sequence[Term], leaning: Sequence[int] = ()
-) -> tuple[Unidentifiable, ...]:
-    """Parameters that move nothing, groups of which only combinations are determined, parameters
-    that the data hardly tell; `leaning`: fitted terms that the prior of usual sizes holds as much
-    as the data."""
-    symbols = [t.symbol for t in terms]
-    biggest = found.scale.max(initial=0)
-    still = [symbols[j] for j in range(len(terms)) if found.scale[j] <= 1e-13 * biggest]
-    out = []
-    if still:
-        verb = "moves" if len(still) == 1 else "move"
-        out.append(
-            Unidentifiable(
-                f"{sentence_list(still)} {verb} no measured coordinate: the data say nothing of "
-                f"{'it' if len(still) == 1 else 'them'}.",
-                tuple(still),
-            )
-        )
-    lost = [
-        j for j in range(len(terms)) if j not in found.exact and found.scale[j] > 1e-13 * biggest
-    ]
-    partners = {
-        j: [
-            found.exact[k]
-            for k in np.flatnonzero(
-                np.abs(found.relation[j] * found.scale[list(found.exact)]) > SHARE * found.scale[j]
-            )
-        ]
-        for j in lost
-    }
-    for group in _connected(partners):
-        names = [symbols[j] for j in sorted(group)]
-        dropped = [symbols[j] for j in sorted(group) if j in partners]
-        free = len(group) - len(dropped)
-        what = "only their sum effect is" if free == 1 else f"only {free} combinations of them are"
-        zero = [symbols[j] for j in sorted(group) if j in partners and j not in found.kept]
-        shared = (
-            f"{_at_zero(zero)}" if zero else "the fit divides it among them by their usual sizes"
-        )
-        out.append(
-            Unidentifiable(
-                f"{sentence_list(names)} cannot be told apart: {what} determined; {shared}.",
-                tuple(names),
-            )
-        )
-    if found.still:
-        turns = [symbols[j] for j in found.still]
-        out.append(
-            Unidentifiable(
-                f"{_at_zero(turns)}: no row is measured in a frame of its own, and the whole may turn about "
-                "points that nobody knows.",
-                tuple(turns),
-            )
-        )
-    if found.held is not None:
-        held = symbols[found.held]
-        out.append(
-            Unidentifiable(
-                f"{_at_zero([held])}: no row measures a length, and an arm of another size would meet "
-                f"all of them as well; every length is in proportion to the drawing's at {held}.",
-                (held,),
-            )
-        )
-    said = {name for group in out for name in group.parameters}
-    weak = [symbols[j] for j in leaning if symbols[j] not in said]
-    if weak:
-        out.append(
-            Unidentifiable(
-                f"{sentence_list(weak)} {'is' if len(weak) == 1 else 'are'} hardly determined by these data: "
-                f"{'its estimate is' if len(weak) == 1 else 'their estimates are'} held near zero by the usual "
-                "size of such errors, and the standard error says how far.",
-                tuple(weak),
-            )
-        )
-    return tuple(out)
-
-
-def _at_zero(names: Sequence[str]) -> str:
-    return f"{sentence_list(names)} {'is' if len(names) == 1 else 'are'} kept at zero"
-
-
-def _connected(partners: dict[int, list[int]]) -> list[set[int]]:
-    groups: list[set[int]] = []
-    for j, others in partners.items():
-        together = {j, *others}
-        touching = [g for g in groups if g & together]
-        groups = [g for g in groups if g not in touching] + [together.union(*touching)]
-    return sorted(groups, key=min)
-
-
-# How long is the arm? Planes, touched points and bars of unknown length do not say: an arm of half
+# Planes, touched points and bars of unknown length do not say how long the arm is: an arm of half
 # the size meets them all.
 
-APART_MM = 1.0  # spread of readings that tells one size from another
-KNOWN = {"same-point": 2, "plane": 4}  # known features that do
 
-
-def sized(problem: Problem | Source) -> bool:
-    """Whether some row measures a length: a coordinate, a wire, a distance, a bar of known length,
-    features at known places."""
-    if (
-        isinstance(problem, Source)
-        or (gauges := problem.data.gauges) is None
-        or any(j.prismatic for j in problem.robot.joints)
-    ):
+def measures_a_length(problem: Problem | Source) -> bool:
+    """Return whether some row measures a length: a coordinate, a wire, a distance, a bar of known
+    length, features at known places. An arm with a slide has one of its own."""
+    if isinstance(problem, Source) or problem.only_points:
         return True
-    if gauges.of("distance").any() or any(
-        f.kind in ("wire", "ball-bar") and "length" not in f.free for f in gauges.features
-    ):
+    if any(joint.prismatic for joint in problem.robot.joints):
         return True
-    readings = [
-        gauges.length[gauges.feature == k]
-        for k, f in enumerate(gauges.features)
-        if f.kind == "wire"
-    ]
-    readings += [problem.data.position[gauges.of("point", "xyz"[a]), a] for a in range(3)]
-    if any(len(r) and np.ptp(r) > APART_MM for r in readings):
+    gauges = problem.observed()
+    if gauges.of("distance").any() or any(map(_has_known_length, gauges.features)):
         return True
-    return any(
-        sum(
-            f.kind == kind and f.position is not None and "tz" not in f.free
-            for f in gauges.features
-        )
-        >= count
-        for kind, count in KNOWN.items()
-    )
+    spread = max(map(_spread, _length_readings(problem, gauges)), default=0.0)
+    return spread > MIN_READING_SPREAD_MM or _known_features_tell_size(gauges.features)
 
 
-def turned(problem: Problem | Source) -> bool:
-    """Whether touched points stand alone: no row is measured in a frame, no feature is known. Of
-    wires and planes the columns say so themselves; touched points seem to tell, by as much as they
-    miss each other on the nominal arm."""
-    if isinstance(problem, Source) or (gauges := problem.data.gauges) is None:
+def _has_known_length(feature: Feature) -> bool:
+    return feature.kind in ("wire", "ball-bar") and "length" not in feature.free
+
+
+def _length_readings(problem: Problem, gauges: Gauges) -> Iterator[Array]:
+    """Readings of each wire, and of each coordinate measured alone [mm]."""
+    for number, feature in enumerate(gauges.features):
+        if feature.kind == "wire":
+            yield gauges.length[gauges.feature == number]
+    for a, axis in enumerate("xyz"):
+        yield problem.data.position[gauges.of("point", axis), a]
+
+
+def _spread(readings: Array) -> float:
+    return float(np.ptp(readings)) if len(readings) else 0.0
+
+
+def _known_features_tell_size(features: Sequence[Feature]) -> bool:
+    """Whether so many features of a kind stand at known places."""
+    known = [f.kind for f in features if f.position is not None and "tz" not in f.free]
+    return any(known.count(kind) >= count for kind, count in FEATURES_THAT_TELL_SIZE.items())
+
+
+def measures_no_direction(problem: Problem | Source) -> bool:
+    """Return whether touched points stand alone: no row is measured in a frame, no feature is
+    known. Of wires and planes the columns say so themselves; touched points seem to tell the
+    direction, by as much as they miss each other on the nominal arm."""
+    if isinstance(problem, Source) or problem.only_points:
         return False
+    gauges = problem.observed()
+    touched = bool(gauges.of("same-point").any())
+    framed = bool(gauges.of("point", "x", "y", "z").any())
     known = any(f.kind != "distance" and not {"tx", "tz"} & set(f.free) for f in gauges.features)
-    return (
-        bool(gauges.of("same-point").any())
-        and not known
-        and not gauges.of("point", "x", "y", "z").any()
-    )
+    return touched and not framed and not known
 
 
-def as_drawn(found: Identified, problem: Problem | Source, terms: Sequence[Term]) -> Identified:
-    """Without the representatives that these data leave as drawn: the way the base looks, and the
-    largest length of the arm where they measure none and every length is open."""
-    if turned(problem):
-        base = [
-            k
-            for k in found.kept
-            if [(s.frame, s.axis[0], s.cause) for s in terms[k].screws] == [(1, "r", ONE)]
-        ]
-        found = replace(
-            found, kept=tuple(k for k in found.kept if k not in base), still=tuple(base)
-        )
-    if sized(problem) or isinstance(problem, Source):
-        return found
+def as_drawn(
+    identified: Identified, problem: Problem | Source, terms: Sequence[Term]
+) -> Identified:
+    """Return what is identified without the representatives that these data leave as drawn: the
+    way the base looks, and the largest length of the arm where the data measure none and every
+    length is open."""
+    if measures_no_direction(problem):
+        turns = tuple(k for k in identified.kept if _turns_base(terms[k]))
+        kept = tuple(k for k in identified.kept if k not in turns)
+        identified = replace(identified, kept=kept, still=turns)
+    if isinstance(problem, Source) or measures_a_length(problem):
+        return identified
+    held = _length_to_hold(identified, terms, _drawn_lengths(problem))
+    if held is None:
+        return identified
+    return replace(identified, kept=tuple(k for k in identified.kept if k != held), held=held)
+
+
+def _turns_base(term: Term) -> bool:
+    """Whether a term is a constant rotation of the base."""
+    return [(s.frame, s.axis[0], s.cause) for s in term.screws] == [(1, "r", ONE)]
+
+
+def _drawn_lengths(problem: Problem) -> dict[tuple[int, str], float]:
+    """(frame, "x", "y" or "z") -> the drawing's lengths [mm] that are not zero, to the target."""
     robot = problem.robot
-    lengths = {
-        (f + 1, "xyz"[i]): v for f, fixed in enumerate(robot.fixed[:-1]) for i, v in fixed.offset
-    }
-    last = np.zeros(3)
-    for i, v in robot.fixed[-1].offset:
-        last[i] = v
-    lengths |= {
-        (robot.n + 1, "xyz"[i]): float(v) for i, v in enumerate(last + problem.tools[0]) if v
-    }
-    place = {
-        (t.screws[0].frame, t.screws[0].axis[1:]): k
-        for k, t in enumerate(terms)
-        if len(t.screws) == 1
-        and t.screws[0].axis[0] == "t"
-        and isinstance(t.screws[0].cause, Number)
-    }
-    if not lengths.keys() <= place.keys():
-        return found
+    lengths = {}
+    for frame, fixed in enumerate(robot.fixed[:-1], 1):
+        for axis, value in fixed.offset:
+            lengths[frame, "xyz"[axis]] = value
+    last = problem.tools[0].copy()
+    for axis, value in robot.fixed[-1].offset:
+        last[axis] = value + problem.tools[0, axis]
+    for axis, value in enumerate(last):
+        if value:
+            lengths[robot.n + 1, "xyz"[axis]] = float(value)
+    return lengths
+
+
+def _length_to_hold(
+    identified: Identified, terms: Sequence[Term], lengths: dict[tuple[int, str], float]
+) -> int | None:
+    """The fitted length that has most of a change of the arm's size; None where not every length
+    is a term, or none of them is open."""
+    term_of = {}
+    for k, term in enumerate(terms):
+        if _is_constant_shift(term):
+            term_of[term.screws[0].frame, term.screws[0].axis[1:]] = k
+    if not lengths.keys() <= term_of.keys():
+        return None
     direction = np.zeros(len(terms))
-    for key, value in lengths.items():
-        direction[place[key]] = value
-    own = np.abs(direction @ found.relation)
-    open_ = [i for i, k in enumerate(found.exact) if k in place.values() and k in found.kept]
-    if not open_ or not own[open_].any():
-        return found
-    held = found.exact[max(open_, key=lambda i: float(own[i]))]
-    return replace(found, kept=tuple(k for k in found.kept if k != held), held=held)
+    for place, value in lengths.items():
+        direction[term_of[place]] = value
+    share = np.abs(direction @ identified.relation)
+    shifts = term_of.values()
+    is_open = [i for i, k in enumerate(identified.exact) if k in shifts and k in identified.kept]
+    if not is_open or not share[is_open].any():
+        return None
+    return identified.exact[max(is_open, key=lambda i: float(share[i]))]
+
+
+def _is_constant_shift(term: Term) -> bool:
+    if len(term.screws) != 1:
+        return False
+    screw = term.screws[0]
+    return screw.axis[0] == "t" and isinstance(screw.cause, Number)

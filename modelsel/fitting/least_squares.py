@@ -15,6 +15,7 @@ from ..exceptions import NotEstimable
 from ..mechanisms.terms import Term
 from .design import Model, residuals
 from .identifiability import Identified, as_drawn, identify, solve, without
+from .linearisation import Linearisation
 from .prior import WeakPrior, faint, fitted_terms, usual_sizes, weak_prior
 from .problem import Problem
 from .reduction import PROBE, Reduction, Source, reduce_problem
@@ -72,16 +73,17 @@ class Fit:
         kept = list(self.found.kept)
         if self.prior is None:
             return float(self.rows - len(kept))
-        return float(self.rows - np.square(self.reduction.R[:-1, kept] @ self.factor[kept]).sum())
+        hat_root = self.reduction.R[:-1, kept] @ self.factor[kept]
+        return float(self.rows - np.square(hat_root).sum())
 
     @property
     def by_prior(self) -> int:
         """Fitted terms that a prior has a say in, whose rows stand with the data's: they cost the
         noise no degree of freedom."""
-        shrunk = (
-            0 if self.precision is None else int((self.precision[list(self.found.kept)] > 0).sum())
-        )
-        return shrunk + self.weak.count
+        if self.precision is None:
+            return self.weak.count
+        shrunk = self.precision[list(self.found.kept)] > 0
+        return int(shrunk.sum()) + self.weak.count
 
     @property
     def sigma(self) -> float:
@@ -90,7 +92,7 @@ class Fit:
 
     @property
     def standard_errors(self) -> Array:
-        """(p,) from the residual variance; nought where a term is not estimable."""
+        """(p,) from the residual variance; zero where a term is not estimable."""
         return np.asarray(np.sqrt((self.factor**2).sum(1)) * self.sigma)
 
     @property
@@ -119,25 +121,28 @@ class Fit:
     def beyond(self) -> float:
         """Degrees of freedom beyond all that the model can do at any size: rows minus the trace of
         the hat matrix of its representatives, shrunk terms with their variance."""
-        some = list(self.representatives)
+        columns = list(self.representatives)
         full = with_prior(self.reduction, prior_root(self.terms, self.precision), self.theta)
-        return float(
-            self.rows - np.square(self.reduction.R[:-1, some] @ solve(full, some)[1]).sum()
-        )
+        _, factor, _ = solve(full, columns)
+        hat_root = self.reduction.R[:-1, columns] @ factor
+        return float(self.rows - np.square(hat_root).sum())
 
     @cached_property
     def leaning(self) -> tuple[int, ...]:
         """Fitted terms whose standard error is above half of their usual size: the prior holds them
         as much as the data."""
-        sizes = self.weak.sizes if self.weak.sizes is not None else np.full(len(self.theta), np.inf)
-        return tuple(k for k in self.found.kept if self.standard_errors[k] > 0.5 * sizes[k])
+        sizes = self.weak.sizes
+        if sizes is None:
+            return ()
+        errors = self.standard_errors
+        return tuple(k for k in self.found.kept if errors[k] > 0.5 * sizes[k])
 
-    def at(self) -> tuple[Sequence[Term], Array]:
-        """The point to linearise other models at."""
-        return self.terms, self.theta
+    def at(self) -> Linearisation:
+        """Return the point to linearise other models at."""
+        return Linearisation(self.terms, self.theta)
 
     def residuals(self, problem: Problem) -> Array:
-        """Exact residuals (m, c) [mm, rad] of a problem under this fit."""
+        """Compute the exact residuals (m, c) [mm, rad] of a problem under this fit."""
         return residuals(problem, self.terms, self.theta)
 
 
@@ -148,18 +153,18 @@ def _rows(root: Array, theta: Array) -> Array:
 def prior_root(
     terms: Sequence[Term], precision: Array | None, weak: WeakPrior | None = None
 ) -> Array:
-    """(k, p) root of the prior's precision, of shrunk terms and of what the data hardly
+    """Compute the root (k, p) of the prior's precision, of shrunk terms and of what the data hardly
     determine."""
     shrunk = np.zeros((0, len(terms))) if precision is None else penalty(terms, precision)
     return shrunk if weak is None or weak.rows is None else np.vstack([shrunk, weak.rows])
 
 
 def with_prior(reduction: Reduction, root: Array, theta: Array) -> Reduction:
-    """The reduction with the prior's rows, root · (theta + delta) = 0, stacked on; its count stays
+    """Return the reduction with the prior's rows, root · (theta + delta) = 0, stacked on; its count stays
     that of the data."""
-    return (
-        Reduction(reduction.add(_rows(root, theta)).R, reduction.rows) if len(root) else reduction
-    )
+    if not len(root):
+        return reduction
+    return Reduction(reduction.add(_rows(root, theta)).R, reduction.rows)
 
 
 def _damped(reduction: Reduction, damping: float) -> Reduction:
@@ -173,17 +178,8 @@ def _damped(reduction: Reduction, damping: float) -> Reduction:
 
 
 def cost(reduction: Reduction) -> float:
-    """Sum of squares of the response."""
+    """Return the sum of squares of the response."""
     return float(np.square(reduction.R[:, -1]).sum())
-
-
-def typical_weight(problem: Problem | Source) -> float:
-    """1/mm: of one coordinate of a typical row."""
-    return (
-        problem.whiten
-        if isinstance(problem.whiten, float)
-        else float(np.median(np.diagonal(problem.whiten, 0, 1, 2)[:, :3]))
-    )
 
 
 def fit(
@@ -196,7 +192,7 @@ def fit(
     step_mm: float = STEP_MM,
     held: Held = "geometry",
 ) -> Fit:
-    """Least squares of a model on a problem. precision (p,): prior 1/variance of each term in
+    """Fit a model to a problem by least squares. precision (p,): prior 1/variance of each term in
     whitened units, about zero, the terms of a free function correlated (`smooth`). `held`: what the
     prior of usual sizes holds where the data hardly determine it: the "geometry", "all"
     (mechanisms' terms, too, which must have no say in what they are named), or "nothing", where
@@ -207,19 +203,15 @@ def fit(
     fit goes on until that stays. `iterations=1` is one linear step. Raises NotEstimable where the
     data have no more coordinates than the model has estimable parameters, or the iteration does not
     settle."""
-    solver = _Solver(problem, model, precision, typical_weight(problem), held)
+    solver = _Solver(problem, model, precision, problem.whitening.typical_weight(), held)
     if held == "nothing" or start is None or not start.any():
         theta = np.zeros(len(model.terms)) if start is None else start
-        state = solver.solve(
-            solver.state(theta, solver.at_nominal(), WeakPrior()), iterations, step_mm
-        )
+        state = solver.state(theta, solver.at_nominal(), WeakPrior())
+        state = solver.solve(state, iterations, step_mm)
     else:
         state = solver.state(start, solver.exact, WeakPrior())
-    for _ in range(ROUNDS if held != "nothing" else 0):
-        found, weak = solver.judge(state)
-        if found.kept == state.found.kept and weak.like(state.weak) and state.step_mm < step_mm:
-            break
-        state = solver.solve(solver.state(state.theta, found, weak), iterations, step_mm)
+    if held != "nothing":
+        state = solver.settle(state, iterations, step_mm)
     solver.refuse(state, iterations == ITERATIONS, step_mm)
     return Fit(
         model,
@@ -277,9 +269,8 @@ class _Solver:
         """`exact`, less what hardly moves the target at its usual size: it waits until the rest has
         converged."""
         least = UNSEEN_MM * self.weight * np.sqrt(len(self.problem))
-        return without(
-            self.exact, faint(self.exact.triangle, self.exact.kept, usual_sizes(self.model), least)
-        )
+        sizes = usual_sizes(self.model)
+        return without(self.exact, faint(self.exact.triangle, self.exact.kept, sizes, least))
 
     def sigma(self, rss: float, fitted: Sequence[int], by_prior: float = 0.0) -> float:
         """Residual standard deviation of one whitened coordinate; terms that a prior holds cost no
@@ -296,53 +287,62 @@ class _Solver:
         self, theta: Array, found: Identified, weak: WeakPrior
     ) -> tuple[Reduction, Reduction]:
         """(the reduction at theta, the same with the prior's rows)."""
-        only = list(found.kept) if len(self.problem) > PROBE[1] else None
-        here = (
-            self.nominal
-            if not theta.any()
-            else reduce_problem(self.problem, self.model.terms, (self.model.terms, theta), only)
-        )
-        return here, with_prior(here, prior_root(self.model.terms, self.precision, weak), theta)
+        terms = self.model.terms
+        if theta.any():
+            only = list(found.kept) if len(self.problem) > PROBE[1] else None
+            reduction = reduce_problem(self.problem, terms, Linearisation(terms, theta), only)
+        else:
+            reduction = self.nominal
+        return reduction, with_prior(reduction, prior_root(terms, self.precision, weak), theta)
+
+    def settle(self, state: _State, iterations: int, step_mm: float) -> _State:
+        """Judge what is fitted and solve again, until the judgement stays."""
+        for _ in range(ROUNDS):
+            found, weak = self.judge(state)
+            unchanged = found.kept == state.found.kept and weak.like(state.weak)
+            if unchanged and state.step_mm < step_mm:
+                break
+            state = self.solve(self.state(state.theta, found, weak), iterations, step_mm)
+        return state
 
     def solve(self, state: _State, iterations: int, step_mm: float) -> _State:
         """Gauss-Newton over the kept terms, damped where it overshoots."""
-        kept, done = list(state.found.kept), 0
+        kept, count = list(state.found.kept), 0
         state = replace(state, step_mm=np.inf, damping=0.0)
-        while done < iterations and state.step_mm >= step_mm and state.damping < STUCK:
+        while count < iterations and state.step_mm >= step_mm and state.damping < STUCK:
+            count += 1
             delta = np.zeros(len(state.theta))
-            delta[kept] = solve(_damped(state.full, state.damping), kept)[0]
-            trial, done = state.theta + delta, done + 1
+            delta[kept], _, _ = solve(_damped(state.full, state.damping), kept)
             step = float(np.linalg.norm(state.full.R[:-1, :-1] @ delta)) / self.weight
-            ahead, full = self.reduced(trial, state.found, state.weak)
-            if cost(full) <= cost(state.full) * (1 + 1e-9) or step < step_mm or iterations == 1:
+            trial = state.theta + delta
+            reduction, full = self.reduced(trial, state.found, state.weak)
+            lower = cost(full) <= cost(state.full) * (1 + 1e-9)
+            if lower or step < step_mm or iterations == 1:
                 damping = state.damping / 10 if state.damping > 1e-8 else 0.0
-                state = replace(
-                    state, theta=trial, reduction=ahead, full=full, step_mm=step, damping=damping
-                )
+                state = replace(state, theta=trial, reduction=reduction, full=full)
+                state = replace(state, step_mm=step, damping=damping)
             else:  # overshot: Levenberg-Marquardt from the same point
-                state = replace(
-                    state, damping=max(8 * state.damping, 1e-6), step_mm=max(step, step_mm)
-                )
-        return replace(state, iterations=state.iterations + done)
+                damping = max(8 * state.damping, 1e-6)
+                state = replace(state, damping=damping, step_mm=max(step, step_mm))
+        return replace(state, iterations=state.iterations + count)
 
     def judge(self, state: _State) -> tuple[Identified, WeakPrior]:
         """What is fitted and what the prior holds, at the solution and by the noise that it leaves.
         Every constant parameter that moves a measured coordinate is fitted; of the other terms,
         those that no earlier one represents."""
-        theta, terms, here = state.theta, self.model.terms, state.reduction
+        theta, terms, reduction = state.theta, self.model.terms, state.reduction
         if len(self.problem) > PROBE[1]:  # it holds the kept terms alone
-            here = reduce_problem(self.problem, terms, (terms, theta))
-        full, found = with_prior(here, prior_root(terms, self.precision), theta), self.exact
-        if (
-            np.abs(theta) > FAR * usual_sizes(self.model)
-        ).any():  # there other terms depend on one another
+            reduction = reduce_problem(self.problem, terms, Linearisation(terms, theta))
+        full = with_prior(reduction, prior_root(terms, self.precision), theta)
+        found = self.exact
+        is_far = np.abs(theta) > FAR * usual_sizes(self.model)
+        if is_far.any():  # other terms depend on one another there
             found = as_drawn(identify(full), self.problem, terms)
         found = fitted_terms(found, self.model)
-        sigma = max(
-            self.sigma(cost(state.reduction), state.found.kept, state.weak.count),
-            QUIET_MM * self.weight,
-        )
-        return found, weak_prior(full, found.kept, self.model, theta, sigma, self.held == "all")
+        sigma = self.sigma(cost(state.reduction), state.found.kept, state.weak.count)
+        sigma = max(sigma, QUIET_MM * self.weight)
+        catalogue = self.held == "all"
+        return found, weak_prior(full, found.kept, self.model, theta, sigma, catalogue)
 
     def refuse(self, state: _State, settled: bool, step_mm: float) -> None:
         """Raise NotEstimable where the data have no more coordinates than the model has parameters,
@@ -363,7 +363,7 @@ class _Solver:
 
 
 def factor_of(full: Reduction, kept: Sequence[int]) -> Array:
-    """(p, rank) covariance factor of the kept terms, noughts for the others."""
+    """Compute the covariance factor (p, rank) of the kept terms, zeros for the others."""
     factor = np.zeros((full.p, len(kept)))
     factor[list(kept)] = solve(full, kept)[1]
     return factor

@@ -31,7 +31,7 @@ class Step:
     prior: Array
 
     def fit(self, reduction: Reduction) -> Fit:
-        """The fit, from the reduction at theta."""
+        """Return the fit, from the reduction at theta."""
         full = with_prior(reduction, prior_root(self.model.terms, None, self.weak), self.theta)
         return Fit(
             self.model,
@@ -49,12 +49,12 @@ class Step:
 
 
 def one_step(model: Model, base: Fit, here: Reduction, weight: float) -> Step:
-    """The linear step of a model that extends a `base` from the base's fit; what is fitted of the
+    """Take the linear step of a model that extends a `base` from the base's fit; what is fitted of the
     base stays, and the prior of usual sizes goes by the noise that the model itself leaves. `here`:
     the model's reduction at the base's fit; `weight` [1/mm] of one coordinate. Raises
     NotEstimable."""
-    known = {t.screws: k for k, t in enumerate(base.terms)}
-    place = [known.get(t.screws, -1) for t in model.terms]
+    number = {term.key: k for k, term in enumerate(base.terms)}
+    place = [number.get(term.key, -1) for term in model.terms]
     theta = np.array([0.0 if k < 0 else base.theta[k] for k in place])
     kept = _kept(place, base, here)
     if here.rows <= len(kept) - base.weak.held:
@@ -64,21 +64,17 @@ def one_step(model: Model, base: Fit, here: Reduction, weight: float) -> Step:
         )
     weak = base.weak.placed(place)
     if weak.rows is not None:
-        left = solve(_with_rows(here, _prior(weak, theta)), kept)[2]
-        sigma = float(np.sqrt(left / max(here.rows - len(kept) + weak.count, 1.0)))
+        _, _, rss = solve(_with_rows(here, _prior(weak, theta)), kept)
+        freedom = here.rows - len(kept) + weak.count
+        sigma = float(np.sqrt(rss / max(freedom, 1.0)))
         weak = weak_prior(here, kept, model, theta, sigma, catalogue=True)
-    rows = _prior(weak, theta)
+    prior = _prior(weak, theta)
     delta = np.zeros(len(theta))
-    delta[list(kept)] = solve(_with_rows(here, rows), kept)[0]
-    found = Identified(kept, np.linalg.norm(here.R[:-1, :-1], axis=0), here.R[:-1, :-1], kept)
-    return Step(
-        model,
-        theta + delta,
-        found,
-        float(np.linalg.norm(here.R[:-1, :-1] @ delta)) / weight,
-        weak,
-        rows,
-    )
+    delta[list(kept)], _, _ = solve(_with_rows(here, prior), kept)
+    triangle = here.R[:-1, :-1]
+    found = Identified(kept, np.linalg.norm(triangle, axis=0), triangle, kept)
+    size_mm = float(np.linalg.norm(triangle @ delta)) / weight
+    return Step(model, theta + delta, found, size_mm, weak, prior)
 
 
 def _kept(place: Sequence[int], base: Fit, here: Reduction) -> tuple[int, ...]:

@@ -3,25 +3,30 @@ weights that follow."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
-from .._typing import Array
+from .._typing import Array, Index
 from ..exceptions import StudyError
 from ..measurements.measurements import SAME_READING, Measurements
 from .problem import Problem
+from .whitening import Whitening
 
 # standard deviation over median absolute deviation: a swapped reflector must not set the floor
 NORMAL = 1.4826
 LACKING = "lack-of-fit"  # code of the warning that a model leaves another noise than is known
-MEDIAN = (
-    0.37  # degrees of freedom of a standard deviation by the median, against one by the mean square
-)
-ENOUGH = 10  # degrees of freedom before repeats or target pairs are believed
-# of its size: no instrument tells a distance better; where pairs agree so well, one was computed
-# from the other
-FINEST = 1e-7
+# degrees of freedom of a standard deviation by the median, against one by the mean square
+MEDIAN = 0.37
+# degrees of freedom from which repeats or pairs of targets are believed
+MIN_FREEDOM = 10
+# of a distance's size: no instrument measures one better; where pairs agree so well, one was
+# computed from the other
+MIN_RELATIVE_SCATTER = 1e-7
+MIN_SIGMA_MM = 1e-9  # of a floor, so that its weight stays finite
+# rad of orientation for 1 mm of position, where no uncertainty of orientations is known
+RAD_PER_MM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -47,66 +52,80 @@ class Floor:
 
 
 def covariance(data: Measurements, instrument: Instrument) -> Array:
-    """(m, 3, 3) mm²: σ_r² uuᵀ + σ_a² d² (I − uuᵀ), u from the tracker to the point, d its
-    distance."""
+    """Compute the covariance (m, 3, 3) mm² of each position: σ_r² uuᵀ + σ_a² d² (I − uuᵀ), u from
+    the tracker to the point, d its distance. Raises StudyError where it is not definite."""
     line = data.position - np.array(instrument.at)
-    d = np.linalg.norm(line, axis=1)
-    if not d.all():
+    distance = np.linalg.norm(line, axis=1)
+    if not distance.all():
         raise StudyError(
             "noise: the tracker stands on a measured point; give [noise] tracker_mm in the data's frame"
         )
-    u = line / d[:, None]
+    u = line / distance[:, None]
     along = np.einsum("mi,mj->mij", u, u)
-    radial = (instrument.range_mm + instrument.range_ppm * 1e-6 * d) ** 2
-    across = (instrument.angle_urad * 1e-6 * d) ** 2
-    out = radial[:, None, None] * along + across[:, None, None] * (np.eye(3) - along)
-    if not (radial > 0).all() or not (across > 0).all():
+    radial = (instrument.range_mm + instrument.range_ppm * 1e-6 * distance) ** 2
+    lateral = (instrument.angle_urad * 1e-6 * distance) ** 2
+    if not (radial > 0).all() or not (lateral > 0).all():
         raise StudyError("noise: range_mm or range_ppm, and angle_urad, must both be above zero")
-    return np.asarray(out)
+    across = np.eye(3) - along
+    return np.asarray(radial[:, None, None] * along + lateral[:, None, None] * across)
 
 
 def from_repeats(data: Measurements) -> Floor | None:
-    """Pooled standard deviation of positions at equal joint readings, per target; None with too
-    few."""
+    """Estimate the floor from the pooled standard deviation of positions at equal joint readings,
+    per target; None with too few. An arm whose readings differ has moved its target, too: that is
+    no repeat."""
     key = data.block * len(data.targets) + data.target
-    _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
-    low, high = (np.full((len(count), data.q.shape[1]), sign * np.inf) for sign in (1, -1))
-    np.minimum.at(low, inverse, data.q)
-    np.maximum.at(high, inverse, data.q)
-    count[(high - low).max(1) > SAME_READING] = (
-        1  # an arm read anew has moved its target, too: no repeat
-    )
+    _, member, count = np.unique(key, return_inverse=True, return_counts=True)
+    count[_reading_spread(data.q, member, len(count)) > SAME_READING] = 1
     freedom = 3 * int((count - 1).sum())
-    if freedom < ENOUGH:
+    if freedom < MIN_FREEDOM:
         return None
-    mean = np.stack([np.bincount(inverse, data.position[:, a]) / count for a in range(3)], 1)
-    repeated = count[inverse] > 1
-    scaled = (data.position - mean[inverse])[repeated] * np.sqrt(count / np.maximum(count - 1, 1))[
-        inverse[repeated]
-    ][:, None]
-    return Floor(NORMAL * float(np.median(np.abs(scaled))), "repeats", freedom)
+    total = [np.bincount(member, data.position[:, axis]) for axis in range(3)]
+    mean = np.stack([column / count for column in total], axis=1)
+    repeated = count[member] > 1
+    unbiased = np.sqrt(count / np.maximum(count - 1, 1))[member[repeated]]
+    deviation = (data.position - mean[member])[repeated] * unbiased[:, None]
+    return Floor(NORMAL * float(np.median(np.abs(deviation))), "repeats", freedom)
+
+
+def _reading_spread(q: Array, member: Index, count: int) -> Array:
+    """(count,) largest spread of a joint's reading among the rows that `member` (m,) numbers
+    alike."""
+    low = np.full((count, q.shape[1]), np.inf)
+    high = np.full((count, q.shape[1]), -np.inf)
+    np.minimum.at(low, member, q)
+    np.maximum.at(high, member, q)
+    return np.asarray((high - low).max(1))
 
 
 def from_target_pairs(data: Measurements) -> Floor | None:
-    """From the scatter of the distance between two reflectors on one flange: its variance is 2 σ²;
-    None with too few, or where the distance is always the same to FINEST: a rigid body fitted to
-    the markers keeps it, and shows no noise."""
-    deviations, freedom, size = [], 0, [0.0]
-    for a in range(len(data.targets)):
-        for b in range(a + 1, len(data.targets)):
-            first, second = (np.flatnonzero(data.target == t) for t in (a, b))
-            _, i, j = np.intersect1d(
-                data.configuration[first], data.configuration[second], return_indices=True
-            )
-            if len(i) > 2:
-                d = np.linalg.norm(data.position[first[i]] - data.position[second[j]], axis=1)
-                deviations.append(np.abs(d - np.median(d)) / np.sqrt(2))
-                freedom += len(i) - 1
-                size.append(float(np.median(np.linalg.norm(data.position[first[i]], axis=1))))
-    if freedom < ENOUGH:
+    """Estimate the floor from the scatter of the distance between two reflectors on one flange:
+    its variance is 2 σ². None with too few, or where the distance is always the same to
+    MIN_RELATIVE_SCATTER: a rigid body fitted to the markers keeps it, and shows no noise."""
+    deviations, freedom, largest = [], 0, 0.0
+    for first, second in combinations(range(len(data.targets)), 2):
+        at_first, at_second = _paired_positions(data, first, second)
+        if len(at_first) > 2:
+            distance = np.linalg.norm(at_first - at_second, axis=1)
+            deviations.append(np.abs(distance - np.median(distance)) / np.sqrt(2))
+            freedom += len(distance) - 1
+            size = float(np.median(np.linalg.norm(at_first, axis=1)))
+            largest = max(largest, size)
+    if freedom < MIN_FREEDOM:
         return None
     scatter = NORMAL * float(np.median(np.concatenate(deviations)))
-    return Floor(scatter, "target pairs", freedom) if scatter > FINEST * max(size) else None
+    if scatter <= MIN_RELATIVE_SCATTER * largest:
+        return None
+    return Floor(scatter, "target pairs", freedom)
+
+
+def _paired_positions(data: Measurements, first: int, second: int) -> tuple[Array, Array]:
+    """Positions (k, 3) of two targets in the configurations that have both."""
+    rows, others = (np.flatnonzero(data.target == target) for target in (first, second))
+    _, i, j = np.intersect1d(
+        data.configuration[rows], data.configuration[others], return_indices=True
+    )
+    return data.position[rows[i]], data.position[others[j]]
 
 
 def weigh(
@@ -115,46 +134,63 @@ def weigh(
     stated_mm: float | None,
     rotation_rad: float | None = None,
 ) -> tuple[Problem, Floor | None]:
-    """The problem with its weights, and the floor where it is known before any fit (None: estimate it
-    from the residuals).
+    """Weigh the rows of a problem; also return the floor where it is known before any fit (None:
+    estimate it from the residuals). Raises StudyError.
 
-    Uncertainties in the data go first, then the stated floor, the instrument, repeats, target
-    pairs."""
-    data = problem.data
-    blocks: Array | None = None
-    if (
-        instrument is not None
-        and data.gauges is not None
-        and data.sigma is None
-        and stated_mm is None
-    ):
+    Uncertainties in the data go first, then the stated floor, the instrument, repeats, pairs of
+    targets."""
+    floor, blocks = _known_floor(problem.data, instrument, stated_mm)
+    weight = 1.0 if floor is None else 1.0 / max(floor.coordinate_mm, MIN_SIGMA_MM)
+    if problem.data.rotation is not None:
+        blocks = _with_orientations(problem.data, weight, blocks, rotation_rad)
+    whitening = Whitening(weight) if blocks is None else Whitening(matrices=blocks)
+    tracker = problem.tracker if instrument is None else instrument.at
+    return replace(problem, whitening=whitening, tracker=tracker), floor
+
+
+def _known_floor(
+    data: Measurements, instrument: Instrument | None, stated_mm: float | None
+) -> tuple[Floor | None, Array | None]:
+    """(the floor, whitening matrices (m, 3, 3) of the positions where rows differ). Repeats of one
+    kind of row say nothing of the others."""
+    if data.sigma is not None:
+        floor = Floor(float(np.sqrt(np.square(data.sigma).mean())), "stated")
+        return floor, _diagonal(1 / data.sigma)
+    if stated_mm is not None:
+        return Floor(stated_mm, "stated"), None
+    if instrument is not None:
+        return _instrument_floor(data, instrument)
+    if data.gauges is not None:
+        return None, None
+    return from_repeats(data) or from_target_pairs(data), None
+
+
+def _instrument_floor(data: Measurements, instrument: Instrument) -> tuple[Floor, Array]:
+    if data.gauges is not None:
         raise StudyError(
             "noise: range_mm, range_ppm and angle_urad say how a tracker measures points, but the file has rows of "
             "other kinds; give s_mm in the file, or floor_mm"
         )
-    if data.sigma is not None:
-        blocks = np.einsum("mi,ij->mij", 1 / data.sigma, np.eye(3))
-        floor: Floor | None = Floor(float(np.sqrt(np.square(data.sigma).mean())), "stated")
-    elif stated_mm is not None:
-        floor = Floor(stated_mm, "stated")
-    elif instrument is not None:
-        spread = covariance(data, instrument)
-        blocks = np.linalg.inv(np.linalg.cholesky(spread))
-        floor = Floor(float(np.sqrt(np.trace(spread, axis1=1, axis2=2).mean() / 3)), "instrument")
-    elif data.gauges is not None:
-        floor = (
-            None  # rows of several kinds: what repeats of one would say is not true of the others
-        )
-    else:
-        floor = from_repeats(data) or from_target_pairs(data)
-    at = instrument.at if instrument is not None else problem.tracker
-    weight = 1.0 if floor is None else 1.0 / max(floor.coordinate_mm, 1e-9)
-    if data.rotation is not None:
-        whole = np.zeros((len(data), 6, 6))
-        whole[:, :3, :3] = weight * np.eye(3) if blocks is None else blocks
-        spread_r = data.sigma_rotation
-        if spread_r is None:
-            spread_r = np.full((len(data), 3), rotation_rad or 1e-3 / weight)
-        whole[:, 3:, 3:] = np.einsum("mi,ij->mij", 1 / spread_r, np.eye(3))
-        blocks = whole
-    return problem.anew(whiten=weight if blocks is None else blocks, tracker=at), floor
+    spread = covariance(data, instrument)
+    mean_variance = np.trace(spread, axis1=1, axis2=2).mean() / 3
+    matrices = np.linalg.inv(np.linalg.cholesky(spread))
+    return Floor(float(np.sqrt(mean_variance)), "instrument"), np.asarray(matrices)
+
+
+def _with_orientations(
+    data: Measurements, weight: float, blocks: Array | None, rotation_rad: float | None
+) -> Array:
+    """Whitening matrices (m, 6, 6) of positions and orientations; `blocks` (m, 3, 3) of the
+    positions, else one `weight`."""
+    sigma = data.sigma_rotation
+    if sigma is None:
+        sigma = np.full((len(data), 3), rotation_rad or RAD_PER_MM / weight)
+    matrices = np.zeros((len(data), 6, 6))
+    matrices[:, :3, :3] = weight * np.eye(3) if blocks is None else blocks
+    matrices[:, 3:, 3:] = _diagonal(1 / sigma)
+    return matrices
+
+
+def _diagonal(values: Array) -> Array:
+    """(m, k, k) diagonal matrices of values (m, k)."""
+    return np.asarray(np.einsum("mi,ij->mij", values, np.eye(values.shape[1])))

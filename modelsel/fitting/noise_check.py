@@ -10,13 +10,24 @@ import numpy as np
 from .noise import MEDIAN, Floor
 
 LEVEL = 1e-3  # share of studies whose chi-square lies outside its range by chance
-SMALLER, LARGER = (
-    1.5,
-    5.0,
-)  # stated so many times too large, or too small: said before everything else
-# times too small, from which no lack of the model explains it, and the figure is not used
-TOO_SMALL = 100.0
+# stated so many times too large: said before everything else
+CLEARLY_TOO_LARGE = 1.5
+# stated so many times too small: said before everything else
+CLEARLY_TOO_SMALL = 5.0
+# times too small from which no lack of the model explains it, and the figure is not used
+REFUTED_TOO_SMALL = 100.0
 NEAR_UNIT = 4.0  # a factor this near to a unit's is that unit
+# factor of a unit mistaken for another, what is mistaken, and what to do with the figure
+UNIT_MISTAKES = {
+    "mm": (
+        (1e3, "micrometres stand where millimetres are expected: divide {} by 1000"),
+        (1e-3, "metres stand where millimetres are expected: multiply {} by 1000"),
+    ),
+    "rad": (
+        (180 / np.pi, "degrees stand where radians are expected: multiply {} by 0.0174533"),
+        (1e3, "milliradians stand where radians are expected: divide {} by 1000"),
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -36,45 +47,36 @@ class Lack:
     @property
     def far(self) -> bool:
         """Whether it is so far off that it is said before everything else."""
-        return self.outside and not 1 / SMALLER < self.factor < LARGER
+        return self.outside and not 1 / CLEARLY_TOO_LARGE < self.factor < CLEARLY_TOO_SMALL
 
     @property
     def refuted(self) -> bool:
         """Whether the floor cannot be true."""
-        return self.outside and not 1 / SMALLER < self.factor < TOO_SMALL
+        return self.outside and not 1 / CLEARLY_TOO_LARGE < self.factor < REFUTED_TOO_SMALL
 
 
 def lack(floor: Floor, factor: float, freedom: float) -> Lack:
-    """`factor`: root mean square residual over the floor, `freedom` its degrees of freedom; where
-    the floor is itself measured an F test, else a chi-square test (methods.md A.8)."""
+    """Compare residuals with the floor, by an F test where the floor is itself measured, else by a
+    chi-square test. `factor`: root mean square residual over the floor, `freedom` its degrees of
+    freedom."""
     from scipy.special import chdtri, fdtri
 
     if np.isfinite(floor.freedom):
-        own = max(MEDIAN * floor.freedom, 1.0)
-        low, high = fdtri(freedom, own, [LEVEL / 2, 1 - LEVEL / 2])
+        floor_freedom = max(MEDIAN * floor.freedom, 1.0)
+        low, high = fdtri(freedom, floor_freedom, [LEVEL / 2, 1 - LEVEL / 2])
     else:
         low, high = chdtri(freedom, [1 - LEVEL / 2, LEVEL / 2]) / freedom
     return Lack(factor, float(np.sqrt(low)), float(np.sqrt(high)))
 
 
-def likeliest(ratio: float, where: str, scale: str = "mm") -> str:
-    """What mistake makes a stated uncertainty `ratio` times as large as what is left; `where` it is
+def name_likeliest_mistake(ratio: float, where: str, scale: str = "mm") -> str:
+    """Name the mistake that makes a stated uncertainty `ratio` times as large as what is left; `where` it is
     stated; `scale`: "mm" or "rad"."""
-    units = {
-        "mm": (
-            (1e3, "micrometres stand where millimetres are expected: divide {} by 1000"),
-            (1e-3, "metres stand where millimetres are expected: multiply {} by 1000"),
-        ),
-        "rad": (
-            (180 / np.pi, "degrees stand where radians are expected: multiply {} by 0.0174533"),
-            (1e3, "milliradians stand where radians are expected: divide {} by 1000"),
-        ),
-    }[scale]
-    near = [
-        (abs(np.log(ratio / unit)), words)
-        for unit, words in units
-        if abs(np.log(ratio / unit)) < np.log(NEAR_UNIT)
-    ]
+    near = []
+    for unit, words in UNIT_MISTAKES[scale]:
+        distance = abs(np.log(ratio / unit))
+        if distance < np.log(NEAR_UNIT):
+            near.append((distance, words))
     if near:
         return f"Most likely {min(near)[1].format(where)}."
     if ratio > NEAR_UNIT:
@@ -90,7 +92,7 @@ def likeliest(ratio: float, where: str, scale: str = "mm") -> str:
     )
 
 
-def against(
+def describe_lack(
     what: str,
     floor: float,
     left: float,
@@ -98,7 +100,7 @@ def against(
     scale: str = "mm",
     model: str = "the model leaves",
 ) -> str:
-    """The comparison in words: `what` is stated to be `floor`, and `left` is left [`scale`, of one
+    """Put the comparison in words: `what` is stated to be `floor`, and `left` is left [`scale`, of one
     coordinate]."""
     times = f"{1 / found.factor:.3g} times" if found.factor < 1 else f"1/{found.factor:.3g} of"
     return (

@@ -1,24 +1,34 @@
-"""What rows that are no points read, as functions of the target's position, and their gradients.
+"""What rows read of the target's position, one class for each kind of row.
 
-    point, x, y, z   x, or one of its coordinates          wire, ball-bar   |x − c| − ℓ     (ℓ: what the reading leaves out)
-    distance         |x − x₀|, x₀ at another configuration  same-point       x − c           plane   n · (x − c) − t
+    PointObservation       x, or some of its coordinates
+    DistanceObservation    |x - x0|, x0 the target's position at another configuration
+    AnchorObservation      |x - c| - l, of a wire or a ball-bar; l is what the reading leaves out
+    SamePointObservation   x - c, of a touched point
+    PlaneObservation       n · (x - c) - t
 
-A row's gradient G (3, 3) turns the target's displacement, three rows of the design, into the row's
-own; a feature's own numbers, place tx ty tz, tilt rx ry and length ℓ, are columns beside them
-(small changes of c, n and ℓ; t shifts the plane along n). Everything is in the tracker's frame,
-components first and rows last; before them there may be further axes, of draws."""
+Everything is in the tracker's frame. Arrays have components first and rows last, x (..., 3, m);
+before them there may be further axes, of draws. A row's gradient G (3, 3) turns the target's
+displacement, three rows of the design, into the row's own. The numbers of a feature, its place
+tx ty tz, tilt rx ry (and rz) and length, have columns beside them: small changes of c, n and l; tz
+of a plane shifts it along n."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .._typing import Array
+from .._typing import Array, Index
 from ..measurements.measurements import Gauges
 from ..mechanisms.terms import FIXTURE_AXES
 
 LENGTH = FIXTURE_AXES.index("length")
+PLACE = slice(0, 3)  # of a feature's numbers
+SHIFT, TILTS = 2, slice(3, 5)  # of a plane
+SMALLEST_MM = 1e-9  # of a distance: its direction is not known below
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,88 +42,238 @@ class Fixtures:
 
     @staticmethod
     def unknown(count: int) -> Fixtures:
-        """At nought."""
+        """Return features at zero, their axes along the frame's."""
         return Fixtures(np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)), np.zeros(count))
 
 
-def readings(gauges: Gauges, position: Array) -> Array:
-    """(3, m) measured values, in the coordinates that `Gauges.coordinates` marks; nought
-    elsewhere."""
-    out = np.where(gauges.coordinates & gauges.of("point", "x", "y", "z")[:, None], position, 0.0).T
-    lengths = gauges.of("wire", "ball-bar", "distance")
-    out[0, lengths] = np.nan_to_num(
-        gauges.length[lengths]
-    )  # a ball-bar without a length reads nought beyond its own
-    return np.asarray(out)
+@dataclass(frozen=True, eq=False)
+class FeatureOfRows:
+    """The feature of each of m rows: where it stands before the fit, `centre` (m, 3), `axes`
+    (m, 3, 3) and `length` (m,), and how it has changed, `change` (..., m, 7)."""
 
+    centre: Array
+    axes: Array
+    length: Array
+    change: Array
 
-def _normal(axes: Array, tilt: Array) -> Array:
-    """(..., 3, m) Rx(rx) Ry(ry) on a plane's normal; axes (m, 3, 3), tilt (..., m, 2)."""
-    a, b = tilt[..., 0], tilt[..., 1]
-    local = np.stack([np.sin(b), -np.sin(a) * np.cos(b), np.cos(a) * np.cos(b)], axis=-1)
-    return np.moveaxis(np.einsum("...mi,mij->...mj", local, axes), -1, -2)
-
-
-def predicted(
-    gauges: Gauges, fixtures: Fixtures, values: Array, x: Array, origin: Array | None
-) -> Array:
-    """(..., 3, m) what the rows read with the target at x (..., 3, m), the features changed by
-    `values` (..., F, 7); `origin` (..., 3, m): where the distances begin."""
-    out = np.where(gauges.coordinates.T, x, 0.0)
-    if gauges.features:
-        own = values[..., np.maximum(gauges.feature, 0), :]  # (..., m, 7)
-        centre, axes = fixtures.centre[gauges.feature], fixtures.axes[gauges.feature]
-        length = fixtures.length[gauges.feature] + own[..., LENGTH]
-        d = x - np.moveaxis(centre + own[..., :3], -1, -2)
-        bar, point, plane = (
-            gauges.of("wire", "ball-bar"),
-            gauges.of("same-point"),
-            gauges.of("plane"),
+    @staticmethod
+    def of(fixtures: Fixtures, change: Array, feature: Index) -> FeatureOfRows:
+        """Return the features of rows by their indices (m,); change (..., F, 7). Rows without one
+        have any: nothing reads it."""
+        if not len(fixtures.length):
+            fixtures, change = Fixtures.unknown(1), np.zeros((*change.shape[:-2], 1, 7))
+        return FeatureOfRows(
+            fixtures.centre[feature],
+            fixtures.axes[feature],
+            fixtures.length[feature],
+            change[..., np.maximum(feature, 0), :],
         )
-        out[..., point] = d[..., point]
-        out[..., 0, bar] = np.linalg.norm(d, axis=-2)[..., bar] - length[..., bar]
-        height = (_normal(axes, own[..., 3:5]) * (x - centre.T)).sum(-2) - own[..., 2]
-        out[..., 0, plane] = height[..., plane]
-    if origin is not None:
-        apart = gauges.of("distance")
-        out[..., 0, apart] = np.linalg.norm(x - origin, axis=-2)[..., apart]
-    return np.asarray(out)
+
+    @property
+    def anchor(self) -> Array:
+        """(..., 3, m) places, as changed."""
+        return np.moveaxis(self.centre + self.change[..., PLACE], -1, -2)
+
+    def take(self, rows: NDArray[np.bool_]) -> FeatureOfRows:
+        """Return the features of some rows."""
+        return FeatureOfRows(
+            self.centre[rows], self.axes[rows], self.length[rows], self.change[..., rows, :]
+        )
 
 
-def gradients(
-    gauges: Gauges, fixtures: Fixtures, values: Array, x: Array, origin: Array | None
-) -> tuple[Array, Array]:
-    """(G (3, 3, m) by the target's position, E (7, 3, m) by the numbers of the row's own feature)
-    of `predicted`, at x (3, m) and values (F, 7). By the origin of a distance it is −G."""
-    m = x.shape[1]
-    G, E = np.zeros((3, 3, m)), np.zeros((7, 3, m))
-    for k in range(3):
-        G[k, k] = gauges.coordinates[:, k]
-    single = gauges.of("wire", "ball-bar", "distance", "plane")
-    G[:, :, single] = 0.0
-    own = values[np.maximum(gauges.feature, 0)] if gauges.features else np.zeros((m, 7))
-    centre = fixtures.centre[gauges.feature] if gauges.features else np.zeros((m, 3))
-    axes = fixtures.axes[gauges.feature] if gauges.features else np.tile(np.eye(3), (m, 1, 1))
+class Observation(ABC):
+    """What rows of one kind read with the target at x."""
 
-    bar, point, plane = gauges.of("wire", "ball-bar"), gauges.of("same-point"), gauges.of("plane")
-    apart = gauges.of("distance")
-    line = (
-        x - (centre + own[:, :3]).T
-        if origin is None
-        else np.where(apart, x - origin, x - (centre + own[:, :3]).T)
-    )
-    along = line / np.maximum(np.linalg.norm(line, axis=0), 1e-9)
-    G[0] = np.where(bar | apart, along, G[0])
-    E[:3, 0] = np.where(bar, -along, 0.0)
-    E[LENGTH, 0] = -1.0 * bar
-    for k in range(3):
-        E[k, k] = np.where(point, -1.0, E[k, k])
-    if plane.any():
-        a, b = own[:, 3], own[:, 4]
-        G[0] = np.where(plane, _normal(axes, own[:, 3:5]), G[0])
-        E[2, 0] = np.where(plane, -1.0, E[2, 0])
+    @abstractmethod
+    def predict(self, x: Array) -> Array:
+        """Return the readings (..., 3, m) with the target at x (..., 3, m); a single number stands
+        in the first component, zero where nothing is measured."""
+
+    @abstractmethod
+    def gradients(self, x: Array) -> tuple[Array, Array]:
+        """Return the derivatives of `predict` at x (3, m): G (3, 3, m) by the target's position
+        and E (7, 3, m) by the numbers of the row's own feature."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointObservation(Observation):
+    """The target's position, or those of its coordinates (m, 3) that are measured."""
+
+    coordinates: NDArray[np.bool_]
+
+    def predict(self, x: Array) -> Array:
+        return np.where(self.coordinates.T, x, 0.0)
+
+    def gradients(self, x: Array) -> tuple[Array, Array]:
+        G, E = _zeros(x)
+        for k in range(3):
+            G[k, k] = self.coordinates[:, k]
+        return G, E
+
+
+@dataclass(frozen=True, eq=False)
+class DistanceObservation(Observation):
+    """The distance from where the target stood at another configuration, `origin` (..., 3, m). By
+    the origin its gradient is -G."""
+
+    origin: Array
+
+    def predict(self, x: Array) -> Array:
+        return _single(np.linalg.norm(x - self.origin, axis=-2))
+
+    def gradients(self, x: Array) -> tuple[Array, Array]:
+        G, E = _zeros(x)
+        G[0] = _direction(x - self.origin)
+        return G, E
+
+
+@dataclass(frozen=True, eq=False)
+class AnchorObservation(Observation):
+    """The length of a wire from its anchor, or of a ball-bar from its sphere, less a constant."""
+
+    feature: FeatureOfRows
+
+    def predict(self, x: Array) -> Array:
+        length = self.feature.length + self.feature.change[..., LENGTH]
+        return _single(np.linalg.norm(x - self.feature.anchor, axis=-2) - length)
+
+    def gradients(self, x: Array) -> tuple[Array, Array]:
+        G, E = _zeros(x)
+        G[0] = _direction(x - self.feature.anchor)
+        E[PLACE, 0] = -G[0]
+        E[LENGTH, 0] = -1.0
+        return G, E
+
+
+@dataclass(frozen=True, eq=False)
+class SamePointObservation(Observation):
+    """How far the target is from a point that several rows touch."""
+
+    feature: FeatureOfRows
+
+    def predict(self, x: Array) -> Array:
+        return np.asarray(x - self.feature.anchor)
+
+    def gradients(self, x: Array) -> tuple[Array, Array]:
+        G, E = _zeros(x)
+        for k in range(3):
+            G[k, k] = 1.0
+            E[k, k] = -1.0
+        return G, E
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneObservation(Observation):
+    """The height of the target over a plane."""
+
+    feature: FeatureOfRows
+
+    def predict(self, x: Array) -> Array:
+        shift = self.feature.change[..., SHIFT]
+        height = (self._normal() * (x - self.feature.centre.T)).sum(-2)
+        return _single(height - shift)
+
+    def gradients(self, x: Array) -> tuple[Array, Array]:
+        G, E = _zeros(x)
+        G[0] = self._normal()
+        E[SHIFT, 0] = -1.0
+        line = x.T - self.feature.centre
+        for k, slope in enumerate(self._normal_slopes(), TILTS.start):
+            E[k, 0] = np.einsum("mi,mij,mj->m", slope, self.feature.axes, line)
+        return G, E
+
+    def _tilts(self) -> tuple[Array, Array]:
+        tilt = self.feature.change[..., TILTS]
+        return tilt[..., 0], tilt[..., 1]
+
+    def _normal(self) -> Array:
+        """(..., 3, m) Rx(rx) Ry(ry) on the plane's normal."""
+        a, b = self._tilts()
+        local = np.stack([np.sin(b), -np.sin(a) * np.cos(b), np.cos(a) * np.cos(b)], axis=-1)
+        turned = np.einsum("...mi,mij->...mj", local, self.feature.axes)
+        return np.moveaxis(turned, -1, -2)
+
+    def _normal_slopes(self) -> tuple[Array, Array]:
+        """Derivatives (m, 3) of the normal by rx and by ry, in the plane's own axes."""
+        a, b = self._tilts()
         by_a = np.stack([0 * a, -np.cos(a) * np.cos(b), -np.sin(a) * np.cos(b)], 1)
         by_b = np.stack([np.cos(b), np.sin(a) * np.sin(b), -np.cos(a) * np.sin(b)], 1)
-        for k, local in ((3, by_a), (4, by_b)):
-            E[k, 0] = plane * np.einsum("mi,mij,mj->m", local, axes, x.T - centre)
+        return by_a, by_b
+
+
+def _zeros(x: Array) -> tuple[Array, Array]:
+    """(G, E) of nothing measured."""
+    m = x.shape[-1]
+    return np.zeros((3, 3, m)), np.zeros((len(FIXTURE_AXES), 3, m))
+
+
+def _single(number: Array) -> Array:
+    """(..., 3, m) with a number (..., m) in the first component."""
+    out = np.zeros((*number.shape[:-1], 3, number.shape[-1]))
+    out[..., 0, :] = number
+    return out
+
+
+def _direction(line: Array) -> Array:
+    """Unit vectors (3, m) along lines."""
+    return np.asarray(line / np.maximum(np.linalg.norm(line, axis=0), SMALLEST_MM))
+
+
+# -- rows of several kinds
+# ------------------------------------------------------------------------------------------------------
+
+
+def split_by_kind(
+    gauges: Gauges, fixtures: Fixtures, change: Array, origin: Array | None
+) -> Iterator[tuple[NDArray[np.bool_], Observation]]:
+    """Yield (rows (m,), their observation) for each kind that there is; change (..., F, 7) of the
+    features' numbers, origin (..., 3, m) where distances begin (None: at the feature)."""
+    features = FeatureOfRows.of(fixtures, change, gauges.feature)
+    points = gauges.of("point", "x", "y", "z")
+    if points.any():
+        yield points, PointObservation(gauges.coordinates[points])
+    distances = gauges.of("distance")
+    if distances.any():
+        start = features.anchor if origin is None else origin
+        yield distances, DistanceObservation(start[..., distances])
+    anchored = gauges.of("wire", "ball-bar")
+    if anchored.any():
+        yield anchored, AnchorObservation(features.take(anchored))
+    touched = gauges.of("same-point")
+    if touched.any():
+        yield touched, SamePointObservation(features.take(touched))
+    planes = gauges.of("plane")
+    if planes.any():
+        yield planes, PlaneObservation(features.take(planes))
+
+
+def measured_readings(gauges: Gauges, position: Array) -> Array:
+    """Return what was read (3, m), in the components that `Gauges.coordinates` marks, zero
+    elsewhere; a ball-bar without a length reads zero beyond its own."""
+    points = gauges.of("point", "x", "y", "z")
+    out = np.where(gauges.coordinates & points[:, None], position, 0.0).T
+    lengths = gauges.of("wire", "ball-bar", "distance")
+    out[0, lengths] = np.nan_to_num(gauges.length[lengths])
+    return np.asarray(out)
+
+
+def predict_readings(
+    gauges: Gauges, fixtures: Fixtures, change: Array, x: Array, origin: Array | None
+) -> Array:
+    """Return the readings (..., 3, m) of rows of several kinds with the target at x (..., 3, m);
+    arguments as in `split_by_kind`."""
+    out = np.zeros(x.shape)
+    for rows, observation in split_by_kind(gauges, fixtures, change, origin):
+        out[..., rows] = observation.predict(x[..., rows])
+    return out
+
+
+def reading_gradients(
+    gauges: Gauges, fixtures: Fixtures, change: Array, x: Array, origin: Array | None
+) -> tuple[Array, Array]:
+    """Return the derivatives (G (3, 3, m), E (7, 3, m)) of `predict_readings` at x (3, m) and
+    change (F, 7)."""
+    G, E = _zeros(x)
+    for rows, observation in split_by_kind(gauges, fixtures, change, origin):
+        G[..., rows], E[..., rows] = observation.gradients(x[:, rows])
     return G, E

@@ -26,12 +26,11 @@ PLENTY = 4.0  # usual sizes over their standard error, beyond which least square
 PRECISE = 1e-5  # of the parameters' own effect: less noise would only lose digits
 STILL = 1e-13  # of the largest column: a smaller one moves nothing
 ALIKE = 1e-5  # relative change of the prior that changes nothing
-FACTORS = 2.0 ** np.arange(
-    -2, 4
-)  # that this arm's errors may be larger than usual, a factor of two being likely
-SURPRISING = (
-    3.0  # usual sizes: an estimate beyond is no usual one, and its own size is taken for it
-)
+# that this arm's errors may be larger than usual, a factor of two being likely
+EXPONENTS = np.arange(-2.0, 4.0)
+FACTORS = 2.0**EXPONENTS
+# usual sizes: an estimate beyond is no usual one, and its own size is taken for it
+SURPRISING = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +46,7 @@ class WeakPrior:
     sizes: Array | None = field(default=None, repr=False)
 
     def like(self, other: WeakPrior) -> bool:
-        """Whether another changes nothing."""
+        """Return whether another changes nothing."""
         if self.rows is None or other.rows is None:
             return self.rows is other.rows
         a, b = self.rows.T @ self.rows, other.rows.T @ other.rows
@@ -55,74 +54,73 @@ class WeakPrior:
         return bool(np.abs((a - b) / unit / unit[:, None]).max() <= ALIKE)
 
     def placed(self, index: Sequence[int]) -> WeakPrior:
-        """Of other terms: number k of these is number index[k] of those, -1 for none."""
+        """Return the prior of other terms: number k of these is number index[k] of those, -1 for
+        none."""
         if self.rows is None:
             return self
-        own = np.array(index)
-        return replace(
-            self,
-            rows=np.where(own < 0, 0.0, self.rows[:, own]),
-            sizes=None if self.sizes is None else np.where(own < 0, np.inf, self.sizes[own]),
-        )
+        source = np.array(index)
+        is_new = source < 0
+        rows = np.where(is_new, 0.0, self.rows[:, source])
+        sizes = None if self.sizes is None else np.where(is_new, np.inf, self.sizes[source])
+        return replace(self, rows=rows, sizes=sizes)
 
 
-def constant(model: Model) -> NDArray[np.bool_]:
-    """(p,) mask of the constant parameters of the arm and its set-up."""
+def constant_mask(model: Model) -> NDArray[np.bool_]:
+    """Return the mask (p,) of the constant parameters of the arm and its set-up."""
     return np.array([t.usual is not None for t in model.terms], dtype=bool)
 
 
 def usual_sizes(model: Model, catalogue: bool = False) -> Array:
-    """(p,) usual size of every term, in its unit: of the arm's and the set-up's constant
-    parameters, and, by the `catalogue`, of a mechanism's terms the upper end of the usual range;
-    infinite where none is known, for free functions, which have a variance of their own, and for
-    what changes as the campaign goes on, whose moment is sampled with a prior of its own."""
-    return np.array(
-        [
-            t.usual
-            if t.usual is not None
-            else t.size[1]
-            if catalogue and t.size is not None and _lasts(t)
-            else np.inf
-            for t in model.terms
-        ],
-        dtype=float,
-    )
+    """Return the usual size (p,) of every term, in its unit: of the arm's and the set-up's constant
+    parameters, and, by the `catalogue`, of a mechanism's terms the upper end of the usual range.
+    It is infinite where none is known, for free functions, which have a variance of their own, and
+    for what changes as the campaign goes on, whose moment is sampled with a prior of its own."""
+    return np.array([_usual_size(term, catalogue) for term in model.terms], dtype=float)
+
+
+def _usual_size(term: Term, catalogue: bool) -> float:
+    if term.usual is not None:
+        return term.usual
+    if catalogue and term.size is not None and _lasts(term):
+        return term.size[1]
+    return np.inf
 
 
 def _lasts(term: Term) -> bool:
-    return spline(term) is None and not any("progress" in s.cause.names() for s in term.screws)
+    """Whether a term is no free function and does not change during the campaign."""
+    changes = any("progress" in screw.cause.names() for screw in term.screws)
+    return spline(term) is None and not changes
 
 
 def _of_the_arm(model: Model) -> list[Index]:
     """Indices of the arm's constant lengths and of its angles, without what the set-up leaves
     open."""
     return [
-        np.array(
-            [
-                k
-                for k, t in enumerate(model.terms)
-                if t.usual is not None and t.usual < size and t.screws[0].axis[0] == kind
-            ],
-            dtype=np.intp,
-        )
+        np.array([k for k, t in enumerate(model.terms) if _is_usual(t, kind, size)], dtype=np.intp)
         for kind, size in OPEN.items()
     ]
 
 
+def _is_usual(term: Term, kind: str, open_size: float) -> bool:
+    """Whether a term is a constant of a `kind` of the arm, of a smaller size than what is open."""
+    if term.usual is None or term.usual >= open_size:
+        return False
+    return term.screws[0].axis[0] == kind
+
+
 def fitted_terms(found: Identified, model: Model) -> Identified:
-    """With every constant parameter that moves a measured coordinate, whether others could
+    """Return what is identified with every constant parameter that moves a measured coordinate, whether others could
     represent it or not; as it is where some are left as drawn, for want of a length or a direction
     (see `size`)."""
     if found.held is not None or found.still:
         return found
     moves = found.scale > STILL * found.scale.max(initial=0.0)
-    return replace(
-        found, kept=tuple(sorted({*found.kept, *np.flatnonzero(moves & constant(model)).tolist()}))
-    )
+    constants = np.flatnonzero(moves & constant_mask(model))
+    return replace(found, kept=tuple(sorted({*found.kept, *constants.tolist()})))
 
 
 def faint(R: Array, kept: Sequence[int], sizes: Array, least: float) -> set[int]:
-    """Kept columns of the triangle R (p, p) to leave at zero on the way: while some combination of
+    """Choose the kept columns of the triangle R (p, p) to leave at zero on the way: while some combination of
     them at their usual `sizes` (p,) stays below `least`, the last of the terms that dominate it."""
     judged = [k for k in kept if np.isfinite(sizes[k])]
     lost: set[int] = set()
@@ -143,7 +141,7 @@ def weak_prior(
     sigma: float,
     catalogue: bool = False,
 ) -> WeakPrior:
-    """The prior on what a reduction at theta (p,) says little of, by usual sizes (see there for the
+    """Compute the prior on what a reduction at theta (p,) says little of, by usual sizes (see there for the
     `catalogue`); those of the arm's constant parameters are scaled to this arm's own."""
     kept, sizes = list(fitted), usual_sizes(model, catalogue)
     if not sigma > 0 or not np.isfinite(sizes[kept]).any():
@@ -151,29 +149,31 @@ def weak_prior(
     sizes = sizes * _scales(reduction, kept, sizes, _of_the_arm(model), theta, sigma)
     sizes = np.maximum(sizes, np.abs(theta) / SURPRISING)
     sized = [k for k in kept if np.isfinite(sizes[k])]
-    inner, _ = _beyond(reduction, sized, [k for k in kept if k not in sized], theta)
-    _, singular, Vt = np.linalg.svd(inner * sizes[sized])
-    known = singular / sigma
+    others = [k for k in kept if k not in sized]
+    triangle, _ = _beyond(reduction, sized, others, theta)
+    _, singular, Vt = np.linalg.svd(triangle * sizes[sized])
+    known = singular / sigma  # usual sizes over the standard error, direction by direction
     weight = np.square(np.clip(1 - np.square(known / PLENTY), 0.0, None))
-    some = weight > 0
-    if not some.any():
+    weak = weight > 0
+    if not weak.any():
         return WeakPrior(sizes=sizes)
-    rows = np.zeros((int(some.sum()), reduction.p))
-    rows[:, sized] = sigma * np.sqrt(weight[some])[:, None] * Vt[some] / sizes[sized]
-    return WeakPrior(rows, len(rows), int((np.square(known) < weight).sum()), sizes)
+    rows = np.zeros((int(weak.sum()), reduction.p))
+    rows[:, sized] = sigma * np.sqrt(weight[weak])[:, None] * Vt[weak] / sizes[sized]
+    held = int((np.square(known) < weight).sum())
+    return WeakPrior(rows, len(rows), held, sizes)
 
 
 def _beyond(
-    reduction: Reduction, some: Sequence[int], others: Sequence[int], theta: Array
+    reduction: Reduction, judged: Sequence[int], others: Sequence[int], theta: Array
 ) -> tuple[Array, Array]:
-    """(triangle (k, k) of some columns, what they and theta make of the response (k,)), beyond the
-    others."""
-    columns = [*others, *some]
+    """(triangle (k, k) of the judged columns, what they and theta make of the response (k,)),
+    beyond the others."""
+    columns = [*others, *judged]
     response = reduction.R[:, -1] + reduction.R[:, columns] @ theta[columns]
-    R: Array = np.asarray(
-        np.linalg.qr(np.column_stack([reduction.R[:, columns], response]), mode="r")
-    )
-    return R[len(others) : -1, len(others) : -1], R[len(others) : -1, -1]
+    matrix = np.column_stack([reduction.R[:, columns], response])
+    R: Array = np.asarray(np.linalg.qr(matrix, mode="r"))
+    first = len(others)
+    return R[first:-1, first:-1], R[first:-1, -1]
 
 
 def _scales(
@@ -187,34 +187,40 @@ def _scales(
     """(p,) factor of every usual size, alike for the arm's lengths and for its angles (`usual`):
     the roots of their posterior mean squares by the marginal likelihood of what the data say of
     these parameters; those that are mistaken say nothing."""
-    sane = [
-        np.intersect1d(k, [j for j in kept if abs(theta[j]) < SURPRISING**2 * sizes[j]]).astype(int)
-        for k in usual
-    ]
-    some = [*sane[0].tolist(), *sane[1].tolist()]
+    sane = [k for k in kept if abs(theta[k]) < SURPRISING**2 * sizes[k]]
+    lengths, angles = (np.intersect1d(kind, sane).astype(int).tolist() for kind in usual)
+    judged = [*lengths, *angles]
     out = np.ones(len(sizes))
-    if not some:
+    if not judged:
         return out
-    inner, y = _beyond(reduction, some, [k for k in kept if k not in some], theta)
-    B = inner * sizes[some]
-    noise = max(sigma, PRECISE * float(np.linalg.norm(B)))
-    B = B / noise
-    parts = B[:, : len(sane[0])], B[:, len(sane[0]) :]
+    others = [k for k in kept if k not in judged]
+    triangle, response = _beyond(reduction, judged, others, theta)
+    effect = triangle * sizes[judged]
+    noise = max(sigma, PRECISE * float(np.linalg.norm(effect)))
+    p = _factor_posterior(effect / noise, response / noise, len(lengths))
+    for kind, share in zip(usual, (p.sum(1), p.sum(0)), strict=True):
+        out[kind] = np.sqrt(np.square(FACTORS) @ share / share.sum())
+    return out
+
+
+def _factor_posterior(effect: Array, response: Array, lengths: int) -> Array:
+    """(F, F) posterior weights of the FACTORS of the lengths' and the angles' sizes, up to a
+    constant; `effect` (k, k) of usual sizes, the first `lengths` columns of lengths, and the
+    response (k,), both in units of the noise."""
+    of_lengths, of_angles = effect[:, :lengths], effect[:, lengths:]
+    squares = np.square(FACTORS)
     covariance = (
-        np.eye(len(some))
-        + np.square(FACTORS)[:, None, None, None] * (parts[0] @ parts[0].T)
-        + np.square(FACTORS)[:, None, None] * (parts[1] @ parts[1].T)
+        np.eye(len(effect))
+        + squares[:, None, None, None] * (of_lengths @ of_lengths.T)
+        + squares[:, None, None] * (of_angles @ of_angles.T)
     )
     root = np.linalg.cholesky(covariance)
-    z = np.linalg.solve(root, np.broadcast_to((y / noise)[:, None], (*root.shape[:3], 1)))
-    exponents = np.log2(FACTORS)
+    y = np.broadcast_to(response[:, None], (*root.shape[:3], 1))
+    z = np.linalg.solve(root, y)
     log_p = (
         -np.log(np.diagonal(root, 0, 2, 3)).sum(2)
         - 0.5 * np.square(z).sum((2, 3))
-        - 0.5 * np.square(exponents)[:, None]
-        - 0.5 * np.square(exponents)
+        - 0.5 * np.square(EXPONENTS)[:, None]
+        - 0.5 * np.square(EXPONENTS)
     )
-    p = np.exp(log_p - log_p.max())
-    for k, share in zip(usual, (p.sum(1), p.sum(0)), strict=True):
-        out[k] = np.sqrt(np.square(FACTORS) @ share / share.sum())
-    return out
+    return np.asarray(np.exp(log_p - log_p.max()))

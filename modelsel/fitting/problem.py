@@ -1,50 +1,64 @@
-"""Problem: a robot, what was measured on it, where the tracker stands and how well it measures, bound
-together.
+"""Problem: a robot, what was measured on it, where the tracker stands and how well it measures,
+bound together.
 
-A problem gives causes their state (named values per row) and the design its blocks of rows. Frozen;
-`take` selects rows."""
+A problem gives causes their state (named values per row) and the design its blocks of rows.
+Frozen; `take` selects rows, `dataclasses.replace` changes parts of it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._typing import Array, Index
-from ..measurements.measurements import Measurements
+from .._typing import Array, Index, Rows
+from ..measurements.measurements import Gauges, Measurements
 from ..mechanisms.causes import Cause
-from ..robot.gravity import moment, moments, unit_moments
 from ..robot.kinematics import Pose, Robot, pose
-from .observation import Fixtures, readings
+from .observation import Fixtures, measured_readings
+from .state_variables import Bound, Placement, StateVariables
+from .whitening import UNIT, Whitening
 
-REMEMBER = 20_000  # rows up to which causes are kept once evaluated
-NOWHERE = Fixtures.unknown(0)
+NOWHERE = Fixtures.unknown(0)  # stands for features at zero
+AT_FRAME_0: Placement = (np.zeros((0, 3, 3)), np.zeros((0, 3)))  # stands for identity of any groups
 BLOCK = 4096  # rows: the arrays of one block stay in cache
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Residuals and columns live in the tracker's frame; G groups have a placement each, T targets
-    an offset each."""
+    """A robot and measurements on it, of G groups with a placement each and T targets with an
+    offset each. Residuals and columns live in the tracker's frame. Raises ValueError for `tools`
+    of another shape."""
 
     robot: Robot
     data: Measurements
-    tools: Array  # (T, 3) mm, nominal target in the flange frame
-    placement: tuple[Array, Array]  # R (G, 3, 3), t (G, 3) mm: frame 0 in the tracker's frame
-    tool_rotations: Array | None = None  # (T, 3, 3), with orientation measured
-    whiten: Array | float = 1.0  # 1/mm, or (m, c, c): times residual = unit variance
-    tracker: tuple[float, float, float] = (
-        0.0,
-        0.0,
-        0.0,
-    )  # the instrument's own position, for range_mm
-    fixtures: Fixtures = NOWHERE  # where features stand, of rows that are no points
-    _values: dict[str, Array] = field(default_factory=dict, repr=False)
-    _causes: dict[Cause, Array | float] = field(default_factory=dict, repr=False)
+    # (T, 3) mm, nominal targets in the flange frame; one row holds for all of them
+    tools: Array
+    # R (G, 3, 3), t (G, 3) mm: frame 0 in the tracker's frame; by default they are one
+    placement: Placement = AT_FRAME_0
+    # (T, 3, 3) nominal target's axes on the flange; identity where orientations are measured
+    tool_rotations: Array | None = None
+    whitening: Whitening = UNIT
+    # the instrument's own position, for range_mm
+    tracker: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    # where features stand, of rows that are no points
+    fixtures: Fixtures = NOWHERE
+    _state: StateVariables | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        targets, groups = len(self.data.targets), len(self.data.groups)
+        features = len(self.data.features)
+        object.__setattr__(self, "tools", _tool_each(self.tools, targets))
+        if not len(self.placement[0]):
+            object.__setattr__(self, "placement", (_identities(groups), np.zeros((groups, 3))))
+        if self.tool_rotations is None and self.data.rotation is not None:
+            object.__setattr__(self, "tool_rotations", _identities(len(self.tools)))
+        if features and not len(self.fixtures.length):
+            object.__setattr__(self, "fixtures", Fixtures.unknown(features))
+        if self._state is None or not self._state.belongs_to(*self._bound):
+            object.__setattr__(self, "_state", StateVariables(*self._bound))
 
     def __len__(self) -> int:
         return len(self.data)
@@ -54,229 +68,165 @@ class Problem:
         """How far the arm and its longest target reach [mm]."""
         return self.robot.reach + float(np.linalg.norm(self.tools, axis=1).max(initial=0))
 
-    @property
-    def components(self) -> int:
-        """3 for positions, 6 with orientations."""
-        return 3 if self.data.rotation is None else 6
-
-    @cached_property
-    def measured(self) -> NDArray[np.bool_] | None:
-        """(m, c) which components of a row are measured; None where all are."""
-        gauges = self.data.gauges
-        if gauges is None:
-            return None
-        turned = np.repeat(gauges.of("point")[:, None], self.components - 3, axis=1)
-        return np.concatenate([gauges.coordinates, turned], axis=1)
-
-    @property
-    def coordinates(self) -> int:
-        """Measured numbers, of all rows."""
-        return len(self) * self.components if self.measured is None else int(self.measured.sum())
-
-    def counted(self, of: Index, count: int) -> Index:
-        """(count,) measured numbers of the rows that `of` (m,) numbers alike."""
-        if self.measured is None:
-            return np.asarray(np.bincount(of, minlength=count) * self.components, dtype=np.intp)
-        return np.bincount(of, self.measured.sum(1), minlength=count).astype(np.intp)
-
-    def plain_points(self) -> Problem:
-        """The same rows as points alone, unweighted: without orientations and what rows that are no
-        points measure."""
-        data = replace(self.data, rotation=None, sigma_rotation=None, gauges=None)
-        return self.anew(data=data, tool_rotations=None, whiten=1.0)
-
-    @cached_property
-    def bare(self) -> Problem:
-        """The same rows as points, measured at nought: what is left is minus the target's
-        position."""
-        data = replace(self.data, position=np.zeros((len(self), 3)), gauges=None)
-        return replace(self, data=data, whiten=1.0)
-
-    @cached_property
-    def origin(self) -> Problem | None:
-        """The same of the configurations where the rows' distances begin."""
-        gauges = self.data.gauges
-        if gauges is None or gauges.origin is None:
-            return None
-        data = replace(gauges.origin, position=np.zeros((len(self), 3)))
-        return self.anew(data=data, whiten=1.0)
-
-    @cached_property
-    def readings(self) -> Array:
-        """(3, m) what rows that are no points read."""
-        assert self.data.gauges is not None
-        return readings(self.data.gauges, self.data.position)
-
     @cached_property
     def tool(self) -> Array:
         """(m, 3) nominal target of every row."""
         return self.tools[self.data.target]
 
-    def anew(self, **changes: Any) -> Problem:
-        """The same with some fields changed that causes look at: nothing evaluated before is
-        remembered."""
-        return replace(self, **changes, _values={}, _causes={})
+    def take(self, index: Rows) -> Problem:
+        """Return the problem of some rows; values already evaluated come along, so causes stay
+        local in rows."""
+        data = self.data.take(index)
+        state = self.state.take(index, data)
+        return replace(self, data=data, whitening=self.whitening.take(index), _state=state)
 
-    def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Problem:
-        """The problem of some rows; values already evaluated come along, so causes stay local in
-        rows."""
-        whiten = self.whiten if isinstance(self.whiten, float) else self.whiten[index]
-        return replace(
-            self,
-            data=self.data.take(index),
-            whiten=whiten,
-            _causes={},
-            _values={name: values[index] for name, values in self._values.items()},
-        )
+    def unweighted(self) -> Problem:
+        """Return the problem with unit weights: residuals in mm and rad."""
+        return replace(self, whitening=UNIT)
 
     def pose(self, rows: slice, twist: Array | None = None) -> Pose:
-        """Kinematics of a block of rows in frame 0; twist (n+1, 6, rows)."""
+        """Compute the kinematics of a block of rows in frame 0; twist (n+1, 6, rows)."""
         R = None if self.tool_rotations is None else self.tool_rotations[self.data.target[rows]]
         return pose(self.robot, self.data.q[rows], self.tool[rows], twist, R)
 
+    # -- what is measured
+    # ----------------------------------------------------------------------------------------------
+
+    @property
+    def components(self) -> int:
+        """3 for positions, 6 with orientations."""
+        return 3 if self.data.rotation is None else 6
+
+    @property
+    def only_points(self) -> bool:
+        """Whether every row is a point, with every component measured."""
+        return self.data.gauges is None
+
+    def observed(self, rows: slice | None = None) -> Gauges:
+        """Return what a block of rows measures, where not every row is a point. Raises TypeError
+        where each is."""
+        gauges = self.data.gauges
+        if gauges is None:
+            raise TypeError("every row of these measurements is a point")
+        return gauges if rows is None else gauges.take(rows)
+
+    @property
+    def measured(self) -> NDArray[np.bool_] | None:
+        """`components_measured` where not every row is a point, else None."""
+        return None if self.only_points else self.components_measured
+
+    @cached_property
+    def components_measured(self) -> NDArray[np.bool_]:
+        """(m, c) which components of a row are measured."""
+        if self.only_points:
+            return np.ones((len(self), self.components), dtype=bool)
+        gauges = self.observed()
+        oriented = np.repeat(gauges.of("point")[:, None], self.components - 3, axis=1)
+        return np.concatenate([gauges.coordinates, oriented], axis=1)
+
+    @property
+    def coordinates(self) -> int:
+        """Measured numbers, of all rows."""
+        return (
+            len(self) * self.components if self.only_points else int(self.components_measured.sum())
+        )
+
+    def counted(self, of: Index, count: int) -> Index:
+        """Count the measured numbers (count,) of the rows that `of` (m,) numbers alike."""
+        if self.only_points:
+            return np.asarray(np.bincount(of, minlength=count) * self.components, dtype=np.intp)
+        return np.bincount(of, self.components_measured.sum(1), minlength=count).astype(np.intp)
+
+    def select_measured(self, values: Array, rows: slice = slice(None)) -> Array:
+        """Return values (..., c·m) of a block of rows, components first, without those of
+        components that are not measured."""
+        if self.only_points:
+            return values
+        return values[..., self.components_measured[rows].T.reshape(-1)]
+
+    @cached_property
+    def readings(self) -> Array:
+        """(3, m) what rows that are no points read."""
+        return measured_readings(self.observed(), self.data.position)
+
+    def plain_points(self) -> Problem:
+        """Return the same rows as points alone, unweighted: without orientations and what rows
+        that are no points measure."""
+        data = replace(self.data, rotation=None, sigma_rotation=None, gauges=None)
+        return replace(self, data=data, tool_rotations=None, whitening=UNIT)
+
+    @cached_property
+    def bare(self) -> Problem:
+        """The same rows as points with measured positions of zero, so that the residual is minus
+        the predicted position."""
+        data = replace(self.data, position=np.zeros((len(self), 3)), gauges=None)
+        return replace(self, data=data, whitening=UNIT)
+
+    @cached_property
+    def origin(self) -> Problem | None:
+        """`bare` at the configurations where the rows' distances begin; None without distances."""
+        origin = None if self.only_points else self.observed().origin
+        if origin is None:
+            return None
+        data = replace(origin, position=np.zeros((len(self), 3)))
+        return replace(self, data=data, whitening=UNIT)
+
+    # -- blocks of rows
+    # ----------------------------------------------------------------------------------------------
+
     def blocks(self, size: int = BLOCK) -> Iterator[slice]:
-        """Slices that cover the rows."""
+        """Return the slices that cover the rows."""
         return (slice(start, min(start + size, len(self))) for start in range(0, len(self), size))
 
     def parts(self, size: int = BLOCK) -> Iterator[tuple[slice, Problem]]:
-        """(rows, problem of these rows): causes are evaluated block by block, so that none is ever
-        held whole; a problem of one block is its own only part, and keeps what it has evaluated."""
+        """Yield (rows, problem of these rows): causes are evaluated block by block, so that none
+        is ever held whole; a problem of one block is its own only part, and keeps what it has
+        evaluated."""
         for rows in self.blocks(size):
             yield rows, self if rows.stop - rows.start == len(self) else self.take(rows)
 
-    def cause(self, cause: Cause) -> Array | float:
-        """A cause at every row, evaluated once where the data are few enough to keep it."""
-        known = self._causes.get(cause)
-        if known is None:
-            known = cause.of(self)
-            if len(self) <= REMEMBER:
-                self._causes[cause] = known
-        return known
-
     # -- the state that causes look at
-    # -------------------------------------------------------------------------------
+    # ----------------------------------------------------------------------------------------------
+
+    @property
+    def state(self) -> StateVariables:
+        """The state variables of the rows, with what has been evaluated of them."""
+        assert self._state is not None
+        return self._state
+
+    @property
+    def _bound(self) -> Bound:
+        """What the state variables depend on."""
+        return self.robot, self.data, self.tools, self.placement, self.tracker
 
     def names(self) -> dict[str, str]:
-        """Every name a cause may use on these data, with its unit."""
-        n = self.robot.n
-        known = {f"q{j}": self.robot.unit(j) for j in range(1, n + 1)} | {
-            "x_mm": "mm",
-            "y_mm": "mm",
-            "z_mm": "mm",
-            "range_mm": "mm",
-            "target": "1",
-            "group": "1",
-            "progress": "1",
-        }
-        known |= {f"approach{j}": "1" for j in range(1, n + 1)} | {
-            f"move{j}": self.robot.unit(j) for j in range(1, n + 1)
-        }
-        if self.robot.gravity is not None:
-            known |= {
-                f"torque{j}": "N" if self.robot.joints[j - 1].prismatic else "N m"
-                for j in range(1, n + 1)
-            }
-            known |= {f"moment_{axis}": "N m" for axis in "xyz"} | {
-                f"down_{axis}": "1" for axis in "xyz"
-            }
-            known |= {f"moment{j}_{axis}": "N m" for j in range(1, n + 1) for axis in "xy"}
-            bodies = [(j, k) for j in range(1, n + 1) for k in range(j + 1, n + 2)]
-            known |= {
-                f"{stem}_{k}": "N m/kg"
-                for j, k in bodies
-                for stem in (f"moment{j}_x", f"moment{j}_y", f"torque{j}")
-            }
-        return known | {name: unit_of(name) for name in self.data.covariates}
+        """Return every name that a cause may use on these data, with its unit."""
+        return self.state.names()
 
     def value(self, name: str) -> Array:
-        """(m,) values of a name at every row; KeyError for one these data do not have."""
-        if name not in self._values:
-            self._values.update(self._evaluate(name))
-        return self._values[name]
+        """Return the values (m,) of a state variable; raises KeyError for one these data do not
+        have."""
+        return self.state.value(name)
 
-    def _evaluate(self, name: str) -> dict[str, Array]:
-        data = self.data
-        if name in data.covariates:
-            return {name: data.covariates[name]}
-        if name == "feature":
-            return {
-                name: np.full(len(data), -1.0)
-                if data.gauges is None
-                else data.gauges.feature.astype(float)
-            }
-        if name in ("target", "group", "progress"):
-            return {name: np.asarray(getattr(data, name), float)}
-        for stem, values in (("q", data.q), ("approach", data.approach), ("move", data.move)):
-            if name.removeprefix(stem).isdigit() and name.startswith(stem):
-                return {f"{stem}{j + 1}": values[:, j] for j in range(self.robot.n)}
-        if name not in self.names():
-            raise KeyError(name)
-        return self._by_pose(name)
-
-    def _by_pose(self, name: str) -> dict[str, Array]:
-        """What the chain's pose decides, with what comes along at no cost: moments of many kinds,
-        and one rarely needs all."""
-        data = self.data
-        at, robot = self.pose(slice(None)), self.robot
-        if name in ("x_mm", "y_mm", "z_mm", "range_mm"):
-            R, t = self.placement
-            seen = (
-                np.einsum("mij,jm->mi", R[data.group], at.target)
-                + t[data.group]
-                - np.array(self.tracker)
-            )
-            return dict(zip(("x_mm", "y_mm", "z_mm"), at.target, strict=True)) | {
-                "range_mm": np.linalg.norm(seen, axis=1)
-            }
-        if name.startswith("down_"):
-            down = np.einsum("aim,i->am", at.axes[-1, :3], np.array(robot.gravity))
-            return {f"down_{axis}": row for axis, row in zip("xyz", down, strict=True)}
-        if name.startswith("moment_"):
-            return {
-                f"moment_{axis}": row
-                for axis, row in zip("xyz", moment(robot, at, data.q), strict=True)
-            }
-        if name.count("_") == 1 + name.startswith(
-            "moment"
-        ):  # moment2_x_3, torque2_3: of 1 kg at one frame
-            return {
-                each: row
-                for (j, k), rows in unit_moments(robot, at).items()
-                for each, row in zip(
-                    (f"moment{j}_x_{k}", f"moment{j}_y_{k}", f"torque{j}_{k}"), rows, strict=True
-                )
-            }
-        bends = moments(robot, at, data.q)
-        return {f"torque{j + 1}": m[2] for j, m in enumerate(bends)} | {
-            f"moment{j + 1}_{axis}": m[a]
-            for j, m in enumerate(bends)
-            for a, axis in enumerate("xy")
-        }
+    def cause(self, cause: Cause) -> Array | float:
+        """Return a cause at every row, (m,) or one number; evaluated once where the data are few
+        enough to keep it."""
+        return self.state.cause(cause)
 
 
-def unit_of(name: str) -> str:
-    """Unit of a covariate by the last part of its name: temperature_C -> "°C", payload_kg -> "kg";
-    else the name itself."""
-    last = name.rpartition("_")[2]
-    return (
-        {
-            "C": "°C",
-            "K": "K",
-            "kg": "kg",
-            "s": "s",
-            "mm": "mm",
-            "rad": "rad",
-            "N": "N",
-            "A": "A",
-            "h": "h",
-        }.get(last, name)
-        if "_" in name
-        else name
-    )
+def _identities(count: int) -> Array:
+    """(count, 3, 3) identity matrices."""
+    return np.tile(np.eye(3), (count, 1, 1))
 
 
-def make_problem(robot: Robot, data: Measurements, tools: Array, groups: int = 1) -> Problem:
-    """A problem with the tracker's frame on frame 0 (no registration) and unit weights."""
-    placement = (np.tile(np.eye(3), (len(data.groups), 1, 1)), np.zeros((len(data.groups), 3)))
-    rotations = np.tile(np.eye(3), (len(tools), 1, 1)) if data.rotation is not None else None
-    return Problem(robot, data, np.asarray(tools, float), placement, rotations)
+def _tool_each(tools: Array, targets: int) -> Array:
+    """(T, 3) nominal targets, of one row the same for all. Raises ValueError for too few."""
+    rows = np.atleast_2d(np.asarray(tools, dtype=float))
+    if len(rows) == 1 and targets > 1:
+        return np.tile(rows, (targets, 1))
+    if len(rows) < targets or rows.shape[1] != 3:
+        raise ValueError(
+            f"tools has shape {rows.shape}, expected ({targets}, 3): give the nominal position of "
+            "each target in the flange frame [mm], or one row for all of them."
+        )
+    return rows

@@ -17,20 +17,21 @@ from .._typing import Array
 from ..mechanisms.terms import Term
 from ..robot._kernels import Space
 from .design import assemble, whiten
+from .linearisation import Linearisation
 from .problem import Problem
+from .whitening import UNIT, Whitening
 
 TOLERANCE = 1e-11  # of a unit column: structural dependence leaves 1e-14, NIST's Filip 1e-9 or more
+MIN_COLUMN = 1e-13  # of the largest column's norm: a smaller column is zero
 DEPENDENT = 1e-9  # of a column, in any row: what is left of a dependent one beyond its combination
-PROBE = (256, 8192)  # configurations that tell which terms depend, in data of more than so many
+# configurations that tell which terms depend, in data of more than so many
+PROBE = (256, 8192)
 # configurations whose design a core's cache about holds; no power of two, whose strides collide in
 # it
 STREAM = 2000
-PANEL = (
-    8,
-    4,
-    # dtpqrt's inner block up to and beyond LONG rows: there the narrower is a fifth faster, below it
-    # hardly differs
-)
+# dtpqrt's inner block up to and beyond LONG rows: there the narrower is a fifth faster, below it
+# hardly differs
+PANEL = (8, 4)
 LONG = 4096
 
 
@@ -44,7 +45,7 @@ class Reduction:
 
     @staticmethod
     def empty(p: int) -> Reduction:
-        """Of no rows, for p columns and the response."""
+        """Return the reduction of no rows, for p columns and the response."""
         return Reduction(np.zeros((p + 1, p + 1)), 0)
 
     @property
@@ -53,7 +54,7 @@ class Reduction:
         return len(self.R) - 1
 
     def add(self, matrix: Array) -> Reduction:
-        """With the rows of matrix (k, p+1), the response last, stacked on."""
+        """Stack on the rows of a matrix (k, p+1), the response last."""
         if not len(matrix):
             return self
         triangle = np.array(self.R, order="F")
@@ -61,18 +62,18 @@ class Reduction:
         return Reduction(triangle, self.rows + len(matrix))
 
     def merge(self, other: Reduction) -> Reduction:
-        """Of both sets of rows."""
+        """Return the reduction of both sets of rows."""
         return Reduction(self.add(other.R).R, self.rows + other.rows)
 
     def select(self, columns: Sequence[int]) -> Reduction:
-        """Of some columns, in the given order; the response stays last."""
+        """Return the reduction of some columns, in the given order; the response stays last."""
         picked = self.R[:, [*columns, self.p]]
         out = Reduction.empty(len(columns)).add(picked)
         return Reduction(out.R, self.rows)
 
 
 def merged(parts: Iterable[Reduction]) -> Reduction:
-    """All of them as one."""
+    """Merge several reductions into one."""
     first, *others = parts
     for other in others:
         first = first.merge(other)
@@ -85,7 +86,7 @@ def independent(R: Array) -> tuple[list[int], Array]:
     zero."""
     p = R.shape[1]
     scale = np.linalg.norm(R, axis=0)
-    moves = scale > 1e-13 * scale.max(initial=0)
+    moves = scale > MIN_COLUMN * scale.max(initial=0)
     basis = np.zeros((len(R), p), order="F")
     kept: list[int] = []
     for j in range(p):
@@ -102,7 +103,7 @@ def independent(R: Array) -> tuple[list[int], Array]:
 
 
 def reduce(matrix: Array, response: Array) -> Reduction:
-    """Of a plain matrix (N, p) and response (N,)."""
+    """Reduce a plain matrix (N, p) and response (N,)."""
     return Reduction.empty(matrix.shape[1]).add(np.column_stack([matrix, response]))
 
 
@@ -116,10 +117,9 @@ def _stack(triangle: Array, matrix: Array) -> None:
 
 
 class Source(ABC):
-    """Configurations that nobody holds whole: they are asked for their reduction. `whiten` as a
-    problem's."""
+    """Data too large for memory; provides its reduction instead of rows."""
 
-    whiten: float
+    whitening: Whitening = UNIT
 
     @abstractmethod
     def __len__(self) -> int:
@@ -129,55 +129,59 @@ class Source(ABC):
     def reduced(
         self,
         terms: Sequence[Term],
-        at: tuple[Sequence[Term], Array] | None = None,
+        at: Linearisation | None = None,
         only: Sequence[int] | None = None,
     ) -> Reduction:
-        """As `reduce_scene`."""
+        """Reduce all rows; arguments as in `reduce_problem`."""
 
 
 def reduce_problem(
     problem: Problem | Source,
     terms: Sequence[Term],
-    at: tuple[Sequence[Term], Array] | None = None,
+    at: Linearisation | None = None,
     only: Sequence[int] | None = None,
 ) -> Reduction:
-    """Of a problem's whitened design and residual, block by block; the whole matrix is never held,
-    nothing allocated a block.
+    """Reduce a problem's whitened design and residual, block by block; the whole matrix is never
+    held, nothing allocated a block.
 
     Where there are many blocks, terms that depend exactly on earlier ones are left out of the
     factorisation and put back as the combinations they are; every block checks that they are, else
-    all terms are factorised. `only`: the terms that are asked for; the other columns are nought.
+    all terms are factorised. `only`: the terms that are asked for; the other columns are zero.
     """
     if isinstance(problem, Source):
         return problem.reduced(terms, at, only)
-    weight, plain = (
-        (problem.whiten, replace(problem, whiten=1.0))
-        if isinstance(problem.whiten, float)
-        else (1.0, problem)
-    )
+    weight = problem.whitening.weight
+    plain = replace(problem, whitening=problem.whitening.without_weight())
+    triangle = _triangle(plain, terms, at, only)
+    return Reduction(triangle * weight, problem.coordinates)
+
+
+def _triangle(
+    problem: Problem,
+    terms: Sequence[Term],
+    at: Linearisation | None,
+    only: Sequence[int] | None,
+) -> Array:
+    """`reduce_problem` by whichever way is the least work."""
     p = len(terms)
     if only is not None:
-        triangle = (
-            Reduction.empty(p)
-            .add(spread(_stream(plain, terms, at, [*only, p]), [*only, p], p + 1))
-            .R
-        )
-    elif len(problem) <= PROBE[1] or not p:
-        triangle = _stream(plain, terms, at, range(p + 1))
-    else:
+        picked = [*only, p]
+        rows = _stream(problem, terms, at, picked)
+        return Reduction.empty(p).add(scatter_columns(rows, picked, p + 1)).R
+    if len(problem) > PROBE[1] and p:
         try:
-            triangle = _without_dependent(plain, terms, at)
+            return _without_dependent(problem, terms, at)
         except _Disagrees:
-            triangle = _stream(plain, terms, at, range(p + 1))
-    return Reduction(triangle * weight, problem.coordinates)
+            pass
+    return _stream(problem, terms, at, range(p + 1))
 
 
 class _Disagrees(ArithmeticError):
     """A block where terms that seemed to depend on others do not."""
 
 
-def spread(rows: Array, columns: Sequence[int], width: int) -> Array:
-    """Rows (k, len(columns)) at their columns of `width`, noughts elsewhere."""
+def scatter_columns(rows: Array, columns: Sequence[int], width: int) -> Array:
+    """Put rows (k, len(columns)) at their columns of `width`, zeros elsewhere."""
     out = np.zeros((len(rows), width))
     out[:, columns] = rows
     return out
@@ -186,30 +190,28 @@ def spread(rows: Array, columns: Sequence[int], width: int) -> Array:
 def _stream(
     problem: Problem,
     terms: Sequence[Term],
-    at: tuple[Sequence[Term], Array] | None,
+    at: Linearisation | None,
     picked: Sequence[int],
     check: Array | None = None,
     bound: float = 0.0,
 ) -> Array:
     """The triangle of the picked columns, the response among them. Raises _Disagrees where a
     mixture `check` (p,) of the terms exceeds `bound` in any row."""
-    triangle, space, p = np.zeros((len(picked), len(picked)), order="F"), Space(), len(terms)
+    p, space = len(terms), Space()
+    triangle = np.zeros((len(picked), len(picked)), order="F")
     for _, part in problem.parts(STREAM):
         block = whiten(part, assemble(part, terms, at, space=space)).reshape(p + 1, -1)
         if check is not None and np.abs(check @ block[:p]).max() > bound:
             raise _Disagrees
         if len(picked) <= p:
-            there = space.array("picked", len(picked), block.shape[1])
-            block = np.take(
-                block, picked, axis=0, out=there, mode="clip"
-            )  # any other mode goes through a buffer
+            buffer = space.array("picked", len(picked), block.shape[1])
+            # any mode but "clip" goes through a buffer of numpy's
+            block = np.take(block, picked, axis=0, out=buffer, mode="clip")
         _stack(triangle, block.T)
     return triangle
 
 
-def _without_dependent(
-    problem: Problem, terms: Sequence[Term], at: tuple[Sequence[Term], Array] | None
-) -> Array:
+def _without_dependent(problem: Problem, terms: Sequence[Term], at: Linearisation | None) -> Array:
     """The triangle of all terms from the independent ones' alone. Raises _Disagrees where a block
     does not agree.
 
@@ -217,27 +219,32 @@ def _without_dependent(
     the dependent terms lack of their combinations must stay at rounding in every row of every
     block."""
     p = len(terms)
-    probe = reduce_problem(
-        problem.take(np.linspace(0, len(problem) - 1, PROBE[0]).astype(np.intp)), terms, at
-    ).R[:p, :p]
+    probed = np.linspace(0, len(problem) - 1, PROBE[0]).astype(np.intp)
+    probe = reduce_problem(problem.take(probed), terms, at).R[:p, :p]
     kept, scale = independent(probe)
     lost = [k for k in range(p) if k not in kept]
-    relation = (
-        np.linalg.lstsq(probe[:, kept] / scale[kept], probe[:, lost], rcond=None)[0]
-        / scale[kept][:, None]
-    )
-    mixture = np.zeros(p)
-    biggest = scale.max()
-    size = np.where(
-        scale[lost] > 1e-13 * biggest, scale[lost], biggest
-    )  # a term that moves nothing is no unit
-    mixture[lost] = np.random.default_rng(len(lost)).choice((-1.0, 1.0), len(lost)) / size
-    mixture[kept] = -relation @ mixture[lost]
-    reach = np.abs(relation) @ np.abs(mixture[lost]) * scale[kept]
-    bound = DEPENDENT * max(float(reach.max(initial=0.0)), 1.0) / np.sqrt(PROBE[0])
+    unit = probe[:, kept] / scale[kept]
+    relation = np.linalg.lstsq(unit, probe[:, lost], rcond=None)[0] / scale[kept][:, None]
+    mixture, bound = _mixture(scale, kept, lost, relation)
     picked = [*kept, p]
     triangle = _stream(problem, terms, at, picked, mixture, bound)
-    back = np.concatenate(
-        [triangle, np.pad(triangle[:-1, :-1] @ relation, ((0, 1), (0, 0)))], axis=1
-    )
-    return Reduction.empty(p).add(back[:, np.argsort([*picked, *lost])]).R
+    restored = np.pad(triangle[:-1, :-1] @ relation, ((0, 1), (0, 0)))
+    columns = np.concatenate([triangle, restored], axis=1)
+    return Reduction.empty(p).add(columns[:, np.argsort([*picked, *lost])]).R
+
+
+def _mixture(
+    scale: Array, kept: Sequence[int], lost: Sequence[int], relation: Array
+) -> tuple[Array, float]:
+    """(random mixture (p,) of what the dependent terms lack of their combinations, the most that
+    rounding makes of it in any row)."""
+    biggest = scale.max()
+    moves = scale[lost] > MIN_COLUMN * biggest
+    size = np.where(moves, scale[lost], biggest)  # a term that moves nothing is no unit
+    sign = np.random.default_rng(len(lost)).choice((-1.0, 1.0), len(lost))
+    mixture = np.zeros(len(scale))
+    mixture[lost] = sign / size
+    mixture[kept] = -relation @ mixture[lost]
+    reach = np.abs(relation) @ np.abs(mixture[lost]) * scale[kept]
+    largest = max(float(reach.max(initial=0.0)), 1.0)
+    return mixture, DEPENDENT * largest / np.sqrt(PROBE[0])

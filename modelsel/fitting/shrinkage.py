@@ -1,82 +1,153 @@
-"""Free functions are shrunk: every one's coefficients have a variance of their own, found by
+"""Shrinkage of free functions: the coefficients of each have a variance of their own, found by
 maximum marginal likelihood."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from .._linalg import TINY
 from .._typing import Array, Index
+from ..mechanisms.terms import TermKey
 from .design import Model
 from .least_squares import STEP_MM, Fit, Held, fit
 from .problem import Problem
-from .splines import spline, splines
+from .splines import spline, spline_groups
 
-ROUNDS = 60
-STIFFEST = 1e6  # largest precision of a coefficient, in squared norms of its column
+MAX_ROUNDS = 60  # of the fixed point
+TOLERANCE = 1e-3  # relative change of a precision at which the fixed point is reached
+REFIT_TOLERANCE = 0.1  # relative change of a precision that asks for no further fit
+# largest precision of a coefficient, in squared norms of its column: a function that is not there
+# is held at zero
+MAX_PRECISION = 1e6
+MIN_EFFECTIVE = 1e-3  # parameters that a function counts for at least
 START = {"r": 3e-4, "t": 0.1}  # rad, mm: first guess of a coefficient's size
 
 
 def wide_groups(model: Model) -> list[Index]:
-    """Term indices of every free function, shifts and turns apart: each group is shrunk by a
-    variance of its own."""
-    place = {t.screws: k for k, t in enumerate(model.terms)}
-    out: dict[tuple[int, str], list[int]] = {}
-    for number, m in enumerate(model.mechanisms):
-        for t in m.terms:
-            if spline(t) is not None:
-                out.setdefault((number, t.screws[0].axis[0]), []).append(place[t.screws])
-    return [np.array(group, dtype=np.intp) for group in out.values()]
+    """Return the term indices of every free function, shifts and rotations apart: each group is
+    shrunk by a variance of its own."""
+    place = {term.key: k for k, term in enumerate(model.terms)}
+    groups: dict[tuple[int, str], list[int]] = {}
+    for number, mechanism in enumerate(model.mechanisms):
+        for term in mechanism.terms:
+            if spline(term) is not None:
+                kind = term.screws[0].axis[0]
+                groups.setdefault((number, kind), []).append(place[term.key])
+    return [np.array(group, dtype=np.intp) for group in groups.values()]
 
 
 def variances(fitted: Fit, groups: Sequence[Index]) -> Array:
-    """(p,) precisions sigma²/v of every term: MacKay's fixed point of the marginal likelihood, v
-    one number a group."""
-    kept = list(fitted.found.kept)
-    where = {k: i for i, k in enumerate(kept)}
-    inside = [np.array([where[k] for k in g if k in where], dtype=np.intp) for g in groups]
-    R: Array = fitted.reduction.R[:-1, kept]
-    response = fitted.reduction.R[:-1, -1] + R @ fitted.theta[kept]
-    gram, cross, rest = R.T @ R, R.T @ response, float(fitted.reduction.R[-1, -1] ** 2)
-    weak = np.zeros((0, len(kept))) if fitted.weak.rows is None else fitted.weak.rows[:, kept]
-    held = gram + weak.T @ weak  # what the data hardly determine is held by its own prior
-    precision: Array = np.zeros(len(kept))
-    inverse: Array = np.eye(len(kept))  # of the prior's correlation, by blocks
-    for index, root in splines(fitted.terms):
-        at = [n for n, k in enumerate(index) if k in where]
-        place = [where[index[n]] for n in at]
-        half = np.linalg.inv(root)[:, at]
-        inverse[np.ix_(place, place)] = half.T @ half
-    for g, i in zip(groups, inside, strict=True):
-        precision[i] = 1.0 if fitted.precision is None else fitted.precision[g[0]]
-    for _ in range(ROUNDS):
-        scale = np.sqrt(precision)
-        covariance: Array = np.asarray(
-            np.linalg.inv(held + scale[:, None] * inverse * scale), dtype=np.float64
-        )
-        beta = covariance @ cross
-        rss = float(np.square(response - R @ beta).sum()) + rest
-        tight = inverse * covariance  # its sum over a group: the trace of the two blocks' product
-        spent = [
-            len(i) - float(precision[i] @ tight[np.ix_(i, i)].sum(1)) for i in inside
-        ]  # effective parameters
-        fixed = len(kept) - sum(map(len, inside))
-        sigma2 = rss / max(fitted.rows - fixed - sum(spent), 1.0)
-        new: Array = precision.copy()
-        for i, used in zip(inside, spent, strict=True):
-            most = STIFFEST * float(
-                gram[i, i].max(initial=0.0)
-            )  # a function that is not there is held at nought
-            size = float(beta[i] @ inverse[np.ix_(i, i)] @ beta[i])
-            new[i] = min(sigma2 * max(used, 1e-3) / max(size, 1e-300), most)
-        if np.allclose(new, precision, rtol=1e-3):
-            precision = new
+    """Compute the precisions (p,) sigma²/v of every term by MacKay's fixed point of the marginal
+    likelihood, v one number a group (MacKay 1992, Neural Computation 4, 415)."""
+    likelihood = _Marginal(fitted, groups)
+    precision = likelihood.start()
+    for _ in range(MAX_ROUNDS):
+        previous, precision = precision, likelihood.update(precision)
+        if np.allclose(precision, previous, rtol=TOLERANCE):
             break
-        precision = new
     out = np.zeros(len(fitted.theta))
-    out[kept] = precision
+    out[likelihood.kept] = precision
     return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Marginal:
+    """The marginal likelihood of the variances of `groups` of a fit's terms, on its triangle; all
+    arrays over the k kept terms."""
+
+    fitted: Fit
+    groups: Sequence[Index]
+
+    @cached_property
+    def kept(self) -> list[int]:
+        """Indices of the fitted terms."""
+        return list(self.fitted.found.kept)
+
+    @cached_property
+    def position(self) -> dict[int, int]:
+        """Where a term stands among the kept ones."""
+        return {term: i for i, term in enumerate(self.kept)}
+
+    @cached_property
+    def inside(self) -> list[Index]:
+        """Positions of each group's kept terms."""
+        where = self.position
+        return [np.array([where[k] for k in g if k in where], dtype=np.intp) for g in self.groups]
+
+    @cached_property
+    def columns(self) -> Array:
+        """(p+1, k) triangle of the kept columns."""
+        return self.fitted.reduction.R[:-1, self.kept]
+
+    @cached_property
+    def response(self) -> Array:
+        """What the kept columns have to explain, of all that theta explains already."""
+        theta = self.fitted.theta[self.kept]
+        return np.asarray(self.fitted.reduction.R[:-1, -1] + self.columns @ theta)
+
+    @cached_property
+    def gram(self) -> Array:
+        """(k, k) cross products of the columns."""
+        return self.columns.T @ self.columns
+
+    @cached_property
+    def held(self) -> Array:
+        """`gram` with the prior on what the data hardly determine."""
+        rows = self.fitted.weak.rows
+        if rows is None:
+            return self.gram
+        weak = rows[:, self.kept]
+        return self.gram + weak.T @ weak
+
+    @cached_property
+    def inverse_correlation(self) -> Array:
+        """(k, k) inverse of the prior's correlation, by blocks."""
+        out: Array = np.eye(len(self.kept))
+        for index, root in spline_groups(self.fitted.terms):
+            among = [n for n, term in enumerate(index) if term in self.position]
+            place = [self.position[index[n]] for n in among]
+            half = np.linalg.inv(root)[:, among]
+            out[np.ix_(place, place)] = half.T @ half
+        return out
+
+    def start(self) -> Array:
+        """Return the precisions to start from: those of the fit, else one."""
+        precision: Array = np.zeros(len(self.kept))
+        for group, positions in zip(self.groups, self.inside, strict=True):
+            known = self.fitted.precision
+            precision[positions] = 1.0 if known is None else known[group[0]]
+        return precision
+
+    def update(self, precision: Array) -> Array:
+        """Take one step of the fixed point."""
+        scale = np.sqrt(precision)
+        inverse = self.inverse_correlation
+        covariance: Array = np.asarray(
+            np.linalg.inv(self.held + scale[:, None] * inverse * scale), dtype=np.float64
+        )
+        beta = covariance @ (self.columns.T @ self.response)
+        trace = inverse * covariance  # its sum over a group: the trace of the two blocks' product
+        effective = [len(i) - float(precision[i] @ trace[np.ix_(i, i)].sum(1)) for i in self.inside]
+        noise = self._noise_variance(beta, effective)
+        out: Array = precision.copy()
+        for positions, count in zip(self.inside, effective, strict=True):
+            largest = float(self.gram[positions, positions].max(initial=0.0))
+            block = inverse[np.ix_(positions, positions)]
+            size = float(beta[positions] @ block @ beta[positions])
+            ratio = noise * max(count, MIN_EFFECTIVE) / max(size, TINY)
+            out[positions] = min(ratio, MAX_PRECISION * largest)
+        return out
+
+    def _noise_variance(self, beta: Array, effective: Sequence[float]) -> float:
+        """sigma² from what beta leaves."""
+        misfit = float(np.square(self.response - self.columns @ beta).sum())
+        rss = misfit + float(self.fitted.reduction.R[-1, -1] ** 2)
+        fixed = len(self.kept) - sum(map(len, self.inside))
+        return float(rss / max(self.fitted.rows - fixed - sum(effective), 1.0))
 
 
 def fit_shrunk(
@@ -89,35 +160,40 @@ def fit_shrunk(
 ) -> Fit:
     """Fit a model, its free functions shrunk; a plain fit where it has none. `start`: a fit of a
     similar model; `held` as in `fit`."""
-    known = (
-        {}
-        if start is None
-        else dict(zip((t.screws for t in start.terms), start.theta, strict=True))
-    )
-    theta = None if start is None else np.array([known.get(t.screws, 0.0) for t in model.terms])
+    theta = None
+    if start is not None:
+        known = _by_key(start, start.theta)
+        theta = np.array([known.get(term.key, 0.0) for term in model.terms])
     groups = wide_groups(model)
     if not groups:
         return fit(problem, model, start=theta, step_mm=step_mm, held=held)
-    weight = (
-        problem.whiten
-        if isinstance(problem.whiten, float)
-        else float(np.median(np.diagonal(problem.whiten, 0, 1, 2)))
-    )
-    before = (
-        {}
-        if start is None or start.precision is None
-        else dict(zip((t.screws for t in start.terms), start.precision, strict=True))
-    )
-    precision = np.zeros(len(model.terms))
-    for g in groups:
-        first = model.terms[g[0]].screws
-        precision[g] = before.get(first, (0.1 * weight / START[first[0].axis[0]]) ** 2)
+    precision = _first_precision(problem, model, groups, start)
     fitted = fit(problem, model, precision=precision, start=theta, step_mm=step_mm, held=held)
     for _ in range(2):
-        new = variances(fitted, groups)
-        settled = np.allclose(new, precision, rtol=0.1)
-        precision = new
-        fitted = fit(problem, model, precision=new, start=fitted.theta, step_mm=step_mm, held=held)
-        if settled:
+        previous, precision = precision, variances(fitted, groups)
+        fitted = fit(
+            problem, model, precision=precision, start=fitted.theta, step_mm=step_mm, held=held
+        )
+        if np.allclose(precision, previous, rtol=REFIT_TOLERANCE):
             break
     return fitted
+
+
+def _first_precision(
+    problem: Problem, model: Model, groups: Sequence[Index], start: Fit | None
+) -> Array:
+    """(p,) precisions to begin with: those of a similar model, else by the usual sizes."""
+    known: dict[TermKey, float] = {}
+    if start is not None and start.precision is not None:
+        known = _by_key(start, start.precision)
+    weight = problem.whitening.typical_weight(None)
+    precision = np.zeros(len(model.terms))
+    for group in groups:
+        first = model.terms[group[0]]
+        usual = START[first.screws[0].axis[0]]
+        precision[group] = known.get(first.key, (0.1 * weight / usual) ** 2)
+    return precision
+
+
+def _by_key(fitted: Fit, values: Array) -> dict[TermKey, float]:
+    return dict(zip((term.key for term in fitted.terms), values, strict=True))

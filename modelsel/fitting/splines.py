@@ -15,45 +15,51 @@ from ..mechanisms.causes import Bump, Cause, factors
 from ..mechanisms.terms import Term
 
 LENGTH = 3.0  # knots over which a free function keeps its value, roughly
-JITTER = 1e-6
+JITTER = 1e-6  # added to the diagonal, so that the correlation has a root
 
 
 def spline(term: Term) -> tuple[Bump, tuple[object, ...]] | None:
-    """(the spline that a term is a coefficient of, what else it is: place, variable, width, other
-    factors), or None."""
+    """Return (the spline that a term is a coefficient of, what else it is: place, variable, width,
+    other factors), or None."""
+    if len(term.screws) != 1:
+        return None
     parts = factors(term.screws[0].cause)
     bump = next((p for p in parts if isinstance(p, Bump)), None)
-    if bump is None or len(term.screws) > 1:
+    if bump is None:
         return None
     others: tuple[Cause, ...] = tuple(p for p in parts if p is not bump)
-    return bump, (term.screws[0].frame, term.screws[0].axis, bump.name, bump.width, others)
+    screw = term.screws[0]
+    return bump, (screw.frame, screw.axis, bump.name, bump.width, others)
 
 
-def splines(terms: Sequence[Term]) -> list[tuple[Index, Array]]:
-    """(indices of the terms of one free function at one place, lower root (k, k) of their prior
-    correlation), each."""
-    own: dict[tuple[object, ...], list[int]] = {}
-    centre = np.zeros(len(terms))
+def spline_groups(terms: Sequence[Term]) -> list[tuple[Index, Array]]:
+    """Return, for each free function at one place, (indices of its terms, lower root (k, k) of
+    their prior correlation)."""
+    groups: dict[tuple[object, ...], list[int]] = {}
+    centre = np.zeros(len(terms))  # in knots
     for k, term in enumerate(terms):
-        if (found := spline(term)) is not None:
-            own.setdefault(found[1], []).append(k)
-            centre[k] = found[0].centre / found[0].width
-    out = []
-    for members in own.values():
-        index = np.array(members, dtype=np.intp)
-        apart = np.sqrt(3) / LENGTH * np.abs(centre[index, None] - centre[index])
-        out.append(
-            (index, np.linalg.cholesky((1 + apart) * np.exp(-apart) + JITTER * np.eye(len(index))))
-        )
-    return out
+        known = spline(term)
+        if known is not None:
+            bump, identity = known
+            groups.setdefault(identity, []).append(k)
+            centre[k] = bump.centre / bump.width
+    return [(np.array(group, dtype=np.intp), _root(centre[group])) for group in groups.values()]
+
+
+def _root(centre: Array) -> Array:
+    """Lower root of the Matérn 3/2 correlation of coefficients centred at `centre` (k,) knots."""
+    distance = np.sqrt(3) / LENGTH * np.abs(centre[:, None] - centre)
+    correlation = (1 + distance) * np.exp(-distance)
+    return np.asarray(np.linalg.cholesky(correlation + JITTER * np.eye(len(centre))))
 
 
 def penalty(terms: Sequence[Term], precision: Array) -> Array:
-    """(k, p) rows whose product with theta is to be nought, in units of the noise: the prior of
-    terms with a `precision` (p,) [1/variance], correlated within a free function, alone
+    """Return rows (k, p) whose product with theta is to be zero, in units of the noise: the prior
+    of terms with a `precision` (p,) [1/variance], correlated within a free function, alone
     otherwise."""
     out = np.diag(np.sqrt(precision))
-    for index, root in splines(terms):
+    for index, root in spline_groups(terms):
         if precision[index].any():
-            out[np.ix_(index, index)] = np.sqrt(precision[index])[:, None] * np.linalg.inv(root)
+            scale = np.sqrt(precision[index])
+            out[np.ix_(index, index)] = scale[:, None] * np.linalg.inv(root)
     return out[precision > 0]

@@ -98,6 +98,16 @@ class Measurements:
         return len(self.position)
 
     @property
+    def features(self) -> tuple[Feature, ...]:
+        """The features that rows share; empty where every row is a point."""
+        return () if self.gauges is None else self.gauges.features
+
+    @property
+    def points(self) -> NDArray[np.bool_]:
+        """(m,) rows that are points."""
+        return np.ones(len(self), bool) if self.gauges is None else self.gauges.of("point")
+
+    @property
     def configurations(self) -> int:
         """Number of configurations (visits)."""
         return len(np.unique(self.configuration))

@@ -27,6 +27,7 @@ from .observation_columns import (
     read_quaternions,
     read_uncertainties,
 )
+from .state_names import is_state_name
 from .table import Source, Table, Where, read_table, renamed
 from .unit_names import mapped_units, other_units
 
@@ -54,9 +55,6 @@ STANDING_RAD, STANDING_MM = (
     0.1,
 )  # by how much an arm that stands still may be read anew: encoders' noise, servos' hold
 FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "free"}
-RESERVED = re.compile(
-    r"(q|approach|move|torque)\d+|[xyz]_mm|range_mm|(moment\d*|down)_[xyz]|torque\d+_\d+|progress"
-)
 
 
 def _joints(table: Table, prismatic: Sequence[bool]) -> Array:
@@ -97,7 +95,7 @@ def _covariates(table: Table, used: set[str]) -> tuple[dict[str, Array], list[No
             not (np.abs(values) <= 1e30).all()
             or not plain_word(name)
             or name in FUNCTIONS
-            or RESERVED.fullmatch(name)
+            or is_state_name(name)
         ):
             unusable.append(name)
         else:

@@ -9,10 +9,11 @@ evaluates no code."""
 from __future__ import annotations
 
 import ast
+import operator
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -28,8 +29,15 @@ FUNCTIONS = {
     "exp": np.exp,
     "tanh": np.tanh,
 }
+ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+}
 DIMENSIONLESS = {"sin", "cos", "sign", "exp", "tanh"}
-RANK = {"+": 1, "-": 1, "*": 2, "/": 2}
+MAX_LENGTH = 500  # characters of a formula
+RANK = {"+": 1, "-": 1, "*": 2, "/": 2}  # how tightly an operator binds
 
 
 class State(Protocol):
@@ -150,9 +158,8 @@ class Combined(Cause):
 
     def of(self, state: State) -> Array | float:
         a, b = self.left.of(state), self.right.of(state)
-        if self.operator == "/":
-            return a / b
-        return a + b if self.operator == "+" else a - b if self.operator == "-" else a * b
+        value: Array | float = ARITHMETIC[self.operator](a, b)
+        return value
 
     @property
     def unit(self) -> str:
@@ -171,29 +178,26 @@ class Combined(Cause):
     def __str__(self) -> str:
         rank = RANK[self.operator]
         left, right = str(self.left), str(self.right)
-        if (
-            isinstance(self.left, Combined)
-            and RANK[self.left.operator] < rank
-            or left.startswith("-")
-            and rank > 1
-        ):
+        negative_factor = left.startswith("-") and rank > RANK["+"]
+        if _rank(self.left) < rank or negative_factor:
             left = f"({left})"
-        tight = rank + (self.operator in "-/")
-        if (
-            isinstance(self.right, Combined)
-            and RANK[self.right.operator] < tight
-            or right.startswith("-")
-        ):
+        binding = rank + 1 if self.operator in "-/" else rank
+        if _rank(self.right) < binding or right.startswith("-"):
             right = f"({right})"
         return f"{left}{self.operator}{right}"
 
 
+def _rank(cause: Cause) -> int:
+    """How tightly a cause's outermost operator binds; above all operators where it has none."""
+    return RANK[cause.operator] if isinstance(cause, Combined) else len(RANK)
+
+
 @dataclass(frozen=True)
 class Member(Cause):
-    """1 where a row belongs to one target, group or feature, 0 elsewhere: offsets of targets,
-    placements of days, anchors."""
+    """1 where a row belongs to one target or group, 0 elsewhere: offsets of targets, placements of
+    days."""
 
-    kind: str  # "target", "group" or "feature"
+    kind: str  # "target" or "group"
     index: int
 
     def of(self, state: State) -> Array:
@@ -211,7 +215,7 @@ class Member(Cause):
 
 
 def wrap(value: Cause | float) -> Cause:
-    """A number as a cause."""
+    """Return a number as a cause, a cause as it is."""
     return value if isinstance(value, Cause) else Number(float(value))
 
 
@@ -219,84 +223,96 @@ ONE = Number(1.0)
 
 
 def sin(argument: Cause) -> Cause:
-    """Sine of an angle cause."""
+    """Return the sine of an angle."""
     return Applied("sin", argument)
 
 
 def cos(argument: Cause) -> Cause:
-    """Cosine of an angle cause."""
+    """Return the cosine of an angle."""
     return Applied("cos", argument)
 
 
 def sign(argument: Cause) -> Cause:
-    """-1, 0 or +1."""
+    """Return the sign of a cause: -1, 0 or +1."""
     return Applied("sign", argument)
 
 
 def q(joint: int, unit: str = "rad") -> Named:
-    """Reading of a joint (1-based)."""
+    """Return the reading of a joint (1-based)."""
     return Named(f"q{joint}", unit)
 
 
 def torque(joint: int) -> Named:
-    """Gravity torque about a joint's axis [N m]."""
+    """Return the gravity torque about a joint's axis [N m]."""
     return Named(f"torque{joint}", "N m")
 
 
 def shifted(angle: Cause, phase: float) -> Cause:
-    """angle + phase, or the angle itself where the phase is nought to 1e-9."""
+    """Return angle + phase, or the angle itself where the phase is zero to 1e-9 rad."""
     if abs(phase) < 1e-9:
         return angle
     return angle + phase if phase > 0 else angle - -phase
 
 
 def parse(text: str, units: Mapping[str, str], where: str = "cause") -> Cause:
-    """A cause from a study file's string; `units` are the known names with their units. Raises
-    StudyError."""
-
-    def build(node: ast.expr) -> Cause:
-        if (
-            isinstance(node, ast.Constant)
-            and isinstance(node.value, (int, float))
-            and not isinstance(node.value, bool)
-        ):
-            return Number(float(node.value))
-        if isinstance(node, ast.Name):
-            if node.id not in units:
-                raise StudyError(
-                    f'{where}: unknown name "{node.id}" in "{text}". {suggest(node.id, units)}'
-                )
-            return Named(node.id, units[node.id])
-        if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
-            inner = build(node.operand)
-            if isinstance(node.op, ast.UAdd):
-                return inner
-            return Number(-inner.number) if isinstance(inner, Number) else -1.0 * inner
-        if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
-            return Combined(_OPERATORS[type(node.op)], build(node.left), build(node.right))
-        if (
-            isinstance(node, ast.Call)
-            and isinstance(node.func, ast.Name)
-            and node.func.id in FUNCTIONS
-            and len(node.args) == 1
-            and not node.keywords
-        ):
-            return Applied(node.func.id, build(node.args[0]))
-        raise StudyError(
-            f'{where}: "{text}" is not a cause: names, numbers, + - * /, parentheses and '
-            f"{' '.join(FUNCTIONS)} are known."
-        )
-
+    """Read a cause from a study file's string; `units` are the known names with their units.
+    Raises StudyError."""
     try:
-        tree = ast.parse(text.strip()[:500], mode="eval")
+        tree = ast.parse(text.strip()[:MAX_LENGTH], mode="eval")
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise StudyError(
             f'{where}: "{text[:80]}" is not a cause: it cannot be read as a formula.'
         ) from None
-    return build(tree.body)
+    return _Formula(text, units, where).build(tree.body)
 
 
-_OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
+@dataclass(frozen=True)
+class _Formula:
+    """A formula that is read: its text, the known names, and where it stands."""
+
+    text: str
+    units: Mapping[str, str]
+    where: str
+
+    def build(self, node: ast.expr) -> Cause:
+        """Build the cause of a node; raises StudyError for one that no cause has."""
+        match node:
+            case ast.Constant(value=bool()):
+                pass
+            case ast.Constant(value=int() | float() as value):
+                return Number(float(value))
+            case ast.Name(id=name):
+                return self._named(name)
+            case ast.UnaryOp(op=ast.UAdd()):
+                return self.build(node.operand)
+            case ast.UnaryOp(op=ast.USub()):
+                inner = self.build(node.operand)
+                return Number(-inner.number) if isinstance(inner, Number) else -1.0 * inner
+            case ast.BinOp() if type(node.op) in OPERATORS:
+                left, right = self.build(node.left), self.build(node.right)
+                return Combined(OPERATORS[type(node.op)], left, right)
+            case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if (
+                name in FUNCTIONS
+            ):
+                return Applied(name, self.build(argument))
+        raise StudyError(
+            f'{self.where}: "{self.text}" is not a cause: names, numbers, + - * /, parentheses and '
+            f"{' '.join(FUNCTIONS)} are known."
+        )
+
+    def _named(self, name: str) -> Named:
+        if name not in self.units:
+            hint = suggest(name, self.units)
+            raise StudyError(f'{self.where}: unknown name "{name}" in "{self.text}". {hint}')
+        return Named(name, self.units[name])
+
+
+OPERATORS: dict[type[ast.operator], str] = {
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.Div: "/",
+}
 
 
 @hashed_once
@@ -305,7 +321,7 @@ class Bump(Cause):
     """One cubic B-spline of one value of the state: a free function is many of them side by side,
     each with its coefficient.
 
-    Centred at `centre`, knots `width` apart (in the value's unit), nought two knots away. de Boor
+    Centred at `centre`, knots `width` apart (in the value's unit), zero two knots away. de Boor
     1978, cardinal B-splines."""
 
     name: str
@@ -316,9 +332,10 @@ class Bump(Cause):
         return self.shape(state.value(self.name))
 
     def shape(self, values: Array) -> Array:
-        """The spline at values of its variable."""
+        """Evaluate the spline at values of its variable."""
         u = np.abs(values - self.centre) / self.width
-        near, far = (4 - 6 * u**2 + 3 * u**3) / 6, np.maximum(2 - u, 0) ** 3 / 6
+        near = (4 - 6 * u**2 + 3 * u**3) / 6
+        far = np.maximum(2 - u, 0) ** 3 / 6
         return np.where(u < 1, near, far)
 
     @property
@@ -333,7 +350,7 @@ class Bump(Cause):
 
 
 def factors(cause: Cause) -> tuple[Cause, ...]:
-    """The factors of a product, or the cause itself."""
+    """Return the factors of a product, or the cause itself."""
     if isinstance(cause, Combined) and cause.operator == "*":
         return factors(cause.left) + factors(cause.right)
     return (cause,)

@@ -8,7 +8,7 @@ from ..measurements.features import Feature
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .causes import ONE, Cause, Member
-from .terms import Mechanism, Screw, Term, letter
+from .terms import FixtureTerm, Mechanism, Screw, Term, letter
 
 SETUP = "set-up"  # name of the placement and the targets: no error of the arm
 OPEN = {
@@ -71,7 +71,7 @@ def setup(
             cause, label = (Member("group", g), f"[{g + 1}]") if groups > 1 else (ONE, "")
             terms += [_term(1, axis, OPEN[axis[0]], cause, label) for axis in AXES]
     terms += [
-        Term(f"{_number(f, axis)} of {f.name}", (Screw(0, axis, Member("feature", k)),))
+        FixtureTerm(f"{_number(f, axis)} of {f.name}", feature=k, axis=axis)
         for k, f in enumerate(features)
         for axis in f.free
     ]

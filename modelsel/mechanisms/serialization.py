@@ -1,12 +1,24 @@
-"""Mechanisms, terms and causes as plain values, and back."""
+"""Mechanisms, terms and causes as plain values, and back: structure as structure, nothing parsed
+from text."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
-from .._json import PAIR, Each, Maybe, misfit
+from pydantic import (
+    AfterValidator,
+    Discriminator,
+    Field,
+    Tag,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
+
 from .._names import TEXT, plain_word, unfit
+from .._records import Number as FiniteNumber
+from .._records import OneOf, Pair, StrictRecord, Text, Whole, describe_problem
 from .._typing import LARGEST
 from ..exceptions import StudyError
 from ..robot.rigid import AXES
@@ -15,7 +27,7 @@ from .terms import Mechanism, Screw, Term, foreign
 
 
 def mechanism_card(mechanism: Mechanism) -> dict[str, Any]:
-    """A mechanism as plain values."""
+    """Describe a mechanism in plain values, for people and tables."""
 
     def expected(size: tuple[float, float] | None, sign: int) -> str:
         words = [] if size is None else [f"usually {size[0]:g} to {size[1]:g}"]
@@ -42,20 +54,144 @@ def mechanism_card(mechanism: Mechanism) -> dict[str, Any]:
     }
 
 
-DEEPEST = 200  # a cause nested more deeply than this is no cause of ours
-SCREW = {"frame": int, "axis": frozenset(AXES), "cause": {}, "prints": str}
-TERM = {
-    "symbol": str,
-    "unit": str,
-    "size": Maybe(PAIR),
-    "sign": int,
-    "usual?": float,
-    "screws": Each(SCREW, least=1),
-}
+# -- the records
+# ------------------------------------------------------------------------------------------------
+
+
+def _check_word(name: str) -> str:
+    if not plain_word(name):
+        raise ValueError(f'"{name[:40]}" is not a name of the state')
+    return name
+
+
+def _check_name(name: str) -> str:
+    if (why := unfit(name, TEXT)) is not None:
+        raise ValueError(f"not a mechanism's name: {why}")
+    return name
+
+
+Word = Annotated[Text, AfterValidator(_check_word)]
+
+
+class _CauseRecord(StrictRecord, extra="forbid"):
+    """One node of a cause: its keys say which kind it is."""
+
+
+class NumberRecord(_CauseRecord):
+    """A constant and its unit."""
+
+    number: FiniteNumber
+    unit: Text
+
+
+class NamedRecord(_CauseRecord):
+    """A value of the state, by its name."""
+
+    name: Word
+    unit: Text
+
+
+class AppliedRecord(_CauseRecord):
+    """A function of a cause."""
+
+    function: Annotated[str, OneOf(tuple(FUNCTIONS))]
+    of: CauseRecord
+
+
+class CombinedRecord(_CauseRecord):
+    """Two causes and the operator between them."""
+
+    operator: Annotated[str, OneOf(tuple(RANK))]
+    left: CauseRecord
+    right: CauseRecord
+
+
+class MemberRecord(_CauseRecord):
+    """One for the rows of one target or group, zero for the others."""
+
+    member: Literal["target", "group"]
+    index: Whole
+
+
+class SplineRecord(_CauseRecord):
+    """A cubic B-spline of a value of the state: one column of a free function."""
+
+    spline: Word
+    centre: FiniteNumber
+    width: FiniteNumber
+
+
+KEYS = ("number", "name", "function", "operator", "member", "spline")  # one names a cause's kind
+
+
+def _kind(value: Any) -> str | None:
+    """Return the tag of a cause's kind: the key that it alone has."""
+    keys = type(value).model_fields if isinstance(value, _CauseRecord) else value
+    if not isinstance(keys, Mapping):
+        return None
+    return next((f"<{key}>" for key in KEYS if key in keys), None)
+
+
+CauseRecord = Annotated[
+    Annotated[NumberRecord, Tag("<number>")]
+    | Annotated[NamedRecord, Tag("<name>")]
+    | Annotated[AppliedRecord, Tag("<function>")]
+    | Annotated[CombinedRecord, Tag("<operator>")]
+    | Annotated[MemberRecord, Tag("<member>")]
+    | Annotated[SplineRecord, Tag("<spline>")],
+    Discriminator(_kind, custom_error_type="cause", custom_error_message="a cause"),
+]
+
+
+class ScrewRecord(StrictRecord):
+    """A small shift or turn at one axis of one frame, scaled by a cause; `prints` is what the cause
+    looks like in print."""
+
+    frame: Whole
+    axis: Annotated[str, OneOf(AXES)]
+    cause: CauseRecord
+    prints: Text
+
+
+class TermRecord(StrictRecord):
+    """One fitted number: the screws it drives, its usual size and sign."""
+
+    symbol: Text
+    unit: Text
+    size: Pair | None
+    sign: Literal[-1, 0, 1]
+    usual: Annotated[float, Field(gt=0, lt=LARGEST)] | None = None
+    screws: Annotated[list[ScrewRecord], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _check_size(self) -> TermRecord:
+        if self.size is not None and not 0 <= self.size[0] <= self.size[1]:
+            raise ValueError("size: expected the lower and the upper bound, both 0 or more")
+        return self
+
+
+class MechanismRecord(StrictRecord):
+    """A mechanism with its terms."""
+
+    name: Annotated[Text, AfterValidator(_check_name)]
+    sentence: Text
+    equation: Text
+    source: Text
+    contrary: Text = ""
+    terms: list[TermRecord]
+
+
+for _record in (AppliedRecord, CombinedRecord):
+    _record.model_rebuild()
+_CAUSE: TypeAdapter[CauseRecord] = TypeAdapter(CauseRecord)
+
+
+# -- from values to records, and back
+# ------------------------------------------------------------------------------------------------
 
 
 def cause_record(cause: Cause) -> dict[str, Any]:
-    """A cause as nested JSON values. Raises StudyError for a kind of cause that is not of
+    """Return a cause as nested JSON values. Raises StudyError for a kind of cause that is not of
     modelsel.mechanisms.causes."""
     if (what := foreign(cause)) is not None:
         raise StudyError(
@@ -77,66 +213,46 @@ def cause_record(cause: Cause) -> dict[str, Any]:
     raise AssertionError(f"{type(cause).__name__} is one of KINDS without a record")
 
 
-def cause_of(record: Any, depth: int = 0) -> Cause:
-    """The cause of a record. Raises ValueError for anything else."""
-    if not isinstance(record, Mapping) or depth > DEEPEST:
-        raise ValueError(f"not a cause: {str(record)[:60]}")
-    found = [
-        make
-        for shape, make in CAUSES
-        if record.keys() == shape.keys() and misfit(dict(record), shape) is None
-    ]
-    if not found:
-        raise ValueError(f"not a cause: {str(dict(record))[:80]}")
-    return found[0](record, depth + 1)
+def cause_from_record(value: Any) -> Cause:
+    """Return the cause of a JSON value. Raises ValueError where it is none."""
+    try:
+        return _restore_cause(_CAUSE.validate_python(value))
+    except ValidationError as error:
+        problem = describe_problem(error.errors(include_url=False)[0])
+        raise ValueError(f"not a cause: {problem}") from None
 
 
-def _word(name: str) -> str:
-    """A name of the state. Raises ValueError for a text that is no plain word."""
-    if not plain_word(name):
-        raise ValueError(f'"{name[:40]}" is not a name of the state')
-    return name
+def _restore_cause(record: CauseRecord) -> Cause:
+    match record:
+        case NumberRecord(number=number, unit=unit):
+            return Number(number, unit)
+        case NamedRecord(name=name, unit=unit):
+            return Named(name, unit)
+        case AppliedRecord(function=function, of=argument):
+            return Applied(function, _restore_cause(argument))
+        case CombinedRecord(operator=operator, left=left, right=right):
+            return Combined(operator, _restore_cause(left), _restore_cause(right))
+        case MemberRecord(member=kind, index=index):
+            return Member(kind, index)
+        case SplineRecord(spline=name, centre=centre, width=width):
+            return Bump(name, centre, width)
 
 
-CAUSES: tuple[tuple[dict[str, Any], Callable[[Mapping[str, Any], int], Cause]], ...] = (
-    ({"number": float, "unit": str}, lambda r, _: Number(float(r["number"]), r["unit"])),
-    ({"name": str, "unit": str}, lambda r, _: Named(_word(r["name"]), r["unit"])),
-    (
-        {"function": frozenset(FUNCTIONS), "of": {}},
-        lambda r, deep: Applied(r["function"], cause_of(r["of"], deep)),
-    ),
-    (
-        {"operator": frozenset(RANK), "left": {}, "right": {}},
-        lambda r, deep: Combined(
-            r["operator"], cause_of(r["left"], deep), cause_of(r["right"], deep)
-        ),
-    ),
-    (
-        {"member": frozenset(["target", "group"]), "index": int},
-        lambda r, _: Member(r["member"], r["index"]),
-    ),
-    (
-        {"spline": str, "centre": float, "width": float},
-        lambda r, _: Bump(_word(r["spline"]), float(r["centre"]), float(r["width"])),
-    ),
-)
-
-
-def members(cause: Cause) -> list[Member]:
-    """The targets and groups that a cause is of."""
+def find_members(cause: Cause) -> list[Member]:
+    """List the targets and groups that a cause names."""
     match cause:
         case Member():
             return [cause]
         case Applied(_, argument):
-            return members(argument)
+            return find_members(argument)
         case Combined(_, left, right):
-            return [*members(left), *members(right)]
+            return [*find_members(left), *find_members(right)]
     return []
 
 
 def mechanism_record(mechanism: Mechanism) -> dict[str, Any]:
-    """A mechanism with its terms, each with its screws; what a term's causes look like in print
-    stands beside them."""
+    """Return a mechanism as JSON values: its terms, each with its screws, and what their causes look
+    like in print."""
     return {
         "name": mechanism.name,
         "sentence": mechanism.sentence,
@@ -165,41 +281,22 @@ def mechanism_record(mechanism: Mechanism) -> dict[str, Any]:
     }
 
 
-def mechanism_of(record: Mapping[str, Any]) -> Mechanism:
-    """The mechanism of a record of its shape. Raises ValueError where its units or what its causes
-    print are not the stored ones."""
-    terms = tuple(
-        Term(
-            t["symbol"],
-            tuple(Screw(s["frame"], s["axis"], cause_of(s["cause"])) for s in t["screws"]),
-            None if t["size"] is None else (float(t["size"][0]), float(t["size"][1])),
-            t["sign"],
-            None if "usual" not in t else float(t["usual"]),
-        )
-        for t in record["terms"]
-    )
-    for term, stored in zip(terms, record["terms"], strict=True):
-        if term.unit != stored["unit"] or [str(s.cause) for s in term.screws] != [
-            s["prints"] for s in stored["screws"]
-        ]:
-            raise ValueError(
-                f"what {term.symbol} of {record['name']} prints is not what its screws say"
-            )
-        if (
-            term.sign not in (-1, 0, 1)
-            or term.size is not None
-            and not 0 <= term.size[0] <= term.size[1]
-        ):
-            raise ValueError(f"the usual size or sign of {term.symbol} of {record['name']} is none")
-    if (why := unfit(record["name"], TEXT)) is not None:
-        raise ValueError(f"the name of a mechanism is not one: {why}")
-    if any(t.usual is not None and not 0 < t.usual < LARGEST for t in terms):
-        raise ValueError(f"the usual size of a parameter of {record['name']} must be above 0")
+def mechanism_from_record(record: MechanismRecord) -> Mechanism:
+    """Return the mechanism of a record. Raises ValueError where its units or what its causes print
+    are not the stored ones."""
+    terms = tuple(_restore_term(term, record.name) for term in record.terms)
     return Mechanism(
-        record["name"],
-        terms,
-        record["sentence"],
-        record["equation"],
-        record["source"],
-        record.get("contrary", ""),
+        record.name, terms, record.sentence, record.equation, record.source, record.contrary
     )
+
+
+def _restore_term(record: TermRecord, mechanism: str) -> Term:
+    screws = tuple(Screw(s.frame, s.axis, _restore_cause(s.cause)) for s in record.screws)
+    size = None if record.size is None else (record.size[0], record.size[1])
+    term = Term(record.symbol, screws, size, record.sign, record.usual)
+    printed = [str(screw.cause) for screw in screws]
+    if term.unit != record.unit or printed != [screw.prints for screw in record.screws]:
+        raise ValueError(
+            f"the unit or the printed causes of {term.symbol} of {mechanism} are not those of its screws"
+        )
+    return term

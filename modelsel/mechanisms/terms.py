@@ -6,8 +6,8 @@ the paper; its axes are tx ty tz rx ry rz of that frame; with cause 1 they are t
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Hashable, Iterable
+from dataclasses import dataclass, field
 
 from .._hashing import hashed_once
 from .._names import TEXT, unfit, unseen
@@ -16,31 +16,30 @@ from .causes import FUNCTIONS, ONE, Applied, Bump, Cause, Combined, Member, Name
 
 FIXTURE_AXES = (*AXES, "length")  # of a feature of the set-up: its place, its tilt, a length
 KINDS = (Number, Named, Applied, Combined, Member, Bump)
-PLAIN = {"rad/rad": "1", "mm/mm": "1"}  # a share: a turn by another, a shift by another
+SHARES = {"rad/rad": "1", "mm/mm": "1"}  # a rotation by another, a shift by another
+TermKey = tuple[Hashable, ...]
 LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
 
 
 @hashed_once
 @dataclass(frozen=True)
 class Screw:
-    """WHERE x WHY: a small twist on one axis of one frame, scaled by its cause. Frame 0 is no frame
-    of the arm but a feature of the set-up (a wire's anchor, a plane), which moves; it may also have
-    a length."""
+    """WHERE x WHY: a small twist on one axis of one frame, scaled by its cause."""
 
     frame: int
     axis: str
     cause: Cause = ONE
 
     def __post_init__(self) -> None:
-        feature = (
-            self.frame == 0 and isinstance(self.cause, Member) and self.cause.kind == "feature"
-        )
-        if self.axis not in (FIXTURE_AXES if feature else AXES) or self.frame < (
-            0 if feature else 1
-        ):
+        if self.axis not in AXES or self.frame < 1:
             raise ValueError(
                 f"no such place: frame {self.frame}, axis {self.axis}; frames count from 1, axes are {AXES}"
             )
+
+    @property
+    def unit(self) -> str:
+        """mm or rad per unit of its cause."""
+        return ratio("rad" if self.axis[0] == "r" else "mm", self.cause.unit)
 
     def __str__(self) -> str:
         return f"frame {self.frame} {self.axis} · {self.cause}"
@@ -60,43 +59,82 @@ class Term:
     usual: float | None = None
 
     @property
+    def key(self) -> TermKey:
+        """What the term is, whatever it is called: terms with one key are one fitted number."""
+        return self.screws
+
+    @property
     def fixture(self) -> bool:
-        """Whether it moves a feature of the set-up, not the arm."""
-        return self.screws[0].frame == 0
+        """Whether it is a number of the set-up's features and moves no part of the arm."""
+        return False
 
     @property
     def unit(self) -> str:
         """mm or rad per unit of the cause, from its screws; all must agree (rad counts as 1).
         Raises ValueError."""
-        units = {
-            ratio("rad" if s.axis[0] == "r" else "mm", s.cause.unit): None for s in self.screws
-        }
-        if len({PLAIN.get(u, u.replace("rad", "1")) for u in units}) != 1:
+        units = list(dict.fromkeys(screw.unit for screw in self.screws))
+        alike = {SHARES.get(unit, unit.replace("rad", "1")) for unit in units}
+        if len(alike) != 1:
             raise ValueError(
                 f"the screws of {self.symbol} have different units: {', '.join(units)}"
             )
-        return "1" if PLAIN.keys() <= units.keys() else max(units, key=lambda u: "rad" in u)
+        if SHARES.keys() <= set(units):
+            return "1"
+        return max(units, key=lambda unit: "rad" in unit)
+
+
+@dataclass(frozen=True)
+class FixtureTerm(Term):
+    """One fitted number of a feature of the set-up (a wire's anchor, a plane): its place, its tilt
+    or a length. It drives no screw of the arm; `feature` is the feature's index, `axis` one of
+    FIXTURE_AXES. Raises ValueError for another axis."""
+
+    screws: tuple[Screw, ...] = ()
+    feature: int = field(default=0, kw_only=True)
+    axis: str = field(default="tx", kw_only=True)
+
+    def __post_init__(self) -> None:
+        if self.axis not in FIXTURE_AXES or self.feature < 0:
+            raise ValueError(
+                f"no such number: feature {self.feature}, axis {self.axis}; features count from 0, "
+                f"axes are {FIXTURE_AXES}"
+            )
+
+    @property
+    def key(self) -> TermKey:
+        return self.feature, self.axis
+
+    @property
+    def fixture(self) -> bool:
+        return True
+
+    @property
+    def unit(self) -> str:
+        """rad of a tilt, else mm."""
+        return "rad" if self.axis[0] == "r" else "mm"
 
 
 def ratio(top: str, bottom: str) -> str:
-    """The unit top/bottom, common factors cancelled: ("mm", "mm °C") -> "1/°C"."""
+    """Return the unit top/bottom, common factors cancelled: ("mm", "mm °C") -> "1/°C"."""
     if top == bottom:
         return f"{top}/{bottom}"
-    up, down = [top], [factor for factor in bottom.replace("/", " / ").split() if factor != "1"]
-    if "/" in down:
-        up, down = up + down[down.index("/") + 1 :], down[: down.index("/")]
-    for factor in list(down):
-        if factor in up:
-            up.remove(factor)
-            down.remove(factor)
-    over = " ".join(up) or "1"
-    return (
-        over
-        if not down
-        else f"{over}/{down[0]}"
-        if len(down) == 1
-        else f"{over}/({' '.join(down)})"
-    )
+    divisor, _, dividend = bottom.partition("/")
+    above = [top, *_unit_factors(dividend)]
+    below = _unit_factors(divisor)
+    for factor in list(below):
+        if factor in above:
+            above.remove(factor)
+            below.remove(factor)
+    numerator = " ".join(above) or "1"
+    if not below:
+        return numerator
+    denominator = below[0] if len(below) == 1 else f"({' '.join(below)})"
+    return f"{numerator}/{denominator}"
+
+
+def _unit_factors(unit: str) -> list[str]:
+    """Factors of a unit's part without a quotient, ones left out."""
+    return [factor for factor in unit.split() if factor != "1"]
 
 
 @dataclass(frozen=True)
@@ -130,54 +168,58 @@ class Mechanism:
 
     def names(self) -> frozenset[str]:
         """Names its causes need from the state."""
-        return frozenset[str]().union(*(s.cause.names() for t in self.terms for s in t.screws))
+        screws = [screw for term in self.terms for screw in term.screws]
+        return frozenset[str]().union(*(screw.cause.names() for screw in screws))
 
 
 def terms_of(mechanisms: Iterable[Mechanism]) -> tuple[Term, ...]:
-    """The distinct terms of several mechanisms, in order; a term that two share is fitted once."""
-    seen: dict[tuple[Screw, ...], Term] = {}
+    """Return the distinct terms of several mechanisms, in order; a term that two share is fitted
+    once."""
+    distinct: dict[TermKey, Term] = {}
     for mechanism in mechanisms:
         for term in mechanism.terms:
-            seen.setdefault(term.screws, term)
-    return tuple(seen.values())
+            distinct.setdefault(term.key, term)
+    return tuple(distinct.values())
 
 
 def foreign(cause: Cause) -> str | None:
-    """What in a cause is not of modelsel.mechanisms.causes, in words: it prints in no grammar, and no
-    file could hold it. A class derived from one of those is not that one."""
+    """Say what in a cause is not of modelsel.mechanisms.causes; None where all is: such a cause
+    prints in no grammar, and no file could hold it. A class derived from one of those is not that
+    one."""
     if type(cause) not in KINDS:
         return f"{type(cause).__name__} is a kind of cause of its own"
-    if isinstance(cause, Applied):
-        return (
-            foreign(cause.argument)
-            if cause.function in FUNCTIONS
-            else f"{cause.function} is a function of its own"
-        )
-    return foreign(cause.left) or foreign(cause.right) if isinstance(cause, Combined) else None
+    if isinstance(cause, Combined):
+        return foreign(cause.left) or foreign(cause.right)
+    if not isinstance(cause, Applied):
+        return None
+    if cause.function not in FUNCTIONS:
+        return f"{cause.function} is a function of its own"
+    return foreign(cause.argument)
 
 
 def unstorable(mechanism: Mechanism) -> str | None:
-    """Why no calibration could store a mechanism, in a sentence; None where one can."""
-    if (why := unfit(mechanism.name, TEXT)) is not None:
-        return f"its name is not one: {why}."
-    texts = (
-        mechanism.sentence,
-        mechanism.equation,
-        mechanism.source,
-        *(t.symbol for t in mechanism.terms),
-    )
-    if (c := unseen("".join(texts))) is not None:
-        return f"its texts hold U+{ord(c):04X}, which nobody sees and no report can show: write them without, each on one line."
-    found = next(
-        (what for t in mechanism.terms for s in t.screws if (what := foreign(s.cause))), None
-    )
+    """Say why no calibration could store a mechanism, in a sentence; None where one can."""
+    misfit = unfit(mechanism.name, TEXT)
+    if misfit is not None:
+        return f"its name is not one: {misfit}."
+    symbols = [term.symbol for term in mechanism.terms]
+    texts = (mechanism.sentence, mechanism.equation, mechanism.source, *symbols)
+    character = unseen("".join(texts))
+    if character is not None:
+        return (
+            f"its texts hold U+{ord(character):04X}, which nobody sees and no report can show: "
+            "write them without, each on one line."
+        )
+    causes = [screw.cause for term in mechanism.terms for screw in term.screws]
+    unknown = next(filter(None, map(foreign, causes)), None)
+    if unknown is None:
+        return None
     return (
-        None
-        if found is None
-        else f"{found}, which no calibration can store: build it of those in modelsel.mechanisms.causes."
+        f"{unknown}, which no calibration can store: build it of those in "
+        "modelsel.mechanisms.causes."
     )
 
 
 def letter(frame: int, axis: str) -> str:
-    """The paper's symbol of a geometric parameter: a1 … γ7."""
+    """Return the paper's symbol of a geometric parameter: a1 … γ7."""
     return f"{LETTERS[axis]}{frame}"

@@ -11,13 +11,13 @@ import numpy as np
 from .._typing import Array, Index
 from ..diagnosis.sentences import display
 from ..diagnosis.unexplained import ENOUGH, VERY_MANY
-from ..fitting.design import fixture_values, whitened
+from ..fitting.design import whitened
 from ..fitting.least_squares import Fit
 from ..fitting.noise import LACKING, MEDIAN, Floor
 from ..fitting.observation import LENGTH
 from ..fitting.problem import Problem
 from ..measurements.measurements import SAME_READING, Measurements
-from ..mechanisms.causes import Member
+from ..mechanisms.terms import FixtureTerm
 from ..notices import Note
 from ..robot.rigid import turn
 from ..selection.evaluation import Evaluation, Split
@@ -76,8 +76,7 @@ def measure_lack_of_fit(chosen: Evaluation, floor: Floor | None, split: Split) -
 
 def _variances(chosen: Evaluation, floor: Floor, training: Problem) -> _Variances:
     """Split what a model leaves on the training rows into lack of fit and pure error."""
-    measured = training.measured
-    counted = np.ones((len(training), 3), bool) if measured is None else measured[:, :3]
+    counted = training.components_measured[:, :3]
     white = whitened(training, chosen.fit.residuals(training))[:, :3]
     total = float(np.square(np.where(counted, white, 0.0)).sum())
     freedom = chosen.fit.freedom * int(counted.sum()) / training.coordinates
@@ -186,7 +185,7 @@ def locate_features(problem: Problem, fitted: Fit) -> tuple[LocatedFeature, ...]
     gauges = problem.data.gauges
     if gauges is None:
         return ()
-    values = fixture_values(len(gauges.features), fitted.terms, fitted.theta)
+    values = fitted.at().feature_changes(len(gauges.features))
     return tuple(
         _locate_feature(problem, fitted, index, values[index])
         for index, feature in enumerate(gauges.features)
@@ -217,9 +216,8 @@ def _locate_feature(problem: Problem, fitted: Fit, index: int, values: Array) ->
 
 def _fitted_symbols(fitted: Fit, index: int) -> tuple[str, ...]:
     """Return the symbols of a feature's terms in a fit."""
-    member = Member("feature", index)
-    terms = [term for term in fitted.terms if term.fixture]
-    return tuple(term.symbol for term in terms if term.screws[0].cause == member)
+    terms = [term for term in fitted.terms if isinstance(term, FixtureTerm)]
+    return tuple(term.symbol for term in terms if term.feature == index)
 
 
 def _triple(vector: Array) -> Triple:

@@ -135,10 +135,7 @@ class _Beyond:
     def displacement(self, frame: int, axis: str) -> Array:
         """Return the whitened displacement per unit screw of one place."""
         displacement = self.field[frame - 1, PLACE[axis]]
-        white = self.problem.whiten
-        if isinstance(white, float):
-            return np.asarray(displacement * white)
-        return np.asarray(np.einsum("mij,jm->im", white, displacement))
+        return self.problem.whitening.apply(displacement.copy())
 
 
 def _slopes(run: StudyRun) -> list[list[list[float] | None]]:

@@ -17,7 +17,7 @@ import numpy as np
 from .._typing import Array, Index
 from ..diagnosis.outliers import Fault
 from ..diagnosis.sentences import what
-from ..fitting.design import PLACE, columns_of
+from ..fitting.design import PLACE, compute_columns
 from ..fitting.problem import Problem
 from ..mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named
 from ..mechanisms.terms import Term
@@ -287,7 +287,7 @@ def _draw_displacement(
 ) -> Values | None:
     """Return the panel of an effect that acts in many places: the displacement along its own direction against what
     the effect says, in mm; None where it moves nothing here."""
-    columns = columns_of(problem, field, terms, slice(0, len(problem)))
+    columns = compute_columns(problem, field, terms, slice(0, len(problem)))
     moved = np.tensordot(estimate, columns, 1)[:3].T
     size = np.linalg.norm(moved, axis=1)
     rows = _select_points(size > MIN_EFFECT * size.max(initial=0))

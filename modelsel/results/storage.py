@@ -10,14 +10,20 @@ from pathlib import Path
 from .._files import write_all
 from .._json import dumps
 from ..calibration.calibration import Calibration
-from ..calibration.storage import NAME, calibration_text, load_calibration
+from ..calibration.loading import load_calibration
+from ..calibration.storage import CALIBRATION_FILE, calibration_text
 from ..exceptions import StudyError
 from .details_schema import DetailsRecord
 from .reading import read_records
 from .residual_table import RESIDUALS, ResidualColumns, pack_residuals, read_residuals
 from .schema import StudyRecord
 
-WRITES = (RESIDUALS, "details.json", NAME, "result.json")  # the last says that all are there
+WRITES = (
+    RESIDUALS,
+    "details.json",
+    CALIBRATION_FILE,
+    "result.json",
+)  # the last says that all are there
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +43,7 @@ def write_study_files(files: StudyFiles, folder: Path) -> list[Path]:
     run = files.record.provenance.run
     contents = {
         "details.json": details_text(files.details).encode(),
-        NAME: calibration_text(files.calibration).encode(),
+        CALIBRATION_FILE: calibration_text(files.calibration).encode(),
         "result.json": record_text(files.record).encode(),
     }
     if files.residuals is not None:
@@ -52,7 +58,7 @@ def read_study_files(folder: Path) -> StudyFiles:
     record, details = read_records(folder)
     calibration = load_calibration(folder)
     hashes = (calibration.provenance.get(key) for key in ("data_sha256", "study_sha256"))
-    _check_run(tuple(hashes), record, folder, NAME)
+    _check_run(tuple(hashes), record, folder, CALIBRATION_FILE)
     residuals = None
     if (folder / RESIDUALS).exists():
         counts = record.configurations

@@ -14,9 +14,9 @@ from ..diagnosis.outliers import Fault
 from ..diagnosis.procedure import Nested
 from ..diagnosis.stepwise import Diagnosis
 from ..diagnosis.unexplained import Predictable
-from ..fitting.identifiability import Unidentifiable
 from ..fitting.noise import Floor
 from ..fitting.problem import Problem
+from ..fitting.undetermined import Unidentifiable
 from ..notices import Note
 from ..robot.kinematics import Robot
 from ..selection.comparison import Comparison

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from .._typing import Array, Index
 from ..exceptions import NotEstimable
 from ..fitting.design import Model
-from ..fitting.least_squares import Fit, typical_weight
+from ..fitting.least_squares import Fit
 from ..fitting.linear_step import Step, one_step
-from ..fitting.reduction import Reduction, spread
-from ..mechanisms.terms import Mechanism, Screw
+from ..fitting.linearisation import Linearisation
+from ..fitting.reduction import Reduction, scatter_columns
+from ..mechanisms.terms import Mechanism
 from .branch_and_bound import Certified, best_subset
 from .criteria import aicc, bic, log_evidence, scan_price, weights
 from .cross_validation import (
@@ -72,10 +73,10 @@ def compare(
     folded = fold(training, terms, folds_of, base_fit.at(), used)
     steps = steps_from(split, everything, base_fit, folded)
     folded, held = _with_prior(folded, everything, steps.to(everything) or steps.to(base))
-    place = {t.screws: k for k, t in enumerate(terms)}
+    place = {t.key: k for k, t in enumerate(terms)}
     kept_base = list(base_fit.found.kept)
     groups = [
-        [place[t.screws] for t in c.terms if place[t.screws] >= len(base.terms)] for c in candidates
+        [place[t.key] for t in c.terms if place[t.key] >= len(base.terms)] for c in candidates
     ]
     chosen = [g for g, columns in enumerate(groups) if columns]
     subsets, certified = _searched(folded, kept_base, _disjoint([groups[g] for g in chosen]), sigma)
@@ -185,7 +186,7 @@ def _with_prior(folded: Folded, everything: Model, step: Step | None) -> tuple[F
         return folded, 0
     columns = [*columns_of(everything, step.model), len(everything.terms)]
     return replace(
-        folded, prior=spread(step.prior, columns, len(everything.terms) + 1)
+        folded, prior=scatter_columns(step.prior, columns, len(everything.terms) + 1)
     ), step.weak.held
 
 
@@ -226,8 +227,8 @@ def _multiplicity(members: NDArray[np.bool_]) -> Array:
 
 def columns_of(terms: Model, model: Model) -> list[int]:
     """Where a model's terms stand among those of a larger one."""
-    place: dict[tuple[Screw, ...], int] = {t.screws: k for k, t in enumerate(terms.terms)}
-    return [place[t.screws] for t in model.terms]
+    place = {t.key: k for k, t in enumerate(terms.terms)}
+    return [place[t.key] for t in model.terms]
 
 
 def measured(
@@ -238,7 +239,9 @@ def measured(
     training, folds_of = split.training(), split.training_folds()
     some = [step for step in steps if step is not None]
     folded = folds(
-        training, [(s.model.terms, (s.model.terms, s.theta), s.found.kept) for s in some], folds_of
+        training,
+        [(s.model.terms, Linearisation(s.model.terms, s.theta), s.found.kept) for s in some],
+        folds_of,
     )
     fits = [step.fit(block.total) for step, block in zip(some, folded, strict=True)]
     crossed = [_crossed(block, fitted) for block, fitted in zip(folded, fits, strict=True)]
@@ -271,7 +274,7 @@ class Steps:
 
 def steps_from(split: Split, whole: Model, base_fit: Fit, folded: Folded) -> Steps:
     """From a base's fit; `folded`: the whole model's terms there."""
-    return Steps(whole, base_fit, folded.total, typical_weight(split.training()))
+    return Steps(whole, base_fit, folded.total, split.training().whitening.typical_weight())
 
 
 def _crossed(folded: Folded, fitted: Fit) -> CrossValidation | None:

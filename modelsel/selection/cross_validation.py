@@ -9,7 +9,7 @@ same."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -19,8 +19,9 @@ from .._typing import Array, Index
 from ..exceptions import NotEstimable
 from ..fitting.design import assemble, blocks, whiten
 from ..fitting.identifiability import identify, solve
+from ..fitting.linearisation import Linearisation
 from ..fitting.problem import BLOCK, Problem
-from ..fitting.reduction import STREAM, Reduction, spread
+from ..fitting.reduction import STREAM, Reduction, scatter_columns
 from ..mechanisms.terms import Term
 from ..robot._kernels import Space
 
@@ -67,7 +68,7 @@ def pad(parts: Sequence[Array], rows: Sequence[int] | Index) -> Folded:
 
 
 Point = tuple[
-    Sequence[Term], tuple[Sequence[Term], Array] | None, Sequence[int] | None
+    Sequence[Term], Linearisation | None, Sequence[int] | None
 ]  # terms, where linearised, which
 
 
@@ -75,7 +76,7 @@ def fold(
     problem: Problem,
     terms: Sequence[Term],
     fold_of: Index,
-    at: tuple[Sequence[Term], Array] | None = None,
+    at: Linearisation | None = None,
     only: Sequence[int] | None = None,
 ) -> Folded:
     """A problem's whitened design and residual, reduced fold by fold, block of rows by block of rows.
@@ -114,7 +115,7 @@ def folds(problem: Problem, points: Sequence[Point], fold_of: Index) -> list[Fol
             for k, start, stop in zip(own, first, [*first[1:], len(rows)], strict=True):
                 into[k] = into[k].add(block[:, :, start:stop].reshape(len(some), -1).T)
     return [
-        pad([spread(r.R, some, len(terms) + 1) for r in into], rows_of)
+        pad([scatter_columns(r.R, some, len(terms) + 1) for r in into], rows_of)
         for (terms, _, _), some, into in zip(points, picked, found, strict=True)
     ]
 
@@ -123,7 +124,7 @@ def by_unit(
     problem: Problem,
     terms: Sequence[Term],
     unit: Index,
-    at: tuple[Sequence[Term], Array] | None = None,
+    at: Linearisation | None = None,
 ) -> Iterator[Folded]:
     """A fold per unit (m,), a configuration or a group, in order, a block of rows at a time: of any
     number of rows only one block is held."""
@@ -243,12 +244,12 @@ def held_out_residuals(
     terms: Sequence[Term],
     fold_of: Index,
     without: Array,
-    at: tuple[Sequence[Term], Array] | None = None,
+    at: Linearisation | None = None,
 ) -> Array:
     """(m, 3) mm: every row's residual under the fit that has not seen its fold (linear about `at`),
     not whitened."""
     out = np.empty((len(problem), 3))
-    for rows, columns, residual in blocks(replace(problem, whiten=1.0), terms, at):
+    for rows, columns, residual in blocks(problem.unweighted(), terms, at):
         delta: NDArray[np.float64] = without[fold_of[rows]]
         out[rows] = (residual[:3] - np.einsum("pcm,mp->cm", columns[:, :3], delta)).T
     return out

@@ -152,11 +152,7 @@ def turned(split: Split, nominal: Evaluation, chosen: Evaluation) -> tuple[float
     was measured."""
     if chosen.residual.shape[1] < 6:
         return None
-    rows = (
-        ~split.outlying
-        if split.problem.measured is None
-        else ~split.outlying & split.problem.measured[:, 3]
-    )
+    rows = ~split.outlying & split.problem.components_measured[:, 3]
     rows = rows & ~split.estimation if (rows & ~split.estimation).any() else rows
     before, after = (
         float(np.sqrt(np.square(r.residual[rows][:, 3:]).sum(1).mean())) if rows.any() else 0.0

@@ -19,7 +19,8 @@ from .._typing import Array, Index
 from ..exceptions import DataError, StudyError
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit, fit
-from ..fitting.problem import Problem, make_problem
+from ..fitting.linearisation import Linearisation
+from ..fitting.problem import Problem
 from ..fitting.reduction import Reduction, Source, merged, reduce_problem
 from ..measurements.measurements import SAME_READING, Measurements
 from ..measurements.reader import read_measurements
@@ -68,7 +69,7 @@ class Stream:
     def add(self, configurations: Problem) -> Stream:
         """With the configurations of a problem."""
         which = fold_of(configurations.data, len(self.folds), self.by)
-        point = None if self.at is None else (self.terms, self.at)
+        point = None if self.at is None else Linearisation(self.terms, self.at)
         new = tuple(
             old.merge(reduce_problem(configurations.take(which == k), self.terms, point))
             if (which == k).any()
@@ -136,7 +137,6 @@ class Parts(Source):
     tool: tuple[float, float, float]
     parts: tuple[Part, ...]
     map: Mapper = map
-    whiten: float = 1.0
 
     def __len__(self) -> int:
         return sum(part.rows for part in self.parts)
@@ -151,7 +151,7 @@ class Parts(Source):
                 column="kind",
                 remedy="Make it a study, or leave these rows out.",
             )
-        return make_problem(self.robot, data, np.tile(np.array(self.tool), (len(data.targets), 1)))
+        return Problem(self.robot, data, np.tile(np.array(self.tool), (len(data.targets), 1)))
 
     def alone(self) -> Parts:
         """Without the map: what travels to a worker."""
@@ -160,7 +160,7 @@ class Parts(Source):
     def reduced(
         self,
         terms: Sequence[Term],
-        at: tuple[Sequence[Term], Array] | None = None,
+        at: Linearisation | None = None,
         only: Sequence[int] | None = None,
     ) -> Reduction:
         """Of all pieces, merged in their order whoever worked on them."""
@@ -180,7 +180,7 @@ class Parts(Source):
 def _reduced(
     source: Parts,
     terms: tuple[Term, ...],
-    at: tuple[Sequence[Term], Array] | None,
+    at: Linearisation | None,
     only: Sequence[int] | None,
     part: Part,
 ) -> Reduction:

@@ -7,6 +7,8 @@ robustly. The fit goes on from here."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,7 +44,7 @@ def place(problem: Problem, use: NDArray[np.bool_]) -> Problem:
         found.centre[k], found.axes[k], found.length[k] = _found(
             feature, x[rows], gauges.length[rows]
         )
-    return problem.anew(fixtures=found)
+    return replace(problem, fixtures=found)
 
 
 def unseen(data: Measurements, use: NDArray[np.bool_]) -> Index:

@@ -83,7 +83,8 @@ class Arm:
     def problem(self, problem: Problem) -> Problem:
         """The rows with this arm and set-up as the nominal ones."""
         G, T = len(problem.placement[0]), len(problem.tools)
-        return problem.anew(
+        return replace(
+            problem,
             robot=self.robot(problem.robot),
             data=replace(problem.data, q=problem.data.q + self.zeros),
             placement=(np.tile(self.R, (G, 1, 1)), np.tile(self.t, (G, 1))),

@@ -175,7 +175,7 @@ def _explained(problem: Problem) -> float:
 def _registered(problem: Problem, sure: bool = True) -> Problem | None:
     """Placed anew, the target anywhere near the flange; None where the rows do not tell it (`sure`:
     hardly)."""
-    bare, use = problem.anew(tools=np.zeros_like(problem.tools)), np.ones(len(problem), bool)
+    bare, use = replace(problem, tools=np.zeros_like(problem.tools)), np.ones(len(problem), bool)
     try:
         found = register(bare, use, per_group=False)
     except (DataError, NotEstimable):
@@ -200,7 +200,7 @@ def _changed(problem: Problem, m: Mistake) -> Problem:
     data = replace(
         problem.data, q=problem.data.q @ m.A.T + m.c, position=problem.data.position @ m.B.T
     )
-    return problem.anew(data=data)
+    return replace(problem, data=data)
 
 
 def _best(tried: Sequence[tuple[Mistake, float]], limit: float) -> list[tuple[Mistake, float]]:
@@ -222,7 +222,7 @@ def _tool(problem: Problem) -> list[tuple[Mistake, float]]:
         "mji,mj->mi", R[problem.data.group], problem.data.position - t[problem.data.group]
     )
     offset = np.median(np.einsum("aim,mi->ma", at.axes[-1, :3], base - at.target.T), axis=0)
-    moved = problem.anew(tools=np.tile(offset, (len(problem.tools), 1)))
+    moved = replace(problem, tools=np.tile(offset, (len(problem.tools), 1)))
     name = problem.data.targets[problem.data.target[0]]
     called = f"target {name}" if len(problem.tools) > 1 else "the target"
     words = f"{called} sits at {', '.join(f'{v:.1f}' for v in offset)} mm on the flange"

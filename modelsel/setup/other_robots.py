@@ -78,7 +78,7 @@ def other_robot(
     if before < BAD * reach and not always:
         return None
     tried = [
-        (left_of(some.anew(robot=robot)), name, robot.reach)
+        (left_of(replace(some, robot=robot)), name, robot.reach)
         for name, robot in robots().items()
         if robot.prismatic == own.prismatic and name != own.name
     ]
@@ -115,7 +115,7 @@ def shifted_rows(
             False  # the rows whose position comes round from the other end
         )
         data = replace(whole.data, position=np.roll(whole.data.position, -k, 0))
-        tried.append((left_of(whole.anew(data=data).take(keep)), k))
+        tried.append((left_of(replace(whole, data=data).take(keep)), k))
     after, k = min(tried, key=lambda each: each[0])
     if not after <= before / FACTOR:
         return None

@@ -71,7 +71,7 @@ def register(problem: Problem, use: NDArray[np.bool_], per_group: bool) -> Probl
         if turned is not None:
             turned[targets] = at.turned
     rows = np.arange(count) if per_group else np.zeros(len(problem.data.groups), np.intp)
-    return problem.anew(placement=(R[rows], t[rows]), tools=tools, tool_rotations=turned)
+    return replace(problem, placement=(R[rows], t[rows]), tools=tools, tool_rotations=turned)
 
 
 def undetermined(
@@ -136,13 +136,13 @@ def _by_points(problem: Problem, use: NDArray[np.bool_], per_group: bool) -> Pro
     found = register(
         replace(some, data=replace(some.data, gauges=None)), np.ones(len(some), bool), per_group
     )
-    return problem.anew(
-        placement=found.placement, tools=found.tools, tool_rotations=found.tool_rotations
+    return replace(
+        problem, placement=found.placement, tools=found.tools, tool_rotations=found.tool_rotations
     )
 
 
 def _sight(problem: Problem, group: Index, count: int) -> Sight:
-    bare = problem.anew(tools=np.zeros_like(problem.tools)).pose(slice(None))
+    bare = replace(problem, tools=np.zeros_like(problem.tools)).pose(slice(None))
     flange = np.ascontiguousarray(
         bare.axes[-1, :3].transpose(2, 1, 0)
     )  # (m, 3, 3): columns are the flange's axes

@@ -91,7 +91,7 @@ def _settled(
 
 def _placed(problem: Problem, label: Index, registered: bool, per_group: bool) -> Problem:
     """The problem under other names, its targets found again where they were found before."""
-    other = problem.anew(data=replace(problem.data, target=label))
+    other = replace(problem, data=replace(problem.data, target=label))
     try:
         return register(other, np.ones(len(problem), bool), per_group) if registered else other
     except (DataError, NotEstimable):

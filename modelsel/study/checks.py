@@ -17,7 +17,7 @@ from ..exceptions import NotEstimable, sentence_list
 from ..fitting.design import whitened
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
-from ..fitting.noise_check import Lack, against, lack, likeliest
+from ..fitting.noise_check import Lack, describe_lack, lack, name_likeliest_mistake
 from ..fitting.problem import Problem
 from ..measurements.columns import SMALLEST
 from ..mechanisms.causes import ONE
@@ -126,8 +126,8 @@ def turns_believed(split: Split, fitted: Fit) -> tuple[Note, ...]:
     return (
         Note(
             "stated-uncertainty",
-            f"{against(where, own.coordinate_mm, left, asked, 'rad')} "
-            f"{likeliest(1 / asked.factor, where, 'rad')}",
+            f"{describe_lack(where, own.coordinate_mm, left, asked, 'rad')} "
+            f"{name_likeliest_mistake(1 / asked.factor, where, 'rad')}",
         ),
     )
 
@@ -137,7 +137,7 @@ def _lack(
 ) -> tuple[Lack, float] | None:
     """(what is left against a floor, its root mean square [mm or rad] of one coordinate), of the
     coordinates `part`; the model has `used` so many degrees of freedom of all."""
-    seen = np.ones(residual.shape, bool) if problem.measured is None else problem.measured
+    seen = problem.components_measured
     count = int(seen[:, part].sum())
     freedom = count * (1 - used / int(seen.sum()))
     if floor is None or freedom < 1:
@@ -170,8 +170,8 @@ def _stated(split: Split, floor: Floor, asked: Lack, left: float) -> Note:
     )
     return Note(
         "stated-uncertainty",
-        f"{against(where, floor.coordinate_mm, left, asked)} "
-        f"{likeliest(1 / asked.factor, where)}{instead}",
+        f"{describe_lack(where, floor.coordinate_mm, left, asked)} "
+        f"{name_likeliest_mistake(1 / asked.factor, where)}{instead}",
     )
 
 
@@ -252,13 +252,10 @@ def _beyond(split: Split, fitted: Fit) -> str | None:
             float(fitted.theta[k]),
             float(fitted.standard_errors[k]),
         )
+        if len(term.screws) != 1:
+            continue
         screw = term.screws[0]
-        own = (
-            len(term.screws) == 1
-            and not term.fixture
-            and screw.cause == ONE
-            and 1 < screw.frame <= split.problem.robot.n
-        )
+        own = screw.cause == ONE and 1 < screw.frame <= split.problem.robot.n
         limit = TOLERANCE.get(term.unit, np.inf)
         if own and abs(value) - SURE * error > limit:
             some.append((abs(value) / limit, term.symbol, value, error, term.unit))

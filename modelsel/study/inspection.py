@@ -8,11 +8,12 @@ import numpy as np
 
 from ..exceptions import DataError, NotEstimable
 from ..fitting.design import Model, residuals
-from ..fitting.identifiability import as_drawn, identify, unidentifiable
+from ..fitting.identifiability import as_drawn, identify
 from ..fitting.noise import from_repeats, from_target_pairs
 from ..fitting.prior import fitted_terms
-from ..fitting.problem import make_problem
+from ..fitting.problem import Problem
 from ..fitting.reduction import reduce_problem
+from ..fitting.undetermined import describe_unidentifiable
 from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
 from ..mechanisms.geometry import geometric, setup
@@ -60,7 +61,7 @@ def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
     """What a file holds, what its configurations determine of the geometry, and what they do
     not."""
     orientation = data.rotation is not None
-    bound = make_problem(robot, data, np.tile([0.0, 0.0, 100.0], (len(data.targets), 1)))
+    bound = Problem(robot, data, np.tile([0.0, 0.0, 100.0], (len(data.targets), 1)))
     features, gauges = data.gauges.features if data.gauges is not None else (), data.gauges
     bound = place(bound, np.ones(len(data), bool))
     model = Model(
@@ -111,7 +112,7 @@ def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
         "geometry": {"parameters": len(model.terms), "rank": rank, "condition": condition},
         "unidentifiable": [
             {"sentence": u.sentence, "parameters": list(u.parameters)}
-            for u in unidentifiable(found, model.terms)
+            for u in describe_unidentifiable(found, model.terms)
         ],
         **_registered(robot, data),
         "warnings": [{"code": n.code, "sentence": n.sentence} for n in data.notes],
@@ -122,7 +123,7 @@ def _registered(robot: Robot, data: Measurements) -> dict[str, Any]:
     """How well the positions fit the nominal robot once the tracker's frame and the targets are
     found, as one placement of all groups, and which simple mistake of the set-up would fit better;
     empty where too few points are measured."""
-    bound = make_problem(robot, data, np.zeros((len(data.targets), 3)))
+    bound = Problem(robot, data, np.zeros((len(data.targets), 3)))
     points = np.flatnonzero(
         np.ones(len(data), bool) if data.gauges is None else data.gauges.of("point")
     )

@@ -27,12 +27,12 @@ from ..diagnosis.unexplained import (
     thinned,
 )
 from ..fitting.design import Model, whitened
-from ..fitting.identifiability import unidentifiable
 from ..fitting.noise import Floor
+from ..fitting.undetermined import describe_unidentifiable
 from ..measurements.measurements import Measurements
 from ..mechanisms.geometry import setup
 from ..mechanisms.registry import Registry, mechanism
-from ..mechanisms.terms import Mechanism, Screw
+from ..mechanisms.terms import Mechanism, TermKey
 from ..notices import Note
 from ..results.cautions import harmful_base_notes, restriction_notes
 from ..results.finding_notes import (
@@ -247,7 +247,7 @@ def _analysed(
         plan.per_group if plan.register else None,
         faults,
     )
-    untold = unidentifiable(chosen.fit.found, chosen.fit.terms, chosen.fit.leaning)
+    untold = describe_unidentifiable(chosen.fit.found, chosen.fit.terms, chosen.fit.leaning)
     chosen = remeasured(chosen, split)
     models = ModelSearch(ladder, comparison, chosen, gained(nominal, chosen), within, untold)
     diagnosis = Explanation(
@@ -331,9 +331,9 @@ def _weighed(question: Question, split: Split, base: Model) -> Split:
     return split
 
 
-def _same(r: Evaluation) -> tuple[tuple[str, ...], frozenset[tuple[Screw, ...]]]:
+def _same(r: Evaluation) -> tuple[tuple[str, ...], frozenset[TermKey]]:
     """What makes two rungs one: their names and what these stand for."""
-    return r.names, frozenset(t.screws for t in r.fit.terms)
+    return r.names, frozenset(t.key for t in r.fit.terms)
 
 
 def best_constants(

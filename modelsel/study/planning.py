@@ -13,15 +13,15 @@ from .._random import generator
 from .._typing import Array
 from ..calibration.calibration import Calibration
 from ..calibration.experiment_design import (
-    RIVALS,
+    MAX_RIVALS,
     Rivals,
-    determine,
-    distinct,
-    indices,
-    more_needed,
-    pool,
-    tell_apart,
-    told_with,
+    build_pool,
+    choose_for_parameters,
+    choose_for_rivals,
+    compute_indices,
+    compute_naming_probability,
+    count_more_needed,
+    merge_indistinct,
 )
 from ..diagnosis.stepwise import Effect
 from ..exceptions import StudyError, suggest
@@ -84,19 +84,19 @@ def rivals_of(result: Result) -> list[Rivals]:
 
 
 def _rivals(result: Result, effect: Effect) -> Rivals | None:
-    first, *others = effect.named.entries[:RIVALS]
+    first, *others = effect.named.entries[:MAX_RIVALS]
     entries = [first, *(e for e in others if e.probability > 0)]
     if len(entries) < 2:
         return None
-    mine = {t.screws for t in effect.candidate.mechanism.terms}
+    mine = {t.key for t in effect.candidate.mechanism.terms}
     kept = result.models.chosen.fit.terms
     shared = {
-        t.screws
+        t.key
         for m in result.models.chosen.fit.model.mechanisms
         if m != effect.candidate.mechanism
         for t in m.terms
     }
-    rest = tuple(t for t in kept if t.screws not in mine or t.screws in shared)
+    rest = tuple(t for t in kept if t.key not in mine or t.key in shared)
     estimates = [
         effect.estimate if e.candidate == effect.candidate else e.estimate for e in entries
     ]
@@ -178,15 +178,15 @@ def plan(
     result: Result, c: Calibration, possible: Measurements, count: int, purpose: str | None
 ) -> Planned:
     """`count` configurations of a pool: to tell the study's rivals apart ("rivals", the default
-    where it has any), or by one of the criteria of `plan.CRITERIA` for the chosen model's terms
+    where it has any), or by one of the criteria of `_choices.PLAN_CRITERIA` for the chosen model's terms
     ("d" is the default elsewhere). Raises DataError or StudyError."""
     fitted = result.models.chosen.fit
     sets = rivals_of(result)
     known = result.split.training()
     terms: list[Term] = [*fitted.terms, *(t for r in sets for some in r.terms for t in some)]
     sigma = result.run.floor.coordinate_mm
-    p = pool(known, c.problem(possible), terms, fitted.at(), sigma)
-    looked = [distinct(p, r) for r in sets]
+    p = build_pool(known, c.problem(possible), terms, fitted.at(), sigma)
+    looked = [merge_indistinct(p, r) for r in sets]
     sets, twins = (
         [r for r, _ in looked if r is not None],
         tuple(t for _, some in looked for t in some),
@@ -199,20 +199,24 @@ def plan(
             raise StudyError(
                 "--for rivals: no finding of this study has rivals that the pool could tell apart."
             )
-        rows, told = tell_apart(p, sets, count)
+        rows, told = choose_for_rivals(p, sets, count)
         rng = generator(result.study.seed, "split")
         draws = [
             rng.choice(len(p.possible), min(4 * count, len(p.possible)), replace=False).tolist()
             for _ in range(COMPARED)
         ]
-        random = float(np.mean([told_with(p, sets, some) for some in draws]))
+        random = float(np.mean([compute_naming_probability(p, sets, some) for some in draws]))
     else:
-        rows = determine(p, kept, count, purpose)
-        told = [told_with(p, sets, rows[:k]) for k in (0, len(rows))] if sets else []
-    before, after = indices(p, kept, []), indices(p, kept, rows)
+        rows = choose_for_parameters(p, kept, count, purpose)
+        told = (
+            [compute_naming_probability(p, sets, rows[:k]) for k in (0, len(rows))] if sets else []
+        )
+    before, after = compute_indices(p, kept, []), compute_indices(p, kept, rows)
     limit, n = result.diagnosis.nothing_else[1], known.data.configurations
     learning = (
-        () if limit is None else tuple((s * limit, more_needed(limit, n, s * limit)) for s in SIZES)
+        ()
+        if limit is None
+        else tuple((s * limit, count_more_needed(limit, n, s * limit)) for s in SIZES)
     )
     return Planned(
         tuple(rows),

@@ -13,7 +13,7 @@ from .._typing import Array
 from ..exceptions import DataError, NotEstimable, StudyError, sentence_list, suggest
 from ..fitting.design import residuals
 from ..fitting.noise import Floor, Instrument, weigh
-from ..fitting.problem import make_problem
+from ..fitting.problem import Problem
 from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
 from ..notices import Note
@@ -127,7 +127,7 @@ def prepare(
         )
     data, estimation, more = _seen(*_known_targets(data, estimation, plan, notes), plan)
     notes += more
-    bound = replace(make_problem(robot, data, tools_of(data, plan.tools)), tracker=plan.tracker)
+    bound = replace(Problem(robot, data, tools_of(data, plan.tools)), tracker=plan.tracker)
     if plan.register:
         expected = bound.tools
         bound = register(bound, estimation, plan.per_group)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..calibration.calibration import Calibration, calibrate
-from ..calibration.refitting import refitted
+from ..calibration.refitting import refit_forms
 from ..config.study_file import Study
 from ..exceptions import StudyError, suggest
 from ..fitting.problem import Problem
@@ -202,4 +202,4 @@ def _calibrate(run: StudyRun) -> Calibration:
         bool(run.study.robot.register_),
         run.provenance,
     )
-    return replace(calibration, refits=refitted(run.split, fitted, run.models.ladder))
+    return replace(calibration, refits=refit_forms(run.split, fitted, run.models.ladder))

@@ -14,7 +14,7 @@ from .._typing import Say
 from ..config.study_file import Study, data_of, read_study
 from ..exceptions import DataError, StudyError
 from ..fitting.noise import Instrument
-from ..fitting.problem import make_problem
+from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements, measurements
 from ..measurements.observation_columns import Known, with_known
 from ..measurements.reader import read_labels, read_measurements
@@ -242,7 +242,7 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
     else:
         q = robot.draw(rng, study.simulate.configurations)
         at = measurements(q, np.zeros((len(q), 3)))
-    units = make_problem(robot, at, np.zeros((1, 3))).names()
+    units = Problem(robot, at, np.zeros((1, 3))).names()
     effects = []
     for k, effect in enumerate(study.simulate.effect, 1):
         if effect.frame > robot.n + 1:

@@ -11,7 +11,7 @@ import numpy as np
 from .._typing import Array
 from ..exceptions import StudyError
 from ..fitting.design import residuals
-from ..fitting.problem import make_problem
+from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements, measurements
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
@@ -36,7 +36,7 @@ def simulate(
     Raises StudyError for an effect that is not finite."""
     import pandas as pd
 
-    bound = make_problem(
+    bound = Problem(
         robot, replace(at, position=np.zeros_like(at.position)), np.atleast_2d(tool)
     )  # measured nought: minus it
     terms = tuple(Term(f"p{k}", (screw,)) for k, (screw, _) in enumerate(effects))
@@ -99,7 +99,7 @@ def simulate_rows(
             f"simulate: rows of kind {' and '.join(fixed)} hold the arm to a place: the readings of the joints, "
             "not a measured value, would have to be made; leave them out."
         )
-    bound = place(make_problem(robot, data, tools), np.ones(len(data), bool))
+    bound = place(Problem(robot, data, tools), np.ones(len(data), bool))
     terms = tuple(Term(f"p{k}", (screw,)) for k, (screw, _) in enumerate(effects))
     with np.errstate(all="ignore"):
         read = (

@@ -19,7 +19,8 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..diagnosis.evidence import RATIOS
-from ..fitting.design import design
+from ..fitting.design import compute_design
+from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Screw, Term
 from ..robot.rigid import AXES
@@ -87,7 +88,7 @@ class Conditional:
 
 def conditionals(
     problem: Problem,
-    at: tuple[Sequence[Term], Array],
+    at: Linearisation,
     sampled: Sequence[int],
     constants: Sequence[Constant],
     Q: Array,
@@ -113,7 +114,7 @@ def conditionals(
         rest = [i for i in range(len(sampled)) if i not in own]
         index = [sampled[i] for i in own]
         before = beyond(X[:, index])
-        response = beyond(left) + before @ at[1][index]
+        response = beyond(left) + before @ at.theta[index]
         grid = np.stack(
             [
                 before + beyond(change)
@@ -149,7 +150,7 @@ def conditionals(
 
 def _changes(
     problem: Problem,
-    at: tuple[Sequence[Term], Array],
+    at: Linearisation,
     constant: Constant,
     index: Sequence[int],
     rows: int,
@@ -158,13 +159,13 @@ def _changes(
     model's."""
     places = sorted({place for place, k, _ in constant.tables if k in index})
     terms = [Term(AXES[axis], (Screw(frame + 1, AXES[axis]),)) for frame, axis in places]
-    unit = design(problem, terms, at)[0].transpose(2, 1, 0)  # (places, c, m)
-    seen = slice(None) if problem.measured is None else problem.measured.T.reshape(-1)
+    unit = compute_design(problem, terms, at)[0].transpose(2, 1, 0)  # (places, c, m)
     for n in range(GRID):
         out = np.zeros((rows, len(index)))
         for place, k, table in constant.tables:
             if k in index:
-                column = (unit[places.index(place)] * table[n]).reshape(-1)[seen]
+                product = (unit[places.index(place)] * table[n]).reshape(-1)
+                column = problem.select_measured(product)
                 out[: len(column), index.index(k)] += column
         yield out
 

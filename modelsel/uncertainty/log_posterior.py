@@ -78,10 +78,10 @@ class LogPosterior:
     def _tangent(self) -> tuple[Array, Array]:
         """(columns (N + k, p), what is left (N + k,)) at the optimum; the N data rows in the order
         (coordinate, configuration), then a row per shrunk coefficient."""
-        from ..fitting.design import design
+        from ..fitting.design import compute_design
 
         fitted = self.fitted
-        X, left = design(self.noise.problem, fitted.terms, fitted.at())
+        X, left = compute_design(self.noise.problem, fitted.terms, fitted.at())
         return (
             np.vstack(
                 [X.transpose(1, 0, 2).reshape(-1, len(fitted.theta))[self._rows], fitted.root]

@@ -16,7 +16,7 @@ from ..fitting.design import PLACE, Model
 from ..fitting.noise import Instrument
 from ..fitting.problem import Problem
 from ..mechanisms.registry import Registry, Scanned
-from ..mechanisms.terms import Mechanism, Screw
+from ..mechanisms.terms import Mechanism, TermKey
 from ..robot.kinematics import Robot
 
 SINGLE = "noise scale"
@@ -51,15 +51,13 @@ def components(
     ):  # the coordinates of different kinds are not alike: one scale for all that is in mm
         six_of = np.array([0, 0, 0, 1, 1, 1] if six else [0, 0, 0], dtype=np.intp)
         own = ("noise of position", "noise of orientation") if six else (SINGLE,)
-        plain = isinstance(problem.whiten, float) and not six
+        plain = problem.whitening.uniform and not six
         return Components(
             problem,
             six_of,
             own,
             ("mm",) if plain else ("of the stated",) * len(own),
-            np.array([1 / float(problem.whiten)])
-            if isinstance(problem.whiten, float) and plain
-            else np.ones(len(own)),
+            np.array([1 / problem.whitening.weight]) if plain else np.ones(len(own)),
         )
     rest, rest_names = ([3, 3, 3], ["noise of orientation"]) if six else ([], [])
     if problem.data.sigma is not None:
@@ -73,13 +71,13 @@ def components(
     elif six:
         of, names = [0, 0, 0, 1, 1, 1], ["noise of position", *rest_names]
     else:
-        if isinstance(problem.whiten, float):
+        if problem.whitening.uniform:
             return Components(
                 problem,
                 np.zeros(3, dtype=np.intp),
                 (SINGLE,),
                 ("mm",),
-                np.array([1 / problem.whiten]),
+                np.array([1 / problem.whitening.weight]),
             )
         of, names = [0, 0, 0], [SINGLE]
     return Components(
@@ -94,7 +92,8 @@ def components(
 def along_beam(problem: Problem, instrument: Instrument) -> Problem:
     """The same weights, each row's first whitened coordinate along the beam and the others across
     it: an orthogonal turn of the whitened coordinates, which no least-squares fit feels."""
-    if isinstance(problem.whiten, float):
+    matrices = problem.whitening.matrices
+    if matrices is None:
         raise TypeError("an instrument's weights are a block per row")
     line = problem.data.position - np.array(instrument.at)
     u = line / np.linalg.norm(line, axis=1)[:, None]
@@ -102,12 +101,12 @@ def along_beam(problem: Problem, instrument: Instrument) -> Problem:
     v = np.cross(u, np.eye(3)[least])
     v /= np.linalg.norm(v, axis=1)[:, None]
     basis = np.stack([u, v, np.cross(u, v)], axis=1)  # rows: along, across, across
-    position = problem.whiten[:, :3, :3]
+    position = matrices[:, :3, :3]
     spread = np.linalg.inv(np.einsum("mji,mjk->mik", position, position))  # covariance of a row
     sigma = np.sqrt(np.einsum("mai,mij,maj->ma", basis, spread, basis))
-    whiten = problem.whiten.copy()
-    whiten[:, :3, :3] = basis / sigma[:, :, None]
-    return problem.anew(whiten=whiten)
+    turned = matrices.copy()
+    turned[:, :3, :3] = basis / sigma[:, :, None]
+    return replace(problem, whitening=replace(problem.whitening, matrices=turned))
 
 
 def single(of: Components) -> Components:
@@ -154,7 +153,7 @@ def constants(problem: Problem, model: Model, registry: Registry) -> tuple[Const
     """One for each mechanism of a model that the registry scans over a range of real numbers;
     numbered where a mechanism is in the model several times, as the labels of its coefficients
     are."""
-    place = {t.screws: k for k, t in enumerate(model.terms)}
+    place = {t.key: k for k, t in enumerate(model.terms)}
     out = []
     for m in model.mechanisms:
         stem, *joint = m.name.split(":")
@@ -198,7 +197,7 @@ def _held(entry: Scanned, robot: Robot, joint: Sequence[str], m: Mechanism) -> f
 
 
 def _tables(
-    problem: Problem, m: Mechanism, built: Sequence[Mechanism], place: dict[tuple[Screw, ...], int]
+    problem: Problem, m: Mechanism, built: Sequence[Mechanism], place: dict[TermKey, int]
 ) -> tuple[tuple[tuple[int, int], int, Array], ...]:
     rows = len(problem)
     out = []
@@ -214,5 +213,5 @@ def _tables(
                 )
                 - base
             )
-            out.append(((screw.frame - 1, PLACE[screw.axis]), place[term.screws], table))
+            out.append(((screw.frame - 1, PLACE[screw.axis]), place[term.key], table))
     return tuple(out)

@@ -112,7 +112,7 @@ def displacement(split: Split, fitted: Fit) -> tuple[Array, Array]:
     optimum."""
     problem = split.problem.take(~split.outlying)
     total, worst = np.zeros(len(fitted.theta)), np.zeros(len(fitted.theta))
-    for _, columns, _ in blocks(replace(problem, whiten=1.0), fitted.terms, fitted.at()):
+    for _, columns, _ in blocks(problem.unweighted(), fitted.terms, fitted.at()):
         size = np.linalg.norm(columns[:, :3], axis=1) * np.abs(fitted.theta)[:, None]
         total += size.sum(1)
         worst = np.maximum(worst, size.max(1))
@@ -210,13 +210,19 @@ def owners(model: Model) -> tuple[str, ...]:
     first: dict[object, str] = {}
     for m in model.mechanisms:
         for t in m.terms:
-            first.setdefault(t.screws, m.name)
-    return tuple(first[t.screws] for t in model.terms)
+            first.setdefault(t.key, m.name)
+    return tuple(first[t.key] for t in model.terms)
 
 
 def free(model: Model) -> Array:
     """(p,) mask of the coefficients of free functions."""
-    return np.array([isinstance(t.screws[0].cause, Bump) for t in model.terms], dtype=bool)
+    return np.array(
+        [
+            bool(t.screws) and bool(t.screws) and isinstance(t.screws[0].cause, Bump)
+            for t in model.terms
+        ],
+        dtype=bool,
+    )
 
 
 def correlation(fitted: Fit) -> Correlation:

@@ -19,6 +19,7 @@ from ..fitting.identifiability import identify, solve
 from ..fitting.least_squares import Fit, with_prior
 from ..fitting.reduction import Reduction, reduce_problem
 from ..fitting.splines import spline
+from ..fitting.whitening import UNIT, Whitening
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Mechanism
 from ..selection.criteria import log_evidence
@@ -100,17 +101,15 @@ def significance(
 
 def _terms(model: Model, m: Mechanism) -> list[int]:
     """Indices of a mechanism's terms."""
-    mine = {t.screws for t in m.terms}
-    return [k for k, t in enumerate(model.terms) if t.screws in mine]
+    mine = {t.key for t in m.terms}
+    return [k for k, t in enumerate(model.terms) if t.key in mine]
 
 
 def _own(model: Model, m: Mechanism, fitted: Fit) -> list[int]:
     """Estimable terms that this mechanism alone brings."""
-    others = {t.screws for o in model.mechanisms if o != m for t in o.terms}
+    others = {t.key for o in model.mechanisms if o != m for t in o.terms}
     return [
-        k
-        for k in _terms(model, m)
-        if model.terms[k].screws not in others and k in fitted.found.kept
+        k for k in _terms(model, m) if model.terms[k].key not in others and k in fitted.found.kept
     ]
 
 
@@ -119,7 +118,7 @@ def _displaced(
 ) -> list[tuple[float, float]]:
     """(mean, worst) displacement [mm] of the target that each group of terms causes on the exact
     chain, over all measured configurations."""
-    problem = replace(split.problem.take(~split.outlying), whiten=1.0)
+    problem = split.problem.take(~split.outlying).unweighted()
     theta = np.tile(fitted.theta, (1 + len(groups), 1))
     for row, group in zip(theta[1:], groups, strict=True):
         row[list(group)] = 0.0
@@ -179,21 +178,18 @@ class _Without:
         self.fitted, self.training = fitted, split.training()
         kept, folds = fitted.found.kept, split.training_folds()
         self.folded = fold(self.training, fitted.terms, folds, fitted.at(), kept)
-        weight = self.training.whiten
+        whitening = self.training.whitening
         self.plain = (
-            Folded(self.folded.blocks / weight, self.folded.rows)
-            if isinstance(weight, float)
-            else fold(replace(self.training, whiten=1.0), fitted.terms, folds, fitted.at(), kept)
+            Folded(self.folded.blocks / whitening.weight, self.folded.rows)
+            if whitening.uniform
+            else fold(self.training.unweighted(), fitted.terms, folds, fitted.at(), kept)
         )
         held = split.problem.take(~split.estimation & ~split.outlying)
         self.held = len(held)
-        position = (
-            1.0
-            if held.components == 3
-            else np.broadcast_to(np.diag([1.0, 1, 1, 0, 0, 0]), (len(held), 6, 6))
-        )
+        position = np.broadcast_to(np.diag([1.0, 1, 1, 0, 0, 0]), (len(held), 6, 6))
+        whitening = UNIT if held.components == 3 else Whitening(matrices=position)
         self.held_R = (
-            reduce_problem(replace(held, whiten=position), fitted.terms, fitted.at(), kept).R
+            reduce_problem(replace(held, whitening=whitening), fitted.terms, fitted.at(), kept).R
             if self.held
             else None
         )

@@ -151,9 +151,9 @@ def target_of(split: Split, fitted: Fit, request: Request) -> LogPosterior:
     form stands in for it, with normal noise of one scale."""
     training = split.training()
     inside = free(fitted.model)
-    base = {t.screws for t in request.base.terms}
+    base = {t.key for t in request.base.terms}
     plain = [k for k in fitted.found.kept if not inside[k]]
-    named = [k for k in plain if fitted.terms[k].screws not in base]
+    named = [k for k in plain if fitted.terms[k].key not in base]
     wanted = plain if request.over == "all" or not named else named
     mean, _ = displacement(split, fitted)
     most = MOST[request.over]

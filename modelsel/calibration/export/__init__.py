@@ -7,65 +7,90 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..._choices import EXPORT_FORMS
 from ..._names import quoted, unfit
-from ...exceptions import StudyError
+from ..._typing import Array
+from ...exceptions import StudyError, suggest
 from ...mechanisms.causes import Named
-from ...mechanisms.serialization import cause_of, cause_record
+from ...mechanisms.serialization import cause_from_record, cause_record
 from ...mechanisms.terms import Screw, Term
 from ...robot.rigid import AXES
-from ..calibration import Calibration
 from ..constant_part import (
     Part,
-    alone,
-    constants,
-    enough,
-    missing,
-    parts,
-    points,
-    rms_and_most,
-    workspace,
+    compute_points,
+    constant_entries,
+    list_left_out,
+    resolve_form,
+    restrict_to_form,
+    rms_and_max,
+    sample_workspace,
+    split_parts,
 )
-from .chains import _to_dh, to_urdf
+from .chains import to_dh, to_urdf
 from .corrections import to_csv
-from .form import Exported, _missing, _whole
-from .lookup import FINE_MM, read_table, still, tables, write_tables
-from .notes import notes_of
+from .form import Exported, describe_left_out, measure_whole
+from .lookup import (
+    MAX_INTERPOLATION_MM,
+    build_constant_tables,
+    build_tables,
+    evaluate_tables,
+    write_tables,
+)
+from .notes import list_notes
 from .python import to_python
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
 
 
 def export(c: Calibration, form: str) -> Exported:
-    """A calibration as "urdf", "dh", "mdh", "json", "csv", "python" or "table"; of a form that
-    cannot carry all of it, the best robot that it can carry, refitted. Raises StudyError where a
-    name cannot be one."""
-    named = [
-        ("study", c.study),
-        ("robot", c.robot.name),
-        *(("target", t) for t in c.targets),
-        *(("group", g) for g in c.groups),
-    ]
-    if wrong := [
-        f"{what} {quoted(name)}: not a name: {why}."
-        for what, name in named
-        if (why := unfit(name)) is not None
-    ]:
-        raise StudyError(*wrong)
-    what = enough(c, CARRIES.get(form, "whole"))
-    own, notes = alone(c, what), notes_of(c, what, form in GEOMETRY)
-    made, difference = FORMS[form](own, notes), []
-    for t in range(len(c.targets) if form in GEOMETRY else 1):
-        at = workspace(c, t)
-        difference.append(points(at, [*chain(*parts(c, t))]) - points(at, [*chain(*parts(own, t))]))
+    """Export a calibration as "urdf", "dh", "mdh", "json", "csv", "python" or "table".
+
+    A form that cannot carry all of it gets the best robot that it can carry, refitted. Raises
+    StudyError for another form, or where a name cannot be written.
+    """
+    if form not in FORMS:
+        raise StudyError(f'unknown form "{form}". {suggest(form, FORMS)}')
+    _check_names(c)
+    geometry = form in GEOMETRY
+    carried = resolve_form(c, CARRIES.get(form, "whole"))
+    restricted = restrict_to_form(c, carried)
+    notes = list_notes(c, carried, geometry)
+    made = FORMS[form](restricted, notes)
+    targets = range(len(c.targets) if geometry else 1)
+    differences = [_measure_left_out(c, restricted, target) for target in targets]
     return replace(
         made,
-        left_out=_missing(missing(c, what)),
-        left_out_mm=rms_and_most(np.concatenate(difference)),
+        left_out=describe_left_out(list_left_out(c, carried)),
+        left_out_mm=rms_and_max(np.concatenate(differences)),
         notes=(*notes, *made.notes),
-        errors=None if c.refits is None else c.refits.errors(what),
+        errors=None if c.refits is None else c.refits.errors(carried),
     )
+
+
+def _check_names(c: Calibration) -> None:
+    """Raise StudyError with every name that cannot be written."""
+    names = [("study", c.study), ("robot", c.robot.name)]
+    names += [("target", target) for target in c.targets]
+    names += [("group", group) for group in c.groups]
+    reasons = [(kind, name, unfit(name)) for kind, name in names]
+    problems = [
+        f"{kind} {quoted(name)}: not a name: {reason}." for kind, name, reason in reasons if reason
+    ]
+    if problems:
+        raise StudyError(*problems)
+
+
+def _measure_left_out(c: Calibration, restricted: Calibration, target: int) -> Array:
+    """Return displacements (m, 3) [mm] of a target between the whole and the restricted model."""
+    problem = sample_workspace(c, target)
+    whole = [*chain(*split_parts(c, target))]
+    kept = [*chain(*split_parts(restricted, target))]
+    return compute_points(problem, whole) - compute_points(problem, kept)
 
 
 # -- corrections: everything the model says, as rows
@@ -81,7 +106,7 @@ def to_json(c: Calibration, notes: Sequence[str] = ()) -> Exported:
         "robot": c.robot.name,
         "axes": list(AXES),
         "says": "H of a frame = constant entries + Σ estimate × cause; Trans(tx, ty, tz) Rx Ry Rz, mm and rad",
-        "constant": {name: constants(c, t).tolist() for t, name in enumerate(c.targets)},
+        "constant": {name: constant_entries(c, t).tolist() for t, name in enumerate(c.targets)},
         "effects": [
             {
                 "mechanism": p.mechanism,
@@ -94,15 +119,15 @@ def to_json(c: Calibration, notes: Sequence[str] = ()) -> Exported:
                 "standard_error": p.error,
                 "unit": p.term.unit,
             }
-            for p in parts(c)[1]
+            for p in split_parts(c)[1]
             for s in p.term.screws
         ],
     }
     text = json.dumps(record, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
-    return _whole(c, text, lambda text, t: _from_json(json.loads(text), c.targets[t]))
+    return measure_whole(c, text, lambda text, t: _parse_json(json.loads(text), c.targets[t]))
 
 
-def _from_json(record: Mapping[str, Any], target: str) -> list[Part]:
+def _parse_json(record: Mapping[str, Any], target: str) -> list[Part]:
     out = [
         Part("", Term("", (Screw(f + 1, axis),)), value, 0.0)
         for f, row in enumerate(record["constant"][target])
@@ -111,7 +136,7 @@ def _from_json(record: Mapping[str, Any], target: str) -> list[Part]:
     return out + [
         Part(
             "",
-            Term(e["symbol"], (Screw(e["frame"], e["axis"], cause_of(e["cause"])),)),
+            Term(e["symbol"], (Screw(e["frame"], e["axis"], cause_from_record(e["cause"])),)),
             e["estimate"],
             0.0,
         )
@@ -122,19 +147,19 @@ def _from_json(record: Mapping[str, Any], target: str) -> list[Part]:
 def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     """Every correction: the constant ones, and those of one or two values of the state on a grid to
     interpolate in."""
-    constant, varying = parts(c)
-    at = workspace(c)
-    made, over = tables(c, varying, at)
+    constant, varying = split_parts(c)
+    at = sample_workspace(c)
+    made, over = build_tables(c, varying, at)
     assert not over, "what no table holds was left out before"
-    text = write_tables([*still(constants(c)), *made])
-    read = read_table(text, at)
+    text = write_tables([*build_constant_tables(constant_entries(c)), *made])
+    read = evaluate_tables(text, at)
     tabled = {f"table_{k}": values for k, (_, _, values) in enumerate(read)}
-    bound = at.anew(data=replace(at.data, covariates={**at.data.covariates, **tabled}))
+    bound = replace(at, data=replace(at.data, covariates={**at.data.covariates, **tabled}))
     again = [
         Part("table", Term("", (Screw(frame, axis, Named(f"table_{k}")),)), 1.0, 0.0)
         for k, (frame, axis, _) in enumerate(read)
     ]
-    rms, most = rms_and_most(points(bound, again) - points(at, constant + varying))
+    rms, most = rms_and_max(compute_points(bound, again) - compute_points(at, constant + varying))
     said = (
         [f'the constant corrections are those of target "{c.targets[0]}"']
         if len(c.targets) > 1
@@ -147,20 +172,22 @@ def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
         notes=(
             *said,
             f"interpolated linearly: {rms * 1e3:.2g} µm rms, {most * 1e3:.2g} µm at most"
-            + (", beside a jump" if most > 10 * FINE_MM else ""),
+            + (", beside a jump" if most > 10 * MAX_INTERPOLATION_MM else ""),
         ),
     )
 
 
-FORMS: dict[str, Callable[[Calibration, Sequence[str]], Exported]] = {
-    "urdf": to_urdf,
-    "dh": lambda c, notes: _to_dh(c, False, notes),
-    "mdh": lambda c, notes: _to_dh(c, True, notes),
-    "json": to_json,
-    "csv": to_csv,
-    "python": to_python,
-    "table": to_table,
-}
+Writer = Callable[["Calibration", Sequence[str]], Exported]
+_WRITERS: tuple[Writer, ...] = (
+    to_urdf,
+    lambda c, notes: to_dh(c, False, notes),
+    lambda c, notes: to_dh(c, True, notes),
+    to_json,
+    to_csv,
+    to_python,
+    to_table,
+)
+FORMS: dict[str, Writer] = dict(zip(EXPORT_FORMS, _WRITERS, strict=True))
 GEOMETRY = ("urdf", "dh", "mdh")
 CARRIES = {**dict.fromkeys(GEOMETRY, "geometry"), "table": "table"}  # others carry the whole model
 __all__ = ["FORMS", "Exported", "export"]

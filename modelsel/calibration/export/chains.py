@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,12 +15,20 @@ from ...robot.files import robot_from_table
 from ...robot.kinematics import Robot, forward
 from ...robot.rigid import inverse, transform
 from ...robot.urdf import read_urdf_text, write_urdf
-from ..calibration import Calibration
-from ..constant_part import Carried, carried, parts, points, workspace
+from ..constant_part import (
+    ConstantChain,
+    build_constant_chain,
+    compute_points,
+    sample_workspace,
+    split_parts,
+)
 from .form import Exported
 
+if TYPE_CHECKING:
+    from ..calibration import Calibration
 
-def _geometry(
+
+def measure_chain(
     c: Calibration,
     text: str,
     read: Callable[[str, int], Callable[[Array], Array]],
@@ -29,11 +38,13 @@ def _geometry(
     joint readings."""
     worst = 0.0
     for t in range(len(c.targets)):
-        at = workspace(c, t)
+        at = sample_workspace(c, t)
         worst = max(
             worst,
             float(
-                np.linalg.norm(read(text, t)(at.data.q) - points(at, parts(c, t)[0]), axis=1).max()
+                np.linalg.norm(
+                    read(text, t)(at.data.q) - compute_points(at, split_parts(c, t)[0]), axis=1
+                ).max()
             ),
         )
     return Exported(text, worst, len(at) * len(c.targets), notes=notes)
@@ -41,10 +52,10 @@ def _geometry(
 
 def to_urdf(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     """The calibrated chain as a URDF: targets on the flange, the tracker on the base."""
-    made, links = carried(c), _links(c.targets)
+    made, links = build_constant_chain(c), _name_links(c.targets)
     tips = {links[name]: place for name, place in made.targets.items()}
     tracker = inverse(transform(c.placement[0][0], c.placement[1][0]))
-    robot, bounded = _bounded(made.robot, c.ranges)
+    robot, bounded = _bound_slides(made.robot, c.ranges)
     text = write_urdf(
         robot,
         tips,
@@ -56,10 +67,10 @@ def to_urdf(c: Calibration, notes: Sequence[str] = ()) -> Exported:
         back = read_urdf_text(text, "the export", "base", links[c.targets[target]])
         return lambda q: forward(back, q, np.zeros(3))
 
-    return _geometry(c, text, read, bounded)
+    return measure_chain(c, text, read, bounded)
 
 
-def _bounded(
+def _bound_slides(
     robot: Robot, ranges: Mapping[str, tuple[float, float]]
 ) -> tuple[Robot, tuple[str, ...]]:
     """(the robot, what is to be said): a URDF's slide must have limits; where the robot file has
@@ -77,26 +88,27 @@ def _bounded(
     )
 
 
-def _links(targets: Sequence[str]) -> dict[str, str]:
+def _name_links(targets: Sequence[str]) -> dict[str, str]:
     """Target -> the name of its link: its own, unless a link of the arm or another target's has
     it."""
     out: dict[str, str] = {}
     for name in sorted(
-        targets, key=lambda name: (_taken(name), targets.index(name))
+        targets, key=lambda name: (_is_reserved(name), targets.index(name))
     ):  # who may keep its name does
         link = name
-        while _taken(link) or link in out.values():
+        while _is_reserved(link) or link in out.values():
             link = f"target_{link}"
         out[name] = link
     return out
 
 
-def _taken(name: str) -> bool:
+def _is_reserved(name: str) -> bool:
     return name in ("world", "base", "flange", "tracker") or name.startswith("link")
 
 
-def _to_dh(c: Calibration, modified: bool, notes: Sequence[str]) -> Exported:
-    made = carried(c)
+def to_dh(c: Calibration, modified: bool, notes: Sequence[str]) -> Exported:
+    """Write the calibrated chain as standard or modified DH rows, targets in the notes."""
+    made = build_constant_chain(c)
     nearly = tuple(
         f"joints {a} and {b} are almost parallel: their rows have a large d; small changes of the angle change it much"
         for a, b in rows_of(made.robot, modified).nearly
@@ -109,10 +121,10 @@ def _to_dh(c: Calibration, modified: bool, notes: Sequence[str]) -> Exported:
 
     def read(text: str, target: int) -> Callable[[Array], Array]:
         back = robot_from_table(tomllib.loads(text), "the export")
-        return lambda q: forward(back, q, _offset(made, c.targets[target]))
+        return lambda q: forward(back, q, _target_offset(made, c.targets[target]))
 
-    return _geometry(c, text, read, nearly)
+    return measure_chain(c, text, read, nearly)
 
 
-def _offset(made: Carried, target: str) -> Array:
+def _target_offset(made: ConstantChain, target: str) -> Array:
     return np.asarray(made.targets[target][:3, 3])

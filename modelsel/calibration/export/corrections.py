@@ -6,13 +6,16 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from ..._names import guarded, unguarded
 from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, parse
 from ...mechanisms.terms import Screw, Term
-from ..calibration import Calibration
-from ..constant_part import Part, parts
-from .form import Exported, _whole
+from ..constant_part import Part, split_parts
+from .form import Exported, measure_whole
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
 
 HEADER = (
     "target",
@@ -36,9 +39,9 @@ def to_csv(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(HEADER)
     for t, name in enumerate(c.targets):
-        for p in (p for some in parts(c, t) for p in some):
+        for p in (p for some in split_parts(c, t) for p in some):
             for s in p.term.screws:
-                bump = _bump(s.cause)
+                bump = _find_bump(s.cause)
                 knot = ("", "") if bump is None else (repr(bump.centre), repr(bump.width))
                 texts = map(guarded, (name, p.mechanism, p.term.symbol))
                 writer.writerow(
@@ -53,29 +56,31 @@ def to_csv(c: Calibration, notes: Sequence[str] = ()) -> Exported:
                         guarded(p.term.unit),
                     ]
                 )
-    return _whole(c, stream.getvalue(), lambda text, t: _from_csv(text, c, c.targets[t]))
+    return measure_whole(c, stream.getvalue(), lambda text, t: _parse_csv(text, c, c.targets[t]))
 
 
-def _bump(cause: Cause) -> Bump | None:
+def _find_bump(cause: Cause) -> Bump | None:
     if isinstance(cause, Combined):
-        return _bump(cause.left) or _bump(cause.right)
+        return _find_bump(cause.left) or _find_bump(cause.right)
     return (
         cause
         if isinstance(cause, Bump)
-        else _bump(cause.argument)
+        else _find_bump(cause.argument)
         if isinstance(cause, Applied)
         else None
     )
 
 
-def _swapped(cause: Cause, bump: Bump) -> Cause:
+def _restore_bump(cause: Cause, bump: Bump) -> Cause:
     """With the spline back where its name stands."""
     if isinstance(cause, Combined):
-        return Combined(cause.operator, _swapped(cause.left, bump), _swapped(cause.right, bump))
+        return Combined(
+            cause.operator, _restore_bump(cause.left, bump), _restore_bump(cause.right, bump)
+        )
     return bump if cause == Named("free") else cause
 
 
-def _from_csv(text: str, c: Calibration, target: str) -> list[Part]:
+def _parse_csv(text: str, c: Calibration, target: str) -> list[Part]:
     units = dict.fromkeys([*c.needs(), *c.ranges, "free"], "1")
     out = []
     for row in csv.DictReader(io.StringIO(text)):
@@ -85,7 +90,7 @@ def _from_csv(text: str, c: Calibration, target: str) -> list[Part]:
         name = printed.partition("free(")[2].partition(")")[0]
         cause = parse(printed.replace(f"free({name})", "free"), units)
         if row["knot"]:
-            cause = _swapped(cause, Bump(name, float(row["knot"]), float(row["knot_width"])))
+            cause = _restore_bump(cause, Bump(name, float(row["knot"]), float(row["knot_width"])))
         out.append(
             Part(
                 "",

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..calibration import Calibration, pose_of
-from ..constant_part import Part, points, workspace
+from ..constant_part import Part, compute_points, sample_workspace
+from ..prediction import compute_pose
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,7 @@ class Exported:
         return f"this file is worse than the nominal arm: {own:.3g} mm rms against {nominal:.3g} mm, {rows}"
 
 
-def _missing(some: Sequence[Part]) -> tuple[str, ...]:
+def describe_left_out(some: Sequence[Part]) -> tuple[str, ...]:
     """What a set of screws is, in words, once each mechanism."""
     out: dict[str, list[str]] = {}
     for p in some:
@@ -47,11 +51,13 @@ def _missing(some: Sequence[Part]) -> tuple[str, ...]:
     return tuple(f"{name} ({', '.join(places)})" for name, places in out.items())
 
 
-def _whole(c: Calibration, text: str, read: Callable[[str, int], list[Part]]) -> Exported:
+def measure_whole(c: Calibration, text: str, read: Callable[[str, int], list[Part]]) -> Exported:
     """Measured as screws put back into the nominal chain."""
     worst = 0.0
     for t in range(len(c.targets)):
-        at = workspace(c, t)
-        wanted = pose_of(at, c.terms, c.theta).target.T
-        worst = max(worst, float(np.linalg.norm(points(at, read(text, t)) - wanted, axis=1).max()))
+        at = sample_workspace(c, t)
+        wanted = compute_pose(at, c.terms, c.theta).target.T
+        worst = max(
+            worst, float(np.linalg.norm(compute_points(at, read(text, t)) - wanted, axis=1).max())
+        )
     return Exported(text, worst, len(at) * len(c.targets))

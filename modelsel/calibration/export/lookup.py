@@ -8,17 +8,20 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..._typing import Array
 from ...fitting.problem import Problem
 from ...robot.rigid import AXES
-from ..calibration import Calibration
 from ..constant_part import Part
 
-FINE_MM = 5e-4  # a grid is halved until what lies between its points is this near
-MOST = (8193, 129)  # points along each value, for tables of one and of two
+if TYPE_CHECKING:
+    from ..calibration import Calibration
+
+MAX_INTERPOLATION_MM = 5e-4  # a grid is halved until what lies between its points is this near
+MAX_POINTS = (8193, 129)  # points along each value, for tables of one and of two
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +36,7 @@ class Table:
     values: Array = field(repr=False)
 
 
-class _Given:
+class _State:
     """A state of plain values."""
 
     def __init__(self, values: Mapping[str, Array]):
@@ -43,7 +46,9 @@ class _Given:
         return self.values[name]
 
 
-def tables(c: Calibration, varying: Sequence[Part], at: Problem) -> tuple[list[Table], list[Part]]:
+def build_tables(
+    c: Calibration, varying: Sequence[Part], at: Problem
+) -> tuple[list[Table], list[Part]]:
     """(a table for every axis and set of at most two names, the parts that hang on more). Each
     covers what was seen of a name, and what the configurations `at` make of it: torques grow beyond
     what was seen where joints combine anew."""
@@ -62,12 +67,14 @@ def tables(c: Calibration, varying: Sequence[Part], at: Problem) -> tuple[list[T
             own.setdefault((s.frame, s.axis, n), []).append((p, k))
     lever = c.robot.reach + float(np.linalg.norm(c.tools, axis=1).max())
     return [
-        _table(ranges, *place, some, FINE_MM / (lever if place[1][0] == "r" else 1.0))
+        _refine_grid(
+            ranges, *place, some, MAX_INTERPOLATION_MM / (lever if place[1][0] == "r" else 1.0)
+        )
         for place, some in own.items()
     ], over
 
 
-def still(entries: Array) -> list[Table]:
+def build_constant_tables(entries: Array) -> list[Table]:
     """A table of no value for every constant correction that is not nought; entries (n+1, 6) mm and
     rad."""
     return [
@@ -76,7 +83,7 @@ def still(entries: Array) -> list[Table]:
     ]
 
 
-def _table(
+def _refine_grid(
     ranges: Mapping[str, tuple[float, float]],
     frame: int,
     axis: str,
@@ -86,7 +93,7 @@ def _table(
 ) -> Table:
     def at(*grid: Array) -> Array:
         mesh = np.meshgrid(*grid, indexing="ij")
-        state = _Given(dict(zip(names, mesh, strict=True)))
+        state = _State(dict(zip(names, mesh, strict=True)))
         return np.asarray(
             sum(
                 p.value * np.broadcast_to(p.term.screws[k].cause.of(state), mesh[0].shape)
@@ -94,7 +101,7 @@ def _table(
             )
         )
 
-    most = MOST[len(names) - 1]
+    most = MAX_POINTS[len(names) - 1]
     count = 17
     while True:
         grid = tuple(
@@ -131,7 +138,7 @@ def write_tables(made: Sequence[Table]) -> str:
     return stream.getvalue()
 
 
-def read_table(text: str, at: Problem) -> list[tuple[int, str, Array]]:
+def evaluate_tables(text: str, at: Problem) -> list[tuple[int, str, Array]]:
     """(frame, axis, correction (m,)) of every table in a file at the rows of a problem, by linear
     interpolation."""
     own: dict[str, list[dict[str, str]]] = {}
@@ -146,7 +153,7 @@ def read_table(text: str, at: Problem) -> list[tuple[int, str, Array]]:
         grid = [np.unique(column) for column in columns]
         values = np.array([float(r["correction"]) for r in rows]).reshape([len(g) for g in grid])
         found = (
-            between(grid, values, [at.value(n) for n in names])
+            interpolate(grid, values, [at.value(n) for n in names])
             if names
             else np.full(len(at), float(values))
         )
@@ -154,7 +161,7 @@ def read_table(text: str, at: Problem) -> list[tuple[int, str, Array]]:
     return out
 
 
-def between(grid: Sequence[Array], values: Array, where: Sequence[Array]) -> Array:
+def interpolate(grid: Sequence[Array], values: Array, where: Sequence[Array]) -> Array:
     """Linear interpolation in one or two values; beyond the grid its edge holds."""
     lower, share = [], []
     for g, x in zip(grid, where, strict=True):

@@ -3,26 +3,34 @@ of which placement."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ...exceptions import sentence_list
 from ...measurements.reference_temperature import TEMPERATURE
 from ...mechanisms.causes import Member
 from ...mechanisms.environment import counted
-from ..calibration import Calibration
-from ..refitting import carries
+from ..refitting import select_carried
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
 
 
-def notes_of(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:
+def list_notes(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:
     """Of a file that carries the "geometry", the "table" or the "whole" of a calibration, as a
     `geometry` or as corrections."""
-    out = [accuracy(c, what)] if c.refits is not None and c.refits.errors(what) is not None else []
+    out = (
+        [describe_accuracy(c, what)]
+        if c.refits is not None and c.refits.errors(what) is not None
+        else []
+    )
     if geometry:
         out.append("frame 0 is the robot's base before any registration")
     if geometry or what != "whole":
-        out.append(_whose(c, what))
+        out.append(_describe_origin(c, what))
     if TEMPERATURE in c.needs():
-        out.append(_warm(c, what))
+        out.append(_describe_temperature(c, what))
     causes = {s.cause for t in c.terms for s in t.screws}
     if np.ptp(c.placement[1], axis=0).any() or any(
         Member("group", g) in causes for g in range(len(c.groups))
@@ -31,7 +39,7 @@ def notes_of(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:
     return tuple(out)
 
 
-def accuracy(c: Calibration, what: str) -> str:
+def describe_accuracy(c: Calibration, what: str) -> str:
     """How good the file is, beside the whole model and the nominal arm; empty where that is not
     known."""
     found = None if c.refits is None else c.refits.errors(what)
@@ -42,7 +50,7 @@ def accuracy(c: Calibration, what: str) -> str:
     return f"{rows}, the file leaves {own:.3g} mm rms{better} and the nominal arm {nominal:.3g} mm"
 
 
-def _whose(c: Calibration, what: str) -> str:
+def _describe_origin(c: Calibration, what: str) -> str:
     """Where the numbers of a file come from."""
     if what == "whole":
         return "lengths and angles are those of the calibrated geometry"
@@ -64,9 +72,9 @@ def _whose(c: Calibration, what: str) -> str:
     return "the numbers were fitted again without what this form cannot carry"
 
 
-def _warm(c: Calibration, what: str) -> str:
+def _describe_temperature(c: Calibration, what: str) -> str:
     """Of which temperature the file is."""
-    keep = carries(c.model, what)
+    keep = select_carried(c.model, what)
     some = [t for t in c.terms if any(TEMPERATURE in s.cause.names() for s in t.screws)]
     if (
         all(map(keep, some))

@@ -10,24 +10,27 @@ import ast
 from collections.abc import Sequence
 from importlib.resources import files
 from pprint import pformat
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..._typing import Array
 from ...fitting.design import PLACE
 from ...fitting.problem import Problem
-from ...measurements.reader import RESERVED
+from ...measurements.state_names import is_state_name
 from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
-from ..calibration import Calibration, in_tracker, pose_of
-from ..constant_part import constants, parts, workspace
+from ..constant_part import constant_entries, sample_workspace, split_parts
+from ..prediction import compute_pose, to_tracker_frame
 from .form import Exported
-from .standalone import predicted
+from .standalone import predict_both
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration
 
 START = "DATA: Data = "  # of the last line of exported.py, and of what a module has in its place
 
 
-def program() -> str:
+def load_program() -> str:
     """The text of exported.py up to its data."""
     text = files(__package__).joinpath("standalone.py").read_text(encoding="utf-8")
     before, _, data = text.rpartition(START)
@@ -35,24 +38,24 @@ def program() -> str:
     return before
 
 
-def module_of(data: dict[str, Any]) -> str:
+def write_module(data: dict[str, Any]) -> str:
     """The module's text: the program, then its data as one literal of plain ASCII, so that no
     letter in it changes how the lines are read."""
     literal = pformat(data, width=130, sort_dicts=False)
-    return f"{program()}{START}{literal.encode('ascii', 'backslashreplace').decode()}\n"
+    return f"{load_program()}{START}{literal.encode('ascii', 'backslashreplace').decode()}\n"
 
 
-def data_in(text: str) -> dict[str, Any]:
+def read_module_data(text: str) -> dict[str, Any]:
     """The data of a module's text, read as a literal. Raises ValueError where the text is another
     program, or its data are no literal."""
     before, _, literal = text.partition(f"\n{START}")
-    if f"{before}\n" != program():
+    if f"{before}\n" != load_program():
         raise ValueError("not a module of `modelsel export --format python`")
     data: dict[str, Any] = ast.literal_eval(literal)
     return data
 
 
-def tree(cause: Cause) -> Any:
+def cause_tree(cause: Cause) -> Any:
     """A cause as the nested lists that `exported.cause` reads."""
     match cause:
         case Number(number):
@@ -60,21 +63,21 @@ def tree(cause: Cause) -> Any:
         case Named(name):
             return ["name", name]
         case Applied(function, argument):
-            return [function, tree(argument)]
+            return [function, cause_tree(argument)]
         case Combined(operator, left, right):
-            return [operator, tree(left), tree(right)]
+            return [operator, cause_tree(left), cause_tree(right)]
         case Bump(name, centre, width):
             return ["spline", ["name", name], float(centre), float(width)]
     raise TypeError(f"{cause} is no function of the state")
 
 
-def data_of(c: Calibration) -> dict[str, Any]:
+def module_data(c: Calibration) -> dict[str, Any]:
     """The numbers of `exported.DATA`, for the first group."""
     R, t = c.placement[0][0], c.placement[1][0]
     return {
         "study": c.study,
         "robot": c.robot.name,
-        "needs": given(c),
+        "needs": list_inputs(c),
         "targets": list(c.targets),
         "prismatic": list(c.robot.prismatic),
         "before": [j.before[:3].tolist() for j in c.robot.joints],
@@ -85,11 +88,11 @@ def data_of(c: Calibration) -> dict[str, Any]:
         "tools": {name: c.tools[k].tolist() for k, name in enumerate(c.targets)},
         "placement": np.column_stack([R, t]).tolist(),
         "tracker": list(c.tracker),
-        "constants": {name: constants(c, k).tolist() for k, name in enumerate(c.targets)},
+        "constants": {name: constant_entries(c, k).tolist() for k, name in enumerate(c.targets)},
         "terms": {
             name: [
-                [s.frame, PLACE[s.axis], float(p.value), tree(s.cause)]
-                for p in parts(c, k)[1]
+                [s.frame, PLACE[s.axis], float(p.value), cause_tree(s.cause)]
+                for p in split_parts(c, k)[1]
                 for s in p.term.screws
             ]
             for k, name in enumerate(c.targets)
@@ -97,13 +100,13 @@ def data_of(c: Calibration) -> dict[str, Any]:
     }
 
 
-def given(c: Calibration) -> list[str]:
+def list_inputs(c: Calibration) -> list[str]:
     """Names that the model looks at and joint readings do not say: covariates, directions of
     approach, moves, progress."""
     return sorted(
         n
         for n in c.needs() - {"target", "group"}
-        if n.startswith(("approach", "move")) or n == "progress" or not RESERVED.fullmatch(n)
+        if n.startswith(("approach", "move")) or n == "progress" or not is_state_name(n)
     )
 
 
@@ -113,17 +116,17 @@ def given(c: Calibration) -> list[str]:
 
 def to_python(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     """A module of its own: numpy only, the numbers in it."""
-    text = module_of(data_of(c))
-    there = data_in(text)
+    text = write_module(module_data(c))
+    there = read_module_data(text)
 
     def run(t: int, at: Problem) -> Array:
-        return predicted(there, at.data.q, c.targets[t], {n: at.value(n) for n in there["needs"]})[
-            1
-        ]
+        return predict_both(
+            there, at.data.q, c.targets[t], {n: at.value(n) for n in there["needs"]}
+        )[1]
 
     worst = 0.0
     for t in range(len(c.targets)):
-        at = workspace(c, t)
-        wanted = in_tracker(at, pose_of(at, c.terms, c.theta).target.T)
+        at = sample_workspace(c, t)
+        wanted = to_tracker_frame(at, compute_pose(at, c.terms, c.theta).target.T)
         worst = max(worst, float(np.linalg.norm(run(t, at) - wanted, axis=1).max()))
     return Exported(text, worst, len(at) * len(c.targets))

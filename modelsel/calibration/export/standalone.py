@@ -27,7 +27,7 @@ FUNCTIONS = {
 OPERATORS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide}
 
 
-def turn(axis: int, angle: Array) -> Array:
+def rotation_about(axis: int, angle: Array) -> Array:
     """(m, 3, 3) rotations about x, y or z."""
     i, j = [(1, 2), (2, 0), (0, 1)][axis]
     out = np.tile(np.eye(3), (len(angle), 1, 1))
@@ -37,7 +37,7 @@ def turn(axis: int, angle: Array) -> Array:
     return out
 
 
-def chain(data: Data, q: Array, tool: Array, H: Array) -> tuple[Array, Array]:
+def walk_chain(data: Data, q: Array, tool: Array, H: Array) -> tuple[Array, Array]:
     """(origins (n+1, m, 3), rotations (n+1, m, 3, 3)) of every joint's frame before it turns, and
     of the target, in frame 0; H (n+1, 6, m): the small shifts and turns in every frame."""
     m, n = q.shape
@@ -49,21 +49,21 @@ def chain(data: Data, q: Array, tool: Array, H: Array) -> tuple[Array, Array]:
         o = o if k < n else o + R @ tool
         o = o + np.einsum("mij,jm->mi", R, H[k, :3])
         for a in range(3):
-            R = R @ turn(a, H[k, 3 + a])
+            R = R @ rotation_about(a, H[k, 3 + a])
         origins.append(o)
         rotations.append(R)
         if k < n and data["prismatic"][k]:
             o = o + R[:, :, 2] * q[:, k, None]
         elif k < n:
-            R = R @ turn(2, q[:, k])
+            R = R @ rotation_about(2, q[:, k])
     return np.array(origins), np.array(rotations)
 
 
-def state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
+def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     """What follows from the readings on the nominal arm: torques and moments [N m] of gravity,
     where the target is [mm]."""
     m, n = q.shape
-    o, R = chain(data, q, tool, np.zeros((n + 1, 6, m)))
+    o, R = walk_chain(data, q, tool, np.zeros((n + 1, 6, m)))
     x = o[n]
     far = (
         x @ np.array(data["placement"])[:, :3].T
@@ -80,7 +80,7 @@ def state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     if any(data["masses"]):
         bodies = []
         for k in range(n):
-            moved = R[k] if data["prismatic"][k] else R[k] @ turn(2, q[:, k])
+            moved = R[k] if data["prismatic"][k] else R[k] @ rotation_about(2, q[:, k])
             slide = R[k][:, :, 2] * q[:, k, None] if data["prismatic"][k] else 0.0
             bodies.append((data["masses"][k], o[k] + slide + moved @ np.array(data["coms"][k])))
     else:
@@ -113,7 +113,7 @@ def state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     return out
 
 
-def cause(tree: Any, values: dict[str, Array]) -> Any:
+def evaluate_cause(tree: Any, values: dict[str, Array]) -> Any:
     """The value of a cause: a number, ["name", "q4"], ["sin", cause], ["+", cause, cause],
     ["spline", cause, centre, width]."""
     if isinstance(tree, float):
@@ -124,39 +124,41 @@ def cause(tree: Any, values: dict[str, Array]) -> Any:
             raise KeyError(f"the calibrated model needs {parts[0]}: give it by name")
         return values[parts[0]]
     if head == "spline":
-        u = np.abs(cause(parts[0], values) - parts[1]) / parts[2]
+        u = np.abs(evaluate_cause(parts[0], values) - parts[1]) / parts[2]
         return np.where(u < 1, (4 - 6 * u**2 + 3 * u**3) / 6, np.maximum(2 - u, 0) ** 3 / 6)
     if head in OPERATORS:
-        return OPERATORS[head](cause(parts[0], values), cause(parts[1], values))
-    return FUNCTIONS[head](cause(parts[0], values))
+        return OPERATORS[head](evaluate_cause(parts[0], values), evaluate_cause(parts[1], values))
+    return FUNCTIONS[head](evaluate_cause(parts[0], values))
 
 
-def predicted(data: Data, q: Any, target: str | None, given: dict[str, Any]) -> tuple[Array, Array]:
+def predict_both(
+    data: Data, q: Any, target: str | None, given: dict[str, Any]
+) -> tuple[Array, Array]:
     """(nominal, calibrated) positions (m, 3) in the tracker's frame."""
     q = np.atleast_2d(np.asarray(q, float))
     m, n = q.shape
     name = data["targets"][0] if target is None else target
     tool, H = np.array(data["tools"][name]), np.zeros((n + 1, 6, m))
-    nominal = chain(data, q, tool, H)[0][n]
-    values = state(data, q, tool) | {
+    nominal = walk_chain(data, q, tool, H)[0][n]
+    values = derive_state(data, q, tool) | {
         key: np.broadcast_to(np.asarray(v, float), (m,)) for key, v in given.items()
     }
     H += np.array(data["constants"][name])[:, :, None]
     for frame, axis, size, tree in data["terms"][name]:
-        H[frame - 1, axis] += size * cause(tree, values)
-    real = chain(data, q, tool, H)[0][n]
+        H[frame - 1, axis] += size * evaluate_cause(tree, values)
+    real = walk_chain(data, q, tool, H)[0][n]
     P = np.array(data["placement"])
     return np.asarray(nominal @ P[:, :3].T + P[:, 3]), np.asarray(real @ P[:, :3].T + P[:, 3])
 
 
 def position(q: Any, /, target: str | None = None, **given: Any) -> Array:
     """(m, 3) mm: where the calibrated arm has the target."""
-    return predicted(DATA, q, target, given)[1]
+    return predict_both(DATA, q, target, given)[1]
 
 
 def correction(q: Any, /, target: str | None = None, **given: Any) -> Array:
     """(m, 3) mm: calibrated minus nominal position."""
-    nominal, real = predicted(DATA, q, target, given)
+    nominal, real = predict_both(DATA, q, target, given)
     return np.asarray(real - nominal)
 
 

@@ -1,0 +1,151 @@
+"""Strict records of the JSON files that modelsel writes and reads back, and what is wrong with one,
+in words of the file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from ._names import unseen
+
+MAX_NUMBER = 1e100  # its square and its cube can be computed with
+MAX_WHOLE = 10**100
+MAX_SHOWN = 80  # characters of a value in a message
+BRANCH = "<"  # begins the tag of a branch of a union: no key of a file, left out of places
+EXPECTED = {
+    "float_type": "a finite number",
+    "finite_number": "a finite number",
+    "int_type": "a whole number",
+    "string_type": "text that can be seen",
+    "unseen": "text that can be seen",
+    "bool_type": "true or false",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "model_type": "a table",
+    "dict_type": "a table",
+}
+
+
+def _check_visible(text: str) -> str:
+    if unseen(text) is not None:
+        raise PydanticCustomError("unseen", "holds a character that nobody sees")
+    return text
+
+
+Number = Annotated[float, Field(ge=-MAX_NUMBER, le=MAX_NUMBER)]
+Whole = Annotated[int, Field(ge=-MAX_WHOLE, le=MAX_WHOLE)]
+Text = Annotated[str, AfterValidator(_check_visible)]
+Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
+Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """The words that a text may be, where they come from a table of the program."""
+
+    words: tuple[str, ...]
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        return core_schema.literal_schema(list(self.words))
+
+
+class StrictRecord(BaseModel):
+    """A table of a file, read strictly: every key, each of its type, and only finite numbers. Keys
+    that a record does not know are left alone, as docs/contract.md promises."""
+
+    model_config = ConfigDict(strict=True, frozen=True, extra="ignore", populate_by_name=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _check_keys(cls, value: Any) -> Any:
+        hidden = [key for key in value if unseen(key)] if isinstance(value, dict) else []
+        if hidden:
+            raise PydanticCustomError("unseen_key", "{key}", {"key": hidden[0]})
+        return value
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the table as plain values, without the optional keys that it does not have."""
+        return self.model_dump(by_alias=True, exclude_unset=True)
+
+
+Record = TypeVar("Record", bound=StrictRecord)
+
+
+def parse_record(value: Any, model: type[Record]) -> Record:
+    """Return a JSON value as a record. Raises ValueError with the first problem and its place."""
+    try:
+        return model.model_validate(value)
+    except ValidationError as error:
+        raise ValueError(describe_problem(error.errors(include_url=False)[0])) from None
+
+
+def describe_problem(error: Any) -> str:
+    """Describe an error of pydantic: its place (items counted from 1), what was expected, what is
+    there."""
+    kind, value = error["type"], error["input"]
+    place = _place(error["loc"])
+    where = place or "the file"
+    if kind == "missing":
+        return f"{place} is missing"
+    if kind == "extra_forbidden":
+        return f"{where}: unknown key"
+    if kind == "unseen_key":
+        key = json.dumps(error["ctx"]["key"])[:MAX_SHOWN]
+        return f"{where}: the key {key} holds a character that nobody sees"
+    if kind == "recursion_loop":
+        return f"{where}: nested too deeply"
+    if kind == "value_error":
+        return f"{where}: {error['ctx']['error']}"
+    return f"{where}: expected {_expectation(error)}, found {_shown(value)}"
+
+
+def _place(parts: tuple[int | str, ...]) -> str:
+    """Return a path such as findings.1.p_value."""
+    steps = [str(part + 1) if isinstance(part, int) else part for part in parts]
+    return ".".join(step for step in steps if not step.startswith(BRANCH))
+
+
+def _expectation(error: Any) -> str:
+    kind, context = error["type"], error.get("ctx") or {}
+    if kind in EXPECTED:
+        return EXPECTED[kind]
+    if kind in ("too_short", "too_long"):
+        bound = context.get("min_length", context.get("max_length"))
+        return f"a list of {'at least' if kind == 'too_short' else 'at most'} {bound}"
+    if kind == "literal_error":
+        return f"one of {context['expected']}"
+    if kind not in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
+        return str(error["msg"])
+    return _describe_bound(kind, context)
+
+
+def _describe_bound(kind: str, context: dict[str, Any]) -> str:
+    """Describe a number's bound; the bound of all numbers is that they are finite."""
+    bound = next(iter(context.values()))
+    if abs(bound) == MAX_NUMBER:
+        return "a whole number" if isinstance(bound, int) else "a finite number"
+    words = {"greater_than": "above", "less_than": "below", "less_than_equal": "at most"}
+    return f"a number {words.get(kind, 'at least')} {bound:g}"
+
+
+def _shown(value: Any) -> str:
+    """Return a value as a message shows it: a short text."""
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    if isinstance(value, dict):
+        return "a table"
+    return json.dumps(value, ensure_ascii=True)[:MAX_SHOWN]

@@ -1,0 +1,162 @@
+"""The record of calibration.json: `CalibrationRecord`, strict; its JSON schema is
+`CalibrationRecord.model_json_schema()`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from .._records import Number, Pair, StrictRecord, Text, Vector, Whole
+from ..mechanisms.serialization import MechanismRecord
+
+SCHEMA_VERSION = 1
+
+Rotation = Annotated[list[Vector], Field(min_length=3, max_length=3)]
+Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
+Transform = Annotated[list[Row], Field(min_length=3, max_length=3)]
+Length = Annotated[Number, Field(ge=0)]  # mm
+
+
+class JointRecord(StrictRecord):
+    """A nominal joint: the fixed transform before it [mm], limits [rad or mm], its link's mass."""
+
+    before_mm: Transform
+    prismatic: bool
+    limits: Pair | None
+    mass_kg: Number | None
+    com_mm: Vector
+
+
+class RobotRecord(StrictRecord):
+    """The nominal robot; `usual` is the usual size of such an arm's errors (mm, rad)."""
+
+    name: Text
+    source: Text
+    gravity: Vector | None
+    usual: Pair = Field(default=[1.0, 1e-3])
+    joints: Annotated[list[JointRecord], Field(min_length=1)]
+    last_mm: Transform
+
+
+class TargetRecord(StrictRecord):
+    """A target on the flange."""
+
+    name: Text
+    tool_mm: Vector
+    rotation: Rotation | None
+
+
+class GroupRecord(StrictRecord):
+    """A group of measurements and its placement: frame 0 in the tracker's frame."""
+
+    name: Text
+    rotation: Rotation
+    translation_mm: Vector
+
+
+class EstimateRecord(StrictRecord):
+    """One parameter; a parameter that is not `estimable` is fixed at its value."""
+
+    symbol: Text
+    value: Number
+    standard_error: Number
+    unit: Text
+    estimable: bool
+
+
+class FactorRecord(StrictRecord):
+    """Rows of the covariance's triangular factor F, each from its own column on."""
+
+    says: Text = ""
+    rows: list[list[Number]]
+
+
+class NoiseFloorRecord(StrictRecord):
+    """Standard deviation of one measured coordinate; `freedom` is null where it was stated."""
+
+    coordinate_mm: Length
+    source: Text
+    freedom: Annotated[Number, Field(gt=0)] | None
+
+
+class RefitErrorsRecord(StrictRecord):
+    """Rms lengths of what a model leaves [mm], null where there are no such rows."""
+
+    estimation_rms_mm: Length | None
+    held_out_rms_mm: Length | None
+
+
+class RefitEstimateRecord(StrictRecord):
+    """One parameter of a refit: the place of its term among the calibration's, from 0."""
+
+    term: Whole
+    symbol: Text
+    value: Number
+
+
+class RefitRecord(RefitErrorsRecord):
+    """Some terms of the calibration fitted without the others."""
+
+    estimates: list[RefitEstimateRecord]
+
+
+class RefitsRecord(StrictRecord):
+    """The refits for the forms that cannot carry the whole model."""
+
+    says: Text = ""
+    whole: RefitErrorsRecord
+    mean_celsius: Number | None = Field(alias="temperature_C")
+    alone: dict[Text, RefitRecord]
+
+
+class CalibrationRecord(StrictRecord):
+    """calibration.json: a nominal robot, its set-up and every fitted screw."""
+
+    schema_: Literal[1] = Field(alias="schema")
+    kind: Literal["calibration"]
+    study: Text
+    robot: RobotRecord
+    targets: Annotated[list[TargetRecord], Field(min_length=1)]
+    groups: Annotated[list[GroupRecord], Field(min_length=1)]
+    registered: bool
+    tracker_mm: Vector
+    mechanisms: list[MechanismRecord]
+    estimates: list[EstimateRecord]
+    covariance_factor: FactorRecord
+    noise_floor: NoiseFloorRecord
+    held_out_rms_mm: Length | None
+    ranges: dict[Text, Pair]
+    provenance: dict[Text, Text]
+    refits: RefitsRecord | None = None
+
+    @model_validator(mode="after")
+    def _check_names(self) -> CalibrationRecord:
+        for place, names in (
+            ("targets", [target.name for target in self.targets]),
+            ("groups", [group.name for group in self.groups]),
+        ):
+            if len(set(names)) < len(names):
+                raise ValueError(f"two {place} have one name")
+        if len({target.rotation is None for target in self.targets}) > 1:
+            raise ValueError("some of its targets have an orientation and some have none")
+        return self
+
+    @model_validator(mode="after")
+    def _check_ranges(self) -> CalibrationRecord:
+        for name, (low, high) in self.ranges.items():
+            if low > high:
+                raise ValueError(f"ranges.{name}: expected the lower bound first")
+        joints = {f"q{number}" for number in range(1, len(self.robot.joints) + 1)}
+        missing = sorted(joints - self.ranges.keys())
+        if missing:
+            raise ValueError(f"its ranges lack {', '.join(missing)}")
+        return self
+
+    @model_validator(mode="after")
+    def _check_factor(self) -> CalibrationRecord:
+        estimable = sum(estimate.estimable for estimate in self.estimates)
+        lengths = [len(row) for row in self.covariance_factor.rows]
+        if lengths != list(range(estimable, 0, -1)):
+            raise ValueError("its covariance_factor has other rows than its estimable terms")
+        return self

@@ -1,0 +1,114 @@
+"""Plug-ins for authors: the package that `modelsel mechanisms --new` writes, and the laws that
+`--test` checks."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.resources import files
+from importlib.util import module_from_spec, spec_from_file_location
+from keyword import iskeyword
+from pathlib import Path
+from string import Template
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import StudyError
+from ..mechanisms.registry import Registry, parts, unsound
+from ..robot.kinematics import Robot
+from ..testing import find_broken_laws
+
+TEMPLATES = "plugin_template"  # folder of the files of a new package
+SUFFIX = ".template"
+NAME_PATTERN = "[a-z][a-z0-9_-]{0,99}"
+
+
+def render_plugin(name: str) -> dict[str, str]:
+    """Return the files of a new package (file name -> text) with a mechanism of this name. Raises
+    StudyError for a name that cannot be one."""
+    if not re.fullmatch(NAME_PATTERN, name) or iskeyword(name):
+        raise StudyError(
+            f'"{name}" cannot name a mechanism: use lower-case letters, digits and -, starting with a letter, such as '
+            '"hose-twist".'
+        )
+    module = name.replace("-", "_")
+    return {
+        "pyproject.toml": _render("pyproject.toml", name, module),
+        f"{module}.py": _render("mechanism.py", name, module),
+        "README.md": _render("README.md", name, module),
+    }
+
+
+def _render(file: str, name: str, module: str) -> str:
+    template = files(__package__).joinpath(TEMPLATES, file + SUFFIX).read_text(encoding="utf-8")
+    return Template(template).substitute(name=name, module=module)
+
+
+def load_plugin(where: str) -> Registry:
+    """Load the mechanisms of a module, by its name ("hosepack", "hosepack:mechanisms") or file.
+    Raises StudyError."""
+    try:
+        made = _call_mechanisms(where)
+    except Exception as error:  # noqa: BLE001  a stranger's code may fail in any way
+        raise StudyError(
+            f"{where}: cannot be loaded: {type(error).__name__}: {error}. A module with a function mechanisms() "
+            "that returns {name: entry} is expected."
+        ) from None
+    if not isinstance(made, Mapping) or not made:
+        raise StudyError(
+            f"{where}: mechanisms() returned {type(made).__name__}, but a table {{name: entry}} with at least one entry "
+            "is expected."
+        )
+    return dict(made)
+
+
+def _call_mechanisms(where: str) -> Any:
+    """Import a module by its name or file and call its function, `mechanisms` unless named."""
+    if where.endswith(".py"):
+        return _import_file(Path(where)).mechanisms()
+    name, _, function = where.partition(":")
+    return getattr(import_module(name), function or "mechanisms")()
+
+
+def _import_file(path: Path) -> ModuleType:
+    spec = spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise ImportError("not a Python file")
+    module = module_from_spec(spec)
+    sys.modules[path.stem] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One mechanism tried on one robot and the laws it breaks; `robot` is empty where an entry
+    applies to none."""
+
+    mechanism: str
+    robot: str
+    broken: list[str]
+
+
+def try_mechanisms(entries: Registry, robots: Sequence[Robot], seed: int = 0) -> list[Trial]:
+    """Check the laws for every part of every entry on every robot to which it applies."""
+    trials = []
+    for name, entry in entries.items():
+        on_robots = [trial for robot in robots for trial in _try_entry(name, entry, robot, seed)]
+        trials += on_robots or [Trial(name, "", [])]
+    return trials
+
+
+def _try_entry(name: str, entry: Any, robot: Robot, seed: int) -> list[Trial]:
+    defect = unsound(name, entry, robot)
+    if defect is not None:
+        return [Trial(name, robot.name, [defect])]
+    return [
+        Trial(m.name, robot.name, find_broken_laws(m, robot, np.random.default_rng([seed, k])))
+        for k, m in enumerate(parts(name, robot, {name: entry}))
+    ]

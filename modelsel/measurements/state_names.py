@@ -1,0 +1,176 @@
+"""State variables: the quantities that a cause may look at, by name.
+
+One table says how each name is written, in which unit it is and what it needs. Whoever evaluates
+the state (`fitting.state_variables`), reserves its names in a file (`reader`) or writes them into
+an exported module asks here; no name is taken apart anywhere else. Joints and frames count from 1;
+covariates of a file come under the names of their columns."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property, lru_cache
+
+from ..robot.kinematics import Robot
+
+
+class StateKind(Enum):
+    """What a state variable is."""
+
+    READING = "reading of a joint"
+    POSITION = "coordinate of the target in frame 0"
+    RANGE = "distance of the target from the instrument"
+    TARGET = "index of the target"
+    GROUP = "index of the group"
+    PROGRESS = "place in the campaign, 0 to 1"
+    APPROACH = "direction of a joint's last motion"
+    MOVE = "size of a joint's last motion"
+    TORQUE = "gravity torque about a joint's axis"
+    BASE_MOMENT = "moment of the arm's weight about frame 0"
+    DOWN = "direction of gravity in the target's frame"
+    BENDING = "moment of the links' weight across a joint's axis"
+    UNIT_BENDING = "moment of 1 kg at a frame across a joint's axis"
+    UNIT_TORQUE = "torque of 1 kg at a frame about a joint's axis"
+
+
+@dataclass(frozen=True)
+class StateVariable:
+    """One quantity of the state: its kind, and where its name has them the joint (from 1), the
+    axis ("x", "y" or "z") and the frame (from 2) at whose origin 1 kg is thought to hang."""
+
+    kind: StateKind
+    joint: int | None = None
+    axis: str | None = None
+    frame: int | None = None
+
+    @property
+    def family(self) -> StateFamily:
+        """The row of the table that it belongs to."""
+        return BY_KIND[self.kind]
+
+    @property
+    def name(self) -> str:
+        """Name as a cause prints it: "moment2_x_3"."""
+        return self.family.template.format(joint=self.joint, axis=self.axis, frame=self.frame)
+
+    def unit(self, robot: Robot) -> str:
+        """Unit on an arm, "1" where it has none."""
+        if self.family.unit is not None:
+            return self.family.unit
+        assert self.joint is not None
+        if self.kind is StateKind.TORQUE:
+            return "N" if robot.joints[self.joint - 1].prismatic else "N m"
+        return robot.unit(self.joint)
+
+    def exists(self, robot: Robot) -> bool:
+        """Whether an arm has it: the joint, the frame, the direction of gravity."""
+        if self.family.by_gravity and robot.gravity is None:
+            return False
+        joint, frame = self.joint or 1, self.frame or robot.n + 1
+        return 1 <= joint <= robot.n and joint < frame <= robot.n + 1
+
+
+@dataclass(frozen=True)
+class StateFamily:
+    """How the names of one kind are written: `template` with {joint}, {axis} (one of `axes`) and
+    {frame}; `unit`, None where it depends on the joint; `by_gravity`: only where the direction of
+    gravity is known."""
+
+    kind: StateKind
+    template: str
+    unit: str | None = "1"
+    axes: str = ""
+    by_gravity: bool = False
+
+    @cached_property
+    def pattern(self) -> re.Pattern[str]:
+        """Regular expression of its names."""
+        groups = {
+            "joint": r"(?P<joint>\d+)",
+            "axis": f"(?P<axis>[{self.axes}])",
+            "frame": r"(?P<frame>\d+)",
+        }
+        return re.compile(self.template.format(**groups))
+
+    def members(self, robot: Robot) -> Iterator[StateVariable]:
+        """Its variables on an arm, joint by joint, then by frame, then by axis."""
+        joints = range(1, robot.n + 1) if "{joint}" in self.template else (None,)
+        frames = range(2, robot.n + 2) if "{frame}" in self.template else (None,)
+        for joint in joints:
+            for frame in frames:
+                for axis in self.axes or (None,):
+                    variable = StateVariable(self.kind, joint, axis, frame)
+                    if variable.exists(robot):
+                        yield variable
+
+
+FAMILIES = (
+    StateFamily(StateKind.READING, "q{joint}", unit=None),
+    StateFamily(StateKind.POSITION, "{axis}_mm", "mm", "xyz"),
+    StateFamily(StateKind.RANGE, "range_mm", "mm"),
+    StateFamily(StateKind.TARGET, "target"),
+    StateFamily(StateKind.GROUP, "group"),
+    StateFamily(StateKind.PROGRESS, "progress"),
+    StateFamily(StateKind.APPROACH, "approach{joint}"),
+    StateFamily(StateKind.MOVE, "move{joint}", unit=None),
+    StateFamily(StateKind.TORQUE, "torque{joint}", unit=None, by_gravity=True),
+    StateFamily(StateKind.BASE_MOMENT, "moment_{axis}", "N m", "xyz", by_gravity=True),
+    StateFamily(StateKind.DOWN, "down_{axis}", "1", "xyz", by_gravity=True),
+    StateFamily(StateKind.BENDING, "moment{joint}_{axis}", "N m", "xy", by_gravity=True),
+    StateFamily(
+        StateKind.UNIT_BENDING, "moment{joint}_{axis}_{frame}", "N m/kg", "xy", by_gravity=True
+    ),
+    StateFamily(StateKind.UNIT_TORQUE, "torque{joint}_{frame}", "N m/kg", by_gravity=True),
+)
+BY_KIND = {family.kind: family for family in FAMILIES}
+COVARIATE_UNITS = {
+    "C": "°C",
+    "K": "K",
+    "kg": "kg",
+    "s": "s",
+    "mm": "mm",
+    "rad": "rad",
+    "N": "N",
+    "A": "A",
+    "h": "h",
+}
+
+
+@lru_cache(maxsize=4096)
+def parse_state_name(name: str) -> StateVariable | None:
+    """Read a name of the table; None for any other, such as a covariate's."""
+    for family in FAMILIES:
+        match = family.pattern.fullmatch(name)
+        if match is not None:
+            parts = match.groupdict()
+            joint, frame = parts.get("joint"), parts.get("frame")
+            return StateVariable(
+                family.kind,
+                None if joint is None else int(joint),
+                parts.get("axis"),
+                None if frame is None else int(frame),
+            )
+    return None
+
+
+def is_state_name(name: str) -> bool:
+    """Return whether a name is one of the table's, of any arm: no column may have it."""
+    return parse_state_name(name) is not None
+
+
+def state_units(robot: Robot) -> dict[str, str]:
+    """Return the names of an arm's state variables, with their units."""
+    return {
+        variable.name: variable.unit(robot)
+        for family in FAMILIES
+        for variable in family.members(robot)
+    }
+
+
+def covariate_unit(name: str) -> str:
+    """Return the unit of a covariate by the last part of its name: temperature_C -> "°C",
+    payload_kg -> "kg"; else the name itself."""
+    _, separator, suffix = name.rpartition("_")
+    return COVARIATE_UNITS.get(suffix, name) if separator else name
