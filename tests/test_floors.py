@@ -45,11 +45,9 @@ HEAVY = ("scipy.stats", "matplotlib", "pandas", "pyarrow", "emcee", "rich", "pyd
 ALLOWED = {
     ("study_file", "pydantic"),
     ("fleet_file", "pydantic"),
-    ("record_types", "pydantic"),
     ("finding_schema", "pydantic"),
     ("schema", "pydantic"),
     ("details_schema", "pydantic"),
-    ("reading", "pydantic"),
     ("_records", "pydantic"),
     ("serialization", "pydantic"),
 }  # a file is its schema, imported to read one

@@ -18,13 +18,13 @@ import pytest
 from click.testing import CliRunner
 
 from modelsel import read_study, run
+from modelsel._records import parse_record
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
 from modelsel.report import drawing
 from modelsel.report.document import Source, collect_blocks
 from modelsel.report.pdf import ReportError, compile_pdf, fill_template
 from modelsel.results.details_schema import DetailsRecord
-from modelsel.results.reading import parse_record
 from modelsel.results.schema import StudyRecord
 from modelsel.results.storage import WRITES
 from modelsel.results.study_sentences import TABLE_PURPOSE

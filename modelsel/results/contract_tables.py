@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from .._records import StrictRecord
 from .finding_schema import FindingRecord
-from .record_types import StrictRecord
 from .schema import StudyRecord
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._records import parse_record
 from .._typing import Array, Index
 from ..fitting.design import directions, field_of, residuals
 from ..fitting.problem import Problem
@@ -20,7 +21,7 @@ from ..mechanisms.terms import Mechanism
 from .details_schema import DetailsRecord
 from .map_details import describe_map
 from .panels import describe_panels
-from .reading import SCHEMA, parse_record
+from .reading import SCHEMA
 from .study_run import StudyRun
 
 # rows drawn: more say nothing more to the eye and make the page heavy

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from .record_types import Axis, Figure, Number, Pair, StrictRecord, Text, Texts, Vector, Whole
+from .._records import Number, Pair, StrictRecord, Text, Vector, Whole
+from .record_types import Axis, Figure, Texts
 
 
 class DrawnRowsRecord(StrictRecord):

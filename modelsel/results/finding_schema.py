@@ -6,7 +6,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from .record_types import Axis, Figure, Number, Pair, StrictRecord, Text, Whole
+from .._records import Number, Pair, StrictRecord, Text, Whole
+from .record_types import Axis, Figure
 
 FAULT = "fault:"  # begins the name of a data fault
 

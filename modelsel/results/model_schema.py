@@ -3,7 +3,8 @@ parameters are."""
 
 from __future__ import annotations
 
-from .record_types import Figure, Number, StrictRecord, Text, Texts, Whole
+from .._records import Number, StrictRecord, Text, Whole
+from .record_types import Figure, Texts
 
 
 class ErrorsRecord(StrictRecord):

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from .._json import plain
+from .._records import parse_record
 from ..diagnosis.candidates import Candidate
 from ..measurements.measurements import Measurements
 from ..notices import HOPELESS, Note
@@ -17,7 +18,7 @@ from .finding_records import describe_fault, describe_finding, list_screws
 from .finding_schema import FAULT
 from .goodness_of_fit import describe_noise, locate_features, measure_lack_of_fit
 from .placements import locate_placements
-from .reading import SCHEMA, parse_record
+from .reading import SCHEMA
 from .schema import StudyRecord
 from .study_run import Explanation, ModelSearch, StudyRun
 from .verdict import Named, complete_verdict, write_verdict
@@ -70,7 +71,7 @@ def _verdict(run: StudyRun) -> tuple[str, ...]:
         models.chosen,
         models.gain,
         run.floor,
-        list_named(diagnosis),
+        collect_named(diagnosis),
         run.study.model.candidates,
         diagnosis.nothing_else[0],
     )
@@ -79,7 +80,7 @@ def _verdict(run: StudyRun) -> tuple[str, ...]:
     return complete_verdict(sentences, orientation, hopeless[0] if hopeless else None)
 
 
-def list_named(diagnosis: Explanation) -> list[Named]:
+def collect_named(diagnosis: Explanation) -> list[Named]:
     """Return (name, verdict) of every finding, faults of the data first, as result.json lists them."""
     named = [(f"{FAULT}{fault.name}", "found") for fault in diagnosis.faults]
     for finding in diagnosis.findings:

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from .._records import Number, StrictRecord, Text, Vector, Whole
 from .finding_schema import FindingRecord, ScrewRecord
 from .model_schema import (
     CandidatesRecord,
@@ -19,7 +20,7 @@ from .model_schema import (
     SamplingRecord,
     SignificanceRecord,
 )
-from .record_types import Figure, Number, StrictRecord, Text, Texts, Vector, Whole
+from .record_types import Figure, Texts
 
 
 class ProvenanceRecord(StrictRecord):

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from .._records import StrictRecord
 from .finding_schema import FindingRecord
 from .model_schema import RungRecord
-from .record_types import StrictRecord
 from .schema import StudyRecord
 
 if TYPE_CHECKING:
