@@ -22,17 +22,23 @@ from modelsel import Model, mechanism, read_study
 from modelsel.fitting.design import residuals
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.kinematics import Joint, Robot, forward
 from modelsel.study.pipeline import Result
 from modelsel.study.runner import run
 from modelsel.uncertainty import conditional_priors as conditional
-from modelsel.uncertainty import sampler as engine
 from modelsel.uncertainty.log_posterior import TAIL, LogPosterior
-from modelsel.uncertainty.nuisance import components, constants
-from modelsel.uncertainty.posterior import Importance, importance, posterior, weighted
+from modelsel.uncertainty.nuisance import assign_components, list_constants
+from modelsel.uncertainty.posterior import (
+    Importance,
+    linear_posterior,
+    summarise_importance,
+    weight_draws,
+)
+from modelsel.uncertainty.sampler import sample_posterior
+from modelsel.uncertainty.sampling_options import SamplingOptions
 
 TOOL = np.array([40.0, -25.0, 100.0])
 BINS = 10
@@ -84,13 +90,13 @@ def uniform(ranks: np.ndarray) -> float:
 
 def closed(studies: int, rng: np.random.Generator) -> list[str]:
     q = ARM.draw(rng, 12)
-    at = Problem(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
+    at = Problem(ARM, build_measurements(q, forward(ARM, q, TOOL)), TOOL[None])
     ranks, covered = [], []
     for _ in range(studies):
         sigma = float(np.exp(rng.normal(-2, 0.5)))
         planted, fitted, truth = simulated(at, rng, sigma, None)
-        kept, known = list(fitted.found.kept), posterior(fitted)
-        draws = weighted(planted, fitted, known.draw(rng, 199))
+        kept, known = list(fitted.found.kept), linear_posterior(fitted)
+        draws = weight_draws(planted, fitted, known.draw(rng, 199))
         ranks.append(draws.weight @ (draws.theta[:, kept] < truth[kept]))
         low, high = known.quantile(np.array([0.025, 0.975])).T
         covered.append(
@@ -110,17 +116,19 @@ def closed(studies: int, rng: np.random.Generator) -> list[str]:
 
 
 def chains(count: int, rng: np.random.Generator) -> list[str]:
-    engine.LONG, engine.AGREE = 15, 1.3
+    options = SamplingOptions(min_times=15, max_r_hat=1.3)
     q = ARM.draw(rng, 25)
-    at = Problem(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
+    at = Problem(ARM, build_measurements(q, forward(ARM, q, TOOL)), TOOL[None])
     ranks, covered = [], []
     for _ in range(count):
         sigma, tail = float(np.exp(rng.normal(-2, 0.5))), rng.uniform(0, 0.5)
         planted, fitted, truth = simulated(at, rng, sigma, 1 / tail)
         chosen = tuple(fitted.found.kept[-4:])
         names = (*map(str, chosen), "noise scale", TAIL)
-        target = LogPosterior(fitted, components(planted), chosen, names, ("1",) * len(names), True)
-        done = engine.sample(target, Importance(1, 1.0, ""), "", rng)
+        target = LogPosterior(
+            fitted, assign_components(planted), chosen, names, ("1",) * len(names), True
+        )
+        done = sample_posterior(target, Importance(1, 1.0, ""), "", rng, options=options)
         planted_values = np.array([*truth[list(chosen)], sigma, tail])
         ranks.append((done.chain < planted_values).mean((0, 1)))
         low, _, high = done.quantiles.T
@@ -138,10 +146,11 @@ def chains(count: int, rng: np.random.Generator) -> list[str]:
 def moments(count: int, rng: np.random.Generator, ratio: float) -> list[str]:
     """A step of the tracker, its moment and size drawn from their priors; every model is fitted
     with the step where a scan puts it. The prior's ratio v/s² is given, not found from the data."""
-    engine.LONG, engine.AGREE, conditional.RATIOS = 20, 1.1, np.array([ratio])
+    options = SamplingOptions(min_times=20, max_r_hat=1.1)
+    conditional.RATIOS = np.array([ratio])
     m, k = 50, len(BASE.terms)
     q = ARM.draw(rng, m)
-    at = Problem(ARM, measurements(q, forward(ARM, q, TOOL)), TOOL[None])
+    at = Problem(ARM, build_measurements(q, forward(ARM, q, TOOL)), TOOL[None])
     quiet = replace(
         at, data=replace(at.data, position=at.data.position + rng.normal(0, 1.0, (m, 3)))
     )
@@ -171,7 +180,9 @@ def moments(count: int, rng: np.random.Generator, ratio: float) -> list[str]:
             (fit(planted, stepped(round(x, 3))) for x in np.arange(0.1, 0.91, 0.05)),
             key=lambda f: f.rss,
         )
-        done = engine.sample(_target(planted, fitted), Importance(1, 1.0, ""), "", rng)
+        done = sample_posterior(
+            _target(planted, fitted), Importance(1, 1.0, ""), "", rng, options=options
+        )
         planted_values = np.array([*theta[k:], sigma, tail, moment])
         ranks.append((done.chain < planted_values).mean((0, 1)))
         low, _, high = done.quantiles.T
@@ -190,9 +201,11 @@ def moments(count: int, rng: np.random.Generator, ratio: float) -> list[str]:
 def _target(at: Problem, fitted: Fit) -> LogPosterior:
     """Of a step's size and moment, noise scale and tail."""
     chosen = tuple(range(len(BASE.terms), len(fitted.terms)))
-    inner = constants(at, fitted.model, BUILTIN)
+    inner = list_constants(at, fitted.model, BUILTIN)
     names = (*map(str, chosen), "noise scale", TAIL, "moment")
-    return LogPosterior(fitted, components(at), chosen, names, ("1",) * len(names), True, inner)
+    return LogPosterior(
+        fitted, assign_components(at), chosen, names, ("1",) * len(names), True, inner
+    )
 
 
 def stepped(at: float) -> Model:
@@ -203,10 +216,10 @@ def stepped(at: float) -> Model:
 def snookers(rng: np.random.Generator, d: int = 11) -> list[str]:
     import emcee
 
-    from modelsel.uncertainty.mcmc import moves
+    from modelsel.uncertainty.mcmc import build_moves
 
     spread = []
-    for mix in ([(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)], moves()):
+    for mix in ([(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)], build_moves()):
         sampler = emcee.EnsembleSampler(
             48, d, lambda x: -0.5 * np.square(x).sum(1), moves=mix, vectorize=True
         )
@@ -224,13 +237,13 @@ def snookers(rng: np.random.Generator, d: int = 11) -> list[str]:
 def speed(result: Result, again: Result) -> list[str]:
     fitted, training = result.models.chosen.fit, result.split.training()
     rng = np.random.default_rng(1)
-    known = posterior(fitted)
+    known = linear_posterior(fitted)
     start = time.process_time()
     for _ in range(20):
         known.draw(rng, 4000)
     plain = 80_000 / (time.process_time() - start)
     start = time.process_time()
-    draws = weighted(training, fitted, known.draw(rng, 4000))
+    draws = weight_draws(training, fitted, known.draw(rng, 4000))
     exact = draws.effective / (time.process_time() - start)
     out = []
     for each, over in ((result, "default"), (again, "all")):
@@ -238,13 +251,13 @@ def speed(result: Result, again: Result) -> list[str]:
         start = time.process_time()
         target = LogPosterior(
             fitted,
-            components(training),
+            assign_components(training),
             tuple(k for k in fitted.found.kept if over == "all" or k >= 39),
             s.names,
             s.units,
             over == "default",
         )
-        engine.sample(target, importance(draws), "", np.random.default_rng(2))
+        sample_posterior(target, summarise_importance(draws), "", np.random.default_rng(2))
         seconds = time.process_time() - start
         rate = s.effective.min() / seconds
         out.append(
@@ -255,7 +268,7 @@ def speed(result: Result, again: Result) -> list[str]:
     return [
         (
             f"closed-form draws of {fitted.rank} parameters: {plain:,.0f} a second, {exact:,.0f} effective a second with exact "
-            f"weights ({importance(draws).sentence})"
+            f"weights ({summarise_importance(draws).sentence})"
         ),
         *out,
     ]

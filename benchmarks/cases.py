@@ -12,7 +12,7 @@ from hidden_effects import REGISTERED, UNREGISTERED
 from hidden_oracle import power
 
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.robot.files import load
 
 ROBOTS = ("puma760", "ur10", "irb120")
@@ -52,7 +52,7 @@ class Case:
 def bound(arm: Arm, robot: str, state: State, x: Array) -> Problem:
     """A problem of modelsel's from plain arrays."""
     return Problem(
-        load(robot), measurements(state.q, x, covariates=state.covariates), arm.tool[None]
+        load(robot), build_measurements(state.q, x, covariates=state.covariates), arm.tool[None]
     )
 
 

@@ -29,18 +29,18 @@ import modelsel.uncertainty.parameters
 from modelsel import Model, mechanism
 from modelsel._random import generator
 from modelsel.diagnosis.outliers import misplaced
-from modelsel.diagnosis.procedure import explain
-from modelsel.diagnosis.unexplained import predictable
+from modelsel.diagnosis.procedure import diagnose_split
+from modelsel.diagnosis.unexplained import estimate_predictability
 from modelsel.fitting.design import residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import every
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Split
-from modelsel.selection.splits import assign
-from modelsel.uncertainty.parameters import parameters, resampled
-from modelsel.uncertainty.significance import nested
+from modelsel.selection.splits import assign_folds
+from modelsel.uncertainty.parameters import bootstrap_parameters, describe_parameters
+from modelsel.uncertainty.significance import compare_nested
 
 from .calibration import ARM, TOOL
 
@@ -102,7 +102,7 @@ def campaign(condition: str, rng: np.random.Generator) -> tuple[Problem, Array]:
     q = configurations(condition, rng)
     at = Problem(
         ARM,
-        measurements(q, forward(ARM, q, TOOL), group=np.repeat(np.arange(GROUPS), EACH)),
+        build_measurements(q, forward(ARM, q, TOOL), group=np.repeat(np.arange(GROUPS), EACH)),
         TOOL[None],
     )
     truth = np.zeros(len(BASE.terms))
@@ -130,7 +130,7 @@ class Study:
     single_p: float
     outliers: int
     faults: int
-    parameters: int
+    describe_parameters: int
     covered: int
     covered_reported: int
 
@@ -141,7 +141,7 @@ def take_equal_noise_for_granted() -> None:
     modelsel.diagnosis.state.Search.by_signs = lambda *_: 0.0
     modelsel.diagnosis.unexplained.together = lambda *_: 1.0
     modelsel.uncertainty.bootstrap.Bootstrap.p_value = lambda *_: 0.0
-    own = modelsel.uncertainty.parameters.bootstrap
+    own = modelsel.uncertainty.parameters.run_bootstrap
 
     def nothing(*given: object) -> modelsel.uncertainty.bootstrap.Bootstrap:
         """Errors of nought on the degrees of freedom of least squares, whose errors are the larger
@@ -153,7 +153,7 @@ def take_equal_noise_for_granted() -> None:
             units=np.full_like(found.units, given[1].freedom + 1),
         )
 
-    modelsel.uncertainty.parameters.bootstrap = nothing
+    modelsel.uncertainty.parameters.run_bootstrap = nothing
 
 
 def study(condition: str, seed: Sequence[int]) -> Study:
@@ -164,22 +164,30 @@ def study(condition: str, seed: Sequence[int]) -> Study:
         at,
         np.ones(m, bool),
         np.zeros(m, bool),
-        assign(at.data, 10, generator(seed[-1], "folds")),
+        assign_folds(at.data, 10, generator(seed[-1], "folds")),
         False,
     )
-    data, extension, _ = explain(data, BASE, every(ARM), seed[-1], True)
+    data, extension, _ = diagnose_split(data, BASE, every(ARM), seed[-1], True)
     base_fit = fit(data.training(), BASE)
     both = fit(data.training(), Model((*BASE.mechanisms, TESTED)))
     own = [
         k for k, t in enumerate(both.terms) if t.key == TESTED.terms[0].key and k in both.found.kept
     ]
     left = extension.fit.residuals(at)[data.used]
-    told = predictable(at.data.take(data.used), left, (False,) * 3, generator(seed[-1], "flips"))
+    told = estimate_predictability(
+        at.data.take(data.used), left, (False,) * 3, generator(seed[-1], "flips")
+    )
     wrong = misplaced(at, data.outlying, extension.fit, generator(seed[-1], "null"))
     single = (
-        nested(both, own, resampled(data, both, generator(seed[-1], "halves")))[1] if own else None
+        compare_nested(both, own, bootstrap_parameters(data, both, generator(seed[-1], "halves")))[
+            1
+        ]
+        if own
+        else None
     )
-    table = parameters(data, base_fit, resampled(data, base_fit, generator(seed[-1], "bootstrap")))
+    table = describe_parameters(
+        data, base_fit, bootstrap_parameters(data, base_fit, generator(seed[-1], "bootstrap"))
+    )
     size = {t.symbol: v for t, v in zip(base_fit.terms, truth)}
     off = np.array([abs(p.estimate - size[p.symbol]) for p in table])
     half = np.array([(p.high - p.low) / 2 for p in table])

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import betaincc, gammaln
 
 from modelsel.diagnosis.candidates import Candidate
-from modelsel.diagnosis.scan import Columns, Scan, basis, columns, scan, stacked
+from modelsel.diagnosis.scan import Columns, Scan, columns, compute_basis, scan, stacked
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import Fit
 from modelsel.fitting.problem import Problem
@@ -71,7 +71,7 @@ def bench(
     cols = columns(problem, found, base_fit.at())
     A, r = stacked(problem, base.terms, base_fit.at())
     B, s = stacked(fresh, base.terms, base_fit.at())
-    Q = basis(A[:, list(base_fit.found.kept)])
+    Q = compute_basis(A[:, list(base_fit.found.kept)])
     kept = list(base_fit.found.kept)
     return Bench(
         found,

@@ -11,8 +11,8 @@ import numpy as np
 from hidden_arm import geometry, holds, said
 from hidden_oracle import critical_p, held_by, naming_limit
 
-from modelsel.diagnosis.candidates import Candidate, candidates
-from modelsel.diagnosis.stepwise import extend
+from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.stepwise import run_stepwise_search
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import every, mechanism
@@ -83,8 +83,10 @@ def run(seed: Sequence[int], count: int | None = None, rivals: bool = True) -> d
     base = Model((mechanism("geometric", problem.robot),))
     start = time.perf_counter()
     base_fit = fit(problem, base)
-    found = candidates(problem, base, every(problem.robot))
-    extension = extend(problem, base, base_fit, found, np.random.default_rng([*seed, 1]))
+    found = build_candidates(problem, base, every(problem.robot))
+    extension = run_stepwise_search(
+        problem, base, base_fit, found, np.random.default_rng([*seed, 1])
+    )
     seconds = {"modelsel": time.perf_counter() - start}
     judge = Judge(case, fresh)
     out: dict[str, Any] = {

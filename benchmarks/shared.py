@@ -23,20 +23,20 @@ import numpy as np
 
 from modelsel import Model, mechanism
 from modelsel._random import generator
-from modelsel.diagnosis.procedure import explain
+from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.fitting.design import Model as Terms
 from modelsel.fitting.design import compute_design, residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import every
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.selection.evaluation import Split
-from modelsel.selection.splits import assign
-from modelsel.uncertainty.parameters import parameters, resampled
+from modelsel.selection.splits import assign_folds
+from modelsel.uncertainty.parameters import bootstrap_parameters, describe_parameters
 
 from .calibration import ARM
 from .nulls import interval
@@ -77,7 +77,7 @@ def campaign(
     position = np.stack(
         [forward(robot, a[None], tools[t])[0] for a, t in zip(angles, target, strict=True)]
     )
-    data = measurements(
+    data = build_measurements(
         angles,
         position,
         target=[f"r{t}" for t in target],
@@ -120,7 +120,7 @@ class Study:
     names: tuple[str, ...]
     left_p: float
     map_p: float
-    parameters: int
+    describe_parameters: int
     covered: int
     seconds: float
 
@@ -135,12 +135,14 @@ def study(condition: str, arm: str, seed: Sequence[int]) -> Study:
         at,
         np.ones(m, bool),
         np.zeros(m, bool),
-        assign(at.data, 10, generator(seed[-1], "folds")),
+        assign_folds(at.data, 10, generator(seed[-1], "folds")),
         False,
     )
-    data, extension, _ = explain(data, base, every(robot), seed[-1], True)
+    data, extension, _ = diagnose_split(data, base, every(robot), seed[-1], True)
     fitted = fit(data.training(), base)
-    table = parameters(data, fitted, resampled(data, fitted, generator(seed[-1], "bootstrap")))
+    table = describe_parameters(
+        data, fitted, bootstrap_parameters(data, fitted, generator(seed[-1], "bootstrap"))
+    )
     size = dict(zip([t.symbol for t in fitted.terms], truth, strict=True))
     alone = sum(1 for p in table if p.low <= size[p.symbol] <= p.high)
     return Study(

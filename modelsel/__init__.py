@@ -43,8 +43,8 @@ if (
     from .robot.kinematics import Robot as Robot
     from .robot.kinematics import forward as forward
     from .robot.kinematics import screw_field as screw_field
-    from .selection.evaluation import gain as gain
-    from .selection.splits import choose as choose
+    from .selection.evaluation import estimate_gain as estimate_gain
+    from .selection.splits import split_configurations as split_configurations
     from .study.planning import Planned as Planned
     from .study.planning import plan_next as plan_next
     from .study.result import Result as Result
@@ -73,8 +73,8 @@ _NAMES = {
     "mechanisms.terms": "Mechanism Screw Term",
     "robot.files": "builtin_names load read_robot",
     "robot.kinematics": "Robot forward screw_field",
-    "selection.evaluation": "gain",
-    "selection.splits": "choose",
+    "selection.evaluation": "estimate_gain",
+    "selection.splits": "split_configurations",
     "study.planning": "Planned plan_next",
     "study.result": "Result load_result",
     "study.runner": "rehearse run simulate_study",

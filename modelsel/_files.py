@@ -1,5 +1,5 @@
-"""Output files: written beside their place, then renamed, so that nothing is ever half there; one
-run at a time in a folder."""
+"""Atomic output: write to a temporary file in the target folder, then rename; one run at a time in
+a folder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ._names import guarded
+from ._names import guard_cell
 from .exceptions import StudyError
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 
 
-def write_beside(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes) -> None:
     """Write a file whole or not at all. Raises StudyError with the reason."""
     _write({path: content}, path.parent)
 
@@ -68,7 +68,7 @@ def _write(files: Mapping[Path, bytes], beside: Path) -> None:
 
 
 def _folder(path: Path) -> None:
-    """A folder, made where it is not there. Raises OSError; for the hidden one also where it is a
+    """Make a folder where it is not there. Raises OSError; for the hidden one also where it is a
     link: what it leads to is not this program's to write or to clear."""
     if path.name == HIDDEN and path.is_symlink():
         raise OSError(f"{HIDDEN} is a link to another folder; remove the link")
@@ -76,23 +76,23 @@ def _folder(path: Path) -> None:
 
 
 def csv_bytes(frame: pd.DataFrame, digits: str) -> bytes:
-    """A table as CSV, its numbers as `digits` says ("%.10g"); text that a spreadsheet would run as
+    """Write a table as CSV, its numbers as `digits` says ("%.10g"); text that a spreadsheet would run as
     a formula is guarded."""
     safe = frame.copy()
     for k in (k for k in range(safe.shape[1]) if safe.dtypes.iloc[k].kind not in "fiub"):
         safe.isetitem(
-            k, [guarded(cell) if isinstance(cell, str) else cell for cell in safe.iloc[:, k]]
+            k, [guard_cell(cell) if isinstance(cell, str) else cell for cell in safe.iloc[:, k]]
         )
     text: str = safe.to_csv(index=False, float_format=digits, lineterminator="\n")
     return text.encode()
 
 
 def write_frame(frame: pd.DataFrame, path: Path, digits: str) -> None:
-    """A table as Parquet where the path says so, else as CSV. Raises StudyError."""
+    """Write a table as Parquet where the path says so, else as CSV. Raises StudyError."""
     if path.suffix.lower() in (".parquet", ".pq"):
-        write_beside(path, frame.to_parquet(index=False))
+        write_atomically(path, frame.to_parquet(index=False))
     else:
-        write_beside(path, csv_bytes(frame, digits))
+        write_atomically(path, csv_bytes(frame, digits))
 
 
 def check_writable(folder: Path) -> None:
@@ -106,10 +106,10 @@ def check_writable(folder: Path) -> None:
 
 
 @contextmanager
-def claimed(folder: Path) -> Iterator[None]:
-    """The output folder for this process alone, made where it is not there; what a killed run left
-    unfinished is removed, and folders that stay empty are too. Raises StudyError where another run
-    works in it."""
+def claim_folder(folder: Path) -> Iterator[None]:
+    """Claim the output folder for this process alone, and make it where it is not there; what a
+    killed run left unfinished is removed, and so are folders that stay empty. Raises StudyError
+    where another run works in it."""
     made = [place for place in (folder, *folder.parents) if not place.exists()]
     hidden = folder / HIDDEN
     handle = None
@@ -149,7 +149,7 @@ def _clear(hidden: Path) -> None:
 
 
 def _locked(path: Path) -> int:
-    """An open file that this process alone has locked, until it ends however it ends. Raises
+    """Open a file that this process alone has locked, until it ends however it ends. Raises
     BlockingIOError."""
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)

@@ -1,29 +1,28 @@
-"""Values that are asked for their hash often: nested ones, which work it out anew from all they
-hold."""
+"""Cache the hash of nested frozen dataclasses, which is asked for often."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-KEPT = "_hash"
+HASH_ATTRIBUTE = "_hash"
 Class = TypeVar("Class", bound=type)
 
 
-def hashed_once(cls: Class) -> Class:
-    """A frozen dataclass whose values remember their hash. It never travels: another process hashes
-    strings another way."""
+def cache_hash(cls: Class) -> Class:
+    """Make the values of a frozen dataclass remember their hash. It is not pickled: another process
+    hashes strings another way."""
     work_out: Callable[[Any], int] = cls.__hash__  # type: ignore[assignment]
 
     def remembered(self: Any) -> int:
         known: dict[str, Any] = self.__dict__
-        if KEPT not in known:
-            known[KEPT] = work_out(self)
-        found: int = known[KEPT]
+        if HASH_ATTRIBUTE not in known:
+            known[HASH_ATTRIBUTE] = work_out(self)
+        found: int = known[HASH_ATTRIBUTE]
         return found
 
     def travelling(self: Any) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != KEPT}
+        return {name: value for name, value in self.__dict__.items() if name != HASH_ATTRIBUTE}
 
     cls.__hash__ = remembered  # type: ignore[assignment,method-assign]
     cls.__getstate__ = travelling  # type: ignore[assignment,method-assign]

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from ._names import unseen
-from ._text import unreadable
+from ._names import find_hidden_character
+from ._text import find_read_problem
 
-BIGGEST = 1e100  # of a number: its square and its cube can be computed with
+MAX_NUMBER = 1e100  # of a number: its square and its cube can be computed with
 NAMES = {
     float: "a finite number",
     int: "a whole number",
@@ -45,10 +45,10 @@ class Maybe:
     of: Any
 
 
-def misfit(value: Any, shape: Any, place: str = "") -> str | None:
-    """What in a JSON value is not of a shape, the first, with its place; None where all is."""
+def find_misfit(value: Any, shape: Any, place: str = "") -> str | None:
+    """Describe the first place where a JSON value is not of a shape; None where all of it is."""
     if isinstance(shape, Maybe):
-        return None if value is None else misfit(value, shape.of, place)
+        return None if value is None else find_misfit(value, shape.of, place)
     if isinstance(shape, Each):
         return _list(value, shape, place)
     if isinstance(shape, tuple):
@@ -67,9 +67,9 @@ def misfit(value: Any, shape: Any, place: str = "") -> str | None:
         )
     good = type(value) in TYPES[shape]
     if good and shape in (float, int):
-        good = -BIGGEST <= value <= BIGGEST
+        good = -MAX_NUMBER <= value <= MAX_NUMBER
     elif good and shape is str:
-        good = unseen(value) is None
+        good = find_hidden_character(value) is None
     return None if good else _not(place, NAMES[shape], value)
 
 
@@ -81,7 +81,9 @@ def _list(value: Any, shape: Each, place: str) -> str | None:
     ):
         count = "a list" if shape.count is None else f"a list of {shape.count}"
         return _not(place, f"{count}, {shape.least} at least" if shape.least else count, value)
-    if shape.of is float and all(type(v) is float and -BIGGEST <= v <= BIGGEST for v in value):
+    if shape.of is float and all(
+        type(v) is float and -MAX_NUMBER <= v <= MAX_NUMBER for v in value
+    ):
         return None
     return _first(((v, shape.of) for v in value), place)
 
@@ -92,7 +94,7 @@ def _first(pairs: Iterable[tuple[Any, Any]], place: str) -> str | None:
         (
             found
             for k, (v, shape) in enumerate(pairs, 1)
-            if (found := misfit(v, shape, _at(place, k))) is not None
+            if (found := find_misfit(v, shape, _at(place, k))) is not None
         ),
         None,
     )
@@ -102,12 +104,14 @@ def _table(value: Any, shape: Mapping[Any, Any], place: str) -> str | None:
     if not isinstance(value, dict):
         return _not(place, "a table", value)
     shapes = dict.fromkeys(value, shape[str]) if str in shape else shape
-    if (odd := next((key for key in value if unseen(key) is not None), None)) is not None:
+    if (
+        odd := next((key for key in value if find_hidden_character(key) is not None), None)
+    ) is not None:
         return f"{place or 'the file'}: the key {json.dumps(odd)[:80]} holds a character that nobody sees"
     for key, inner in shapes.items():
         name = key if str in shape else key.removesuffix("?")
         if name in value:
-            found = misfit(value[name], inner, _at(place, name))
+            found = find_misfit(value[name], inner, _at(place, name))
             if found is not None:
                 return found
         elif name == key:
@@ -128,8 +132,8 @@ def _not(place: str, expected: str, value: Any) -> str:
     return f"{place or 'the file'}: expected {expected}, found {found[:80]}"
 
 
-def strict(text: str) -> Any:
-    """The value of a JSON text. Raises ValueError in plain words: no NaN or infinity, no key twice,
+def parse_json(text: str) -> Any:
+    """Parse a JSON text. Raises ValueError in plain words: no NaN or infinity, no key twice,
     not too deep."""
 
     def none(word: str) -> Any:
@@ -161,9 +165,9 @@ class _Words(ValueError):
     """Said in plain words already."""
 
 
-def read(path: Path) -> str:
-    """A file's text. Raises FileNotFoundError, else ValueError in plain words."""
-    why = unreadable(path)
+def read_json_text(path: Path) -> str:
+    """Read a file's text. Raises FileNotFoundError, else ValueError in plain words."""
+    why = find_read_problem(path)
     if why == "no such file":
         raise FileNotFoundError(path)
     try:
@@ -176,24 +180,25 @@ def read(path: Path) -> str:
     raise ValueError(why)
 
 
-def plain(value: Any) -> Any:
-    """Floats to 10 significant digits, undefined ones null, arrays as lists."""
+def to_plain(value: Any) -> Any:
+    """Convert to plain values: floats to 10 significant digits, undefined ones null, arrays as
+    lists."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, float):  # most of them, and so first
         return float(f"{value:.10g}") if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
+        return {str(k): to_plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
+        return [to_plain(v) for v in value]
     if isinstance(value, (bool, str)) or value is None:
         return value
-    return int(value) if isinstance(value, (int, np.integer)) else plain(float(value))
+    return int(value) if isinstance(value, (int, np.integer)) else to_plain(float(value))
 
 
-def dumps(result: Mapping[str, Any]) -> str:
-    """The file's text."""
-    return json.dumps(plain(result), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+def to_json(result: Mapping[str, Any]) -> str:
+    """Write the text of a JSON file."""
+    return json.dumps(to_plain(result), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
 
 
-THREE, PAIR = Each(float, 3), Each(float, 2)
+TRIPLE, PAIR = Each(float, 3), Each(float, 2)

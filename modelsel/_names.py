@@ -12,9 +12,9 @@ import keyword
 import re
 import unicodedata
 
-LONGEST = 200  # characters of a name
-TEXT = 4000  # characters of a source or a sentence
-UNSEEN = frozenset(("Cc", "Cf", "Cs", "Zl", "Zp"))  # categories of Unicode
+MAX_NAME_LENGTH = 200  # characters of a name
+MAX_TEXT_LENGTH = 4000  # characters of a source or a sentence
+HIDDEN_CATEGORIES = frozenset(("Cc", "Cf", "Cs", "Zl", "Zp"))  # categories of Unicode
 JOINERS = "\u200c\u200d"  # of Persian and Indic letters, and of emoji: they are part of a word
 FORMULA = re.compile(
     r"[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20]"
@@ -22,12 +22,16 @@ FORMULA = re.compile(
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
-def unseen(text: str) -> str | None:
-    """The first character that no name may hold; None where there is none."""
+def find_hidden_character(text: str) -> str | None:
+    """Find the first character that no name may hold; None where there is none."""
     if text.isascii() and text.isprintable():
         return None
     return next(
-        (c for c in text if c not in JOINERS and (unicodedata.category(c) in UNSEEN or _none(c))),
+        (
+            c
+            for c in text
+            if c not in JOINERS and (unicodedata.category(c) in HIDDEN_CATEGORIES or _none(c))
+        ),
         None,
     )
 
@@ -37,10 +41,10 @@ def _none(c: str) -> bool:
     return ord(c) & 0xFFFE == 0xFFFE or 0xFDD0 <= ord(c) <= 0xFDEF
 
 
-def unfit(name: str, longest: int = LONGEST) -> str | None:
-    """Why a text cannot be a name (or, with `longest` = TEXT, a sentence of a file), in words; None
+def find_name_problem(name: str, longest: int = MAX_NAME_LENGTH) -> str | None:
+    """Say why a text cannot be a name (or, with `longest` = TEXT, a sentence of a file), in words; None
     where it can."""
-    if (c := unseen(name)) is not None:
+    if (c := find_hidden_character(name)) is not None:
         called = unicodedata.name(c, "a control character").lower()
         return f"it holds U+{ord(c):04X} ({called}), which nobody sees. Write it without"
     if len(name) > longest:
@@ -51,13 +55,13 @@ def unfit(name: str, longest: int = LONGEST) -> str | None:
 
 
 def as_name(text: str) -> str:
-    """The text itself. Raises ValueError for one that cannot be a name."""
-    if (why := unfit(text)) is not None:
+    """Return the text itself. Raises ValueError for one that cannot be a name."""
+    if (why := find_name_problem(text)) is not None:
         raise ValueError(f"not a name: {why}")
     return text
 
 
-def plain_word(name: str) -> bool:
+def is_plain_word(name: str) -> bool:
     """Whether a name can stand in a formula: a word of one spelling that no formula takes for its
     own."""
     return (
@@ -67,8 +71,8 @@ def plain_word(name: str) -> bool:
     )
 
 
-def quoted(name: str) -> str:
-    """A name between quotes, short enough for a message."""
+def quote_name(name: str) -> str:
+    """Quote a name, short enough for a message."""
     return f'"{name if len(name) <= 40 else name[:39] + "…"}"'
 
 
@@ -76,8 +80,8 @@ def quoted(name: str) -> str:
 # ------------------------------------------------------------------------------------------------------------
 
 
-def guarded(cell: str) -> str:
-    """A text cell as it is written to a CSV: an apostrophe goes before what a spreadsheet would run
+def guard_cell(cell: str) -> str:
+    """Write a text cell for a CSV: an apostrophe goes before what a spreadsheet would run
     as a formula (OWASP, CSV injection). A plain number stays as it is. `unguarded` gives the cell
     back."""
     bare = cell.lstrip("'")
@@ -86,6 +90,6 @@ def guarded(cell: str) -> str:
     )
 
 
-def unguarded(cell: str) -> str:
-    """A text cell as it was before `guarded`."""
+def unguard_cell(cell: str) -> str:
+    """Return a text cell as it was before `guarded`."""
     return cell[1:] if cell[:1] == "'" and FORMULA.match(cell.lstrip("'")) else cell

@@ -21,6 +21,6 @@ PURPOSES = (
 
 
 def generator(seed: int, purpose: str) -> np.random.Generator:
-    """The one stream of a purpose: every random choice derives from the study's seed, none from
+    """Return the one stream of a purpose: every random choice derives from the study's seed, none from
     another's use of it."""
     return np.random.default_rng(np.random.SeedSequence([seed, PURPOSES.index(purpose)]))

@@ -18,7 +18,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from ._names import unseen
+from ._names import find_hidden_character
 
 MAX_NUMBER = 1e100  # its square and its cube can be computed with
 MAX_WHOLE = 10**100
@@ -39,7 +39,7 @@ EXPECTED = {
 
 
 def _check_visible(text: str) -> str:
-    if unseen(text) is not None:
+    if find_hidden_character(text) is not None:
         raise PydanticCustomError("unseen", "holds a character that nobody sees")
     return text
 
@@ -72,7 +72,9 @@ class StrictRecord(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _check_keys(cls, value: Any) -> Any:
-        hidden = [key for key in value if unseen(key)] if isinstance(value, dict) else []
+        hidden = (
+            [key for key in value if find_hidden_character(key)] if isinstance(value, dict) else []
+        )
         if hidden:
             raise PydanticCustomError("unseen_key", "{key}", {"key": hidden[0]})
         return value

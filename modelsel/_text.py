@@ -11,14 +11,14 @@ from typing import Any
 
 from .exceptions import StudyError
 
-LONGEST = 50_000_000  # bytes; nobody writes more by hand
-DEEP = re.compile(
+MAX_FILE_BYTES = 50_000_000  # bytes; nobody writes more by hand
+DEEP_KEY = re.compile(
     r"(?<![\w\"'.-])(?:[\w\"'-]++\s*+\.\s*+){60}"
 )  # a key of so many parts: tomllib would take minutes
 
 
-def unreadable(path: Path) -> str | None:
-    """Why a path cannot be read as a file, in a few words; None where it can. A device or a pipe
+def find_read_problem(path: Path) -> str | None:
+    """Say in a few words why a path cannot be read as a file; None where it can. A device or a pipe
     may never end."""
     try:
         mode = path.stat().st_mode
@@ -36,13 +36,13 @@ def unreadable(path: Path) -> str | None:
 
 
 def read_text(path: Path, what: str) -> str:
-    """A file's text; `what` it is, for the message. Raises StudyError."""
-    why = unreadable(path)
+    """Read a file's text; `what` it is, for the message. Raises StudyError."""
+    why = find_read_problem(path)
     if why is None:
         try:
-            if path.stat().st_size > LONGEST:
+            if path.stat().st_size > MAX_FILE_BYTES:
                 raise StudyError(
-                    f"{path.name}: {what} has more than {LONGEST // 1_000_000} MB: another file? Check its name."
+                    f"{path.name}: {what} has more than {MAX_FILE_BYTES // 1_000_000} MB: another file? Check its name."
                 )
             return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
         except UnicodeDecodeError:
@@ -58,10 +58,10 @@ def read_text(path: Path, what: str) -> str:
     )
 
 
-def toml(text: str, where: str) -> dict[str, Any]:
-    """A TOML file's table. Raises StudyError with line and column of what is wrong."""
+def parse_toml(text: str, where: str) -> dict[str, Any]:
+    """Parse a TOML file's table. Raises StudyError with line and column of what is wrong."""
     try:
-        if DEEP.search(text):
+        if DEEP_KEY.search(text):
             raise RecursionError
         return tomllib.loads(text)
     except RecursionError:

@@ -1,13 +1,9 @@
-"""Notes: what reading, preparing and checking have to say, with the codes of all warnings."""
+"""Notes: what reading, preparing and checking have to say, and the codes of all warnings."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)
@@ -18,34 +14,84 @@ class Note:
     sentence: str
 
 
-MISTAKEN, OTHER = "setup-mistake", "other-robot"
-ROWS, HOPELESS = "rows-mistaken", "hopeless-fit"
-# codes of what is told before everything else, with the words that lead it
+SETUP_MISTAKE, OTHER_ROBOT = "setup-mistake", "other-robot"
+ROWS_MISTAKEN, HOPELESS_FIT = "rows-mistaken", "hopeless-fit"
+
+# Every code of a warning in result.json, and when it is given.
+CODES = {
+    # reading the measurements
+    "columns-ignored": "text columns that the contract does not name are ignored",
+    "covariates-ignored": "numeric columns that cannot serve as causes are ignored",
+    "duplicate-rows": "rows that repeat another cell for cell are counted once",
+    "copied-rows": "rows that copy a measurement under another number are counted once",
+    "joint-rests": "readings of a joint at rest flicker; that is not taken for motion",
+    "approach-from-order": "directions of approach are taken from the order of motion",
+    # preparing the study
+    "gravity-unknown": "the robot file gives no direction of gravity; mechanisms that need it are left out",
+    "nothing-held-out": "every configuration estimates, none is held out",
+    "other-session": "groups without an estimation configuration; drift is taken at the campaign's middle",
+    "target-unseen": "held-out rows of a target without estimation rows are left out",
+    "feature-unseen": "held-out rows of a feature without estimation rows are left out",
+    "kinds-alike": "rows of different kinds are weighted alike, since no uncertainty is stated",
+    "registration-weak": "the tracker's frame is known poorly from these points",
+    "target-weak": "a target's offset is known poorly from these configurations",
+    # checking the set-up (the alarms below)
+    SETUP_MISTAKE: "a simple mistake in robot, tool, joints or units explains the positions",
+    "orientation-mistake": "a simple mistake explains the measured orientations",
+    "labels-swapped": "targets explain the positions better under each other's names",
+    OTHER_ROBOT: "another built-in robot explains the positions better",
+    "rows-shifted": "positions belong to the readings of neighbouring rows",
+    ROWS_MISTAKEN: "a simple mistake in the data explains the rows from some row on",
+    "stated-uncertainty": "the model leaves another noise than the stated uncertainties",
+    "floor-unlike": "the model leaves much more noise than repeats or target pairs show",
+    "beyond-tolerance": "the parameters are larger than an assembled arm's",
+    HOPELESS_FIT: "the chosen model explains the positions badly",
+    # selection and naming
+    "candidates-restricted": "the study's list of candidates leaves out registered mechanisms",
+    "base-worse-than-nominal": "the base model is worse than the nominal one on held-out rows",
+    "scan-of-some": "causes were looked for in a part of the estimation rows, drawn by the seed",
+    "cv-not-estimable": "a model cannot be estimated without one of the folds; its cv_rms_mm is null",
+    "table-differs": "the table of subsets chooses another model than naming",
+    "search-unproven": "the best subset found by BIC is not proven to be the best",
+    "held-out-against": "held-out rows speak against a finding",
+    "held-out-surprise": "held-out errors are larger than cross-validation promises",
+    "map-of-neighbours": "the whole error map is too large; unregistered causes were looked for in part of it",
+    "uneven-noise": "an effect is not named because uneven or shared noise would explain it too",
+    "lack-of-fit": "the chosen model leaves clearly more, or less, than the noise floor",
+    "limit-below-left": "more is left than the noise explains, in a form no single cause has",
+    # uncertainty
+    "errors-differ": "standard errors of a parameter differ between their methods",
+    "residuals-together": "residuals are correlated within groups: errors last between configurations",
+    "unconverged": "the sampling has not converged",
+}
+
+# Codes of warnings that are shown before everything else, with the words that introduce them.
 ALARMS = {
-    MISTAKEN: "Check the set-up",
+    SETUP_MISTAKE: "Check the set-up",
     "orientation-mistake": "Check the orientations",
     "labels-swapped": "Check the targets",
-    OTHER: "Check the robot",
+    OTHER_ROBOT: "Check the robot",
     "rows-shifted": "Check the rows",
-    ROWS: "Check the rows",
+    ROWS_MISTAKEN: "Check the rows",
     "stated-uncertainty": "Check the uncertainties",
     "floor-unlike": "Check the noise floor",
     "beyond-tolerance": "Check the robot",
-    HOPELESS: "Check the fit",
+    HOPELESS_FIT: "Check the fit",
 }
-SAME_ROWS = {
+# faults of the data, each with the alarm that says as much
+ALARM_OF_FAULT = {
     "swapped-reflectors": "labels-swapped",
     "row-order": "rows-shifted",
-}  # a fault, and the alarm that says as much
-NOISE = {"stated-uncertainty", "floor-unlike"}  # of these, which say nothing of why a fit is bad
+}
+# alarms that do not explain why a fit is bad
+NOISE_CODES = {"stated-uncertainty", "floor-unlike"}
 
 
-def alarms(notes: Sequence[Note]) -> list[str]:
-    """What is told before everything else, in the order of ALARMS; a hopeless fit is the verdict's
-    own first sentence."""
-    return [
-        f"{lead}: {n.sentence}"
-        for code, lead in ALARMS.items()
-        for n in notes
-        if n.code == code and code != HOPELESS
-    ]
+def list_alarms(notes: Sequence[Note]) -> list[str]:
+    """List the sentences that are shown before everything else, in the order of ALARMS; a hopeless
+    fit is the verdict's own first sentence."""
+    sentences = []
+    for code, lead in ALARMS.items():
+        if code != HOPELESS_FIT:
+            sentences += [f"{lead}: {note.sentence}" for note in notes if note.code == code]
+    return sentences

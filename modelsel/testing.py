@@ -22,7 +22,7 @@ from .fitting.linearisation import Linearisation
 from .fitting.problem import Problem
 from .fitting.reduction import reduce
 from .fitting.whitening import Whitening
-from .measurements.measurements import measurements
+from .measurements.measurements import build_measurements
 from .mechanisms import causes
 from .mechanisms.serialization import MechanismRecord, mechanism_from_record, mechanism_record
 from .mechanisms.terms import Mechanism, Screw, Term
@@ -59,7 +59,7 @@ def simulate_campaign(
         "time_s": np.arange(0.0, 30.0 * m, 30.0),
     }
     bare = Problem(
-        robot, measurements(q, forward(robot, q, tool), covariates=covariates), tool[None]
+        robot, build_measurements(q, forward(robot, q, tool), covariates=covariates), tool[None]
     )
     more: dict[str, Array] = {
         name: rng.normal(size=m) for name in sorted(needs - bare.names().keys())

@@ -12,7 +12,7 @@ import pytest
 from modelsel._typing import Array
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import Measurements, measurements
+from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import Joint, Robot, forward
@@ -53,7 +53,7 @@ def drawn(
     }
     return bind(
         robot,
-        measurements(
+        build_measurements(
             q,
             forward(robot, q, np.array(tool)),
             **({"covariates": covariates} | more),

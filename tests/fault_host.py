@@ -15,6 +15,7 @@ import shutil
 import signal
 import sys
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -131,11 +132,13 @@ def run(place: Path, kills: int, rng: np.random.Generator, sampling: bool) -> di
         (place / name).write_bytes(content)
     words = ["study", str(place / "study.toml"), "--no-report", "--out"]
     if sampling:
-        from modelsel.study import checkpoint
-        from modelsel.uncertainty import sampler as engine
-        from modelsel.uncertainty import summary as confidence
+        from modelsel.study import checkpoint, pipeline
+        from modelsel.uncertainty.sampling_options import SamplingOptions
 
-        engine.LONG, engine.AGREE, confidence.ROWS, checkpoint.EVERY = 2, 100.0, 0, 0.0
+        options = SamplingOptions(min_times=2, max_r_hat=100.0, max_evaluations=0)
+        pipeline.build_log_posterior = partial(pipeline.build_log_posterior, options=options)
+        pipeline.sample_confidence = partial(pipeline.sample_confidence, options=options)
+        checkpoint.EVERY = 0.0
     else:
         words.insert(2, "--no-sampling")
     study = place / "study.toml"

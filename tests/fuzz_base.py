@@ -14,7 +14,7 @@ import numpy as np
 from modelsel.config.study_file import parse_study
 from modelsel.robot.files import read_robot
 from modelsel.robot.kinematics import forward
-from modelsel.robot.urdf import write_urdf
+from modelsel.robot.urdf_writer import write_urdf
 from modelsel.study.runner import run, simulate_study
 
 ROBOT = """name = "arm3"

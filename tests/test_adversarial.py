@@ -17,7 +17,7 @@ from hidden_effects import at as acting
 from hidden_effects import one
 
 from modelsel.config.study_file import parse_study
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.kinematics import Robot
 from modelsel.study.pipeline import Question, Result, analyse
@@ -42,7 +42,7 @@ def study(
     body: Arm, state: State, effects: list[Effect], role: np.ndarray, rng: np.random.Generator
 ) -> Result:
     """What a study says of the arm with these effects."""
-    data = measurements(
+    data = build_measurements(
         state.q, measured(body, state, effects, rng, NOISE), covariates=dict(state.covariates)
     )
     asked = parse_study(STUDY, "study.toml")

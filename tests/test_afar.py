@@ -12,8 +12,8 @@ from scipy.optimize import least_squares
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
-from modelsel.mechanisms.geometry import geometric, setup
+from modelsel.measurements.measurements import build_measurements
+from modelsel.mechanisms.geometry import build_setup, geometric
 from modelsel.robot.files import load
 from modelsel.setup.registration import register
 
@@ -59,9 +59,9 @@ def test_the_minimum_is_found_from_afar(name, rng) -> None:
     )
     best = np.sqrt(np.square(exact.fun).mean())
     at = register(
-        Problem(robot, measurements(q, position), np.zeros((1, 3))), np.ones(m, bool), False
+        Problem(robot, build_measurements(q, position), np.zeros((1, 3))), np.ones(m, bool), False
     )
-    model = Model((setup(robot, 1, 1, True, False), geometric(robot)))
+    model = Model((build_setup(robot, 1, 1, True, False), geometric(robot)))
     plain, found = fit(at, model, held="nothing"), fit(at, model)
     case = f"{name}, joint {joint + 1}, link {link + 1}: {best:.8f} mm"
     assert found.rank >= plain.rank - 2, case

@@ -3,12 +3,13 @@ once, and no cause is worked out again for every model, fold or block."""
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
 from builders import drawn, planted, study_of
 
+from modelsel._random import generator
 from modelsel.diagnosis.scan import stacked
 from modelsel.fitting import problem, state_variables
 from modelsel.fitting import reduction as reduce
@@ -19,13 +20,13 @@ from modelsel.fitting.state_variables import StateVariables
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.selection import cross_validation as folds
-from modelsel.selection.comparison import compare
-from modelsel.selection.cross_validation import by_unit, fold
+from modelsel.selection.comparison import compare_subsets
+from modelsel.selection.cross_validation import fold, fold_by_unit
 from modelsel.selection.evaluation import Split, evaluate
-from modelsel.uncertainty import posterior as closed
-from modelsel.uncertainty import significance
-from modelsel.uncertainty.posterior import posterior, weighted
-from modelsel.uncertainty.summary import confidence
+from modelsel.uncertainty.parameters import bootstrap_parameters
+from modelsel.uncertainty.posterior import linear_posterior, weight_draws
+from modelsel.uncertainty.significance import assess_significance
+from modelsel.uncertainty.summary import assess_confidence
 
 ARM = load("puma760")
 BASE = Model((mechanism("geometric", ARM),))
@@ -92,7 +93,7 @@ def test_folds_of_any_size(split: Split, blocks) -> None:
     at, terms, point = split.problem, BASE.terms, fit(split.training(), BASE).at()
     ways = [np.arange(M) % 3, np.arange(M) % 150, np.random.default_rng(0).permutation(M)]
     before = [fold(at, terms, own, point) for own in ways]
-    (whole,) = by_unit(at, terms, at.data.block, point)
+    (whole,) = fold_by_unit(at, terms, at.data.block, point)
     blocks()
     for own, want in zip(ways, before, strict=True):
         found = fold(at, terms, own, point)
@@ -101,7 +102,7 @@ def test_folds_of_any_size(split: Split, blocks) -> None:
             np.testing.assert_allclose(
                 a.T @ a, b.T @ b, rtol=1e-9, atol=1e-9 * np.abs(b.T @ b).max()
             )
-    parts = list(by_unit(at, terms, at.data.block, point))
+    parts = list(fold_by_unit(at, terms, at.data.block, point))
     assert len(parts) > 3
     assert max(len(p.blocks) for p in parts) <= BLOCK
     some = [b[np.abs(b).any(1)] for p in parts for b in p.blocks]
@@ -114,9 +115,9 @@ def test_folds_of_any_size(split: Split, blocks) -> None:
 
 def test_table_of_subsets_in_blocks(split: Split, blocks) -> None:
     fitted = fit(split.training(), BASE)
-    before = compare(split, BASE, fitted, OFFERED, ("geometric",))
+    before = compare_subsets(split, fitted, OFFERED, ("geometric",))
     blocks()
-    after = compare(split, BASE, fitted, OFFERED, ("geometric",))
+    after = compare_subsets(split, fitted, OFFERED, ("geometric",))
     assert [r.names for r in after.best] == [r.names for r in before.best]
     for a, b in zip(after.best, before.best, strict=True):
         near(
@@ -140,7 +141,7 @@ def test_rows_of_the_table_are_one_linear_step(split: Split) -> None:
     below them."""
     training = split.training()
     base = fit(training, BASE)
-    for row in compare(split, BASE, base, OFFERED, ("geometric",)).best[:6]:
+    for row in compare_subsets(split, base, OFFERED, ("geometric",)).best[:6]:
         model, root = BASE + tuple(m for m in OFFERED if m.name in row.names), row.fit.root
         X, r = stacked(training, model.terms, base.at())
         kept = list(row.fit.found.kept)
@@ -159,17 +160,18 @@ def test_rows_of_the_table_are_one_linear_step(split: Split) -> None:
         near([vars(row.estimation), vars(row.held_out)], [vars(one.estimation), vars(one.held_out)])
 
 
-def test_confidence_in_blocks(split: Split, blocks, monkeypatch) -> None:
+def test_confidence_in_blocks(split: Split, blocks) -> None:
     model = BASE + OFFERED[:3]
     fitted = fit(split.training(), model)
-    before = confidence(split, fitted, model.names, 3).to_dict()
+    before = assess_confidence(split, fitted, model.names, 3).to_dict()
     blocks()
-    near(confidence(split, fitted, model.names, 3).to_dict(), before)
-    monkeypatch.setattr(
-        significance, "BUNDLES", 60
-    )  # halves of bundles tell what halves of configurations do
-    bundled = confidence(split, fitted, model.names, 3).to_dict()["significance"]
-    for a, b in zip(bundled, before["significance"], strict=True):
+    near(assess_confidence(split, fitted, model.names, 3).to_dict(), before)
+    boot = bootstrap_parameters(split, fitted, generator(3, "bootstrap"))
+    # halves of bundles have the same answer as halves of configurations
+    bundled = assess_significance(
+        split, fitted, model.names, boot, generator(3, "halves"), max_bundles=60
+    )
+    for a, b in zip(map(asdict, bundled), before["significance"], strict=True):
         assert abs(a["stability"] - b["stability"]) <= 0.3
         near(
             {k: v for k, v in a.items() if k != "stability"},
@@ -177,18 +179,15 @@ def test_confidence_in_blocks(split: Split, blocks, monkeypatch) -> None:
         )
 
 
-def test_thinned_weights_are_the_weights(
-    split: Split, rng: np.random.Generator, monkeypatch
-) -> None:
+def test_thinned_weights_are_the_weights(split: Split, rng: np.random.Generator) -> None:
     fitted = fit(split.training(), BASE, held="nothing")
-    draws = posterior(fitted).draw(rng, 200)
+    draws = linear_posterior(fitted).draw(rng, 200)
     draws = replace(
         draws, theta=fitted.theta + 6 * (draws.theta - fitted.theta)
     )  # so that the chain's curvature is felt
-    want = weighted(split.training(), fitted, draws)
+    want = weight_draws(split.training(), fitted, draws)
     assert want.effective < 150
-    monkeypatch.setattr(closed, "CURVED", 66)
-    found = weighted(split.training(), fitted, draws)
+    found = weight_draws(split.training(), fitted, draws, max_rows=66)
     away = [np.log(w.weight) - np.log(w.weight).mean() for w in (found, want)]
     assert np.corrcoef(*away)[0, 1] > 0.8
     assert np.std(away[0]) == pytest.approx(np.std(away[1]), rel=0.4)
@@ -209,7 +208,7 @@ def test_causes_are_evaluated_once_a_block(split: Split, blocks, monkeypatch) ->
     for offered in (OFFERED[1:2], OFFERED):
         evaluated.clear()
         assert (
-            len(compare(split, BASE, fitted, offered, ("geometric",)).best)
+            len(compare_subsets(split, fitted, offered, ("geometric",)).best)
             >= (2, 12)[len(offered) == 4]
         )
         rows.append(sum(evaluated))

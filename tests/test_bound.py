@@ -14,12 +14,11 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.reduction import reduce
 from modelsel.mechanisms.causes import cos, q, sin
 from modelsel.results.record import describe_candidates
-from modelsel.selection import branch_and_bound as bound
-from modelsel.selection.branch_and_bound import best_subset
-from modelsel.selection.comparison import compare
+from modelsel.selection.branch_and_bound import SearchOptions, find_best_subset
+from modelsel.selection.comparison import compare_subsets
 from modelsel.selection.criteria import bic
-from modelsel.selection.cross_validation import pad
-from modelsel.selection.subsets import all_subsets
+from modelsel.selection.cross_validation import pad_blocks
+from modelsel.selection.subsets import sweep_subsets
 
 N = 240
 
@@ -42,7 +41,7 @@ def problem(
 def walked(X, y, base, groups, sigma=None) -> tuple[np.ndarray, np.ndarray]:
     """(members, BIC) of every subset."""
     blocks = [np.column_stack([X, y])[k::4] for k in range(4)]
-    found = all_subsets(pad(blocks, [len(b) for b in blocks]), base, groups)
+    found = sweep_subsets(pad_blocks(blocks, [len(b) for b in blocks]), base, groups)
     return found.members, np.asarray(bic(found.rss, N, found.rank, sigma))
 
 
@@ -54,12 +53,12 @@ def test_best_of_every_subset(seed, alike) -> None:
         rng, rng.integers(1, 4, 10).tolist(), 3, alike, {1: 0.3, 4: 0.15, 7: 0.08}
     )
     members, value = walked(X, y, base, groups)
-    found = best_subset(reduce(X, y), base, groups)
+    found = find_best_subset(reduce(X, y), base, groups)
     assert found.proven
     assert found.members.tolist() == members[value.argmin()].tolist()
     assert found.bic == pytest.approx(value.min(), rel=1e-9)
-    first = best_subset(
-        reduce(X, y), base, groups, nodes=1
+    first = find_best_subset(
+        reduce(X, y), base, groups, SearchOptions(max_nodes=1)
     )  # however early it stops, what it says holds
     assert first.bic - first.gap <= value.min() + 1e-6
     assert first.proven == (first.gap == 0)
@@ -74,11 +73,11 @@ def test_best_of_every_subset_where_the_noise_is_known(sigma, alike, rng) -> Non
         rng, rng.integers(1, 4, 10).tolist(), 3, alike, {1: 0.3, 4: 0.15, 7: 0.08}
     )
     members, value = walked(X, y, base, groups, sigma)
-    found = best_subset(reduce(X, y), base, groups, sigma=sigma)
+    found = find_best_subset(reduce(X, y), base, groups, sigma=sigma)
     assert found.proven
     assert found.members.tolist() == members[value.argmin()].tolist()
     assert found.bic == pytest.approx(value.min(), rel=1e-9)
-    first = best_subset(reduce(X, y), base, groups, nodes=1, sigma=sigma)
+    first = find_best_subset(reduce(X, y), base, groups, SearchOptions(max_nodes=1), sigma=sigma)
     assert first.bic - first.gap <= value.min() + 1e-6
 
 
@@ -86,7 +85,7 @@ def test_forty_groups_are_proven(rng) -> None:
     X, y, base, groups = problem(
         rng, rng.integers(1, 3, 40).tolist(), 10, 0.15, {2: 0.5, 9: -0.4, 17: 0.3, 31: 0.35}
     )
-    found = best_subset(reduce(X, y), base, groups)
+    found = find_best_subset(reduce(X, y), base, groups)
     assert found.proven
     assert {2, 9, 17, 31} <= set(np.flatnonzero(found.members))
 
@@ -97,7 +96,7 @@ def test_doubtful_columns(rng) -> None:
     X, y, base, groups = problem(rng, [1, 2, 1, 2, 1], 2, 0.0, {1: 0.4})
     X[:, groups[0][0]] = X[:, 0] - 2 * X[:, 1]
     X[:, groups[3]] = X[:, groups[1]] @ np.array([[1.0, 2.0], [0.5, -1.0]])
-    found = best_subset(reduce(X, y), base, groups)
+    found = find_best_subset(reduce(X, y), base, groups)
     assert found.proven
     assert np.flatnonzero(found.members).tolist() == [1]
 
@@ -112,12 +111,12 @@ def test_groups_that_are_nearly_alike(near, rng) -> None:
         X[:, groups[g][:k]] = X[:, groups[g - 1][:k]] * (1 + near * rng.normal(size=(N, k)))
     y = (y + X[:, groups[0]].sum(1) / np.abs(X[:, groups[0]]).max()) * 10.0 ** rng.uniform(-8, 8)
     _, value = walked(X, y, base, groups)
-    found = best_subset(reduce(X, y), base, groups)
+    found = find_best_subset(reduce(X, y), base, groups)
     assert found.bic == pytest.approx(value.min(), rel=1e-6)
     assert found.bic - found.gap <= value.min() + 1e-6 * abs(value.min())
 
 
-def test_table_of_more_mechanisms_than_can_be_walked(rng, monkeypatch) -> None:
+def test_table_of_more_mechanisms_than_can_be_walked(rng) -> None:
     """Eighteen mechanisms, two of them real: the table says that the two are the best of all
     subsets, or by how much they may be beaten."""
     base = Model((one(1, "tx"), one(1, "rz"), one(2, "rz")))
@@ -136,7 +135,7 @@ def test_table_of_more_mechanisms_than_can_be_walked(rng, monkeypatch) -> None:
         0.05,
     )
     data = study_of(at, held_out=40)
-    found = compare(data, base, fit(data.training(), base), offered, ("base",))
+    found = compare_subsets(data, fit(data.training(), base), offered, ("base",))
     said = describe_candidates(found)
     assert said["search"] == said["search"] | {
         "mechanisms": 18,
@@ -147,9 +146,8 @@ def test_table_of_more_mechanisms_than_can_be_walked(rng, monkeypatch) -> None:
     (best,) = [r for r in found.best if "of all subsets, proven" in r.note]
     assert set(best.names[1:]) == {m.name for m in real}
     assert best.weight is None
-    monkeypatch.setattr(bound.best_subset, "__defaults__", (1,))
-    monkeypatch.setattr(bound, "TANGENTS", 1)
-    short = compare(data, base, fit(data.training(), base), offered, ("base",))
+    brief = SearchOptions(max_nodes=1, tangents=1)
+    short = compare_subsets(data, fit(data.training(), base), offered, ("base",), options=brief)
     assert short.certified is not None
     assert short.certified.proven or any("another may have up to" in r.note for r in short.best)
 

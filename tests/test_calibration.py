@@ -28,7 +28,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.whitening import Whitening
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Bump, Member, Named, Number, cos, q, sign, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.serialization import cause_from_record, cause_record
@@ -183,7 +183,7 @@ def test_refusals(rng) -> None:
     ):
         with pytest.raises(StudyError, match=says):
             parse_calibration(broken)
-    plain = measurements(at.data.q, at.data.position, target=["c"] * 150, group=["mon"] * 150)
+    plain = build_measurements(at.data.q, at.data.position, target=["c"] * 150, group=["mon"] * 150)
     with pytest.raises(DataError, match='target "c" was not calibrated'):
         made.problem(plain)
     with pytest.raises(DataError, match="needs temperature_C"):

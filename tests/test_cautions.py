@@ -11,13 +11,13 @@ import pytest
 from builders import bind, measured, seeds, small_arm, study_of
 
 from modelsel.config.study_file import read_study
-from modelsel.diagnosis.candidates import Candidate, candidates
-from modelsel.diagnosis.procedure import explain
-from modelsel.diagnosis.sentences import cautions
-from modelsel.diagnosis.stepwise import Effect, extend
+from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.procedure import diagnose_split
+from modelsel.diagnosis.sentences import list_cautions
+from modelsel.diagnosis.stepwise import Effect, run_stepwise_search
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Applied, Named, q, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -94,12 +94,12 @@ def effect(
 )
 def test_a_size_beyond_what_is_usual_is_said(size, value, error, words) -> None:
     term = Term("k", (Screw(2, "rz", sin(q(2))),), size)
-    assert cautions(effect(term, value, error)) == words
+    assert list_cautions(effect(term, value, error)) == words
 
 
 def test_two_effects_that_undo_one_another_say_so() -> None:
     term = Term("k", (Screw(2, "rz", sin(q(2))),))
-    (words,) = cautions(effect(term, 1e-3, 1e-4, ("tracker-step", 0.04)))
+    (words,) = list_cautions(effect(term, 1e-3, 1e-4, ("tracker-step", 0.04)))
     assert words.startswith(
         "tracker-step takes most of it back, together they move the target by 4% of what either does alone"
     )
@@ -114,10 +114,10 @@ def test_effects_that_undo_one_another_are_recognised(rng: np.random.Generator) 
     other = Mechanism("other", (Term("b", (Screw(1, "rz", sin(4.03 * q(1))),)),), "Other.")
     moved = readings.copy()
     moved[:, 0] += 2e-2 * np.sin(4 * readings[:, 0]) - 1.5e-2 * np.sin(4.03 * readings[:, 0])
-    at = bind(ARM, measurements(readings, forward(ARM, moved, TOOL)), TOOL)
+    at = bind(ARM, build_measurements(readings, forward(ARM, moved, TOOL)), TOOL)
     at = measured(at, at.data.position + rng.normal(0, 0.003, (120, 3)))
-    found = candidates(at, BASE, (one, other), cells=False)
-    extension = extend(at, BASE, fit(at, BASE), found, rng)
+    found = build_candidates(at, BASE, (one, other), cells=False)
+    extension = run_stepwise_search(at, BASE, fit(at, BASE), found, rng)
     assert {e.candidate.label for e in extension.effects} == {"one", "other"}
     share = np.linalg.norm(
         forward(ARM, moved, TOOL) - forward(ARM, readings, TOOL)
@@ -141,7 +141,7 @@ def test_an_effect_whose_size_is_open_is_told_with_no_wild_number(rng: np.random
     readings = arm.draw(rng, 80)
     moved = readings.copy()
     moved[:, 1] += 1e-3 * np.linspace(0, 1, 80) ** 2
-    at = bind(arm, measurements(readings, forward(arm, moved, TOOL)), TOOL)
+    at = bind(arm, build_measurements(readings, forward(arm, moved, TOOL)), TOOL)
     at = measured(at, at.data.position + rng.normal(0, 0.003, (80, 3)))
     slow = Mechanism(
         "slow",
@@ -152,8 +152,8 @@ def test_an_effect_whose_size_is_open_is_told_with_no_wild_number(rng: np.random
         "Slow.",
     )
     base = Model((mechanism("geometric", arm),))
-    found = candidates(at, base, (slow,), cells=False)
-    extension = extend(at, base, fit(at, base), found, rng)
+    found = build_candidates(at, base, (slow,), cells=False)
+    extension = run_stepwise_search(at, base, fit(at, base), found, rng)
     for e in extension.effects:
         assert np.abs(e.estimate).max() < 2e-3
         assert e.standard_error.max() < 2e-3
@@ -167,9 +167,9 @@ def test_nothing_that_is_named_is_larger_than_a_small_screw(rng: np.random.Gener
     readings = ARM.draw(rng, 60)
     position = forward(ARM, readings, TOOL)
     position[45:] += rng.normal(0, 1.0, 3)
-    at = bind(ARM, measurements(readings, position), TOOL)
+    at = bind(ARM, build_measurements(readings, position), TOOL)
     at = measured(at, at.data.position + rng.normal(0, 0.03, (60, 3)))
-    for e in explain(study_of(at), BASE, every(ARM), 1, cells=True)[1].effects:
+    for e in diagnose_split(study_of(at), BASE, every(ARM), 1, cells=True)[1].effects:
         for t, v, s in zip(e.candidate.mechanism.terms, e.estimate, e.standard_error, strict=True):
             if t.unit in ("mm", "rad"):
                 assert max(abs(v), s) < {"mm": 200.0, "rad": 0.2}[t.unit]
@@ -212,7 +212,7 @@ def test_a_study_whose_geometry_is_worse_says_so(tmp_path: Path, rng: np.random.
     robot = load("puma760")
     near = robot.draw(rng, 1) + rng.uniform(-0.05, 0.05, (30, 6))
     readings = np.concatenate([near, robot.draw(rng, 60)])
-    data = measurements(
+    data = build_measurements(
         readings, forward(robot, readings, np.array([0, 0, 100.0])) + rng.normal(0, 0.1, (90, 3))
     )
     frame = data.to_frame().assign(role=["estimation"] * 30 + ["held-out"] * 60)

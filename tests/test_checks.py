@@ -20,26 +20,26 @@ from modelsel.cli.main import run_command_line
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.noise import Floor, from_target_pairs
 from modelsel.fitting.noise_check import lack, name_likeliest_mistake
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import geometric
-from modelsel.notices import ALARMS, HOPELESS, Note, alarms
+from modelsel.notices import ALARMS, HOPELESS_FIT, Note, list_alarms
 from modelsel.report.terminal import write_sentences
 from modelsel.results.study_sentences import opening_sentences
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward, pose
-from modelsel.robot.rigid import rpy
-from modelsel.setup.measured_orientations import orientation_mistake
-from modelsel.setup.mistakes import mistake
+from modelsel.robot.rigid import from_rpy
+from modelsel.setup.measured_orientations import describe_orientation_mistake
+from modelsel.setup.mistakes import describe_setup_mistake
 from modelsel.setup.registration import register
-from modelsel.setup.target_labels import labels_mistake
+from modelsel.setup.target_labels import describe_swapped_labels
 from modelsel.study.checks import outcome, setup_notes, told_with
 from modelsel.study.result import Result
 from modelsel.study.runner import rehearse, run
 
 NOISE = 0.05
 TOOLS = {"A": (40.0, -25.0, 100.0), "B": (-30.0, 40.0, 80.0)}
-R, T = rpy(0.3, -0.5, 2.0), np.array([2500.0, -800.0, 400.0])  # where the tracker stands
+R, T = from_rpy(0.3, -0.5, 2.0), np.array([2500.0, -800.0, 400.0])  # where the tracker stands
 ONE = ("A",)
 Change = Callable[[pd.DataFrame], pd.DataFrame]
 
@@ -61,7 +61,7 @@ def frame(
         q = 0.8 * np.sin(
             np.linspace(0, 1, m)[:, None] * rng.uniform(8, 14, arm.n) + rng.uniform(0, 6, arm.n)
         )
-    at = bind(arm, measurements(q, np.zeros((m, 3))), (0.0, 0.0, 0.0))
+    at = bind(arm, build_measurements(q, np.zeros((m, 3))), (0.0, 0.0, 0.0))
     terms = [t for t in geometric(arm).terms if t.screws[0].frame <= arm.n]
     theta = errors * rng.normal(0, [5e-4 if t.unit == "rad" else 0.3 for t in terms])
     parts = []
@@ -108,15 +108,15 @@ def said(result: Result, code: str) -> str:
     if not found:
         return ""
     assert len(found) == 1
-    if code in ALARMS and code != HOPELESS:
+    if code in ALARMS and code != HOPELESS_FIT:
         first = [
             line for line in write_sentences(result.record, result.details) if found[0] in line
         ]
         assert len(first) == 1
         assert write_sentences(result.record, result.details).index(first[0]) < len(
-            alarms(result.warnings)
+            list_alarms(result.warnings)
         )
-        assert first[0] in opening_sentences(result.record)[: len(alarms(result.warnings))]
+        assert first[0] in opening_sentences(result.record)[: len(list_alarms(result.warnings))]
     assert found[0] in [w["sentence"] for w in result.record.to_dict()["warnings"]]
     return found[0]
 
@@ -336,7 +336,7 @@ def test_mistaken_quaternions_are_said(name, rng, tmp_path) -> None:
     data = turned(rng)
     at = bind("ur5", read_measurements(change(data), load("ur5").prismatic), (0.0, 0.0, 0.0))
     use = np.ones(len(at), bool)
-    assert words in (orientation_mistake(register(at, use, False), use, True) or "")
+    assert words in (describe_orientation_mistake(register(at, use, False), use, True) or "")
     result = studied(tmp_path, change(turned(rng, registered=False)), registered=False)
     assert words in said(result, "orientation-mistake")
     assert "of orientation are left" in result.record.verdict[0]
@@ -409,8 +409,8 @@ def test_another_robots_links_are_no_mistake_in_this_ones(rng, tmp_path) -> None
     use = np.ones(len(at), bool)
     placed = register(at, use, False)
     assert {n.code for n in setup_notes(placed, use, True, False)} == {"other-robot"}
-    assert "the nominal arm's" in (mistake(placed, use, True) or "")
-    assert mistake(placed, use, True, links=False) is None
+    assert "the nominal arm's" in (describe_setup_mistake(placed, use, True) or "")
+    assert describe_setup_mistake(placed, use, True, links=False) is None
 
 
 def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:
@@ -495,7 +495,10 @@ def test_swapped_labels_are_said(share, registered, rng) -> None:
     at = bind("ur5", read_measurements(mixed, load("ur5").prismatic), TOOLS["A"])
     at = replace(at, tools=np.array([TOOLS[name] for name in at.data.targets]))
     use = np.ones(len(at), bool)
-    sentence = labels_mistake(register(at, use, False) if registered else at, use, registered) or ""
+    sentence = (
+        describe_swapped_labels(register(at, use, False) if registered else at, use, registered)
+        or ""
+    )
     assert sentence.startswith(
         f"In {late.sum()} of 120 rows targets have each other's names (rows "
     )
@@ -697,7 +700,7 @@ def test_validate_finds_a_new_target_where_it_registers(rng, tmp_path) -> None:
 def test_drawn_scenes_have_no_slips(rng) -> None:
     """The nominal arm with the errors of an assembled one, gross rows in random directions: no slip
     explains these."""
-    from modelsel.diagnosis.mistaken_rows import slipped
+    from modelsel.diagnosis.mistaken_rows import describe_slips
     from modelsel.fitting.design import residuals
 
     for _ in range(20):
@@ -710,4 +713,6 @@ def test_drawn_scenes_have_no_slips(rng) -> None:
             * direction
             / np.linalg.norm(direction, axis=1)[:, None]
         )
-        assert slipped(replace(at, data=replace(at.data, position=x)), residuals, gross) == ()
+        assert (
+            describe_slips(replace(at, data=replace(at.data, position=x)), residuals, gross) == ()
+        )

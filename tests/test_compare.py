@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from builders import drawn, planted, seeds
 
-from modelsel.diagnosis.candidates import candidates, strongest
+from modelsel.diagnosis.candidates import build_candidates, choose_strongest
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.whitening import Whitening
@@ -19,12 +19,12 @@ from modelsel.mechanisms.causes import ONE, Named, cos, q, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
-from modelsel.selection.comparison import MOST, Comparison, compare
+from modelsel.selection.comparison import MAX_CANDIDATES, SubsetComparison, compare_subsets
 from modelsel.selection.criteria import aic, bic
 from modelsel.selection.cross_validation import fold
 from modelsel.selection.evaluation import Split, evaluate
-from modelsel.selection.splits import assign
-from modelsel.selection.subsets import all_subsets
+from modelsel.selection.splits import assign_folds
+from modelsel.selection.subsets import sweep_subsets
 
 ARM = load("puma760")
 BASE = Model((mechanism("geometric", ARM),))
@@ -58,12 +58,12 @@ def study(rng: np.random.Generator, size: float, estimation: int = ESTIMATION) -
     at = planted(drawn(ARM, rng, estimation + HELD_OUT), terms, theta, rng, SIGMA)
     inside = np.arange(len(at)) < estimation
     folds = np.full(len(at), -1)
-    folds[inside] = assign(at.data.take(inside), 10, rng)
+    folds[inside] = assign_folds(at.data.take(inside), 10, rng)
     return Split(at, inside, np.zeros(len(at), bool), folds, known_sigma=False)
 
 
-def compared(split: Split, offered: tuple[Mechanism, ...]) -> Comparison:
-    return compare(split, BASE, fit(split.training(), BASE), offered, ("geometric",))
+def compared(split: Split, offered: tuple[Mechanism, ...]) -> SubsetComparison:
+    return compare_subsets(split, fit(split.training(), BASE), offered, ("geometric",))
 
 
 class Table:
@@ -81,7 +81,7 @@ class Table:
             np.cumsum([len(BASE.terms), *(len(c.terms) for c in offered)]),
         )
         groups = [list(range(a, b)) for a, b in itertools.pairwise(ends)]
-        found = all_subsets(
+        found = sweep_subsets(
             fold(split.training(), terms, split.training_folds(), base.at()), kept, groups
         )
         self.names = [tuple(offered[g].name for g in np.flatnonzero(m)) for m in found.members]
@@ -157,8 +157,8 @@ def test_one_definition_of_every_criterion(known, rng) -> None:
     offered = (*(mechanism(name, ARM) for name in TRUE), *(harmonics(k, rng, 3) for k in range(4)))
     data = replace(study(rng, 0.3, estimation=60), known_sigma=known)
     data = replace(data, problem=replace(data.problem, whitening=Whitening(1 / SIGMA)))
-    table = compare(
-        data, BASE, fit(data.training(), BASE, held="nothing"), offered, ("geometric",), (), 4860
+    table = compare_subsets(
+        data, fit(data.training(), BASE, held="nothing"), offered, ("geometric",), (), 4860
     )
     rows = {row.names[1:]: row for row in table.best}
     for names, row in rows.items():
@@ -226,7 +226,7 @@ def test_the_twelve_of_largest_f(rng) -> None:
     alone; the others named."""
     noise = tuple(harmonics(k, rng, 1) for k in range(14))
     ripples = tuple(Mechanism("ripple", harmonics(20 + k, rng, 1).terms) for k in range(3))
-    offered = candidates(
+    offered = build_candidates(
         drawn(ARM, rng, 5),
         BASE,
         (*noise, *ripples, *(mechanism(name, ARM) for name in TRUE)),
@@ -234,8 +234,8 @@ def test_the_twelve_of_largest_f(rng) -> None:
     )
     F = np.r_[rng.uniform(0, 2, 14), 5.0, 9.0, 7.0, 50.0, 60.0]
     F[3] = 0.0  # adds no column
-    taken, aside = strongest(offered, F)
-    assert len(taken) == MOST
+    taken, aside = choose_strongest(offered, F)
+    assert len(taken) == MAX_CANDIDATES
     assert ripples[1] in taken
     assert not {ripples[0], ripples[2]} & set(taken)
     assert {m.name for m in taken} >= {*TRUE, "ripple"}
@@ -251,15 +251,17 @@ def test_what_was_named_stands_in_the_table(rng) -> None:
     whole = mechanism("gravity-twist", ARM)
     parts = tuple(mechanism(name, ARM) for name in ("joint2-twist", "joint3-twist"))
     ripples = tuple(Mechanism("ripple", harmonics(20 + k, rng, 1).terms) for k in range(2))
-    offered = candidates(drawn(ARM, rng, 5), BASE, (*noise, *ripples, whole, *parts), cells=False)
+    offered = build_candidates(
+        drawn(ARM, rng, 5), BASE, (*noise, *ripples, whole, *parts), cells=False
+    )
     F = np.r_[rng.uniform(5, 9, 14), 0.5, 4.0, 1.0, 50.0, 60.0]
-    plain, _ = strongest(offered, F)
+    plain, _ = choose_strongest(offered, F)
     assert whole not in plain
     assert set(parts) <= set(plain)
-    taken, aside = strongest(offered, F, [offered[14], offered[16]])
+    taken, aside = choose_strongest(offered, F, [offered[14], offered[16]])
     assert {ripples[0], whole} <= set(taken)
     assert not {ripples[1], *parts} & set(taken)
-    assert len(taken) == MOST
+    assert len(taken) == MAX_CANDIDATES
     assert {p.name for p in parts} <= set(aside)
 
 
@@ -267,7 +269,7 @@ def test_what_may_extend(rng) -> None:
     """What the base holds already, and what the data have no columns for, is no candidate; the
     prior sums to one."""
     at = drawn(ARM, rng, 10, covariates={})
-    offered = candidates(at, BASE, every(ARM), cells=False)
+    offered = build_candidates(at, BASE, every(ARM), cells=False)
     names = {c.mechanism.name for c in offered}
     assert "geometric" not in names
     assert "payload-deflection:2" not in names
@@ -276,4 +278,4 @@ def test_what_may_extend(rng) -> None:
     lacking = Mechanism(
         "heat", (Term("t", (Screw(2, "tx", Named("temperature_C", "°C") - 20.0),)),)
     )
-    assert candidates(at, BASE, (lacking,), cells=False) == ()
+    assert build_candidates(at, BASE, (lacking,), cells=False) == ()

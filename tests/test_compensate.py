@@ -31,7 +31,7 @@ from modelsel.config.study_file import parse_study
 from modelsel.exceptions import DataError
 from modelsel.fitting.design import Model
 from modelsel.fitting.whitening import Whitening
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load
@@ -60,7 +60,7 @@ def made():
 def plan(at, rows: slice, **more):
     """Planned commands, off the readings of a problem by nothing, their wanted positions given."""
     data = at.data
-    return measurements(
+    return build_measurements(
         data.q[rows].copy(),
         more.pop("position", np.full((len(data.q[rows]), 3), np.nan)),
         target=[data.targets[k] for k in data.target[rows]],
@@ -205,7 +205,7 @@ def test_arm_in_an_engine_lands_within_the_noise(tmp_path) -> None:
     plan_q = real.draw(rng, 60)
     last = np.vstack([plan_q[:1] - 1e-1, plan_q[:-1]])
     warm = rng.uniform(19, 29, 60)
-    data = measurements(
+    data = build_measurements(
         plan_q,
         np.full((60, 3), np.nan),
         approach=np.sign(plan_q - last),
@@ -437,7 +437,7 @@ def test_directions_taken_from_the_order_are_said(made) -> None:
     c, at = made
     data = plan(at, slice(1, 9))
     assert describe_order_dependence(c, data) == []
-    bare = measurements(data.q, data.position, covariates=data.covariates)
+    bare = build_measurements(data.q, data.position, covariates=data.covariates)
     (said,) = describe_order_dependence(c, bare)
     assert "joint 3: the directions of approach are taken from the order of the targets" in said
     geometry = Mechanism("geometry", c.model.mechanisms[1].terms)

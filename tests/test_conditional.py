@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from builders import drawn, planted, small_arm, study_of
 from scipy.special import logsumexp
 
@@ -16,13 +15,13 @@ from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN, mechanism
-from modelsel.uncertainty import sampler as engine
 from modelsel.uncertainty.conditional_priors import RATIOS
 from modelsel.uncertainty.log_posterior import LogPosterior
-from modelsel.uncertainty.nuisance import components, constants
+from modelsel.uncertainty.nuisance import assign_components, list_constants
 from modelsel.uncertainty.posterior import Importance
-from modelsel.uncertainty.sampler import sample
-from modelsel.uncertainty.summary import Request, target_of
+from modelsel.uncertainty.sampler import sample_posterior
+from modelsel.uncertainty.sampling_options import SamplingOptions
+from modelsel.uncertainty.summary import build_log_posterior
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))
@@ -30,11 +29,8 @@ FIRST = len(BASE.terms)
 NOTHING = Importance(1, 1.0, "")
 
 
-@pytest.fixture
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Chains of 15 autocorrelation times, for tests whose answer does not hang on their number."""
-    monkeypatch.setattr(engine, "LONG", 15)
-    monkeypatch.setattr(engine, "AGREE", 1.2)
+# chains of 15 autocorrelation times, for tests whose answer does not depend on their number
+SHORT = SamplingOptions(min_times=15, max_r_hat=1.2)
 
 
 def stepped(*moments: float) -> Model:
@@ -58,10 +54,10 @@ def weak(rng: np.random.Generator, size: float = 0.02) -> tuple[Problem, Fit]:
 def target(problem: Problem, fitted: Fit) -> LogPosterior:
     """The step's size, its moment and the noise scale; normal noise."""
     chosen = tuple(k for k in fitted.found.kept if k >= FIRST)
-    inner = constants(problem, fitted.model, BUILTIN)
+    inner = list_constants(problem, fitted.model, BUILTIN)
     names = (*map(str, chosen), "noise scale", *(c.name for c in inner))
     return LogPosterior(
-        fitted, components(problem), chosen, names, ("1",) * len(names), constants=inner
+        fitted, assign_components(problem), chosen, names, ("1",) * len(names), constants=inner
     )
 
 
@@ -99,7 +95,6 @@ def dense(problem: Problem, fitted: Fit, moments: Array, ratio: float) -> Array:
     return np.array(out)
 
 
-@pytest.mark.usefixtures("short")
 def test_moment_of_a_weak_step_is_the_dense_formula(rng: np.random.Generator) -> None:
     """Prior size as the evidence has it, moments as often as the formula says."""
     problem, fitted = weak(rng)
@@ -108,7 +103,7 @@ def test_moment_of_a_weak_step_is_the_dense_formula(rng: np.random.Generator) ->
     (found,) = aim._conditionals
     value = {r: logsumexp(dense(problem, fitted, moments[2::5], r)) for r in map(float, RATIOS)}
     assert value[found.ratio] > max(value.values()) - 0.05
-    chain = sample(aim, NOTHING, "", rng)
+    chain = sample_posterior(aim, NOTHING, "", rng, options=SHORT)
     assert chain.converged
     log_density = dense(problem, fitted, moments, found.ratio)
     share = np.cumsum(np.exp(log_density - logsumexp(log_density)))
@@ -117,16 +112,16 @@ def test_moment_of_a_weak_step_is_the_dense_formula(rng: np.random.Generator) ->
     assert off.max() < 4 * 0.5 / np.sqrt(chain.effective[-1]) + 0.01, off
 
 
-@pytest.mark.usefixtures("short")
 def test_a_weak_step_converges(rng: np.random.Generator) -> None:
     """With a tail, too, as a study samples it; without a prior on the step's size walkers were lost
     beyond the ends, where the step moves nothing: 16,000 steps of autocorrelation."""
     problem, fitted = weak(rng)
-    chain = sample(
-        target_of(study_of(problem), fitted, Request(BASE, "default", None, False, BUILTIN)),
+    chain = sample_posterior(
+        build_log_posterior(study_of(problem), fitted, BASE, BUILTIN),
         NOTHING,
         "",
         rng,
+        options=SHORT,
     )
     assert chain.names[-1] == "constant of tracker-step"
     assert chain.converged
@@ -144,7 +139,6 @@ def test_walkers_start_everywhere(rng: np.random.Generator) -> None:
     assert 1.5 < start[:, :-1].std() < 2.5
 
 
-@pytest.mark.usefixtures("short")
 def test_two_steps_keep_their_order(rng: np.random.Generator) -> None:
     """Two moments of one mechanism are not exchanged: no chain would converge on two names for one
     thing."""
@@ -160,8 +154,8 @@ def test_two_steps_keep_their_order(rng: np.random.Generator) -> None:
     later, earlier = aim.natural(aim.start(rng, 100))[:, -2:].T
     assert (earlier < later).all()
     assert len(aim._conditionals) == 2
-    assert not np.intersect1d(aim._conditionals[0].own, aim._conditionals[1].own).size
-    later, earlier = sample(aim, NOTHING, "", rng).quantiles[-2:]
+    assert not np.intersect1d(aim._conditionals[0].affected, aim._conditionals[1].affected).size
+    later, earlier = sample_posterior(aim, NOTHING, "", rng, options=SHORT).quantiles[-2:]
     assert 0.25 < earlier[0] < earlier[2] < 0.35
     assert 0.65 < later[0] < later[2] < 0.75
 

@@ -10,12 +10,12 @@ import pytest
 from builders import drawn, measured, planted, seeds
 
 from modelsel._typing import Array
-from modelsel.diagnosis.candidates import BETWEEN, Candidate, candidates
+from modelsel.diagnosis.candidates import BETWEEN, Candidate, build_candidates
 from modelsel.diagnosis.credible_sets import name, with_candidate
-from modelsel.diagnosis.joint_curves import chain, curves, own_angle
-from modelsel.diagnosis.scan import basis, columns, scan, stacked, subset
+from modelsel.diagnosis.joint_curves import chain_effects, collect_curves, find_own_joint
+from modelsel.diagnosis.scan import columns, compute_basis, scan, stacked, subset
 from modelsel.diagnosis.state import LEVEL, Search
-from modelsel.diagnosis.stepwise import Diagnosis, extend
+from modelsel.diagnosis.stepwise import Diagnosis, run_stepwise_search
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
@@ -38,7 +38,9 @@ def turned(at: Problem, joint: int, curve: Array, rng: np.random.Generator) -> P
 
 def named(at: Problem, rng: np.random.Generator) -> Diagnosis:
     base = Model((mechanism("geometric", at.robot),))
-    return extend(at, base, fit(at, base), candidates(at, base, every(at.robot)), rng)
+    return run_stepwise_search(
+        at, base, fit(at, base), build_candidates(at, base, every(at.robot)), rng
+    )
 
 
 def names(diagnosis: Diagnosis) -> list[str]:
@@ -64,7 +66,7 @@ def test_a_shape_of_one_joint_is_one_free_function(
     about = [
         n
         for e, n in zip(found.effects, names(found), strict=True)
-        if own_angle(e.candidate) == joint
+        if find_own_joint(e.candidate) == joint
     ]
     assert [n.partition(" ")[0] for n in about] == [f"free(q{joint})"], (joint, centre, found.path)
 
@@ -112,7 +114,7 @@ def test_steps_in_time_are_offered_once_between_two_configurations(
 ) -> None:
     at = drawn("puma760", rng, 40)
     base = Model((mechanism("geometric", at.robot),))
-    found = candidates(at, base, every(at.robot))
+    found = build_candidates(at, base, every(at.robot))
     steps = [c for c in found if c.mechanism.name == "tracker-step"]
     assert len(steps) == 39 < len(STEPS)
     assert sum(c.prior for c in steps) == pytest.approx(
@@ -139,9 +141,9 @@ def test_a_part_of_the_columns_scans_like_the_whole(rng: np.random.Generator) ->
     """Restricted to one joint's curve, columns, Gram blocks and evidence are those of the whole."""
     at = drawn("puma760", rng, 100)
     base = Model((mechanism("geometric", at.robot),))
-    found: tuple[Candidate, ...] = candidates(at, base, every(at.robot))
+    found: tuple[Candidate, ...] = build_candidates(at, base, every(at.robot))
     whole = columns(at, found)
-    curve = curves(found, whole, np.log([c.prior for c in found]))[4]
+    curve = collect_curves(found, whole, np.log([c.prior for c in found]))[4]
     part = subset(whole, curve.which)
     assert all(
         np.array_equal(part.XT[part.slices[k]], whole.XT[whole.slices[g]])
@@ -152,14 +154,14 @@ def test_a_part_of_the_columns_scans_like_the_whole(rng: np.random.Generator) ->
             assert np.array_equal(i, part.slices[k])
             assert gram == pytest.approx(part.XT[i] @ part.XT[i].T)
     X, r = stacked(at, base.terms, None)
-    Q = basis(X)
+    Q = compute_basis(X)
     wave = int(
         curve.which[[found[g].mechanism.name for g in curve.which].index("encoder-eccentricity:4")]
     )
     r = r + 5e-3 * whole.XT[whole.slices[wave]].sum(0)
-    value, best = chain(curve, Q, r - Q @ (Q.T @ r), None, np.logical_not(curve.free))
+    value, best = chain_effects(curve, Q, r - Q @ (Q.T @ r), None, np.logical_not(curve.free))
     assert best[0] == wave
-    assert value == pytest.approx(chain(curve, Q, r - Q @ (Q.T @ r), best, curve.free)[0])
+    assert value == pytest.approx(chain_effects(curve, Q, r - Q @ (Q.T @ r), best, curve.free)[0])
 
 
 def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(
@@ -168,10 +170,10 @@ def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(
     at = drawn("puma760", rng, 80)
     base = Model((mechanism("geometric", at.robot),))
     fitted = fit(turned(at, 4, 1e-3 * np.sin(at.data.q[:, 3]), rng), base)
-    found = candidates(at, base, every(at.robot))
+    found = build_candidates(at, base, every(at.robot))
     strange = next(k for k, c in enumerate(found) if c.mechanism.name == "refraction")
     X, r = stacked(turned(at, 4, 1e-3 * np.sin(at.data.q[:, 3]), rng), base.terms, fitted.at())
-    seen = scan(columns(at, found, fitted.at()), basis(X))
+    seen = scan(columns(at, found, fitted.at()), compute_basis(X))
     y = r - seen.Q @ (seen.Q.T @ r)
     plain = name(seen, found, y)
     assert (plain.entries[0].candidate.mechanism.name, plain.verdict) == (
@@ -207,7 +209,7 @@ def test_beyond_a_shrunk_model_is_beyond_it_with_its_terms_integrated_out(
     at = drawn("puma760", rng, 150)
     bent = turned(at, 4, 4e-4 * np.tanh(at.data.q[:, 3] / 0.3), rng)
     base = Model((mechanism("geometric", at.robot),))
-    found = candidates(bent, base, every(at.robot))
+    found = build_candidates(bent, base, every(at.robot))
     search = Search(bent, base, found, rng, fit(bent, base))
     free = next(g for g, c in enumerate(found) if c.mechanism.name == "free(q4) 20")
     view = search.fit([free], None)

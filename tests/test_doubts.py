@@ -19,7 +19,7 @@ from modelsel.fitting.noise import Floor, from_repeats
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.shrinkage import fit_shrunk
 from modelsel.fitting.whitening import Whitening
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -28,8 +28,8 @@ from modelsel.results.finding_records import Finding, describe_fault
 from modelsel.results.goodness_of_fit import LackOfFit, lack_of_fit_notes, measure_lack_of_fit
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Gain, Split, evaluate
-from modelsel.uncertainty.parameters import resampled
-from modelsel.uncertainty.significance import nested, significance
+from modelsel.uncertainty.parameters import bootstrap_parameters
+from modelsel.uncertainty.significance import assess_significance, compare_nested
 
 ARM, SIGMA = small_arm(), 0.05
 BASE = Model((mechanism("geometric", ARM),))
@@ -50,7 +50,7 @@ def campaign(
     visit = np.repeat(np.arange(postures * times), targets)
     at = bind(
         ARM,
-        measurements(angles, position, target=[f"r{t}" for t in target], configuration=visit),
+        build_measurements(angles, position, target=[f"r{t}" for t in target], configuration=visit),
         TOOLS[:targets],
     )
     noise = rng.normal(0, SIGMA, position.shape) + shared * rng.standard_normal((postures, 3))[own]
@@ -167,13 +167,13 @@ def test_free_functions_have_no_f(rng) -> None:
     model = Model((*MORE.mechanisms, Mechanism("free(q3)", terms, "", "", "")))
     data = study_of(planted(campaign(rng, 60), BASE.terms, np.zeros(len(BASE.terms)), rng, SIGMA))
     fitted = fit_shrunk(data.training(), model)
-    boot = resampled(data, fitted, rng)
+    boot = bootstrap_parameters(data, fitted, rng)
     own = [k for k, t in enumerate(fitted.terms) if t in terms and k in fitted.found.kept]
     assert own
-    assert nested(fitted, own, boot) == (None, None, None)
+    assert compare_nested(fitted, own, boot) == (None, None, None)
     rows = {
         s.mechanism: s
-        for s in significance(
+        for s in assess_significance(
             data, fitted, ("geometric", "joint-compliance:2", "free(q3)"), boot, rng
         )
     }

@@ -27,7 +27,7 @@ from modelsel.measurements.measurements import Measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load
-from modelsel.robot.rigid import rpy
+from modelsel.robot.rigid import from_rpy
 from modelsel.selection.evaluation import Split
 
 NOISE = 0.05
@@ -125,7 +125,7 @@ def test_registering_anew_is_no_drift(rng) -> None:
     bent link is still seen."""
     model, theta = truth()
     c = calibrated(rng, model, theta)
-    R, t = rpy(0.4, -0.2, 2.0), np.array([2500.0, -800.0, 300.0])
+    R, t = from_rpy(0.4, -0.2, 2.0), np.array([2500.0, -800.0, 300.0])
     moved = [Term("o", (Screw(7, "ty"),)), *model.terms]
     at = drawn(ROBOT, rng, 40)
     new = planted(at, moved, np.r_[3.0, theta], rng, NOISE).data

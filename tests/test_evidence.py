@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from builders import drawn, seeds
 
-from modelsel.diagnosis.candidates import Candidate, candidates
+from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.evidence import (
     RATIOS,
-    evidence,
-    factors,
-    log_bayes_factors,
-    null,
-    p_value,
-    shares,
+    compute_factors,
+    compute_log_bayes_factors,
+    compute_p_value,
+    draw_null,
+    normalise_strength,
+    sum_evidence,
 )
-from modelsel.diagnosis.scan import Scan, basis, columns, scan, stacked
+from modelsel.diagnosis.scan import Scan, columns, compute_basis, scan, stacked
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import every, mechanism
@@ -30,9 +30,9 @@ def seen_from_base(
     at = drawn("puma760", rng, m)
     base = Model((mechanism("geometric", at.robot),))
     fitted = fit(at, base)
-    found = candidates(at, base, every(at.robot))
+    found = build_candidates(at, base, every(at.robot))
     X, r = stacked(at, base.terms, fitted.at())
-    Q = basis(X[:, list(fitted.found.kept)])
+    Q = compute_basis(X[:, list(fitted.found.kept)])
     return scan(columns(at, found, fitted.at()), Q), found, r + rng.normal(size=len(r))
 
 
@@ -47,13 +47,13 @@ def test_the_null_leaves_out_no_ratio_that_matters(rng: np.random.Generator, m: 
     assert len(seen.signed)
     assert len(seen.smooth[0]) or m < 80
     log_prior = np.log([c.prior for c in found])
-    drawn_null, _ = null(seen, log_prior, DRAWS, np.random.default_rng(7))
+    drawn_null, _ = draw_null(seen, log_prior, DRAWS, np.random.default_rng(7))
     u = np.random.default_rng(7).standard_normal((len(seen.Q), DRAWS))
     u -= seen.Q @ (seen.Q.T @ u)
-    share = shares(seen.strength(u), np.square(u).sum(0))
+    share = normalise_strength(seen.strength(u), np.square(u).sum(0))
     values = []
     for ratio in RATIOS:
-        joint = log_bayes_factors(seen, share, float(ratio)) + log_prior[:, None]
+        joint = compute_log_bayes_factors(seen, share, float(ratio)) + log_prior[:, None]
         values.append(np.log(np.exp(joint - joint.max(0)).sum(0)) + joint.max(0))
     assert drawn_null == pytest.approx(np.sort(np.max(values, axis=0)), abs=2e-4)
 
@@ -64,21 +64,23 @@ def test_evidence_of_a_response_is_that_of_its_strengths(rng: np.random.Generato
     seen, found, r = seen_from_base(rng, 60)
     y = r - seen.Q @ (seen.Q.T @ r)
     log_prior = np.log([c.prior for c in found])
-    known = factors(seen, y)
-    share = shares(seen.strength(np.stack([y, r], 1)), np.array([y @ y, r @ r]))
+    known = compute_factors(seen, y)
+    share = normalise_strength(seen.strength(np.stack([y, r], 1)), np.array([y @ y, r @ r]))
     small = seen.judged(y)[1]
     assert small.any()
     for ratio, row in zip(RATIOS, known, strict=True):
-        assert row[small] == pytest.approx(log_bayes_factors(seen, share, float(ratio))[small, 0])
+        assert row[small] == pytest.approx(
+            compute_log_bayes_factors(seen, share, float(ratio))[small, 0]
+        )
     assert np.isneginf(known[:, np.logical_not(small)]).all()
-    value, joint = evidence(known, log_prior)
+    value, joint = sum_evidence(known, log_prior)
     sums = np.log(np.exp(known + log_prior).sum(1))
     assert value == pytest.approx(sums.max())
     assert joint == pytest.approx(known[int(sums.argmax())] + log_prior)
 
 
 def test_no_evidence_without_candidates_that_are_left() -> None:
-    value, joint = evidence(np.zeros((len(RATIOS), 3)), np.full(3, -np.inf))
+    value, joint = sum_evidence(np.zeros((len(RATIOS), 3)), np.full(3, -np.inf))
     assert value == -np.inf
     assert np.isneginf(joint).all()
-    assert p_value(value, np.zeros(9)) == 1.0
+    assert compute_p_value(value, np.zeros(9)) == 1.0

@@ -34,12 +34,13 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
 from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.registry import mechanism
-from modelsel.robot.dh import rows_of
+from modelsel.robot.dh import compute_dh_rows
 from modelsel.robot.files import builtin_names, load, read_robot, robot_from_table
-from modelsel.robot.gravity import torques
+from modelsel.robot.gravity import compute_joint_torques
 from modelsel.robot.kinematics import Joint, Robot, forward, pose
-from modelsel.robot.rigid import rpy, to_rpy, transform
-from modelsel.robot.urdf import read_urdf_text, write_urdf
+from modelsel.robot.rigid import from_rpy, to_rpy, transform
+from modelsel.robot.urdf import read_urdf_text
+from modelsel.robot.urdf_writer import write_urdf
 from modelsel.selection.evaluation import Split
 
 
@@ -131,12 +132,12 @@ def test_dh_read_by_hand(modified, made) -> None:
 @pytest.mark.parametrize("modified", [False, True])
 def test_dh_of_every_robot(name, modified, rng) -> None:
     """Drawn and out of true, sliding and turning, with torques of its masses."""
-    from modelsel.robot.dh import robot_file
+    from modelsel.robot.dh import format_dh_file
 
     drawing = load(name)
     for size in (0.0, 1e-3):
         off = [
-            transform(rpy(*rng.normal(0, size, 3)), rng.normal(0, 300 * size, 3))
+            transform(from_rpy(*rng.normal(0, size, 3)), rng.normal(0, 300 * size, 3))
             for _ in drawing.joints
         ]
         joints = [
@@ -150,7 +151,7 @@ def test_dh_of_every_robot(name, modified, rng) -> None:
             for k, j in enumerate(drawing.joints)
         ]
         robot = Robot(name, "drawn", tuple(joints), drawing.last, (0.0, 0.6, -0.8))
-        back = robot_from_table(tomllib.loads(robot_file(robot, modified)), "file")
+        back = robot_from_table(tomllib.loads(format_dh_file(robot, modified)), "file")
         q = drawing.draw(rng, 30)
         np.testing.assert_allclose(
             forward(back, q, np.array([1.0, 2, 3])),
@@ -158,7 +159,8 @@ def test_dh_of_every_robot(name, modified, rng) -> None:
             atol=1e-7,
         )
         np.testing.assert_allclose(
-            *(torques(r, pose(r, q, np.zeros(3)), q) for r in (back, robot)), atol=1e-6
+            *(compute_joint_torques(r, pose(r, q, np.zeros(3)), q) for r in (back, robot)),
+            atol=1e-6,
         )
 
 
@@ -182,8 +184,8 @@ def test_a_slide_without_limits_has_those_of_its_readings(rng) -> None:
 
 
 def test_nearly_parallel_axes_are_said() -> None:
-    tilted = [Joint(transform()), Joint(transform(rpy(1e-3, 0, 0), (500.0, 0, 0)))]
-    assert rows_of(Robot("two", "", tuple(tilted), np.eye(4)), False).nearly == ((1, 2),)
+    tilted = [Joint(transform()), Joint(transform(from_rpy(1e-3, 0, 0), (500.0, 0, 0)))]
+    assert compute_dh_rows(Robot("two", "", tuple(tilted), np.eye(4)), False).nearly == ((1, 2),)
 
 
 def test_python_stands_alone(made, tmp_path) -> None:
@@ -317,7 +319,9 @@ def test_chain_by_base_and_tip() -> None:
     np.testing.assert_allclose(arm.joints[0].com, [(2 * 100 + 1 * 300) / 3, 0, 200 / 3])
     assert arm.joints[1].mass == 3.5  # and the finger on the last
     at = pose(arm, np.zeros((1, 2)), np.zeros(3))
-    np.testing.assert_allclose(torques(arm, at, np.zeros((1, 2)))[1], 0.5 * 9.81 * 0.4, rtol=1e-12)
+    np.testing.assert_allclose(
+        compute_joint_torques(arm, at, np.zeros((1, 2)))[1], 0.5 * 9.81 * 0.4, rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -400,8 +404,8 @@ def test_gravity_turns_with_the_base_link(base, rng) -> None:
     upright = read_urdf_text(text, "wall.urdf")
     q = rng.uniform(-2, 2, (20, 2))
     np.testing.assert_allclose(
-        torques(arm, pose(arm, q, np.zeros(3)), q),
-        torques(upright, pose(upright, q, np.zeros(3)), q),
+        compute_joint_torques(arm, pose(arm, q, np.zeros(3)), q),
+        compute_joint_torques(upright, pose(upright, q, np.zeros(3)), q),
         atol=1e-12,
     )
 
@@ -435,8 +439,8 @@ def test_an_exported_wall_mount_hangs_as_it_did(rng) -> None:
     q = robot.draw(rng, 10)
     for one in (back, whole):
         np.testing.assert_allclose(
-            torques(one, pose(one, q, np.zeros(3)), q),
-            torques(robot, pose(robot, q, np.zeros(3)), q),
+            compute_joint_torques(one, pose(one, q, np.zeros(3)), q),
+            compute_joint_torques(robot, pose(robot, q, np.zeros(3)), q),
             atol=1e-9,
         )
 

@@ -15,23 +15,23 @@ from builders import bind, one, planted, small_arm, study_of
 from scipy.special import bdtrc
 from scipy.stats import binom, kstest, t
 
-from modelsel.diagnosis.evidence import null
-from modelsel.diagnosis.procedure import explain
-from modelsel.diagnosis.residual_tests import adjusted, together, units
-from modelsel.diagnosis.state import view
-from modelsel.diagnosis.stepwise import Diagnosis, extend
-from modelsel.diagnosis.unexplained import predictable
+from modelsel.diagnosis.evidence import draw_null
+from modelsel.diagnosis.procedure import diagnose_split
+from modelsel.diagnosis.residual_tests import adjust_residual, compute_group_p, partition_rows
+from modelsel.diagnosis.state import build_view
+from modelsel.diagnosis.stepwise import Diagnosis, run_stepwise_search
+from modelsel.diagnosis.unexplained import estimate_predictability
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.results.finding_notes import uneven_noise_notes
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.selection.evaluation import Split
-from modelsel.uncertainty.parameters import Parameter, parameters, resampled
-from modelsel.uncertainty.significance import nested
+from modelsel.uncertainty.parameters import Parameter, bootstrap_parameters, describe_parameters
+from modelsel.uncertainty.significance import compare_nested
 
 ARM: Robot = replace(small_arm(), gravity=(0.0, 0.0, -1.0))
 BASE = Model((mechanism("geometric", ARM),))
@@ -86,7 +86,7 @@ def campaign(
                 for a, b in zip(start, stop, strict=True)
             ]
         )
-    data = measurements(
+    data = build_measurements(
         angles, forward(ARM, angles, np.array(TOOL)), group=np.repeat(np.arange(GROUPS), EACH)
     )
     at = bind(ARM, data, TOOL)
@@ -112,7 +112,7 @@ def shared(kind: str, rng: np.random.Generator) -> tuple[Problem, np.ndarray]:
     position = np.array(
         [forward(ARM, posture[o][None], tools[t])[0] for o, t in zip(own, target, strict=True)]
     )
-    data = measurements(posture[own], position, target=[f"r{t}" for t in target])
+    data = build_measurements(posture[own], position, target=[f"r{t}" for t in target])
     assert len(np.unique(data.block)) == count
     assert data.configurations == (count if kind == "reflectors" else 4 * count)
     at = bind(ARM, data, tools)
@@ -126,13 +126,15 @@ def shared(kind: str, rng: np.random.Generator) -> tuple[Problem, np.ndarray]:
 
 
 def said(at: Problem, seed: int) -> tuple[Split, Diagnosis]:
-    data, extension, _ = explain(study_of(at), BASE, every(ARM), seed, cells=True)
+    data, extension, _ = diagnose_split(study_of(at), BASE, every(ARM), seed, cells=True)
     return data, extension
 
 
 def intervals(at: Problem, fitted: Fit, seed: int) -> tuple[Parameter, ...]:
     data = study_of(at)
-    return parameters(data, fitted, resampled(data, fitted, np.random.default_rng(seed)))
+    return describe_parameters(
+        data, fitted, bootstrap_parameters(data, fitted, np.random.default_rng(seed))
+    )
 
 
 def too_many(hits: int, of: int, rate: float = LEVEL) -> bool:
@@ -150,7 +152,7 @@ def test_nothing_is_found_in_noise(noise, rng) -> None:
         found += (
             [[e.candidate.mechanism.name for e in extension.effects]] if extension.effects else []
         )
-        told = predictable(
+        told = estimate_predictability(
             data.training().data, extension.fit.residuals(data.training())[:, :3], (False,) * 3, rng
         )
         predicted += told is not None and told.p <= LEVEL
@@ -242,7 +244,11 @@ def test_single_tests_are_uniform_and_intervals_cover(rng) -> None:
                 for i, term in enumerate(both.terms)
                 if term in tested.terms and i in both.found.kept
             ]
-            p.append(nested(both, own, resampled(study_of(at), both, np.random.default_rng(k)))[1])
+            p.append(
+                compare_nested(
+                    both, own, bootstrap_parameters(study_of(at), both, np.random.default_rng(k))
+                )[1]
+            )
             table = intervals(at, fit(at, BASE), k)
             truth = dict(zip([term.symbol for term in BASE.terms], theta, strict=True))
             covered += sum(one_.low < truth[one_.symbol] < one_.high for one_ in table[::5])
@@ -267,7 +273,7 @@ def test_intervals_where_errors_last(rng) -> None:
             fitted.terms[j].symbol for j in fitted.leaning
         }  # of these any interval holds the truth
         table = [p for p in intervals(at, fitted, k) if p.symbol not in leaning]
-        assert resampled(study_of(at), fitted, np.random.default_rng(k)).grouped
+        assert bootstrap_parameters(study_of(at), fitted, np.random.default_rng(k)).grouped
         truth = dict(zip([term.symbol for term in BASE.terms], theta, strict=True))
         quantile = float(t.ppf(0.975, fitted.freedom))
         plain += sum(abs(p.estimate - truth[p.symbol]) < quantile * p.standard_error for p in table)
@@ -289,7 +295,7 @@ def test_adjusted_residuals_are_the_formula(rng) -> None:
     unit = np.r_[
         rng.permutation(np.r_[np.repeat(np.arange(5), 4), np.repeat(np.arange(5, 8), 6)]), -1, -1
     ]
-    got = adjusted(Q, e, unit)
+    got = adjust_residual(Q, e, unit)
     np.testing.assert_array_equal(got[-2:], e[-2:])
     for u in range(8):
         i = np.flatnonzero(unit == u)
@@ -301,19 +307,19 @@ def test_groups_go_together_or_not(rng) -> None:
     data = campaign(even, rng)[0].data
     own = rng.standard_normal((M, 3))
     shared = own + np.repeat(rng.standard_normal((GROUPS, 3)), EACH, 0) * 2
-    assert together(data, own, rng) > 1e-3
-    assert together(data, shared, rng) == pytest.approx(1e-3)
+    assert compute_group_p(data, own, rng) > 1e-3
+    assert compute_group_p(data, shared, rng) == pytest.approx(1e-3)
     for residual, count in ((own, M), (shared, GROUPS)):
-        (unit,) = units(data, residual, rng)
+        (unit,) = partition_rows(data, residual, rng)
         assert len(np.unique(unit)) == count
     again = replace(
         data, block=np.arange(M) % (M // 2)
     )  # every posture stands in two groups: both kinds are asked
-    (unit,) = units(again, own, rng)
+    (unit,) = partition_rows(again, own, rng)
     assert len(np.unique(unit)) == M // 2
-    assert [len(np.unique(unit)) for unit in units(again, shared, rng)] == [GROUPS, M // 2]
+    assert [len(np.unique(unit)) for unit in partition_rows(again, shared, rng)] == [GROUPS, M // 2]
     few = replace(data, group=data.group // 2)  # four groups: sixteen patterns of signs are no null
-    assert together(few, shared, rng) == 1.0
+    assert compute_group_p(few, shared, rng) == 1.0
 
 
 def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:
@@ -321,24 +327,28 @@ def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:
     has."""
     from scipy.stats import ks_2samp
 
-    from modelsel.diagnosis.candidates import candidates
-    from modelsel.diagnosis.evidence import by_size, null_evidence, shares
+    from modelsel.diagnosis.candidates import build_candidates
+    from modelsel.diagnosis.evidence import by_size, compute_null_evidence, normalise_strength
     from modelsel.diagnosis.scan import columns
 
     at, _ = campaign(even, rng)
     base_fit = fit(at, BASE, held="nothing")
-    found = candidates(at, BASE, every(ARM))
+    found = build_candidates(at, BASE, every(ARM))
     log_prior = np.log([c.prior for c in found])
-    first = view(at, columns(at, found, base_fit.at()), BASE, base_fit)
-    exact, _ = null(first.seen, log_prior, 300, rng)
+    first = build_view(at, columns(at, found, base_fit.at()), BASE, base_fit)
+    exact, _ = draw_null(first.seen, log_prior, 300, rng)
     flips = []
     for _ in range(10):
         noise = rng.standard_normal(len(first.r))
-        e = adjusted(first.Q, noise - first.Q @ (first.Q.T @ noise), np.tile(np.arange(M), 3))
+        e = adjust_residual(
+            first.Q, noise - first.Q @ (first.Q.T @ noise), np.tile(np.arange(M), 3)
+        )
         u = np.tile(2.0 * rng.integers(0, 2, (M, 30)) - 1, (3, 1)) * e[:, None]
         u -= first.Q @ (first.Q.T @ u)
-        share = shares(first.seen.strength(u), np.square(u).sum(0))
+        share = normalise_strength(first.seen.strength(u), np.square(u).sum(0))
         top = {k: share.whole[which].max(0) for k, which in by_size(first.seen).items()}
-        flips.append(null_evidence(first.seen, log_prior, share, top))
+        flips.append(compute_null_evidence(first.seen, log_prior, share, top))
     assert ks_2samp(exact, np.concatenate(flips)).pvalue > CHANCE
-    assert extend(at, BASE, base_fit, found, np.random.default_rng(1)).held_back is None
+    assert (
+        run_stepwise_search(at, BASE, base_fit, found, np.random.default_rng(1)).held_back is None
+    )

@@ -19,7 +19,7 @@ from fuzz_base import base_files
 from fuzz_clean import WRITTEN
 from fuzz_judge import guarded
 
-from modelsel._files import claimed, write_all, write_beside
+from modelsel._files import claim_folder, write_all, write_atomically
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
 
@@ -218,7 +218,7 @@ def test_no_terminal(study, tmp_path) -> None:
 
 def test_two_at_once(study, tmp_path) -> None:
     out = tmp_path / "out"
-    with claimed(out):
+    with claim_folder(out):
         status, said = invoked(*words(study, out))
         assert status == 2
         assert "another run of modelsel works in this folder" in said
@@ -241,7 +241,7 @@ def test_a_claim_ends_with_its_process(tmp_path) -> None:
     (hidden / ".modelsel-part-0a1b2c3d-result.json").write_text("{")
     (hidden / "sampling.npz").write_text("chain")
     (hidden / ".mine").write_text("somebody else's")
-    with claimed(tmp_path / "out"):
+    with claim_folder(tmp_path / "out"):
         assert everything(hidden) == {"lock", "sampling.npz", ".mine"}
     assert everything(tmp_path / "out") == {
         ".modelsel",
@@ -279,8 +279,8 @@ def test_the_umask_holds(mask, tmp_path) -> None:
     before = os.umask(mask)
     try:
         write_all(tmp_path / "run", {"a": b"new"})
-        write_beside(tmp_path / "b", b"new")
-        with claimed(tmp_path / "held"):
+        write_atomically(tmp_path / "b", b"new")
+        with claim_folder(tmp_path / "held"):
             modes = [
                 (tmp_path / name).stat().st_mode & 0o777
                 for name in ("run/a", "b", "held/.modelsel/lock")

@@ -18,7 +18,7 @@ from builders import drawn
 from click.testing import CliRunner
 from pypdf import PdfReader
 
-from modelsel._files import claimed
+from modelsel._files import claim_folder
 from modelsel.cli.main import run_command_line
 from modelsel.config.fleet_file import read_fleet
 from modelsel.config.study_file import read_study
@@ -30,7 +30,7 @@ from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.results.storage import WRITES
 from modelsel.robot.files import load
-from modelsel.selection.streaming import Parts, fit_parts, parts_of
+from modelsel.selection.streaming import Parts, fit_parts, list_parts
 from modelsel.study import fleet_runner as fleets
 from modelsel.study.fleet_runner import cluster, run_fleet, save_summary
 from modelsel.study.result import load_result
@@ -239,7 +239,7 @@ def test_a_study_alone_in_a_fleets_folder(folder) -> None:
     """Two runs never write into one folder: the fleet's row says so, what the other run does is
     left alone."""
     task, out = read_fleet(folder / "fleet.toml").tasks[0], folder / "out" / "arm0"
-    with claimed(out):
+    with claim_folder(out):
         row = fleets._one(task, str(out), False, False)
         assert (row["state"], row["exit"]) == ("failed", 2)
         assert "another run of modelsel works in this folder" in row["why"]
@@ -259,13 +259,13 @@ def test_pieces_know_nothing_of_the_one_before(folder) -> None:
     ):
         model = Model((mechanism("geometric", arm), mechanism(name, arm)))
         with pytest.raises(StudyError, match=said):
-            fit_parts(Parts(arm, TOOL, parts_of(files)), model)
+            fit_parts(Parts(arm, TOOL, list_parts(files)), model)
     whole = pd.concat([pd.read_parquet(file) for file in files], ignore_index=True)
     for j in range(1, 7):
         whole[f"approach{j}"] = np.random.default_rng(j).choice([-1, 1], len(whole))
     whole.to_parquet(folder / "stated.parquet", index=False, row_group_size=70)
     model = Model((mechanism("geometric", arm), mechanism("approach-backlash:2", arm)))
-    fitted, _ = fit_parts(Parts(arm, TOOL, parts_of([folder / "stated.parquet"])), model)
+    fitted, _ = fit_parts(Parts(arm, TOOL, list_parts([folder / "stated.parquet"])), model)
     at = read_measurements(folder / "stated.parquet", [False] * 6)
     np.testing.assert_allclose(
         fitted.theta, fit(Problem(arm, at, np.array([TOOL])), model).theta, atol=1e-9

@@ -14,22 +14,22 @@ from modelsel.exceptions import NotEstimable
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.whitening import Whitening
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.selection.cross_validation import (
-    Folded,
+    FoldedData,
     cross_validate,
     fold,
     held_out_residuals,
-    pad,
+    pad_blocks,
 )
-from modelsel.selection.splits import assign
+from modelsel.selection.splits import assign_folds
 
 
-def parts_of(X: np.ndarray, y: np.ndarray, fold_of: np.ndarray) -> Folded:
+def parts_of(X: np.ndarray, y: np.ndarray, fold_of: np.ndarray) -> FoldedData:
     blocks = [np.column_stack([X, y])[fold_of == k] for k in range(fold_of.max() + 1)]
-    return pad(blocks, [len(b) for b in blocks])
+    return pad_blocks(blocks, [len(b) for b in blocks])
 
 
 def brute(
@@ -149,7 +149,7 @@ def test_scene_against_refits(folds, rng) -> None:
     at = planted(at, which.terms, rng.normal(size=len(which.terms)) * 1e-3, rng, 0.1)
     plain = fit(at, which, held="nothing")
     about = plain.at()
-    fold_of = assign(at.data, folds, rng)
+    fold_of = assign_folds(at.data, folds, rng)
     assert fold_of.max() + 1 == (folds or 40)
     kept = list(plain.found.kept)
     found = cross_validate(fold(at, which.terms, fold_of, about), kept)
@@ -183,7 +183,7 @@ def test_folds_stream(size, rng, monkeypatch) -> None:
     which = Model((mechanism("geometric", load("ur5")),))
     at = planted(drawn("ur5", rng, 60), which.terms, np.zeros(len(which.terms)), rng, 0.1)
     at = replace(at, whitening=Whitening(matrices=rng.uniform(0.5, 2, (60, 1, 1)) * np.eye(3)))
-    fold_of = assign(at.data, 4, rng)
+    fold_of = assign_folds(at.data, 4, rng)
     once = cross_validate(fold(at, which.terms, fold_of))
     monkeypatch.setattr(folds, "BLOCK", size)
     monkeypatch.setattr(reduce, "STREAM", size)
@@ -204,7 +204,7 @@ def repeated(rng: np.random.Generator):
         .draw(rng, 30)[rng.permutation(np.r_[np.arange(30), rng.integers(0, 30, 20)])]
         .repeat(2, axis=0)
     )
-    return measurements(
+    return build_measurements(
         q, rng.normal(size=(100, 3)), target=["a", "b"] * 50, group=np.arange(100) // 36
     )
 
@@ -213,7 +213,7 @@ def repeated(rng: np.random.Generator):
 @pytest.mark.parametrize("folds", [2, 7, 0])
 def test_equal_readings_stay_together(folds, rng) -> None:
     data = repeated(rng)
-    fold_of = assign(data, folds, rng)
+    fold_of = assign_folds(data, folds, rng)
     key = np.round(data.q, 6)
     for reading in np.unique(key, axis=0):
         assert len(np.unique(fold_of[(key == reading).all(1)])) == 1
@@ -225,13 +225,13 @@ def test_equal_readings_stay_together(folds, rng) -> None:
 
 def test_by_group(rng) -> None:
     data = repeated(rng)
-    fold_of = assign(data, 10, rng, by="group")
+    fold_of = assign_folds(data, 10, rng, by="group")
     assert len(np.unique(fold_of)) == 3
     assert all(len(np.unique(fold_of[data.group == g])) == 1 for g in range(3))
 
 
 def test_folds_come_from_the_generator_alone(rng) -> None:
     data = repeated(rng)
-    first, again, other = (assign(data, 5, np.random.default_rng(seed)) for seed in (1, 1, 2))
+    first, again, other = (assign_folds(data, 5, np.random.default_rng(seed)) for seed in (1, 1, 2))
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)

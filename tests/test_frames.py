@@ -10,7 +10,7 @@ import pytest
 from builders import drawn, small_arm
 
 from modelsel.exceptions import DataError
-from modelsel.measurements.measurements import Measurements, measurements
+from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.measurements.reader import read_labels, read_measurements
 
 ARM = (False, False)
@@ -113,10 +113,10 @@ def test_a_frame_is_refused_in_a_file_s_words(case, tmp_path) -> None:
     )
     for given in ("z", "NAME"):
         words = words.replace(
-            f'in the study file: [measurements] columns = {{ z_mm = "{given}" }} (of a command without one: '
+            f'in the study file: [measurements] columns = {{ z_mm = "{given}" }} (for a command without a study file: '
             f"--column z_mm={given})",
             (
-                f'by columns={{"z_mm": "{given}"}} (of a Study: measurements={{"frame": …, "columns": …}})'
+                f'by columns={{"z_mm": "{given}"}} (for a Study: measurements={{"frame": …, "columns": …}})'
             ),
         )
     assert str(other).partition(": ")[2] == words
@@ -172,7 +172,9 @@ def test_configurations_without_positions_have_no_columns_for_them() -> None:
 
 
 def test_a_notebook_shows_few_rows_and_no_markup_of_the_data() -> None:
-    many = measurements(np.arange(400.0).reshape(200, 2), np.zeros((200, 3)), target=["<b>"] * 200)
+    many = build_measurements(
+        np.arange(400.0).reshape(200, 2), np.zeros((200, 3)), target=["<b>"] * 200
+    )
     shown = many._repr_html_()
     assert "200 rows, 200 configurations" in shown
     assert "<b>" not in shown

@@ -161,7 +161,7 @@ FOUND = {
         "csv",
         lambda: base_files()["measurements.csv"].decode().replace(",", ";"),
         3,
-        "semicolons part its cells",
+        "its cells are separated by semicolons",
     ),
     "decimal commas": (
         "csv",
@@ -192,7 +192,7 @@ FOUND = {
         "study",
         lambda: STUDY.replace("[split]", 'columns = { q1_rd = "q1_rad" }\n[split]'),
         2,
-        'measurements.columns: "q1_rd" is no name of the contract. Did you mean "q1_rad"?',
+        'measurements.columns: unknown column "q1_rd". Did you mean "q1_rad"?',
     ),
     "one for two": (
         "study",
@@ -272,13 +272,13 @@ FOUND = {
         "urdf",
         lambda: URDF.replace('<parent link="base"', '<parent link="nowhere"'),
         2,
-        "is no <link>",
+        "is not a <link>",
     ),
     "out of the folder": (
         "fleet",
         lambda: FLEET.replace('name = "again"', 'name = ".."'),
         2,
-        '".." is no name for a folder',
+        '".." is not a name for a folder',
     ),
     "no pattern": ("fleet", lambda: FLEET.replace("*/study.toml", "."), 2, 'no file matches "."'),
 }

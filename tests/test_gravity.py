@@ -10,19 +10,25 @@ import pytest
 from builders import bind, drawn
 
 from modelsel.fitting.design import compute_design
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import builtin_names, load, robot_from_table
-from modelsel.robot.gravity import G, arm_pair, moment, torques, under_gravity
+from modelsel.robot.gravity import (
+    G,
+    compute_base_moment,
+    compute_joint_torques,
+    find_arm_pair,
+    find_gravity_joints,
+)
 from modelsel.robot.kinematics import Robot, forward, pose
-from modelsel.robot.rigid import transform, turn
+from modelsel.robot.rigid import rotation_matrix, transform
 
 
 def test_puma560_published_gravity_load() -> None:
     """robotics-toolbox-python, tests/test_DHRobot.py: gravload(qn); the actuators' torque, the
     weight's with the other sign."""
     robot, q = load("puma560"), np.radians([[0, 45, 180, 0, 45, 0]])
-    found = torques(robot, pose(robot, q, np.zeros(3)), q)[:, 0]
+    found = compute_joint_torques(robot, pose(robot, q, np.zeros(3)), q)[:, 0]
     np.testing.assert_allclose(-found, [0, 31.6399, 6.0351, 0, 0.0283, 0], atol=5e-5)
 
 
@@ -50,7 +56,7 @@ def test_torque_is_the_slope_of_the_potential(name, rng) -> None:
             ]
         return sum(m * G * np.array(robot.gravity) @ p / 1e3 for m, p in bodies)
 
-    found = torques(robot, pose(robot, q, tool), q)
+    found = compute_joint_torques(robot, pose(robot, q, tool), q)
     for k in range(robot.n):
         step = np.eye(robot.n)[k] * 1e-5
         np.testing.assert_allclose(
@@ -61,18 +67,18 @@ def test_torque_is_the_slope_of_the_potential(name, rng) -> None:
 def exact_frame(robot: Robot, q: np.ndarray, last: int) -> np.ndarray:
     T = np.eye(4)
     for joint, value in list(zip(robot.joints, q, strict=True))[: last + 1]:
-        T = T @ joint.before @ transform(turn(2, value))
+        T = T @ joint.before @ transform(rotation_matrix(2, value))
     return T
 
 
 def test_which_joints_lie_under_gravity() -> None:
-    assert under_gravity(load("puma760")) == (
+    assert find_gravity_joints(load("puma760")) == (
         2,
         3,
         4,
         5,
     )  # joint 1 is vertical, joint 6 has the target on its axis
-    assert arm_pair(load("iiwa14")) is None  # no two successive joints stay parallel
+    assert find_arm_pair(load("iiwa14")) is None  # no two successive joints stay parallel
 
 
 def test_arm_pair_of_the_paper() -> None:
@@ -108,9 +114,9 @@ def test_twist_follows_the_load_of_any_planar_arm(flip, turned, rng) -> None:
         "planar.toml",
     )
     q = rng.uniform(-3, 3, (40, 4))
-    at = bind(robot, measurements(q, forward(robot, q, np.zeros(3))), (0, 0, 0))
+    at = bind(robot, build_measurements(q, forward(robot, q, np.zeros(3))), (0, 0, 0))
     shoulder, elbow = mechanism("joint2-twist", robot), mechanism("joint3-twist", robot)
-    upper, fore = torques(robot, pose(robot, q, np.zeros(3)), q)[1:3]
+    upper, fore = compute_joint_torques(robot, pose(robot, q, np.zeros(3)), q)[1:3]
     h1, h2 = (t.sign * t.screws[0].cause.of(at) for t in shoulder.terms)
     (h3,) = (t.sign * t.screws[0].cause.of(at) for t in elbow.terms)
     np.testing.assert_allclose(upper, G * (0.5 * h1 + 0.6 * h2), atol=1e-9)
@@ -123,7 +129,7 @@ def test_base_tilt_turns_frame_0_about_its_origin(name, rng) -> None:
     at = drawn(name, rng, 10)
     tilt = mechanism("base-tilt", at.robot)
     columns = compute_design(at, tilt.terms)[0]
-    M = moment(at.robot, at.pose(slice(None)), at.data.q)
+    M = compute_base_moment(at.robot, at.pose(slice(None)), at.data.q)
     for k in range(2):
         np.testing.assert_allclose(
             columns[:, :, k], M[k][:, None] * np.cross(np.eye(3)[k], at.data.position), atol=1e-6

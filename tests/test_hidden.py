@@ -24,14 +24,14 @@ from hidden_engine import Engine
 from hidden_oracle import critical_p, detection, held_by, naming_limit
 
 from modelsel.diagnosis import state as search
-from modelsel.diagnosis.candidates import Candidate, candidates
-from modelsel.diagnosis.scan import Scan, basis, columns, scan, stacked
-from modelsel.diagnosis.stepwise import Diagnosis, extend
+from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.scan import Scan, columns, compute_basis, scan, stacked
+from modelsel.diagnosis.stepwise import Diagnosis, run_stepwise_search
 from modelsel.diagnosis.stepwise import Effect as Found
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.files import load
 
@@ -81,7 +81,7 @@ class Ground:
         state = state or self.state
         return Problem(
             load(self.arm.name),
-            measurements(state.q, x, covariates=state.covariates),
+            build_measurements(state.q, x, covariates=state.covariates),
             self.arm.tool[None],
         )
 
@@ -89,7 +89,7 @@ class Ground:
         """What the tool says of positions (m, 3) of the campaign."""
         at = self.problem(x)
         base = Model((mechanism("geometric", at.robot),))
-        return extend(at, base, fit(at, base), self.found, np.random.default_rng(0))
+        return run_stepwise_search(at, base, fit(at, base), self.found, np.random.default_rng(0))
 
     def enough(self, displacement: np.ndarray, rank: int) -> float | None:
         """Factor on a displacement (3 m,) from which the oracle is sure to find it and to tell it
@@ -153,15 +153,17 @@ def ground() -> Iterator[Ground]:
     state, fresh = campaign(M), campaign(FRESH)
     at = Problem(
         robot,
-        measurements(state.q, measured(body, state, [], rng, NOISE), covariates=state.covariates),
+        build_measurements(
+            state.q, measured(body, state, [], rng, NOISE), covariates=state.covariates
+        ),
         body.tool[None],
     )
     base = Model((mechanism("geometric", robot),))
-    found = candidates(at, base, every(robot))
+    found = build_candidates(at, base, every(robot))
     fitted = fit(at, base)
     seen = scan(
         columns(at, found, fitted.at()),
-        basis(stacked(at, base.terms, fitted.at())[0][:, list(fitted.found.kept)]),
+        compute_basis(stacked(at, base.terms, fitted.at())[0][:, list(fitted.found.kept)]),
     )
     J = body.screws(fresh.q)
     with pytest.MonkeyPatch.context() as patch:

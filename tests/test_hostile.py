@@ -22,7 +22,7 @@ from click.testing import CliRunner
 from fuzz_base import ROBOT, STUDY, base_files
 from hostile import NAMES, REFUSED
 
-from modelsel._names import guarded, unfit, unguarded
+from modelsel._names import find_name_problem, guard_cell, unguard_cell
 from modelsel.calibration.constant_part import sample_workspace
 from modelsel.calibration.export import FORMS, export
 from modelsel.calibration.export.python import read_module_data, write_module
@@ -34,7 +34,7 @@ from modelsel.config.study_file import Study, parse_study
 from modelsel.exceptions import DataError, ModelselError, StudyError
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.causes import q, sin
-from modelsel.mechanisms.registry import unsound
+from modelsel.mechanisms.registry import find_entry_problem
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.report import drawing
 from modelsel.report.html import write_page as page_of
@@ -86,7 +86,7 @@ def folder_of(
     (place / "study.toml").write_text(text, "utf-8")
     frame = pd.read_csv(io.BytesIO(base_files()["measurements.csv"]), dtype=str)
     group, target = (
-        guarded(label) if label[:1] == "'" else label for label in (group, target)
+        guard_cell(label) if label[:1] == "'" else label for label in (group, target)
     )  # as any program writes them
     frame["group"] = pd.Series([group] * 18 + ["tuesday"] * 18, dtype=object)
     frame["target"] = pd.Series([target] * 36, dtype=object)
@@ -253,7 +253,7 @@ def _exports(name: str, out: Path) -> None:
         assert table.keys() == tomllib.loads(plain()[f"x.{form}"]).keys()
     assert list(json.loads(texts["json"])["constant"]) == [name]
     rows = list(csv.reader(io.StringIO(texts["csv"])))
-    assert {unguarded(row[0]) for row in rows[1:]} == {name}
+    assert {unguard_cell(row[0]) for row in rows[1:]} == {name}
     assert len({len(row) for row in rows}) == 1
     for cell in (cell for row in rows for cell in row):
         assert cell[:1] not in SIGNS or not cell or re.fullmatch(r"[+-]?[\d.]+(e[+-]?\d+)?", cell)
@@ -303,7 +303,9 @@ def test_every_python_module_is_imported(tmp_path) -> None:
 def test_refused_in_one_sentence(where, name, tmp_path) -> None:
     """Each place of a study folder: what cannot be seen is refused with its place, nothing is
     written, nothing is shown raw."""
-    if where == "source" and (len(name) == 201 or unfit(" ".join(name.split()) or "none") is None):
+    if where == "source" and (
+        len(name) == 201 or find_name_problem(" ".join(name.split()) or "none") is None
+    ):
         return  # a source is a text: line breaks in it are blanks
     if "\ud800" in name and where != "group":
         return  # TOML has no way to write it
@@ -325,7 +327,7 @@ def test_refused_in_one_sentence(where, name, tmp_path) -> None:
 @every(REFUSED)
 def test_refused_everywhere_else(name, tmp_path) -> None:
     """DataFrames, features, studies from Python, URDFs, stored calibrations, plug-ins."""
-    assert unfit(name) is not None
+    assert find_name_problem(name) is not None
     frame = pd.read_csv(io.BytesIO(base_files()["measurements.csv"]))
     with pytest.raises(
         DataError, match=r"DataFrame, row 3, column target: .*(not a name|empty cell)"
@@ -336,7 +338,7 @@ def test_refused_everywhere_else(name, tmp_path) -> None:
         )
     with pytest.raises(StudyError, match="name: not a name"):
         Study(name=name, robot={"name": "ur5", "tool_mm": [0, 0, 0]}, measurements="m.csv")
-    with pytest.raises(StudyError, match="robot's name is not one"):
+    with pytest.raises(StudyError, match="robot's name is not valid"):
         robot_from_table({"name": name, "joint": [{"dh": {}}]}, "robot.toml")
     record = json.loads(plain()["calibration.json"])
     for place in (
@@ -354,7 +356,7 @@ def test_refused_everywhere_else(name, tmp_path) -> None:
     if len(name) > 200:
         return  # names of mechanisms may be longer: they are made of their causes
     made = Mechanism(name, (Term("t", (Screw(1, "rz", sin(q(1))),)),))
-    assert unsound(name, lambda robot: made, load("ur5")) is not None
+    assert find_entry_problem(name, lambda robot: made, load("ur5")) is not None
 
 
 def test_a_changed_calibration_runs_nothing(tmp_path, monkeypatch) -> None:
@@ -489,8 +491,8 @@ def test_links_of_a_urdf(name, tmp_path) -> None:
 @every({**NAMES, "empty": "", "two": "''=x", "sign": "-", "number": "-1.5e-3"})
 def test_a_guarded_cell_comes_back(name) -> None:
     """No spreadsheet runs it, and what is read back is exact."""
-    cell = guarded(name)
-    assert unguarded(cell) == name
+    cell = guard_cell(name)
+    assert unguard_cell(cell) == name
     assert not cell or cell[0] not in SIGNS or re.fullmatch(r"[+-][\d.]+(e[+-]?\d+)?", cell)
     assert cell in (name, f"'{name}")
 
@@ -531,7 +533,7 @@ def test_commands_are_guarded_and_read_back(name, tmp_path) -> None:
         cells = [
             row["target"] for row in csv.DictReader(io.StringIO((folder / file).read_text("utf-8")))
         ]
-        assert guarded(name) in cells
+        assert guard_cell(name) in cells
         assert name in read_measurements(folder / file, (False,) * 3).targets
 
 

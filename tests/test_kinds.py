@@ -19,8 +19,8 @@ from modelsel.calibration.prediction import predict
 from modelsel.calibration.storage import calibration_text
 from modelsel.calibration.validation import judge
 from modelsel.config.study_file import parse_study
-from modelsel.diagnosis.outliers import gross, scale_of
-from modelsel.diagnosis.procedure import explain
+from modelsel.diagnosis.outliers import estimate_scale, find_gross_outliers
+from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.batch import Ensemble
 from modelsel.fitting.design import Model, compute_design, residuals
@@ -30,29 +30,29 @@ from modelsel.fitting.noise import Floor, Instrument
 from modelsel.fitting.observation import Fixtures
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.undetermined import describe_unidentifiable
-from modelsel.measurements.features import KINDS, UNKNOWN
-from modelsel.measurements.measurements import Measurements, measurements
-from modelsel.measurements.observation_columns import Known, with_known
+from modelsel.measurements.features import KINDS, KindColumns
+from modelsel.measurements.measurements import Measurements, build_measurements
+from modelsel.measurements.observation_columns import KnownFeature, apply_known_features
 from modelsel.measurements.reader import read_measurements
-from modelsel.mechanisms.geometry import setup
-from modelsel.mechanisms.registry import mechanism, parts
+from modelsel.mechanisms.geometry import build_setup
+from modelsel.mechanisms.registry import build_mechanisms, mechanism
 from modelsel.mechanisms.terms import FixtureTerm, Screw, Term
 from modelsel.report.terminal import write_sentences
 from modelsel.results.goodness_of_fit import lack_of_fit_notes, measure_lack_of_fit
 from modelsel.results.storage import details_text
 from modelsel.robot.files import load
-from modelsel.selection.cross_validation import by_unit
 from modelsel.selection.cross_validation import fold as fold_scene
+from modelsel.selection.cross_validation import fold_by_unit
 from modelsel.selection.evaluation import Split
-from modelsel.selection.splits import assign
-from modelsel.selection.streaming import Parts, parts_of
+from modelsel.selection.splits import assign_folds
+from modelsel.selection.streaming import Parts, list_parts
 from modelsel.study.inspection import describe
 from modelsel.study.inspection import sentences as checked
 from modelsel.study.preparation import Plan, prepare
 from modelsel.study.runner import known_features, run
 from modelsel.study.simulation import simulate_rows
 from modelsel.uncertainty.log_posterior import LogPosterior
-from modelsel.uncertainty.nuisance import components
+from modelsel.uncertainty.nuisance import assign_components
 
 ARM = [False] * 6
 PUMA = load("puma760")
@@ -60,7 +60,7 @@ COUPLING = one("wrist-coupling", "", at(5, "rz", lambda s: s.q[:, 3]), 1.2e-3)
 OFFERED = tuple(
     p
     for name in ("wrist-coupling", "joint-compliance", "encoder-scale", "gear-eccentricity")
-    for p in parts(name, PUMA)
+    for p in build_mechanisms(name, PUMA)
 )
 
 
@@ -68,13 +68,13 @@ def campaign(seed: int = 7) -> Campaign:
     return Campaign(np.random.default_rng(seed), [COUPLING])
 
 
-def made(c: Campaign, folder: Path, **known: Known) -> Measurements:
-    return with_known(read_measurements(c.file(folder), ARM), known)
+def made(c: Campaign, folder: Path, **known: KnownFeature) -> Measurements:
+    return apply_known_features(read_measurements(c.file(folder), ARM), known)
 
 
 def model(data: Measurements, *names: str, register: bool = False) -> Model:
     features = () if data.gauges is None else data.gauges.features
-    placing = setup(PUMA, len(data.targets), 1, register, data.rotation is not None, features)
+    placing = build_setup(PUMA, len(data.targets), 1, register, data.rotation is not None, features)
     return Model(
         (
             *((placing,) if placing.terms else ()),
@@ -122,7 +122,7 @@ TELL = {
 def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> None:
     c = campaign()
     FILLED[what](c)
-    known = dict.fromkeys(ANCHORS, Known(zero=True)) if "zero" in what else {}
+    known = dict.fromkeys(ANCHORS, KnownFeature(zero=True)) if "zero" in what else {}
     measured = made(c, tmp_path, **known)
     data = prepared(measured, round(0.7 * measured.configurations))
     assert data.problem.data.gauges is not None
@@ -131,7 +131,7 @@ def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> Non
     )  # points tell 27 numbers of this arm; six are where the base stands
     assert sum(not base.terms[k].fixture for k in base.representatives) == TELL.get(what, 21)
     assert all(k in base.found.kept for k, t in enumerate(base.terms) if t.fixture)
-    data, extension, _ = explain(data, model(measured), OFFERED, 1, cells=False)
+    data, extension, _ = diagnose_split(data, model(measured), OFFERED, 1, cells=False)
     assert [e.candidate.mechanism.name for e in extension.effects] == ["wrist-coupling:5"]
     (effect,) = extension.effects
     assert effect.estimate[0] == pytest.approx(1.2e-3, abs=4 * effect.standard_error[0])
@@ -151,14 +151,12 @@ def every_kind(rng: np.random.Generator) -> tuple[Problem, tuple[Term, ...], np.
     """A row of every kind, eight times over, features and tracker anywhere, and a model with its
     point."""
     kind = list(KINDS) * 8
-    shared = [k if k in UNKNOWN else "" for k in kind]
+    shared = [k if k in KindColumns else "" for k in kind]
     length = np.where(np.isin(kind, ("wire", "distance")), 1000.0, np.nan)
-    data = measurements(
+    data = build_measurements(
         PUMA.draw(rng, len(kind)),
         rng.normal(0, 500, (len(kind), 3)),
-        kind=kind,
-        feature=shared,
-        length=length,
+        kinds=KindColumns(kind, shared, length),
     )
     count = len(data.gauges.features)
     turned = np.linalg.qr(rng.normal(size=(count + 1, 3, 3)))[0]
@@ -275,7 +273,7 @@ def test_a_feature_that_no_estimation_row_measures_is_left_out(tmp_path) -> None
     assert len(data.problem) == 60
     note = next(n for n in notes if n.code == "feature-unseen")
     assert note.sentence.startswith("10 held-out rows are left out: no estimation row measures w3")
-    known = with_known(measured, {"w3": Known(position=ANCHORS["w3"])})
+    known = apply_known_features(measured, {"w3": KnownFeature(position=ANCHORS["w3"])})
     assert len(prepare(PUMA, known, plan(0, column="role"), labels)[0].problem) == 70
 
 
@@ -284,7 +282,7 @@ def test_folds_keep_every_feature_in_the_others(tmp_path) -> None:
     for k in range(20):
         c.add("same-point", c.arm.draw(c.rng, 2), f"p{k}")
     data = made(c, tmp_path)
-    fold = assign(data, 10, np.random.default_rng(0))
+    fold = assign_folds(data, 10, np.random.default_rng(0))
     assert all(len(np.unique(fold[data.gauges.feature == k])) == 2 for k in range(20))
 
 
@@ -295,7 +293,7 @@ def test_folds_count_what_was_measured(tmp_path) -> None:
     measured = made(c, tmp_path)
     data = prepared(measured, 90)
     folded = fold_scene(data.training(), model(measured).terms, data.training_folds())
-    each = [f.rows for f in by_unit(data.training(), model(measured).terms, np.arange(90))]
+    each = [f.rows for f in fold_by_unit(data.training(), model(measured).terms, np.arange(90))]
     assert np.concatenate(each).tolist() == [3] * 30 + [1] * 60
     assert folded.rows.tolist() == [
         int(3 * (data.folds[:30] == k).sum() + (data.folds[30:] == k).sum()) for k in range(10)
@@ -309,7 +307,9 @@ def test_a_wrong_wire_length_is_an_outlier_and_a_wrong_point_too(tmp_path) -> No
     c.rows[70]["length_mm"] += 3.0
     c.rows[11]["y_mm"] += 3.0
     measured = made(c, tmp_path)
-    flagged = gross(prepared(measured, 130).problem, model(measured, "wrist-coupling:5"))
+    flagged = find_gross_outliers(
+        prepared(measured, 130).problem, model(measured, "wrist-coupling:5")
+    )
     assert np.flatnonzero(flagged).tolist() == [11, 70]
 
 
@@ -319,7 +319,7 @@ def test_single_numbers_and_points_have_one_robust_scale(rng) -> None:
     )  # all three, or the first alone
     size = np.linalg.norm(rng.normal(size=seen.shape) * seen, axis=1)
     for rows in (slice(0, None, 2), slice(1, None, 2), slice(None)):
-        assert scale_of(size[rows], seen[rows]) == pytest.approx(1, rel=0.03)
+        assert estimate_scale(size[rows], seen[rows]) == pytest.approx(1, rel=0.03)
 
 
 def test_what_a_set_up_cannot_be_is_refused(tmp_path) -> None:
@@ -389,7 +389,7 @@ def test_an_anchor_beside_a_plane_of_positions_needs_a_first_guess(tmp_path) -> 
     ):
         prepared(made(c, tmp_path), 40)
     data = prepared(
-        made(c, tmp_path, w1=Known(position=(700.0, -1000.0, 400.0), estimate=True)), 40
+        made(c, tmp_path, w1=KnownFeature(position=(700.0, -1000.0, 400.0), estimate=True)), 40
     )
     assert np.linalg.norm(data.problem.fixtures.centre[0] - ANCHORS["w1"]) < 60
 
@@ -441,7 +441,7 @@ def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path
     stored = parse_calibration(calibration_text(result.calibration))
     assert not any(t.fixture for t in stored.terms)
     q = c.arm.draw(c.rng, 50)
-    fresh = measurements(q, c.exact(q) + c.noise(50, 3))
+    fresh = build_measurements(q, c.exact(q) + c.noise(50, 3))
     assert np.linalg.norm(predict(stored, stored.problem(fresh)) - c.exact(q), axis=1).mean() < 0.1
     assert not judge(stored, fresh, free_setup=False).drifted
     with pytest.raises(DataError, match="some rows are not points"):
@@ -457,7 +457,7 @@ def test_the_sampled_density_is_the_closed_form_where_the_chain_is_linear(tmp_pa
     fitted = fit(data.training(), model(measured, "wrist-coupling:5"))
     psi = (len(fitted.terms) - 1,)
     target = LogPosterior(
-        fitted, components(data.training()), psi, ("w54", "noise scale"), ("rad", "1")
+        fitted, assign_components(data.training()), psi, ("w54", "noise scale"), ("rad", "1")
     )
     walkers = np.random.default_rng(1).normal(0, 1, (12, 2))
     exact, linear = target.log_density(walkers), replace(target, exact=False).log_density(walkers)
@@ -470,7 +470,7 @@ def test_simulated_rows_read_what_the_planted_arm_reads(tmp_path) -> None:
     c.axes(6)
     c.wires(30)
     c.distances(5)
-    known = {name: Known(position=place) for name, place in ANCHORS.items()}
+    known = {name: KnownFeature(position=place) for name, place in ANCHORS.items()}
     data = made(c, tmp_path, **known)
     planted = Term(
         "p", (Screw(5, "rz", mechanism("wrist-coupling:5", PUMA).terms[0].screws[0].cause),)
@@ -484,7 +484,7 @@ def test_simulated_rows_read_what_the_planted_arm_reads(tmp_path) -> None:
         rng=np.random.default_rng(0),
     )
     frame.to_csv(tmp_path / "made.csv", index=False)
-    back = with_known(read_measurements(tmp_path / "made.csv", ARM), known)
+    back = apply_known_features(read_measurements(tmp_path / "made.csv", ARM), known)
     assert (len(back), back.gauges.kind.tolist()) == (len(data), data.gauges.kind.tolist())
     every = prepared(back, 40).problem
     np.testing.assert_allclose(residuals(every, (planted,), np.array([1e-3])), 0, atol=1e-8)
@@ -536,10 +536,10 @@ GOOD = [
     "0,0.5,distance,d,12,,,",
 ]
 BAD = {
-    "0,1,wires,w,900,,,": r'line 7, column kind: "wires" is no kind of measurement. Did you mean "wire"\?',
-    "0,1,,w,900,,,": 'line 7, column kind: "" is no kind',
+    "0,1,wires,w,900,,,": r'line 7, column kind: "wires" is not a kind of measurement. Did you mean "wire"\?',
+    "0,1,,w,900,,,": 'line 7, column kind: "" is not a kind',
     "0,1,wire,,900,,,": "line 7, column feature: a row of kind wire has to name its feature",
-    "0,1,point,w,,1,2,3": "line 7, column feature: a row of kind point names no feature",
+    "0,1,point,w,,1,2,3": "line 7, column feature: a row of kind point does not name a feature",
     "0,1,ball-bar,w,900,,,": 'feature "w" is of kind wire on line 4 and of kind ball-bar here',
     "0,1,wire,w,,,,": "line 7, column length_mm: expected a finite number, found an empty cell",
     "0,1,wire,w,-3,,,": "line 7, column length_mm: a length must be above zero",
@@ -718,10 +718,10 @@ def test_what_a_study_knows_of_features_is_checked(tmp_path) -> None:
         made(
             c,
             tmp_path,
-            w9=Known(position=point),
-            w1=Known(normal=point),
-            plate0=Known(position=point),
-            bar=Known(length=400.0),
+            w9=KnownFeature(position=point),
+            w1=KnownFeature(normal=point),
+            plate0=KnownFeature(position=point),
+            bar=KnownFeature(length=400.0),
         )
     assert [p.partition(":")[2].strip() for p in refused.value.problems] == [
         "no row of the file names it. Known: bar, plate0, w1, w2, w3.",
@@ -755,7 +755,7 @@ def test_parts_of_a_set_are_points(tmp_path) -> None:
     c = campaign()
     c.wires(30)
     pd.DataFrame(c.rows).to_parquet(tmp_path / "rows.parquet", index=False)
-    some = parts_of([tmp_path / "rows.parquet"])
+    some = list_parts([tmp_path / "rows.parquet"])
     with pytest.raises(DataError, match="cannot be fitted in parts"):
         Parts(PUMA, TOOL, some).problem(some[0])
 
@@ -771,7 +771,7 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
     some = [fitted.terms[k] for k in fitted.representatives]
     at, pool_scene = (
         fitted.at(),
-        Problem(PUMA, measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL])),
+        Problem(PUMA, build_measurements(c.arm.draw(c.rng, 5), np.zeros((5, 3))), np.array([TOOL])),
     )
     p = build_pool(known, pool_scene, fitted.terms, at, NOISE)
     X = compute_design(known.unweighted(), some, at)[0].reshape(-1, len(some))
@@ -782,7 +782,9 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
 
 
 def test_the_page_s_example_is_read(tmp_path) -> None:
-    text = (Path(__file__).parents[1] / "docs" / "kinds.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[1] / "docs" / "how-to" / "other-measurements.md").read_text(
+        encoding="utf-8"
+    )
     rows, known = (
         text.partition(f"```{language}\n")[2].partition("```")[0] for language in ("csv", "toml")
     )

@@ -10,10 +10,9 @@ from builders import drawn, one, planted
 
 from modelsel.config.study_file import parse_study
 from modelsel.diagnosis import procedure as explain
-from modelsel.measurements.measurements import blocks
+from modelsel.measurements.visits import number_blocks
 from modelsel.mechanisms.causes import q
-from modelsel.selection import evaluation as validate
-from modelsel.selection.evaluation import gain
+from modelsel.selection.evaluation import ResamplingOptions, estimate_gain
 from modelsel.study.runner import run
 
 STUDY = """
@@ -50,24 +49,20 @@ def test_naming_sees_a_share_and_says_so(rng, tmp_path, monkeypatch) -> None:
     assert set(np.flatnonzero(result.split.outlying)) == {11, 250}
 
 
-def test_bundled_bootstrap_has_the_same_interval(rng, monkeypatch) -> None:
+def test_bundled_bootstrap_has_the_same_interval(rng) -> None:
     before, after = rng.normal(0, 2, (4000, 3)), rng.normal(0, 1, (4000, 3))
-    whole = gain(before, after, np.arange(4000), np.random.default_rng(1))
-    monkeypatch.setattr(validate, "DRAWN", 400)
-    bundled = gain(before, after, np.arange(4000), np.random.default_rng(1))
+    whole = estimate_gain(before, after, np.arange(4000), np.random.default_rng(1))
+    bundles = ResamplingOptions(max_units=400)
+    bundled = estimate_gain(before, after, np.arange(4000), np.random.default_rng(1), bundles)
     assert bundled.held_out_rms_before_mm == pytest.approx(whole.held_out_rms_before_mm, rel=1e-12)
     assert bundled.interval_mm == pytest.approx(whole.interval_mm, rel=0.01)
 
 
-def test_readings_alike_by_neighbours_or_by_tree(rng, monkeypatch) -> None:
+def test_readings_alike_by_neighbours_or_by_tree(rng) -> None:
     """Few close neighbours are compared along one direction, many by a tree: the same blocks."""
-    from modelsel.measurements import measurements
-
     few = np.repeat(rng.uniform(-1, 1, (50, 3)), 2, axis=0) + rng.uniform(-4e-7, 4e-7, (100, 3))
-    monkeypatch.setattr(measurements, "_near", lambda q, order, close: None)
-    by_tree = blocks(few, np.arange(100))
-    monkeypatch.undo()
-    assert np.array_equal(blocks(few, np.arange(100)), by_tree)
+    by_tree = number_blocks(few, np.arange(100), max_lag=0)
+    assert np.array_equal(number_blocks(few, np.arange(100)), by_tree)
     assert len(np.unique(by_tree)) == 50
     many = np.zeros((40, 3))
-    assert len(np.unique(blocks(many, np.arange(40)))) == 1
+    assert len(np.unique(number_blocks(many, np.arange(40)))) == 1

@@ -13,8 +13,8 @@ from builders import drawn, one
 
 from modelsel.fitting import design
 from modelsel.mechanisms.causes import Cause, Named, Number, cos, q, sin
-from modelsel.mechanisms.geometry import setup
-from modelsel.mechanisms.registry import BUILTIN, Scanned, every, mechanism, parts
+from modelsel.mechanisms.geometry import build_setup
+from modelsel.mechanisms.registry import BUILTIN, Scanned, build_mechanisms, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import builtin_names, load
 from modelsel.robot.kinematics import Robot
@@ -93,7 +93,7 @@ def test_names(robot) -> None:
     shared = {m.name.partition(":")[0] for m in found if sum(o.name == m.name for o in found) > 1}
     assert all(isinstance(BUILTIN[stem], Scanned) for stem in shared)
     for name in dict.fromkeys(m.name for m in found):
-        assert parts(name, arm) == tuple(m for m in found if m.name == name)
+        assert build_mechanisms(name, arm) == tuple(m for m in found if m.name == name)
 
 
 @pytest.mark.parametrize(
@@ -204,12 +204,12 @@ def test_setup_columns_with_orientation(rng) -> None:
     at = drawn(robot, rng, 20)
     turned = at.pose(slice(None)).rotation.transpose(2, 0, 1)
     from modelsel.fitting.problem import Problem
-    from modelsel.measurements.measurements import measurements
+    from modelsel.measurements.measurements import build_measurements
 
-    data = measurements(at.data.q, at.data.position, rotation=turned)
+    data = build_measurements(at.data.q, at.data.position, rotation=turned)
     six = Problem(robot, data, at.tools)
     assert six.components == 6
-    whole = setup(robot, 1, 1, True, True)
+    whole = build_setup(robot, 1, 1, True, True)
     both = Mechanism("all", (*whole.terms, *mechanism("wrist-coupling", robot).terms))
     from modelsel.fitting.design import compute_design, residuals
 

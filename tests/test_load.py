@@ -14,14 +14,14 @@ from click.testing import CliRunner
 
 from modelsel.cli.main import run_command_line
 from modelsel.diagnosis import candidates as possible
-from modelsel.diagnosis.candidates import candidates, crowded
-from modelsel.diagnosis.procedure import explain
+from modelsel.diagnosis.candidates import build_candidates, exceeds_cell_limit
+from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q, sin
-from modelsel.mechanisms.registry import every, mechanism, parts
+from modelsel.mechanisms.registry import build_mechanisms, every, mechanism
 from modelsel.results.finding_notes import partial_map_notes
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
@@ -114,10 +114,13 @@ def test_no_noise_and_an_effect(rng) -> None:
     at = drawn("puma760", rng, 60)
     at = planted(at, one(4, "rz", sin(2.0 * q(4))).terms, np.array([1e-3]))
     base = Model((mechanism("geometric", PUMA),))
-    _, extension, _ = explain(
+    _, extension, _ = diagnose_split(
         study_of(at),
         base,
-        (*parts("encoder-eccentricity", PUMA), *parts("wrist-coupling", PUMA)),
+        (
+            *build_mechanisms("encoder-eccentricity", PUMA),
+            *build_mechanisms("wrist-coupling", PUMA),
+        ),
         1,
         cells=False,
     )
@@ -151,7 +154,7 @@ def test_targets_on_every_axis(name, rng) -> None:
         angles = robot.draw(rng, 60)
         at = bind(
             robot,
-            measurements(
+            build_measurements(
                 angles, forward(robot, angles, np.array(tool)) + rng.normal(0, SIGMA, (60, 3))
             ),
             tool,
@@ -206,7 +209,7 @@ def snake(n: int) -> Robot:
 def of_snake(n: int, m: int, rng: np.random.Generator) -> Problem:
     robot = snake(n)
     angles = rng.uniform(-1, 1, (m, n))
-    at = bind(robot, measurements(angles, forward(robot, angles, TOOL)), tuple(TOOL))
+    at = bind(robot, build_measurements(angles, forward(robot, angles, TOOL)), tuple(TOOL))
     return planted(at, one(5, "rz", sin(2.0 * q(5))).terms, np.array([1e-3]), rng, SIGMA)
 
 
@@ -221,12 +224,12 @@ def test_sixty_joints_and_two_hundred_mechanisms(rng) -> None:
             "approach-backlash",
             "encoder-scale",
         )
-        for part in parts(name, at.robot)
+        for part in build_mechanisms(name, at.robot)
     ]
     assert len(offered) > 200
     fitted = fit(at, base)
     assert fitted.rank > 200
-    _, extension, _ = explain(study_of(at), base, tuple(offered), 1, cells=False)
+    _, extension, _ = diagnose_split(study_of(at), base, tuple(offered), 1, cells=False)
     assert "encoder-eccentricity:5" in [e.candidate.mechanism.name for e in extension.effects]
 
 
@@ -235,25 +238,27 @@ def test_the_error_map_of_many_joints_is_bounded(rng, monkeypatch) -> None:
     said."""
     at = of_snake(16, 12, rng)
     base = Model((mechanism("geometric", at.robot),))
-    assert crowded(at)
+    assert exceeds_cell_limit(at)
     (note,) = partial_map_notes(at)
     assert "16 joints" in note.sentence
-    cells = [c for c in candidates(at, base, every(at.robot)) if not c.registered]
+    cells = [c for c in build_candidates(at, base, every(at.robot)) if not c.registered]
     assert len(cells) < 15_000
     names = {c.mechanism.name for c in cells}
     assert {"5 rz sin(q5+q6) & cos(q5+q6)", "4 tx sin(q3) & cos(q3)", "9 ry progress"} <= names
     assert "5 rz sin(q5+q9) & cos(q5+q9)" not in names
     few = of_snake(6, 12, rng)
-    assert not crowded(few)
+    assert not exceeds_cell_limit(few)
     assert partial_map_notes(few) == ()
     whole = {
         c.mechanism.name
-        for c in candidates(few, Model((mechanism("geometric", few.robot),)), every(few.robot))
+        for c in build_candidates(
+            few, Model((mechanism("geometric", few.robot),)), every(few.robot)
+        )
     }
     assert "1 rz sin(q3+q6) & cos(q3+q6)" in whole
     monkeypatch.setattr(possible, "CELLS", 10)
     assert len(
-        candidates(few, Model((mechanism("geometric", few.robot),)), every(few.robot))
+        build_candidates(few, Model((mechanism("geometric", few.robot),)), every(few.robot))
     ) < len(whole)
 
 

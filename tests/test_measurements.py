@@ -13,8 +13,9 @@ from builders import drawn, seeds
 
 from modelsel.exceptions import DataError
 from modelsel.fitting.noise import from_repeats
-from modelsel.measurements.measurements import Measurements, in_turn, measurements
+from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.measurements.reader import read_labels, read_measurements
+from modelsel.measurements.visits import order_units
 from modelsel.robot.files import load
 from modelsel.study.preparation import Plan, prepare
 
@@ -203,7 +204,7 @@ def test_order_and_groups(rng) -> None:
         [f"{g}{k}" for g in "ab" for k in (0, 1, 2, 2, 4, 5)],
     )
     shuffle = rng.permutation(12)
-    data = measurements(
+    data = build_measurements(
         q[shuffle],
         np.zeros((12, 3)),
         group=group[shuffle],
@@ -225,7 +226,8 @@ def test_groups_follow_one_another_by_the_clock() -> None:
 
     def progress(*time: float) -> list[float]:
         return (
-            measurements(q, x, group=group, covariates={"time_s": np.array(time)}).progress * 5
+            build_measurements(q, x, group=group, covariates={"time_s": np.array(time)}).progress
+            * 5
         ).tolist()
 
     assert progress(10, 11, 0, 1, 20, 21) == [2, 3, 0, 1, 4, 5]
@@ -235,16 +237,16 @@ def test_groups_follow_one_another_by_the_clock() -> None:
 
 def test_units_are_numbered_as_the_arm_came_to_them(rng) -> None:
     unit, progress = np.array([7, 3, 7, 5, 3]), np.array([0.9, 0.4, 0.1, 0.2, 0.3])
-    number, first = in_turn(unit, progress)
+    number, first = order_units(unit, progress)
     assert number.tolist() == [0, 2, 0, 1, 2]
     assert first.tolist() == [2, 3, 4]
     mixed = rng.permutation(5)
-    again, _ = in_turn(unit[mixed], progress[mixed])
+    again, _ = order_units(unit[mixed], progress[mixed])
     assert again.tolist() == number[mixed].tolist()
 
 
 def test_a_new_group_begins_a_new_configuration() -> None:
-    data = measurements(np.zeros((4, 2)), np.zeros((4, 3)), group=["a", "a", "b", "b"])
+    data = build_measurements(np.zeros((4, 2)), np.zeros((4, 3)), group=["a", "a", "b", "b"])
     assert data.configuration.tolist() == [0, 0, 1, 1]
     assert len(set(data.block)) == 1
     assert not data.approach.any()
@@ -261,7 +263,7 @@ def test_given_approach_stays(tmp_path) -> None:
 
 
 def test_configuration_column_joins_rows() -> None:
-    data = measurements(
+    data = build_measurements(
         np.array([[0.0, 0], [1, 0], [0, 0]]), np.zeros((3, 3)), configuration=[7, 3, 7]
     )
     assert data.configuration.tolist() == [0, 1, 0]
@@ -274,7 +276,7 @@ def test_repeats_are_one_block(off, rng) -> None:
     """Readings equal to 1e-6 rad, wherever they lie and however far apart in time."""
     q = rng.uniform(-3, 3, (200, 2))
     again = np.concatenate([q, q + off * rng.choice([-1, 1], (200, 2)), rng.uniform(4, 5, (50, 2))])
-    data = measurements(again, np.zeros((450, 3)))
+    data = build_measurements(again, np.zeros((450, 3)))
     assert np.array_equal(data.block[:200], data.block[200:400])
     assert len(set(data.block)) == 250
     assert data.configurations == 450
@@ -447,7 +449,7 @@ def test_labels_of_the_split(tmp_path) -> None:
 def test_far_from_nominal(scale, robot, words, rng) -> None:
     """The median nominal residual above a quarter of the arm's reach."""
     data = drawn("ur5", rng, 60).data
-    moved = measurements(data.q, data.position * scale)
+    moved = build_measurements(data.q, data.position * scale)
     with pytest.raises(DataError, match=words) as caught:
         prepare(load(robot), moved, Plan(1, (40.0, -25.0, 100.0)))
     assert "quarter of the arm's reach" in str(caught.value)

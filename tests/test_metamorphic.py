@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from modelsel.config.study_file import parse_study
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Named, q, sin
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import robot_from_table
@@ -166,7 +166,7 @@ def campaign() -> pd.DataFrame:
     }
     at = Problem(
         robot,
-        measurements(angles, forward(robot, angles, np.array(TOOL)), covariates=covariates),
+        build_measurements(angles, forward(robot, angles, np.array(TOOL)), covariates=covariates),
         np.array([TOOL]),
     )
     terms = (

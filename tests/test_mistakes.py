@@ -20,15 +20,15 @@ from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import read_study
 from modelsel.exceptions import DataError
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.geometry import geometric
 from modelsel.mechanisms.registry import BUILTIN
-from modelsel.notices import MISTAKEN
+from modelsel.notices import SETUP_MISTAKE
 from modelsel.report.terminal import write_sentences
 from modelsel.results.study_sentences import opening_sentences
 from modelsel.robot.files import load
-from modelsel.robot.rigid import rpy
-from modelsel.setup.mistakes import mistake
+from modelsel.robot.rigid import from_rpy
+from modelsel.setup.mistakes import describe_setup_mistake
 from modelsel.setup.registration import register
 from modelsel.study.preparation import Plan, prepare
 from modelsel.study.runner import asked, run
@@ -47,17 +47,19 @@ def arm(rng: np.random.Generator, name: str, m: int = 80, registered: bool = Tru
     at = planted(at, terms, rng.normal(0, size), rng, 0.05)
     if not registered:
         return at
-    moved = at.data.position @ rpy(0.3, -0.5, 2.0).T + [2500.0, -800.0, 400.0]
+    moved = at.data.position @ from_rpy(0.3, -0.5, 2.0).T + [2500.0, -800.0, 400.0]
     return replace(at, data=replace(at.data, position=moved), tools=np.zeros((1, 3)))
 
 
 def said(at: Problem, change: Change, registered: bool = True) -> str | None:
     """What is said of the problem with a mistake put into its readings and positions."""
     q, position = change(at.data.q, at.data.position)
-    data = replace(measurements(q, position), notes=())
+    data = replace(build_measurements(q, position), notes=())
     wrong = replace(at, data=data)
     use = np.ones(len(at), bool)
-    return mistake(register(wrong, use, per_group=False) if registered else wrong, use, registered)
+    return describe_setup_mistake(
+        register(wrong, use, per_group=False) if registered else wrong, use, registered
+    )
 
 
 def sense(*joints: int) -> Change:
@@ -138,7 +140,7 @@ def test_what_the_study_says_of_tool_and_frame(rng) -> None:
         float(part) for part in sentence.partition("sits at ")[2].partition(" mm")[0].split(",")
     ]
     assert numbers == pytest.approx(OFF_AXIS, abs=1.5)
-    turned = rpy(0.1, 0.2, -0.4)
+    turned = from_rpy(0.1, 0.2, -0.4)
     assert "register = true" in (said(at, lambda q, x: (q, x @ turned.T + 100), False) or "")
     both = said(at, lambda q, x: (sense(3)(q, x)[0], x @ turned.T + 100), False) or ""
     assert "register = true" in both
@@ -200,7 +202,7 @@ def test_the_studies_raise_no_alarm_and_their_mistakes_are_found(name, monkeypat
         read_study(STUDIES / name / "study.toml"), STUDIES / name, BUILTIN
     )
     notes = prepare(question.robot, measured, question.plan, labels)[2]
-    assert MISTAKEN not in [n.code for n in notes]
+    assert SETUP_MISTAKE not in [n.code for n in notes]
     wrong = replace(measured, q=sense(3)(measured.q, measured.position)[0])
     if name == "positioner":
         return
@@ -208,7 +210,7 @@ def test_the_studies_raise_no_alarm_and_their_mistakes_are_found(name, monkeypat
         found = "".join(
             n.sentence
             for n in prepare(question.robot, wrong, question.plan, labels)[2]
-            if n.code == MISTAKEN
+            if n.code == SETUP_MISTAKE
         )
     except DataError as refused:
         found = str(refused)
@@ -220,7 +222,7 @@ def test_it_is_told_first_and_nothing_is_changed(rng, tmp_path) -> None:
     stand."""
     at = arm(rng, "ur5", 40)
     q, position = sense(5)(at.data.q, at.data.position)
-    measurements(q, position).to_frame().to_csv(tmp_path / "measurements.csv", index=False)
+    build_measurements(q, position).to_frame().to_csv(tmp_path / "measurements.csv", index=False)
     (tmp_path / "study.toml").write_text(
         'name = "s"\n[robot]\nname = "ur5"\nregister = true\n[measurements]\n'
         'file = "measurements.csv"\n[model]\ncandidates = []\n'
@@ -234,7 +236,7 @@ def test_it_is_told_first_and_nothing_is_changed(rng, tmp_path) -> None:
         assert ran.exit_code == 0, ran.output
         assert words in ran.output
     result = run(tmp_path, sampling=False)
-    assert next(w.code for w in result.warnings) == MISTAKEN
+    assert next(w.code for w in result.warnings) == SETUP_MISTAKE
     np.testing.assert_array_equal(result.split.problem.data.q, q)
     lines = write_sentences(result.record, result.details)
     assert lines[0].startswith("Check the set-up: The positions fit ")
@@ -248,6 +250,6 @@ def test_it_is_told_first_and_nothing_is_changed(rng, tmp_path) -> None:
 def test_a_refusal_says_the_mistake(rng) -> None:
     """Above a quarter of the reach."""
     at = arm(rng, "ur5", 40, registered=False)
-    wrong = measurements(*sense(1)(at.data.q, at.data.position))
+    wrong = build_measurements(*sense(1)(at.data.q, at.data.position))
     with pytest.raises(DataError, match=r"quarter of the arm's reach.*joint 1 turns the other way"):
         prepare(load("ur5"), wrong, Plan(1, OFF_AXIS))

@@ -8,7 +8,7 @@ import pytest
 
 from modelsel.config.study_file import Study
 from modelsel.exceptions import DataError
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.report import drawing, terminal
 from modelsel.report.document import collect_blocks
@@ -25,7 +25,7 @@ def spoilt(tmp_path, kind: str, rng: np.random.Generator) -> tuple[object, np.nd
         robot,
         np.array([30.0, 0, 90]),
         [],
-        at=measurements(robot.draw(rng, 60), np.zeros((60, 3))),
+        at=build_measurements(robot.draw(rng, 60), np.zeros((60, 3))),
         noise_mm=0.02,
         rng=rng,
     )

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import Measurements, measurements
+from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load, read_robot
 from modelsel.robot.kinematics import Joint, Robot
@@ -78,7 +78,7 @@ def site(
         q,
     )
     x = seen(T, tools, target, R, t, group) + rng.normal(0, SIGMA, (m, 3))
-    data = measurements(
+    data = build_measurements(
         q,
         x,
         target=[f"r{k}" for k in target],
@@ -244,7 +244,7 @@ def test_tiago_is_registered_to_the_least_that_its_table_leaves() -> None:
 
 def test_all_points_at_one_place_are_refused(rng) -> None:
     robot = load("ur5")
-    data = measurements(
+    data = build_measurements(
         robot.draw(rng, 30), np.array([3000.0, 100, 20]) + rng.normal(0, SIGMA, (30, 3))
     )
     with pytest.raises((NotEstimable, DataError)):

@@ -32,7 +32,7 @@ from modelsel.cli.main import run_command_line
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.design import compute_design
 from modelsel.fitting.linearisation import Linearisation
-from modelsel.mechanisms.registry import mechanism, parts
+from modelsel.mechanisms.registry import build_mechanisms, mechanism
 from modelsel.mechanisms.terms import Term
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
@@ -58,7 +58,7 @@ def simulated(
     """60 configurations measured, rivals that move the target by `size` mm rms beyond the geometry,
     a pool of others."""
     known, more = drawn(ROBOT, rng, 60), drawn(ROBOT, rng, possible)
-    mechanisms = [parts(name, ROBOT)[0] for name in names]
+    mechanisms = [build_mechanisms(name, ROBOT)[0] for name in names]
     Q = np.linalg.svd(
         compute_design(known, GEOMETRY.terms)[0].reshape(180, -1), full_matrices=False
     )[0][:, :25]
@@ -366,16 +366,16 @@ def test_ranges_and_units_are_the_users(rng) -> None:
 def test_every_target_is_seen_at_every_configuration(rng) -> None:
     """A pool without targets is seen through all of the study's; one that lists them unevenly is
     refused."""
-    from modelsel.measurements.measurements import measurements
+    from modelsel.measurements.measurements import build_measurements
     from modelsel.study.planning import every_target, table_of
 
     at = drawn(ROBOT, rng, 40, target=["a", "b"] * 20, configuration=np.repeat(np.arange(20), 2))
     q = ROBOT.draw(rng, 7)
-    possible = every_target(measurements(q, np.zeros((7, 3))), ("a", "b"))
+    possible = every_target(build_measurements(q, np.zeros((7, 3))), ("a", "b"))
     assert len(possible) == 14
     assert possible.configurations == 7
     tools = np.array([[40.0, 0, 100], [0, 60.0, 100]])
-    known, more = (at.anew(data=data, tools=tools) for data in (at.data, possible))
+    known, more = (replace(at, data=data, tools=tools) for data in (at.data, possible))
     p = build_pool(known, more, GEOMETRY.terms, ((), np.zeros(0)), SIGMA)
     assert p.possible.shape == (7, 6, len(GEOMETRY.terms))
     assert p.configurations == 20

@@ -21,7 +21,7 @@ from modelsel.cli.plugins import Trial, load_plugin, render_plugin, try_mechanis
 from modelsel.config.study_file import ModelTable
 from modelsel.exceptions import StudyError
 from modelsel.mechanisms.causes import Named, Number, q
-from modelsel.mechanisms.registry import BUILTIN, mechanism, unsound, with_plugins
+from modelsel.mechanisms.registry import BUILTIN, find_entry_problem, mechanism, with_plugins
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.testing import LawBroken, check_mechanism, find_broken_laws
@@ -293,11 +293,11 @@ def test_a_covariate_of_ones_own_is_drawn(rng) -> None:
 
 
 def test_unsound() -> None:
-    assert "calls itself" in unsound("other", lambda robot: bad(), PUMA)
-    assert "does not have" in unsound(
+    assert "calls itself" in find_entry_problem("other", lambda robot: bad(), PUMA)
+    assert "does not have" in find_entry_problem(
         "m", lambda robot: bad(terms=(Term("k", (Screw(9, "rz", q(3)),)),)), PUMA
     )
-    assert unsound("m", lambda robot: bad(), PUMA) is None
+    assert find_entry_problem("m", lambda robot: bad(), PUMA) is None
 
 
 @pytest.mark.parametrize("name", ["Hose", "2nd", "a b", "../x", "é"])

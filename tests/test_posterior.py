@@ -19,9 +19,9 @@ from modelsel.fitting.prior import usual_sizes
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.causes import cos, q
-from modelsel.mechanisms.geometry import setup
+from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import mechanism
-from modelsel.uncertainty.posterior import importance, posterior, weighted
+from modelsel.uncertainty.posterior import linear_posterior, summarise_importance, weight_draws
 
 ARM = small_arm()
 MODEL = Model((mechanism("geometric", ARM), mechanism("joint-compliance:2", ARM)))
@@ -72,7 +72,7 @@ def test_ensemble_is_the_exact_chain(rng: np.random.Generator, kind: str) -> Non
     )
     model = Model(
         (
-            setup(
+            build_setup(
                 at.robot,
                 len(at.data.targets),
                 len(at.data.groups),
@@ -99,9 +99,9 @@ def test_intervals_are_those_of_least_squares(rng: np.random.Generator) -> None:
     X, r = compute_design(problem, MODEL.terms, fitted.at())
     X = X.reshape(-1, len(MODEL.terms))[:, kept]
     plain = sm.OLS(r.ravel() + X @ fitted.theta[kept], X).fit()
-    low, high = posterior(fitted).quantile(np.array([0.025, 0.975])).T
+    low, high = linear_posterior(fitted).quantile(np.array([0.025, 0.975])).T
     assert np.allclose(np.stack([low[kept], high[kept]], 1), plain.conf_int(), rtol=1e-6, atol=1e-9)
-    assert posterior(fitted).scale == pytest.approx(np.sqrt(plain.scale), rel=1e-6)
+    assert linear_posterior(fitted).scale == pytest.approx(np.sqrt(plain.scale), rel=1e-6)
 
 
 def test_shrunk_posterior_is_the_conjugate_one(rng: np.random.Generator) -> None:
@@ -119,7 +119,7 @@ def test_shrunk_posterior_is_the_conjugate_one(rng: np.random.Generator) -> None
     gram = X.T @ X + np.diag(precision[kept])
     beta = np.linalg.solve(gram, X.T @ y)
     cost = y @ y - beta @ gram @ beta
-    known = posterior(fitted)
+    known = linear_posterior(fitted)
     assert known.freedom == len(y) - (len(kept) - 1)
     assert known.cost == pytest.approx(cost, rel=1e-6)
     spread = np.sqrt(np.diag(np.linalg.inv(gram)) * cost / known.freedom)
@@ -134,9 +134,9 @@ def test_weights_find_the_curved_posterior() -> None:
     model = Model((one(1, "rz", 0.02 * cos(q(2)) + 1.0),))
     problem = planted(at, model.terms, np.array([0.4]), rng, 300.0)
     fitted = fit(problem, model)
-    known = posterior(fitted)
+    known = linear_posterior(fitted)
     draws = known.draw(rng, 40_000)
-    good = weighted(problem, fitted, draws)
+    good = weight_draws(problem, fitted, draws)
     grid = fitted.theta[0] + np.linspace(-3.0, 3.0, 6001)
     cost = np.square(Ensemble(problem, model.terms).residuals(grid[:, None])).sum((1, 2))
     density = cost ** (-known.freedom / 2 - 0.5)  # σ integrated out
@@ -147,7 +147,7 @@ def test_weights_find_the_curved_posterior() -> None:
     assert abs(good.spread[0] - spread) < 0.03 * spread
     assert abs(draws.spread[0] - spread) > 0.06 * spread
     assert abs(float(good.weight @ good.theta[:, 0]) - mean) < 4 * spread / np.sqrt(good.effective)
-    assert "believe" in importance(replace(good, weight=np.eye(1, 40_000)[0])).sentence
+    assert "believe" in summarise_importance(replace(good, weight=np.eye(1, 40_000)[0])).sentence
 
 
 STUDIES, DRAWS, BINS = 2000, 99, 20
@@ -171,8 +171,8 @@ def test_calibrated_by_simulation(rng: np.random.Generator) -> None:
         sigma = float(np.exp(rng.normal(-2, 0.5)))
         problem = planted(at, MODEL.terms, truth, rng, sigma)
         fitted = fit(problem, MODEL, start=truth, held="nothing")
-        known = posterior(fitted)
-        draws = weighted(problem, fitted, known.draw(rng, DRAWS))
+        known = linear_posterior(fitted)
+        draws = weight_draws(problem, fitted, known.draw(rng, DRAWS))
         below = draws.weight @ (draws.theta[:, kept] < truth[kept])
         ranks[study] = below
         low, high = known.quantile(np.array([0.025, 0.975])).T
@@ -201,7 +201,7 @@ def test_covers_parameters_of_usual_size(rng: np.random.Generator) -> None:
             np.isfinite(sizes), scale * np.where(np.isfinite(sizes), sizes, 0.0), 0.0
         ) * rng.normal(size=len(sizes))
         fitted = fit(planted(at, MODEL.terms, truth, rng, 0.05), MODEL)
-        low, high = posterior(fitted).quantile(np.array([0.025, 0.975])).T
+        low, high = linear_posterior(fitted).quantile(np.array([0.025, 0.975])).T
         fitted_terms = [k for k in fitted.found.kept if np.isfinite(sizes[k])]
         held = (low < truth) & (truth < high)
         inside += held[fitted_terms].tolist()

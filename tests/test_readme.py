@@ -26,7 +26,7 @@ from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import compute_design, residuals
 from modelsel.measurements.reader import read_measurements
-from modelsel.mechanisms.registry import BUILTIN, Registry, parts, with_plugins
+from modelsel.mechanisms.registry import BUILTIN, Registry, build_mechanisms, with_plugins
 from modelsel.report.terminal import show_study
 from modelsel.robot.files import load
 
@@ -222,7 +222,7 @@ def test_example_is_a_mechanism(plugin, rng) -> None:
     registry, broken = with_plugins()
     assert not broken
     (name,) = set(registry) - set(BUILTIN)
-    (mechanism,) = parts(name, load("puma760"), registry)
+    (mechanism,) = build_mechanisms(name, load("puma760"), registry)
     at = drawn("puma760", rng, 40)
     columns, h = compute_design(at, mechanism.terms)[0], 1e-5
     for j, term in enumerate(mechanism.terms):
@@ -231,7 +231,7 @@ def test_example_is_a_mechanism(plugin, rng) -> None:
         assert np.abs(columns[:, :, j] - difference).max() <= 1e-6 * np.abs(difference).max()
         assert np.abs(difference).max() > 1
     with pytest.raises(StudyError):
-        parts(name, load("puma760"))
+        build_mechanisms(name, load("puma760"))
 
 
 def test_example_prints_as_shown(plugin) -> None:

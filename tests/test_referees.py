@@ -14,10 +14,10 @@ from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import builtin_names, load
-from modelsel.robot.gravity import torques
+from modelsel.robot.gravity import compute_joint_torques
 from modelsel.robot.kinematics import Robot, pose
 from modelsel.selection.cross_validation import cross_validate, fold, held_out_residuals
-from modelsel.selection.splits import assign
+from modelsel.selection.splits import assign_folds
 
 TOOL = np.array([40.0, -25.0, 100.0])
 
@@ -77,7 +77,7 @@ def test_gravity_is_pinocchios(rng) -> None:
     robot = load("puma560")
     pin, model = pinocchio(robot)
     data, q = model.createData(), robot.draw(rng, 8)
-    found = torques(robot, pose(robot, q, np.zeros(3)), q)
+    found = compute_joint_torques(robot, pose(robot, q, np.zeros(3)), q)
     for row, angles in enumerate(q):
         np.testing.assert_allclose(
             -found[:, row], pin.computeGeneralizedGravity(model, data, angles), atol=1e-9
@@ -93,7 +93,7 @@ def test_cross_validation_is_scikit_learns(rng) -> None:
     at = drawn("puma760", rng, 50)
     model = Model((mechanism("geometric", at.robot), mechanism("joint-compliance:3", at.robot)))
     fitted = fit(at, model, held="nothing")
-    kept, fold_of = list(fitted.found.kept), assign(at.data, 10, rng)
+    kept, fold_of = list(fitted.found.kept), assign_folds(at.data, 10, rng)
     X, r = compute_design(at, model.terms, fitted.at())
     scale = np.linalg.norm(X, axis=(0, 1))[kept]
     A, y, groups = (

@@ -22,11 +22,11 @@ from modelsel.calibration.storage import calibration_text
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study, read_study
 from modelsel.exceptions import StudyError
-from modelsel.measurements.measurements import measurements
-from modelsel.measurements.reference_temperature import reference
+from modelsel.measurements.measurements import build_measurements
+from modelsel.measurements.reference_temperature import choose_reference
 from modelsel.mechanisms.causes import Combined, parse
-from modelsel.mechanisms.environment import warmth
-from modelsel.mechanisms.registry import BUILTIN, counted_from, mechanism
+from modelsel.mechanisms.environment import temperature_rise
+from modelsel.mechanisms.registry import BUILTIN, mechanism, set_reference
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.robot.urdf import read_urdf_text
@@ -179,12 +179,12 @@ def test_an_arm_that_is_nominal_at_27_degrees(low, high, counted, tmp_path) -> N
 
 
 def test_reference_temperature() -> None:
-    assert reference({}) == 20
-    assert reference({"temperature_C": np.array([18.0, 31.0])}) == 20
-    assert reference({"temperature_C": np.array([26.0, 29.0])}) == 28  # 27.5
-    assert reference({"temperature_C": np.array([-9.0, -5.0])}) == -7
+    assert choose_reference({}) == 20
+    assert choose_reference({"temperature_C": np.array([18.0, 31.0])}) == 20
+    assert choose_reference({"temperature_C": np.array([26.0, 29.0])}) == 28  # 27.5
+    assert choose_reference({"temperature_C": np.array([-9.0, -5.0])}) == -7
     assert (
-        measurements(
+        build_measurements(
             np.zeros((2, 1)), np.zeros((2, 3)), covariates={"temperature_C": np.array([30.0, 32.0])}
         )
         .take([0])
@@ -192,14 +192,14 @@ def test_reference_temperature() -> None:
         == 31
     )  # of the whole campaign
     for t in (20.0, 28.0, -7.0, 0.0):
-        cause = warmth(t)
+        cause = temperature_rise(t)
         assert parse(str(cause), {"temperature_C": "°C"}) == cause
         for name, unit in (
             ("thermal-zero:2", "rad/°C"),
             ("thermal-growth:3", "1/°C"),
             ("thermal-expansion", "1/°C"),
         ):
-            own = mechanism(name, load("puma760"), counted_from(BUILTIN, t))
+            own = mechanism(name, load("puma760"), set_reference(BUILTIN, t))
             assert all(
                 s.cause
                 in (
@@ -216,7 +216,7 @@ def test_a_plug_in_keeps_its_own_thermal_mechanism() -> None:
     def own(robot: Robot) -> None:
         return None
 
-    assert counted_from({**BUILTIN, "thermal-expansion": own}, 27.0)["thermal-expansion"] is own
+    assert set_reference({**BUILTIN, "thermal-expansion": own}, 27.0)["thermal-expansion"] is own
 
 
 def test_a_table_needs_nothing_beside_the_nominal_chain() -> None:

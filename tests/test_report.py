@@ -332,11 +332,13 @@ def small(
 
         from modelsel.robot.files import load
         from modelsel.robot.kinematics import pose
-        from modelsel.robot.rigid import turn
+        from modelsel.robot.rigid import rotation_matrix
 
         q = data[[f"q{j}_rad" for j in range(1, 7)]].to_numpy()
         R = pose(load("puma760"), q, np.array([0.0, 0, 100])).rotation.transpose(2, 0, 1)
-        data[["qx", "qy", "qz", "qw"]] = Rotation.from_matrix(R @ turn(2, 1e-3)).as_quat()
+        data[["qx", "qy", "qz", "qw"]] = Rotation.from_matrix(
+            R @ rotation_matrix(2, 1e-3)
+        ).as_quat()
     data.to_csv(folder / "measurements.csv", index=False)
     text = (
         'name = "small"\nseed = 1\n[robot]\nname = "puma760"\ntool_mm = [0, 0, 100]\n'

@@ -8,16 +8,16 @@ from dataclasses import replace
 import numpy as np
 from builders import drawn, seeds, small_arm
 
-from modelsel.diagnosis.candidates import candidates
-from modelsel.diagnosis.scan import basis, columns, scan, stacked
+from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.scan import columns, compute_basis, scan, stacked
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
-from modelsel.measurements.measurements import Measurements, measurements
+from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.mechanisms.registry import every, mechanism
 
 
 def read(q: np.ndarray, **more: object) -> Measurements:
-    return measurements(q, np.zeros((len(q), 3)), **more)  # type: ignore[arg-type]
+    return build_measurements(q, np.zeros((len(q), 3)), **more)  # type: ignore[arg-type]
 
 
 def rests(data: Measurements) -> str:
@@ -89,11 +89,11 @@ def test_a_resting_joint_is_the_place_of_no_cause_of_motion(rng: np.random.Gener
     q = robot.draw(rng, 40)
     q[:, 1] = 0.4 + 1e-5 * rng.standard_normal(40)
     at = drawn(robot, rng, 40)
-    at = replace(at, data=measurements(q, at.data.position))
+    at = replace(at, data=build_measurements(q, at.data.position))
     base = Model((mechanism("geometric", robot),))
-    fitted, found = fit(at, base), candidates(at, base, every(robot), cells=False)
+    fitted, found = fit(at, base), build_candidates(at, base, every(robot), cells=False)
     X, _ = stacked(at, base.terms, fitted.at())
-    sizes = scan(columns(at, found, fitted.at()), basis(X)).sizes
+    sizes = scan(columns(at, found, fitted.at()), compute_basis(X)).sizes
     moved = {c.label: k for c, k in zip(found, sizes, strict=True)}
     assert [moved[f"{stem}:2"] for stem in ("approach-backlash", "overshoot", "settle")] == [
         0,

@@ -15,7 +15,7 @@ from modelsel.fitting.design import compute_design, residuals
 from modelsel.mechanisms.geometry import geometric
 from modelsel.robot.files import builtin_names, load, read_robot, robot_from_table
 from modelsel.robot.kinematics import Robot, forward, pose, screw_field
-from modelsel.robot.rigid import turn
+from modelsel.robot.rigid import rotation_matrix
 
 POSES = tomllib.loads((Path(__file__).parent / "poses.toml").read_text(encoding="utf-8"))["pose"]
 
@@ -333,7 +333,7 @@ def test_residual_in_the_trackers_frame(rng) -> None:
     from dataclasses import replace
 
     at = drawn("ur5", rng, 5)
-    R, t = turn(2, 0.7) @ turn(0, -1.1), np.array([3000.0, -2000, 500])
+    R, t = rotation_matrix(2, 0.7) @ rotation_matrix(0, -1.1), np.array([3000.0, -2000, 500])
     far = replace(
         at,
         placement=(R[None], t[None]),

@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,23 +24,27 @@ from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.noise import Instrument, weigh
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.whitening import Whitening
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.results.storage import WRITES
 from modelsel.robot.kinematics import forward
-from modelsel.robot.rigid import rpy
+from modelsel.robot.rigid import from_rpy
 from modelsel.study.checkpoint import Checkpoint
-from modelsel.uncertainty import sampler as engine
 from modelsel.uncertainty.log_posterior import TAIL, LogPosterior
-from modelsel.uncertainty.mcmc import autocorrelation_time, r_hat, snooker
-from modelsel.uncertainty.nuisance import components, constants
-from modelsel.uncertainty.parameters import labels
+from modelsel.uncertainty.mcmc import autocorrelation_time, propose_snooker, r_hat
+from modelsel.uncertainty.nuisance import assign_components, list_constants
+from modelsel.uncertainty.parameters import label_terms
 from modelsel.uncertainty.posterior import Importance
-from modelsel.uncertainty.sampler import Sampling, State, sample
-from modelsel.uncertainty.summary import Request, described, sampled, target_of
-from modelsel.uncertainty.summary import confidence as certainty
+from modelsel.uncertainty.sampler import Sampling, State, sample_posterior
+from modelsel.uncertainty.sampling_options import SamplingOptions
+from modelsel.uncertainty.summary import assess_confidence as certainty
+from modelsel.uncertainty.summary import (
+    build_log_posterior,
+    describe_sampling,
+    sample_confidence,
+)
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))
@@ -54,15 +59,12 @@ def problem(rng: np.random.Generator) -> Problem:
     return planted(drawn(ARM, rng, 20), MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
 
 
-@pytest.fixture
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Chains of 12 autocorrelation times, for tests whose answer does not hang on their number."""
-    monkeypatch.setattr(engine, "LONG", 12)
-    monkeypatch.setattr(engine, "AGREE", 1.2)
+# chains of 12 autocorrelation times, for tests whose answer does not depend on their number
+SHORT = SamplingOptions(min_times=12, max_r_hat=1.2)
 
 
 def target(at: Problem, fitted: Fit, chosen: Sequence[int], **more: object) -> LogPosterior:
-    noise = components(at)
+    noise = assign_components(at)
     tail = (TAIL,) if more.get("tail") else ()
     names = (*(str(k) for k in chosen), *noise.names, *tail)
     return LogPosterior(fitted, noise, tuple(chosen), names, ("1",) * len(names), **more)  # type: ignore[arg-type]
@@ -94,7 +96,7 @@ def test_emcee_agrees_with_the_closed_form(
     few = Model((one(1, "tx"), one(2, "tx"), one(1, "rz"), one(2, "rz", sin(q(1)))))
     fitted = fit(problem, few if exact else MODEL)
     chosen = fitted.found.kept if exact else named(fitted)
-    chain = sample(target(problem, fitted, chosen, exact=exact), NOTHING, "", rng)
+    chain = sample_posterior(target(problem, fitted, chosen, exact=exact), NOTHING, "", rng)
     assert chain.converged
     assert chain.effective.min() > 2000
     assert 0.1 < chain.acceptance < 0.6
@@ -103,7 +105,7 @@ def test_emcee_agrees_with_the_closed_form(
 
 def test_integrated_coefficients_change_nothing(problem: Problem, rng: np.random.Generator) -> None:
     fitted = fit(problem, MODEL)
-    close(sample(target(problem, fitted, named(fitted)), NOTHING, "", rng))
+    close(sample_posterior(target(problem, fitted, named(fitted)), NOTHING, "", rng))
 
 
 def test_linear_and_exact_densities_agree(problem: Problem, rng: np.random.Generator) -> None:
@@ -127,7 +129,7 @@ def test_several_scales_are_the_restricted_likelihood(rng: np.random.Generator) 
         None,
     )
     fitted = fit(at, MODEL)
-    noise = components(at, instrument)
+    noise = assign_components(at, instrument)
     assert noise.names == ("noise along the beam", "noise across the beam")
     chosen = tuple(named(fitted))
     whole = LogPosterior(
@@ -205,7 +207,6 @@ def test_tail_with_a_coefficient_integrated_out(rng: np.random.Generator, nu: fl
     assert np.allclose(found - found[0], np.array(expected) - expected[0], atol=0.03)
 
 
-@pytest.mark.usefixtures("short")
 def test_tail_is_found(rng: np.random.Generator) -> None:
     """Noise with 3 degrees of freedom is told from normal noise."""
     at = drawn(ARM, rng, 80)
@@ -217,11 +218,12 @@ def test_tail_is_found(rng: np.random.Generator) -> None:
         problem = replace(at, data=replace(at.data, position=at.data.position + noise))
         fitted = fit(problem, MODEL)
         tails.append(
-            sample(
+            sample_posterior(
                 target(problem, fitted, named(fitted), tail=True),
                 NOTHING,
                 "",
                 np.random.default_rng(1),
+                options=SHORT,
             ).quantiles[-1]
         )
     assert tails[0][0] > 0.1
@@ -234,7 +236,6 @@ def stepped(at: float) -> Model:
     return Model((*BASE.mechanisms, tracker_step(ARM, at)))
 
 
-@pytest.mark.usefixtures("short")
 def test_the_moment_of_a_step_is_sampled(rng: np.random.Generator) -> None:
     """tracker-step's constant is scanned in steps of 0.025; the chain finds it between two
     configurations."""
@@ -244,10 +245,10 @@ def test_the_moment_of_a_step_is_sampled(rng: np.random.Generator) -> None:
     theta[len(BASE.terms) : len(BASE.terms) + 3] = 2.0
     data = study_of(planted(at, truth.terms, theta, rng, 0.05))
     fitted = fit(data.training(), model)
-    chosen = target_of(data, fitted, Request(BASE, "default", None, False, BUILTIN))
+    chosen = build_log_posterior(data, fitted, BASE, BUILTIN)
     assert chosen.names[-1] == "constant of tracker-step"
-    assert "constant of tracker-step" in described(chosen)
-    low, _, high = sample(chosen, NOTHING, "", rng).quantiles[-1]
+    assert "constant of tracker-step" in describe_sampling(chosen)
+    low, _, high = sample_posterior(chosen, NOTHING, "", rng, options=SHORT).quantiles[-1]
     progress = np.unique(data.problem.data.progress)
     assert (
         progress[progress < 0.612].max() - 0.01
@@ -259,10 +260,10 @@ def test_the_moment_of_a_step_is_sampled(rng: np.random.Generator) -> None:
 
 def test_held_constant_moves_nothing(rng: np.random.Generator) -> None:
     model = stepped(0.6)
-    (constant,) = constants(drawn(ARM, rng, 30), model, BUILTIN)
+    (constant,) = list_constants(drawn(ARM, rng, 30), model, BUILTIN)
     assert constant.held == 0.6
     into: dict[tuple[int, int], Array] = {}
-    constant.twist(np.ones((2, len(model.terms))), np.array([0.6, 0.9]), into)
+    constant.add_twist(np.ones((2, len(model.terms))), np.array([0.6, 0.9]), into)
     assert set(into) == {(0, a) for a in range(6)}
     assert not into[0, 0][0].any()
     assert into[0, 0][1].min() == -1.0
@@ -308,7 +309,7 @@ def test_snooker_keeps_a_normal_normal(rng: np.random.Generator) -> None:
     move does not)."""
     n, d = 200_000, 8
     x, z, first, second = rng.normal(size=(4, n, d))
-    proposal, log_factor = snooker(x, z, first - second)
+    proposal, log_factor = propose_snooker(x, z, first - second)
     log_ratio = log_factor + 0.5 * (np.square(x).sum(1) - np.square(proposal).sum(1))
     accepted = np.log(rng.random(n)) < log_ratio
     after = np.where(accepted[:, None], proposal, x)
@@ -340,18 +341,22 @@ class Broken:
 def test_resumed_chain_is_the_unbroken_one(problem: Problem, after: int) -> None:
     fitted = fit(problem, MODEL)
     aim = target(problem, fitted, named(fitted), exact=False)
-    whole, again = (sample(aim, NOTHING, "", np.random.default_rng(3)) for _ in range(2))
+    whole, again = (sample_posterior(aim, NOTHING, "", np.random.default_rng(3)) for _ in range(2))
     assert np.array_equal(whole.chain, again.chain)
     keeper = Broken(after)
     with pytest.raises(KeyboardInterrupt):
-        sample(aim, NOTHING, "", np.random.default_rng(3), keeper=keeper)
+        sample_posterior(aim, NOTHING, "", np.random.default_rng(3), keeper=keeper)
     assert keeper.kept
-    resumed = sample(aim, NOTHING, "", np.random.default_rng(3), keeper=Broken(0, keeper.state))
+    resumed = sample_posterior(
+        aim, NOTHING, "", np.random.default_rng(3), keeper=Broken(0, keeper.state)
+    )
     assert np.array_equal(whole.chain, resumed.chain)
     assert json.dumps(whole.to_dict(), default=np.ndarray.tolist) == json.dumps(
         resumed.to_dict(), default=np.ndarray.tolist
     )
-    assert not np.array_equal(whole.chain, sample(aim, NOTHING, "", np.random.default_rng(4)).chain)
+    assert not np.array_equal(
+        whole.chain, sample_posterior(aim, NOTHING, "", np.random.default_rng(4)).chain
+    )
 
 
 def test_checkpoint_belongs_to_one_run(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -442,15 +447,19 @@ def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
     return tmp_path
 
 
-def invoke(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, str]:
-    """The command; its chains on the QR-reduced data, which take a second."""
-    monkeypatch.setattr("modelsel.uncertainty.summary.ROWS", 0)
+def invoke(
+    monkeypatch: pytest.MonkeyPatch, *arguments: str, max_steps: int = 20_000
+) -> tuple[int, str]:
+    """The command; its chains short and on the QR-reduced data, which take a second."""
+    options = replace(SHORT, max_evaluations=0, max_steps=max_steps)
+    for step in (build_log_posterior, sample_confidence):
+        brief = partial(step, options=options)
+        monkeypatch.setattr(f"modelsel.study.pipeline.{step.__name__}", brief)
     monkeypatch.setattr(sys, "argv", ["modelsel", *arguments])
     done = CliRunner().invoke(run_command_line, list(arguments))
     return done.exit_code, done.output
 
 
-@pytest.mark.usefixtures("short")
 def test_interrupted_study_resumes(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -492,8 +501,8 @@ def test_interrupted_study_resumes(
 
 
 def test_unconverged_chain_is_not_quoted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(engine, "MOST_STEPS", 600)
-    status, output = invoke(monkeypatch, "study", str(folder), "--out", str(folder / "out"))
+    command = ("study", str(folder), "--out", str(folder / "out"))
+    status, output = invoke(monkeypatch, *command, max_steps=600)
     assert status == 5
     assert "has not converged after 600 steps" in output
     result = json.loads((folder / "out" / "result.json").read_text())
@@ -505,7 +514,6 @@ def test_unconverged_chain_is_not_quoted(folder: Path, monkeypatch: pytest.Monke
     assert "unconverged" in [w["code"] for w in result["warnings"]]
 
 
-@pytest.mark.usefixtures("short")
 def test_over_all_and_without(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`over = "all"` samples every parameter; --no-sampling none, and the tables stay."""
     (folder / "study.toml").write_text(STUDY + '[sampling]\nover = "all"\n')
@@ -533,7 +541,7 @@ def test_chain_as_frame_and_arviz(
     problem: Problem, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fitted = fit(problem, MODEL)
-    chain = sample(target(problem, fitted, named(fitted), exact=False), NOTHING, "", rng)
+    chain = sample_posterior(target(problem, fitted, named(fitted), exact=False), NOTHING, "", rng)
     frame = chain.to_dataframe()
     assert list(frame.columns) == list(chain.names)
     assert np.array_equal(frame.loc[(7, 3)], chain.chain[7, 3])
@@ -552,13 +560,12 @@ def test_many_rows_are_sampled_reduced_and_said(rng: np.random.Generator) -> Non
     at = planted(drawn(ARM, rng, 600), MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
     data = study_of(at)
     fitted = fit(data.training(), MODEL)
-    aim = target_of(data, fitted, Request(BASE, "default", None, False, BUILTIN))
+    aim = build_log_posterior(data, fitted, BASE, BUILTIN)
     assert not aim.exact
-    assert aim.names == (*(labels(MODEL)[k] for k in named(fitted)), "noise scale")
-    assert "600 rows are too many" in described(aim)
+    assert aim.names == (*(label_terms(MODEL)[k] for k in named(fitted)), "noise scale")
+    assert "600 rows are too many" in describe_sampling(aim)
 
 
-@pytest.mark.usefixtures("short")
 @pytest.mark.parametrize("kind", ["sigma", "orientation", "targets", "sliding"])
 def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
     """Noise scales per axis or of the orientations come back near what was simulated; outliers stay
@@ -575,13 +582,13 @@ def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
     if kind == "targets":
         more = {"target": np.array(["a", "b"] * 15)}
     at = drawn(arm, rng, 30)
-    at = replace(at, data=measurements(joints, position, **more))  # type: ignore[arg-type]
+    at = replace(at, data=build_measurements(joints, position, **more))  # type: ignore[arg-type]
     at = replace(at, tools=np.tile(at.tools[:1], (len(at.data.targets), 1)))
     if kind == "orientation":
         turned = np.einsum("ijm->mij", at.pose(slice(None)).rotation)
         turned = np.einsum(
             "mij,mjk->mik",
-            np.array([rpy(*angles) for angles in rng.normal(0, 3e-4, (30, 3))]),
+            np.array([from_rpy(*angles) for angles in rng.normal(0, 3e-4, (30, 3))]),
             turned,
         )
         at = replace(
@@ -598,12 +605,12 @@ def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
     data.outlying[3] = True
     data.problem.data.position[3] += 50.0
     fitted = fit(data.training(), base)
-    found = sampled(
+    found = sample_confidence(
         certainty(data, fitted, ("geometric",), 1),
         data,
-        fitted,
-        Request(base, "default", None, False, BUILTIN),
+        build_log_posterior(data, fitted, base, BUILTIN),
         1,
+        options=SHORT,
     )
     chain = found.sampling
     assert chain is not None

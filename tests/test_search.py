@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from scipy import integrate, stats
 
 from modelsel.diagnosis.candidates import Candidate
-from modelsel.diagnosis.evidence import single_f
-from modelsel.diagnosis.scan import basis, columns, scan, stacked
+from modelsel.diagnosis.evidence import compute_single_f
+from modelsel.diagnosis.scan import columns, compute_basis, scan, stacked
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.causes import ONE
@@ -23,16 +23,17 @@ from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.selection import criteria
-from modelsel.selection.cross_validation import Folded, fold, pad
-from modelsel.selection.splits import assign
-from modelsel.selection.subsets import all_subsets, refined
+from modelsel.selection.cross_validation import FoldedData, fold, pad_blocks
+from modelsel.selection.orthogonal_subsets import refine_subsets
+from modelsel.selection.splits import assign_folds
+from modelsel.selection.subsets import sweep_subsets
 
 N, K = 48, 4
 
 
-def folded(X: np.ndarray, y: np.ndarray, fold_of: np.ndarray) -> Folded:
+def folded(X: np.ndarray, y: np.ndarray, fold_of: np.ndarray) -> FoldedData:
     blocks = [np.column_stack([X, y])[fold_of == k] for k in range(fold_of.max() + 1)]
-    return pad(blocks, [len(b) for b in blocks])
+    return pad_blocks(blocks, [len(b) for b in blocks])
 
 
 def referee(
@@ -67,7 +68,7 @@ def compare_all(
     groups: list[list[int]],
     message: str,
 ) -> None:
-    found = all_subsets(folded(X, y, fold_of), base, groups)
+    found = sweep_subsets(folded(X, y, fold_of), base, groups)
     assert len(found.members) == 2 ** len(groups)
     assert len({tuple(m) for m in found.members.tolist()}) == 2 ** len(groups)
     assert not found.members[0].any()
@@ -136,7 +137,7 @@ def test_groups_that_saturate(rng) -> None:
     """More columns than the training rows of a fold carry: the whole set is fitted exactly, the
     rank says so."""
     X, y = rng.normal(size=(12, 12)), rng.normal(size=12)
-    found = all_subsets(
+    found = sweep_subsets(
         folded(X, y, np.arange(12) % 3), [0], [list(range(1, 6)), list(range(6, 12))]
     )
     whole = found.members.all(1)
@@ -153,7 +154,7 @@ def test_subsets_of_mechanisms(rng) -> None:
     geometric = mechanism("geometric", load("puma760"))
     terms = Model((geometric, *some)).terms
     at = planted(drawn("puma760", rng, 50), terms, rng.normal(size=len(terms)) * 1e-4, rng, 0.1)
-    fold_of = assign(at.data, 5, rng)
+    fold_of = assign_folds(at.data, 5, rng)
     X, r = compute_design(at, terms)
     X, y, rows = X.reshape(150, -1), r.ravel(), fold_of.repeat(3)
     from modelsel.fitting.identifiability import identify
@@ -162,7 +163,7 @@ def test_subsets_of_mechanisms(rng) -> None:
     base = list(identify(reduced.select(range(len(geometric.terms))).total).kept)
     ends = np.cumsum([len(geometric.terms), *(len(m.terms) for m in some)])
     groups = [list(range(a, b)) for a, b in pairwise(ends)]
-    found = all_subsets(reduced, base, groups)
+    found = sweep_subsets(reduced, base, groups)
     for members, rss, rank, held in zip(
         found.members, found.rss, found.rank, found.held_out, strict=True
     ):
@@ -192,8 +193,8 @@ def test_single_f_is_the_nested_f_test(rng) -> None:
     offered = tuple(Candidate(m, True, 0.25) for m in some)
     A, r = stacked(at, base.terms, fitted.at())
     A = A[:, list(fitted.found.kept)]
-    found = single_f(
-        scan(columns(at, offered, fitted.at()), basis(A)),
+    found = compute_single_f(
+        scan(columns(at, offered, fitted.at()), compute_basis(A)),
         r - A @ np.linalg.lstsq(A, r, rcond=None)[0],
     )
     small = sm.OLS(r, A).fit()
@@ -214,10 +215,10 @@ def test_single_f_of_a_candidate_that_explains_all(size, rng) -> None:
     ]
     cols = columns(at, offered, fitted.at())
     A, _ = stacked(at, fitted.terms, fitted.at())
-    Q = basis(A)
+    Q = compute_basis(A)
     r = cols.XT[cols.slices[1][0]]
     r = r - Q @ (Q.T @ r)
-    f = single_f(scan(cols, Q), size * r / np.linalg.norm(r))
+    f = compute_single_f(scan(cols, Q), size * r / np.linalg.norm(r))
     assert np.isfinite(f).all()
     assert f.argmax() == 1
     assert f[1] > 1e10
@@ -302,16 +303,18 @@ def test_evidence_where_the_noise_is_known(rng) -> None:
 
 def test_weights() -> None:
     want = np.array([1, np.exp(-1), 0]) / (1 + np.exp(-1))
-    np.testing.assert_allclose(criteria.weights([10.0, 12.0, np.inf]), want, rtol=1e-14)
-    np.testing.assert_allclose(criteria.weights([-1e6, -1e6 + 2 * log(3)]), [0.75, 0.25], rtol=1e-9)
-    np.testing.assert_allclose(criteria.weights([np.inf, np.inf]), [0.5, 0.5])
-    assert criteria.weights([]).shape == (0,)
+    np.testing.assert_allclose(criteria.normalise_weights([10.0, 12.0, np.inf]), want, rtol=1e-14)
+    np.testing.assert_allclose(
+        criteria.normalise_weights([-1e6, -1e6 + 2 * log(3)]), [0.75, 0.25], rtol=1e-9
+    )
+    np.testing.assert_allclose(criteria.normalise_weights([np.inf, np.inf]), [0.5, 0.5])
+    assert criteria.normalise_weights([]).shape == (0,)
 
 
 def test_every_size_of_table() -> None:
     """Members are all subsets, each once."""
     rng = np.random.default_rng(5)
-    found = all_subsets(
+    found = sweep_subsets(
         folded(rng.normal(size=(N, 6)), rng.normal(size=N), np.arange(N) % K),
         [0],
         [[k] for k in range(1, 6)],
@@ -327,8 +330,8 @@ def test_nearly_dependent_columns_are_told_apart(rng) -> None:
     X[:, 5] = X[:, 1] + 2e-8 * X[:, 5]
     y = X @ rng.normal(size=7) + 0.1 * rng.normal(size=120)
     fold_of = np.arange(120) % 5
-    folded = pad([np.column_stack([X, y])[fold_of == k] for k in range(5)], [24] * 5)
-    found = all_subsets(folded, [0, 1], [[2, 3], [4, 5], [6]])
+    folded = pad_blocks([np.column_stack([X, y])[fold_of == k] for k in range(5)], [24] * 5)
+    found = sweep_subsets(folded, [0, 1], [[2, 3], [4, 5], [6]])
     assert found.rank.tolist() == [2 + members @ [2, 2, 1] for members in found.members.astype(int)]
     for members, held_out in zip(found.members, found.held_out, strict=True):
         columns = [0, 1, *(c for g in np.flatnonzero(members) for c in ([2, 3], [4, 5], [6])[g])]
@@ -343,9 +346,9 @@ def test_a_base_column_that_one_fold_has_alone(rng) -> None:
     overflows."""
     blocks = rng.normal(size=(3, 5, 4))
     blocks[1:, :, 0] *= 1e-180
-    found = all_subsets(Folded(blocks, np.full(3, 5)), [0], [[1], [2]])
+    found = sweep_subsets(FoldedData(blocks, np.full(3, 5)), [0], [[1], [2]])
     blocks[1:, :, 0] = 0
-    alone = all_subsets(Folded(blocks, np.full(3, 5)), [0], [[1], [2]])
+    alone = sweep_subsets(FoldedData(blocks, np.full(3, 5)), [0], [[1], [2]])
     np.testing.assert_allclose(found.held_out, alone.held_out, rtol=1e-9)
     assert np.isfinite(found.held_out).all()
 
@@ -364,8 +367,9 @@ def test_given_subsets_by_triangles(rng) -> None:
     members = rng.permutation(
         (np.arange(2 ** len(groups))[:, None] >> np.arange(len(groups))) % 2 == 1
     )
-    rank, rss, held_out = refined(folded(X, y, fold_of), [0, 1], groups, members)
-    for some, *found in zip(members, rank, rss, held_out, strict=True):
+    refined = refine_subsets(folded(X, y, fold_of), [0, 1], groups, members)
+    figures = zip(refined.rank, refined.rss, refined.held_out, strict=True)
+    for some, found in zip(members, figures, strict=True):
         columns = list(dict.fromkeys([0, 1, *(c for g in np.flatnonzero(some) for c in groups[g])]))
         want = referee(X, y, fold_of, columns)
         assert found[0] == want[1], columns
@@ -378,11 +382,11 @@ def test_given_subsets_by_triangles(rng) -> None:
 def test_a_column_that_one_fold_has_alone_is_said(rng) -> None:
     X, fold_of = rng.normal(size=(N, 3)), np.arange(N) % K
     X[fold_of != 1, 2] = 0.0
-    held_out = refined(
+    held_out = refine_subsets(
         folded(X, rng.normal(size=N), fold_of),
         [0],
         [[1], [2]],
         np.array([[True, False], [True, True]]),
-    )[2]
+    ).held_out
     assert np.isfinite(held_out[0]).all()
     assert np.isnan(held_out[1]).tolist() == [False, True, False, False]

@@ -13,24 +13,29 @@ from builders import drawn, one, planted, small_arm, study_of
 from scipy.linalg import sqrtm
 from scipy.stats import binom
 
-from modelsel._json import dumps
+from modelsel._json import to_json
 from modelsel.fitting.design import Model, compute_design, residuals
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.mechanisms.causes import Named, q, sin
 from modelsel.mechanisms.registry import BUILTIN, mechanism
-from modelsel.selection.cross_validation import by_unit, fold
+from modelsel.selection.cross_validation import fold, fold_by_unit
 from modelsel.selection.evaluation import Split, evaluate
-from modelsel.uncertainty.bootstrap import bootstrap, halves, signs
+from modelsel.uncertainty.bootstrap import draw_half_samples, draw_signs, run_bootstrap
 from modelsel.uncertainty.parameters import (
-    correlation,
-    difference_notes,
-    labels,
-    parameters,
-    resampled,
+    bootstrap_parameters,
+    correlate_parameters,
+    describe_parameters,
+    label_terms,
+    note_differences,
 )
-from modelsel.uncertainty.posterior import posterior
-from modelsel.uncertainty.significance import Significance, nested, significance, stability
-from modelsel.uncertainty.summary import Request, confidence, sampled
+from modelsel.uncertainty.posterior import linear_posterior
+from modelsel.uncertainty.significance import (
+    Significance,
+    assess_significance,
+    compare_nested,
+)
+from modelsel.uncertainty.stability import measure_stability
+from modelsel.uncertainty.summary import assess_confidence, build_log_posterior, sample_confidence
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))
@@ -60,19 +65,19 @@ def linear(split: Split, fitted: Fit) -> tuple[np.ndarray, np.ndarray, list[int]
 def judged(
     split: Split, fitted: Fit, names: Sequence[str], rng: np.random.Generator
 ) -> tuple[Significance, ...]:
-    return significance(split, fitted, names, resampled(split, fitted, rng), rng)
+    return assess_significance(split, fitted, names, bootstrap_parameters(split, fitted, rng), rng)
 
 
 def test_nested_f_is_that_of_statsmodels(split: Split, rng: np.random.Generator) -> None:
     fitted = fit(split.training(), MODEL, held="nothing")
     X, y, kept = linear(split, fitted)
     whole = sm.OLS(y.ravel(), X.reshape(-1, len(TRUTH))[:, kept]).fit()
-    boot, ruled = resampled(split, fitted, rng), set()
+    boot, ruled = bootstrap_parameters(split, fitted, rng), set()
     for own in ([kept[-1]], kept[-2:], *([k] for k in kept[:12])):
         less = sm.OLS(
             y.ravel(), X.reshape(-1, len(TRUTH))[:, [k for k in kept if k not in own]]
         ).fit()
-        f, p, _ = nested(fitted, own, boot)
+        f, p, _ = compare_nested(fitted, own, boot)
         expected = whole.compare_f_test(less)
         assert f == pytest.approx(expected[0], rel=1e-6)
         assert p == pytest.approx(
@@ -134,7 +139,7 @@ def test_stability_tells_effects_from_none(rng: np.random.Generator) -> None:
         problem = planted(at, model.terms, np.array([1.0, 1e-3, 1e-3, 0.0]), rng, 0.1)
         fitted = fit(problem, model)
         folded = fold(problem, model.terms, np.arange(30), fitted.at())
-        strong, none, nothing = stability(folded, fitted, [[2], [3], []], rng, 20)
+        strong, none, nothing = measure_stability(folded, fitted, [[2], [3], []], rng, 20)
         assert strong == 1.0
         assert nothing is None
         absent.append(none)
@@ -156,10 +161,10 @@ def test_stability_of_the_study_itself(split: Split, rng: np.random.Generator) -
         False,
     )
     tiny = fit(small.training(), Model((one(1, "tx"), one(1, "rz"))))
-    assert stability(
+    assert measure_stability(
         fold(small.training(), tiny.terms, np.arange(6), tiny.at()), tiny, [[0]], rng
     ) != [None]
-    pairs = halves(rng, 10, 7)
+    pairs = draw_half_samples(rng, 10, 7)
     assert pairs.shape == (10, 3)
     assert all(len(set(a) | set(b)) == 6 for a, b in zip(pairs[::2], pairs[1::2], strict=True))
 
@@ -201,7 +206,7 @@ def test_bootstrap_is_the_cluster_robust_formula(rng: np.random.Generator) -> No
     lump = np.repeat(rng.normal(0, 0.1, (20, 3)), 2, axis=0)
     at = replace(at, data=replace(at.data, position=at.data.position + lump))
     fitted = fit(at, model)
-    found = bootstrap(by_unit(at, model.terms, at.data.block, fitted.at()), fitted, rng)
+    found = run_bootstrap(fold_by_unit(at, model.terms, at.data.block, fitted.at()), fitted, rng)
     X, r = compute_design(at, model.terms, fitted.at())
     X, r = X.reshape(-1, 4), r.ravel()
     inverse = np.linalg.inv(X.T @ X)
@@ -221,7 +226,7 @@ def test_bootstrap_is_the_cluster_robust_formula(rng: np.random.Generator) -> No
     )  # what a configuration's two targets share counts once
     assert (found.units > 5).all()
     assert (found.units <= 20).all()
-    assert set(np.unique(signs(rng, 3, 5))) == {-1.0, 1.0}
+    assert set(np.unique(draw_signs(rng, 3, 5))) == {-1.0, 1.0}
 
 
 def test_three_answers_agree_or_are_flagged(rng: np.random.Generator) -> None:
@@ -231,9 +236,9 @@ def test_three_answers_agree_or_are_flagged(rng: np.random.Generator) -> None:
     at = drawn(ARM, rng, 120)
     even = study_of(planted(at, model.terms, np.zeros(3), rng, 0.1))
     fitted = fit(even.training(), model)
-    found = parameters(even, fitted, resampled(even, fitted, rng))
+    found = describe_parameters(even, fitted, bootstrap_parameters(even, fitted, rng))
     assert not any(p.differ for p in found)
-    assert difference_notes(found) == ()
+    assert note_differences(found) == ()
     assert np.allclose([p.bootstrap_error / p.standard_error for p in found], 1, atol=0.3)
     position = (
         even.problem.data.position
@@ -241,9 +246,9 @@ def test_three_answers_agree_or_are_flagged(rng: np.random.Generator) -> None:
     )
     uneven = study_of(replace(at, data=replace(at.data, position=position)))
     again = fit(uneven.training(), model)
-    flagged = parameters(uneven, again, resampled(uneven, again, rng))
+    flagged = describe_parameters(uneven, again, bootstrap_parameters(uneven, again, rng))
     assert [p.symbol for p in flagged if p.differ] == [flagged[-1].symbol]
-    assert flagged[-1].symbol in difference_notes(flagged)[0].sentence
+    assert flagged[-1].symbol in note_differences(flagged)[0].sentence
 
 
 def test_intervals_where_the_noise_grows(rng: np.random.Generator) -> None:
@@ -267,11 +272,11 @@ def test_intervals_where_the_noise_grows(rng: np.random.Generator) -> None:
             )
         )
         fitted = fit(data.training(), model)
-        boot = resampled(data, fitted, rng)
-        last = parameters(data, fitted, boot)[-1]
+        boot = bootstrap_parameters(data, fitted, rng)
+        last = describe_parameters(data, fitted, boot)[-1]
         plain += abs(last.estimate) < 1.96 * last.standard_error
         reported += last.low < 0 < last.high
-        p.append(nested(fitted, [2], boot)[1])
+        p.append(compare_nested(fitted, [2], boot)[1])
     assert plain < 0.85 * 200
     assert binom.cdf(reported, 200, 0.95) > 1e-4
     assert reported < 200
@@ -288,8 +293,10 @@ def test_shrunk_parameters_have_their_prior_in_the_bootstrap(rng: np.random.Gene
     strong = np.array([0.0, 0.0, 1 / (free.factor[2] @ free.factor[2])])
     problem = planted(at, model.terms, np.zeros(3), rng, 0.1)
     fitted = fit(problem, model, precision=strong)
-    found = bootstrap(by_unit(problem, model.terms, problem.data.block, fitted.at()), fitted, rng)
-    assert np.allclose(found.errors, posterior(fitted).spread, rtol=0.25)
+    found = run_bootstrap(
+        fold_by_unit(problem, model.terms, problem.data.block, fitted.at()), fitted, rng
+    )
+    assert np.allclose(found.errors, linear_posterior(fitted).spread, rtol=0.25)
 
 
 # -- correlation
@@ -298,9 +305,9 @@ def test_shrunk_parameters_have_their_prior_in_the_bootstrap(rng: np.random.Gene
 
 def test_correlation_is_that_of_draws(split: Split, rng: np.random.Generator) -> None:
     fitted = fit(split.training(), MODEL)
-    found = correlation(fitted)
+    found = correlate_parameters(fitted)
     kept = list(fitted.found.kept)
-    draws = posterior(fitted).draw(rng, 20_000).theta[:, kept]
+    draws = linear_posterior(fitted).draw(rng, 20_000).theta[:, kept]
     assert np.abs(np.corrcoef(draws.T) - found.matrix).max() < 5 / np.sqrt(20_000)
     assert len(found.symbols) == len(set(found.symbols)) == len(kept)
     assert "c2 of joint-compliance:2" in found.symbols
@@ -325,12 +332,12 @@ def test_pairs_are_said_in_words(rng: np.random.Generator) -> None:
         )
     )
     fitted = fit(planted(drawn(ARM, rng, 30), model.terms, np.zeros(5), rng, 0.1), model)
-    found = correlation(fitted)
+    found = correlate_parameters(fitted)
     (pair,) = found.pairs
     assert pair.r < -0.99
     assert "rises as" in pair.sentence
     assert found.clusters == ((pair.a, pair.b),)
-    assert labels(model)[1:3] == (
+    assert label_terms(model)[1:3] == (
         "k2rz of frame 2 rz · sin(q1)",
         "k2rz of frame 2 rz · sin(q1+0.05)",
     )
@@ -340,15 +347,17 @@ def test_nothing_fitted_has_no_tables(rng: np.random.Generator) -> None:
     data = study_of(drawn(ARM, rng, 12))
     bare = Model(())
     fitted = fit(data.training(), bare)
-    found = confidence(data, fitted, (), 3)
+    found = assess_confidence(data, fitted, (), 3)
     assert (found.parameters, found.significance, found.correlation.symbols) == ((), (), ())
-    assert sampled(found, data, fitted, Request(bare, "default", None, False, BUILTIN), 3) is found
+    nothing = build_log_posterior(data, fitted, bare, BUILTIN)
+    assert nothing is None
+    assert sample_confidence(found, data, nothing, 3) is found
 
 
 def test_tables_are_the_same_again(split: Split) -> None:
     fitted = fit(split.training(), MODEL)
-    found, again = (confidence(split, fitted, NAMES, 3).to_dict() for _ in range(2))
+    found, again = (assess_confidence(split, fitted, NAMES, 3).to_dict() for _ in range(2))
     assert found["sampling"] is None
-    assert dumps(found) == dumps(again)
+    assert to_json(found) == to_json(again)
     assert [p["symbol"] for p in found["parameters"]] == found["correlation"]["symbols"]
     assert all(p["low"] < p["estimate"] < p["high"] for p in found["parameters"])

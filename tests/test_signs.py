@@ -13,20 +13,20 @@ import pytest
 from builders import bind, drawn, measured, seeds, small_arm, study_of
 from scipy.integrate import quad
 
-from modelsel.diagnosis.candidates import Candidate, candidates
-from modelsel.diagnosis.evidence import log_bayes_factors, shares
-from modelsel.diagnosis.procedure import explain
-from modelsel.diagnosis.scan import Scan, basis, columns, scan, stacked
-from modelsel.diagnosis.sentences import sentence
+from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.evidence import compute_log_bayes_factors, normalise_strength
+from modelsel.diagnosis.procedure import diagnose_split
+from modelsel.diagnosis.scan import Scan, columns, compute_basis, scan, stacked
+from modelsel.diagnosis.sentences import describe_effect
 from modelsel.diagnosis.stepwise import Effect
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
-from modelsel.mechanisms.registry import every, faults, mechanism
+from modelsel.measurements.measurements import build_measurements
+from modelsel.mechanisms.registry import build_faults, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import builtin_names, load
-from modelsel.robot.gravity import torques
+from modelsel.robot.gravity import compute_joint_torques
 from modelsel.robot.kinematics import Robot, forward, pose
 
 ARM = load("ur10")
@@ -38,10 +38,12 @@ Array = np.ndarray
 def named(
     position: Array, q: Array, rng: np.random.Generator, arm: Robot = ARM
 ) -> tuple[Effect, ...]:
-    at = bind(arm, measurements(q, position, prismatic=arm.prismatic), TOOL)
+    at = bind(arm, build_measurements(q, position, prismatic=arm.prismatic), TOOL)
     at = measured(at, at.data.position + rng.normal(0, SIGMA, position.shape))
     base = Model((mechanism("geometric", arm),))
-    return explain(study_of(at), base, (*every(arm), *faults(arm)), 1, cells=True)[1].effects
+    return diagnose_split(study_of(at), base, (*every(arm), *build_faults(arm)), 1, cells=True)[
+        1
+    ].effects
 
 
 def turned(joint: int, by: Array, q: Array) -> Array:
@@ -52,9 +54,9 @@ def turned(joint: int, by: Array, q: Array) -> Array:
 
 
 def from_base(at: Problem) -> tuple[Scan, tuple[Candidate, ...], Array]:
-    fitted, found = fit(at, BASE), candidates(at, BASE, every(ARM))
+    fitted, found = fit(at, BASE), build_candidates(at, BASE, every(ARM))
     X, _ = stacked(at, BASE.terms, fitted.at())
-    Q = basis(X[:, list(fitted.found.kept)])
+    Q = compute_basis(X[:, list(fitted.found.kept)])
     return scan(columns(at, found, fitted.at()), Q), found, Q
 
 
@@ -86,7 +88,7 @@ def test_a_one_sided_term_has_the_evidence_of_half_a_normal_prior(
     for size in (-8.0, -5.0, -2.0, 0.0, 1.0, 4.0):
         y = noise + size * column
         total = float(y @ y)
-        share = shares(seen.strength(y[:, None]), np.array([total]))
+        share = normalise_strength(seen.strength(y[:, None]), np.array([total]))
         for ratio in (3.0, 1e3):
 
             def density(
@@ -108,15 +110,15 @@ def test_a_one_sided_term_has_the_evidence_of_half_a_normal_prior(
             )
             explained = size * size / total * ratio / (1 + ratio)
             both = -0.5 * np.log1p(ratio) - 0.5 * nu * np.log1p(-explained)
-            got = float(log_bayes_factors(seen, share, ratio)[g, 0])
+            got = float(compute_log_bayes_factors(seen, share, ratio)[g, 0])
             assert got == pytest.approx(both + np.log(2 * right / whole), abs=0.1), (
                 size,
                 ratio,
             )  # Wallace's
     y = noise - 300 * column
-    share = shares(seen.strength(y[:, None]), np.array([y @ y]))
+    share = normalise_strength(seen.strength(y[:, None]), np.array([y @ y]))
     assert (
-        -20 < float(log_bayes_factors(seen, share, 1e3)[g, 0]) < -3
+        -20 < float(compute_log_bayes_factors(seen, share, 1e3)[g, 0]) < -3
     )  # however strong: worth less than no effect
 
 
@@ -159,7 +161,7 @@ def test_what_gravity_forbids_is_not_named_after_it(
     takes up, and its like."""
     q = ARM.draw(rng, 90)
     joint = int(rng.choice([2, 4]))
-    torque = torques(ARM, pose(ARM, q, TOOL), q)[joint - 1]
+    torque = compute_joint_torques(ARM, pose(ARM, q, TOOL), q)[joint - 1]
     by = 1e-3 * torque / np.abs(torque).max() if kind == "compliance" else 4e-4 * np.sign(torque)
     effects = named(turned(joint, sign * by, q), q, rng)
     stems = {e.candidate.label.partition(":")[0] for e in effects}
@@ -167,14 +169,14 @@ def test_what_gravity_forbids_is_not_named_after_it(
     for e in effects:
         if e.candidate.registered:
             each = zip(e.candidate.mechanism.terms, e.estimate, e.standard_error, strict=True)
-            assert not any(t.sign * v < -3 * s for t, v, s in each), sentence(e)
+            assert not any(t.sign * v < -3 * s for t, v, s in each), describe_effect(e)
     expected = (
         {"backlash"} if kind == "play" else {"joint-compliance", "joint2-twist", "joint3-twist"}
     )
-    assert bool(stems & expected) == (sign > 0), [sentence(e) for e in effects]
+    assert bool(stems & expected) == (sign > 0), [describe_effect(e) for e in effects]
     if sign < 0:
         assert any(
-            "would do the same with the other sign only, so that this is not" in sentence(e)
+            "would do the same with the other sign only, so that this is not" in describe_effect(e)
             for e in effects
         )
 
@@ -194,7 +196,7 @@ def test_play_is_short_of_the_reading_and_overshoot_past_it(
     last = np.sign(np.diff(q[:, joint - 1], prepend=q[0, joint - 1]))
     (effect,) = named(turned(joint, sign * 3e-4 * last, q), q, rng)
     assert effect.candidate.label == f"{name}:{joint}"
-    assert words in sentence(effect)
+    assert words in describe_effect(effect)
 
 
 def test_a_one_sided_mechanism_has_a_cell_without_a_name_beside_it(
@@ -206,7 +208,7 @@ def test_a_one_sided_mechanism_has_a_cell_without_a_name_beside_it(
     own = Mechanism("sag", (Term("s", (Screw(4, "rz", cause),), None, -1),))
     either = Mechanism("either", (Term("s", (Screw(5, "rx", cause),)),))
     two = mechanism("approach-backlash:2", ARM), mechanism("overshoot:2", ARM)
-    found = candidates(drawn(ARM, rng, 20), BASE, (*two, own, either))
+    found = build_candidates(drawn(ARM, rng, 20), BASE, (*two, own, either))
 
     def same(m: Mechanism) -> list[bool]:
         return [
@@ -228,8 +230,8 @@ def test_play_yields_to_gravity_as_a_spring_does(name: str) -> None:
     arm = load(name)
     q = arm.draw(np.random.default_rng(3), 200)
     at, torque = (
-        bind(arm, measurements(q, forward(arm, q, TOOL)), TOOL),
-        torques(arm, pose(arm, q, TOOL), q),
+        bind(arm, build_measurements(q, forward(arm, q, TOOL)), TOOL),
+        compute_joint_torques(arm, pose(arm, q, TOOL), q),
     )
     for m in every(arm):
         if m.name.startswith("backlash:"):
@@ -256,7 +258,7 @@ def test_a_target_that_was_moved_is_a_step_at_the_target_and_its_size_the_whole_
     position[60:] = forward(ARM, q, TOOL + move)[60:]
     (effect,) = named(position, q, rng)
     assert effect.candidate.label == "target-step"
-    assert "The target was moved on the flange after 6" in sentence(effect)
+    assert "The target was moved on the flange after 6" in describe_effect(effect)
     assert np.abs((effect.estimate - move) / effect.standard_error).max() < 4
     assert effect.standard_error.max() < 0.05
 
@@ -286,7 +288,7 @@ def test_an_arm_with_slides_that_is_read_too_early_is_told(
     assert effect.candidate.label == "fault:read-too-early"
     assert effect.candidate.mechanism.terms[0].unit == "1"
     assert effect.estimate[0] == pytest.approx(2e-3 * sign, abs=4 * effect.standard_error[0])
-    assert words in sentence(effect)
+    assert words in describe_effect(effect)
 
 
 def test_units_that_are_no_shares_still_differ() -> None:

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from builders import bind, measured, small_arm, study_of
 
-from modelsel.diagnosis.candidates import PITCHES, candidates
-from modelsel.diagnosis.procedure import explain
-from modelsel.diagnosis.sentences import what
+from modelsel.diagnosis.candidates import PITCHES, build_candidates
+from modelsel.diagnosis.procedure import diagnose_split
+from modelsel.diagnosis.sentences import describe_candidate
 from modelsel.diagnosis.stepwise import Effect
 from modelsel.fitting.design import Model
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.robot.kinematics import Robot, forward, pose
 
@@ -51,11 +51,13 @@ def said(
         position = forward(ARM, moved, TOOL)
     at = bind(
         ARM,
-        measurements(q, position, covariates={"temperature_C": warm}, prismatic=ARM.prismatic),
+        build_measurements(
+            q, position, covariates={"temperature_C": warm}, prismatic=ARM.prismatic
+        ),
         TOOL,
     )
     at = measured(at, at.data.position + rng.normal(0, SIGMA, position.shape))
-    return explain(study_of(at), BASE, every(ARM), 1, cells=True)[1].effects
+    return diagnose_split(study_of(at), BASE, every(ARM), 1, cells=True)[1].effects
 
 
 @pytest.mark.parametrize(
@@ -75,7 +77,7 @@ def said(
 def test_one_cause_is_one_finding(error, across, names, words, rng) -> None:
     (effect,) = said(rng, error, across)
     assert effect.candidate.mechanism.names() == names
-    assert words in what(effect.candidate, effect.estimate)
+    assert words in describe_candidate(effect.candidate, effect.estimate)
     assert effect.named.verdict == "found"
 
 
@@ -86,7 +88,9 @@ def test_waves_of_a_slide_are_finer_than_its_travel_tells_apart() -> None:
     assert np.sinc(step / 2) > 0.99
     q = np.zeros((20, 3))
     q[:, :2] = np.random.default_rng(1).uniform(-2, 2, (20, 2))
-    at = bind(ARM, measurements(q, forward(ARM, q, TOOL), prismatic=ARM.prismatic), TOOL)
+    at = bind(ARM, build_measurements(q, forward(ARM, q, TOOL), prismatic=ARM.prismatic), TOOL)
     assert not [
-        c for c in candidates(at, BASE, every(ARM)) if "slides unevenly" in c.mechanism.sentence
+        c
+        for c in build_candidates(at, BASE, every(ARM))
+        if "slides unevenly" in c.mechanism.sentence
     ]

@@ -8,9 +8,9 @@ import pytest
 from builders import seeds
 
 from modelsel.exceptions import StudyError
-from modelsel.measurements.measurements import Measurements, measurements
+from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.robot.files import load
-from modelsel.selection.splits import _features, choose
+from modelsel.selection.splits import _features, split_configurations
 from modelsel.study.preparation import Plan, split
 
 ARM = load("puma760")
@@ -28,7 +28,7 @@ def campaign(rng: np.random.Generator, m: int = 200) -> Measurements:
     )
     temperature = 20 + 15 * (np.arange(m) / m) ** 4
     payload = 3.0 * (np.arange(m) % 25 == 7)
-    return measurements(
+    return build_measurements(
         q, rng.normal(size=(m, 3)), covariates={"temperature_C": temperature, "payload_kg": payload}
     )
 
@@ -50,7 +50,7 @@ def test_better_spread_than_chance(rng) -> None:
     """Eighty of two hundred, against fifty random draws: no joint or covariate worse covered than
     by the usual draw, all together better than by any."""
     data = campaign(rng)
-    inside = choose(data, 80, TURNS, rng)
+    inside = split_configurations(data, 80, TURNS, rng)
     assert inside.sum() == 80
     draws = [rough(rng, 80, 200) for _ in range(50)]
     whole = np.column_stack([np.sin(data.q), np.cos(data.q), *data.covariates.values()])
@@ -77,7 +77,7 @@ def test_the_start_alone_is_no_design(rng) -> None:
     """The exchange raises the determinant that it says it raises."""
     data = campaign(rng)
     X = _features(data, np.arange(len(data)), TURNS)
-    inside = choose(data, 80, TURNS, rng)
+    inside = split_configurations(data, 80, TURNS, rng)
 
     def size(of: np.ndarray) -> float:
         return float(np.linalg.slogdet(X[of].T @ X[of] + 1e-6 * np.eye(X.shape[1]))[1])
@@ -88,7 +88,7 @@ def test_the_start_alone_is_no_design(rng) -> None:
 def test_one_seed_one_split(rng) -> None:
     data = campaign(rng)
     first, again, other = (
-        choose(data, 80, TURNS, np.random.default_rng(seed)) for seed in (5, 5, 6)
+        split_configurations(data, 80, TURNS, np.random.default_rng(seed)) for seed in (5, 5, 6)
     )
     assert np.array_equal(first, again)
     assert not np.array_equal(first, other)
@@ -100,8 +100,8 @@ def test_repeats_stay_on_one_side(rng) -> None:
     q = ARM.draw(rng, 40)[rng.permutation(np.r_[np.arange(40), rng.integers(0, 40, 60)])].repeat(
         2, axis=0
     )
-    data = measurements(q, rng.normal(size=(200, 3)), target=["a", "b"] * 100)
-    inside = choose(data, 50, TURNS, rng)
+    data = build_measurements(q, rng.normal(size=(200, 3)), target=["a", "b"] * 100)
+    inside = split_configurations(data, 50, TURNS, rng)
     for reading in np.unique(q, axis=0):
         assert len(np.unique(inside[(q == reading).all(1)])) == 1
     most = max(len(np.unique(data.configuration[data.block == b])) for b in data.block)
@@ -112,14 +112,14 @@ def test_repeats_stay_on_one_side(rng) -> None:
 
 @pytest.mark.parametrize("count", [1, 199, 200])
 def test_any_count(count, rng) -> None:
-    assert choose(campaign(rng), count, TURNS, rng).sum() == count
+    assert split_configurations(campaign(rng), count, TURNS, rng).sum() == count
 
 
 def test_a_prismatic_joint(rng) -> None:
     """mm are not angles: no harmonics of a slide."""
     q = np.column_stack([rng.uniform(0, 500, 100), rng.uniform(-3, 3, 100)])
-    data = measurements(q, np.zeros((100, 3)))
-    inside = choose(data, 30, (True, False), rng)
+    data = build_measurements(q, np.zeros((100, 3)))
+    inside = split_configurations(data, 30, (True, False), rng)
     assert inside.sum() == 30
     assert q[inside, 0].std() > q[:, 0].std()
 
@@ -158,7 +158,7 @@ def test_splits_that_cannot_be(rng) -> None:
         StudyError, match=r"split\.estimation = 41, but the file has 40 configurations"
     ):
         split(data, None, Plan(1, None, estimation=41), TURNS)
-    twice = measurements(np.zeros((2, 6)), np.zeros((2, 3)), configuration=["a", "b"])
+    twice = build_measurements(np.zeros((2, 6)), np.zeros((2, 3)), configuration=["a", "b"])
     with pytest.raises(StudyError, match="equal joint readings stand on both sides"):
         split(
             twice, np.array(["estimation", "held-out"], object), Plan(1, None, column="role"), TURNS

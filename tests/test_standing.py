@@ -10,14 +10,14 @@ import pytest
 from builders import drawn, small_arm
 
 from modelsel import Study, run
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.report.drawing import read_source
 from modelsel.report.pages.front import write_data_page
 from modelsel.report.terminal import write_sentences
 from modelsel.results.placements import describe_placements
 from modelsel.results.schema import BaseRecord
 from modelsel.robot.kinematics import forward
-from modelsel.robot.rigid import rpy
+from modelsel.robot.rigid import from_rpy
 
 PLACES = {
     "a": ((0.3, -0.5, 2.0), (2500.0, -800.0, 400.0)),
@@ -35,9 +35,9 @@ def study(rng: np.random.Generator, registered: object, **robot: object) -> Stud
     names = list(group) if registered == "per group" else ["a"] * 60
     if registered:
         x = np.array(
-            [rpy(*PLACES[g][0]) @ one + PLACES[g][1] for g, one in zip(names, x, strict=True)]
+            [from_rpy(*PLACES[g][0]) @ one + PLACES[g][1] for g, one in zip(names, x, strict=True)]
         )
-    rows = measurements(q, x + rng.normal(0, 0.01, x.shape), group=list(group)).to_frame()
+    rows = build_measurements(q, x + rng.normal(0, 0.01, x.shape), group=list(group)).to_frame()
     return Study(
         name="small",
         robot={"nominal": at.robot, "register": registered, **robot},

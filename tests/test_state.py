@@ -9,7 +9,7 @@ import pytest
 
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.state_names import is_state_name, parse_state_name, state_units
 from modelsel.mechanisms.causes import Named, q, torque
 from modelsel.robot.files import load
@@ -42,7 +42,7 @@ def test_a_changed_problem_carries_no_stale_value(rng, change: str) -> None:
     changes = {
         "placement": (at.placement[0], at.placement[1] + 1000.0),
         "tools": at.tools + np.array([0.0, 50.0, 0.0]),
-        "data": measurements(at.data.q + 0.1, at.data.position),
+        "data": build_measurements(at.data.q + 0.1, at.data.position),
         "tracker": (1000.0, 0.0, 0.0),
         "robot": load("ur5"),
     }
@@ -67,7 +67,7 @@ def test_what_does_not_depend_on_a_change_is_not_evaluated_again(rng) -> None:
 def test_a_problem_needs_the_robot_the_measurements_and_the_tools(rng) -> None:
     robot = load("puma760")
     q_rad = robot.draw(rng, 12)
-    data = measurements(
+    data = build_measurements(
         q_rad,
         np.zeros((12, 3)),
         target=["a", "b", "c"] * 4,

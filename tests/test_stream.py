@@ -12,13 +12,12 @@ from modelsel.exceptions import DataError
 from modelsel.fitting.design import Model
 from modelsel.fitting.identifiability import solve
 from modelsel.fitting.least_squares import fit
-from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.selection.cross_validation import cross_validate, fold
-from modelsel.selection.streaming import Parts, Stream, fit_parts, fold_of, parts_of
-from modelsel.selection.subsets import all_subsets
+from modelsel.selection.streaming import Parts, Stream, fit_parts, hash_folds, list_parts
+from modelsel.selection.subsets import sweep_subsets
 
 TOOL = (40.0, -25.0, 100.0)
 
@@ -52,7 +51,7 @@ def test_pieces_in_any_order_are_the_whole(rng) -> None:
     assert a[2] == pytest.approx(b[2], rel=1e-11)
     one = cross_validate(found.folded(), kept)
     other = cross_validate(
-        fold(at, which.terms, fold_of(at.data, 5), Linearisation(which.terms, theta)), kept
+        fold(at, which.terms, hash_folds(at.data, 5), (which.terms, theta)), kept
     )
     np.testing.assert_allclose(one.held_out, other.held_out, rtol=1e-9)
 
@@ -68,8 +67,8 @@ def test_search_on_the_reduced_data(rng) -> None:
     stream = Stream.empty(extra.terms, 6)
     for piece in np.array_split(np.arange(len(at)), 5):
         stream = stream.add(at.take(piece))
-    found = all_subsets(stream.folded(), kept, groups)
-    whole = all_subsets(fold(at, extra.terms, fold_of(at.data, 6)), kept, groups)
+    found = sweep_subsets(stream.folded(), kept, groups)
+    whole = sweep_subsets(fold(at, extra.terms, hash_folds(at.data, 6)), kept, groups)
     np.testing.assert_allclose(found.held_out, whole.held_out, rtol=1e-9)
     np.testing.assert_allclose(found.rss, whole.rss, rtol=1e-9)
 
@@ -85,9 +84,9 @@ def test_streams_of_different_points_do_not_merge(rng) -> None:
 def test_equal_readings_share_a_fold(rng) -> None:
     at = some_scene(rng, 60)
     twice = at.take(np.concatenate([np.arange(60), np.arange(60)]))
-    found = fold_of(twice.data, 10)
+    found = hash_folds(twice.data, 10)
     assert np.array_equal(found[:60], found[60:])
-    counts = np.bincount(fold_of(drawn("puma760", rng, 5000).data, 10))
+    counts = np.bincount(hash_folds(drawn("puma760", rng, 5000).data, 10))
     assert counts.min() > 400  # 500 each, give or take 21
 
 
@@ -106,7 +105,7 @@ def test_partitions_on_disk(rng, tmp_path) -> None:
         asked.append(len(items))
         return map(work, items)
 
-    source = Parts(at.robot, TOOL, parts_of(files), watched)
+    source = Parts(at.robot, TOOL, list_parts(files), watched)
     assert (len(source), len(source.parts)) == (300, 7)
     found, cv = fit_parts(source, which, 5)
     whole = fit(at, which)
@@ -118,4 +117,4 @@ def test_partitions_on_disk(rng, tmp_path) -> None:
     assert cv.rms == pytest.approx(whole.sigma, rel=0.2)
     assert set(asked) == {7}
     with pytest.raises(DataError, match="no such file"):
-        parts_of([tmp_path / "absent.parquet"])
+        list_parts([tmp_path / "absent.parquet"])

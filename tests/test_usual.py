@@ -14,9 +14,10 @@ from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.prior import usual_sizes
-from modelsel.mechanisms.geometry import OPEN, geometric, setup
+from modelsel.mechanisms.geometry import OPEN, build_setup, geometric
 from modelsel.mechanisms.serialization import mechanism_from_record, mechanism_record
-from modelsel.robot.files import load, robot_from_table, robot_of, robot_record
+from modelsel.robot.files import load, robot_from_table
+from modelsel.robot.plain_values import robot_from_record, robot_record
 
 PUMA = load("puma760")
 TABLE = {"joint": [{"dh": {"theta_deg": 0, "d_mm": 100, "a_mm": 300, "alpha_deg": 90}}] * 3}
@@ -66,7 +67,7 @@ def test_what_is_well_determined_is_least_squares(rng) -> None:
 def test_the_robot_file_may_say_more(rng) -> None:
     robot = robot_from_table({**TABLE, "usual_mm": 0.2, "usual_mrad": 5.0}, "robot.toml")
     assert robot.usual == (0.2, 5e-3)
-    model = Model((setup(robot, 1, 1, True, False), geometric(robot)))
+    model = Model((build_setup(robot, 1, 1, True, False), geometric(robot)))
     sizes = {t.symbol: s for t, s in zip(model.terms, usual_sizes(model), strict=True)}
     assert (sizes["a2"], sizes["α2"]) == (0.2, 5e-3)
     assert (sizes["a1"], sizes["α1"], sizes["a4"]) == (
@@ -74,7 +75,7 @@ def test_the_robot_file_may_say_more(rng) -> None:
         OPEN["r"],
         OPEN["t"],
     )  # found by registration
-    assert robot_of(robot_record(robot)).usual == robot.usual
+    assert robot_from_record(robot_record(robot)).usual == robot.usual
     assert mechanism_from_record(mechanism_record(geometric(robot))) == geometric(robot)
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import pytest
 
-from modelsel._hashing import KEPT
+from modelsel._hashing import HASH_ATTRIBUTE
 from modelsel.mechanisms.causes import Bump, Cause, Named, cos, q, sin
 from modelsel.mechanisms.terms import Screw
 
@@ -31,9 +31,9 @@ assert {made: 1}[read] == 1
 )
 def test_a_hash_is_worked_out_once_and_is_the_same(cause: Cause) -> None:
     fresh = replace(cause)
-    assert KEPT not in vars(fresh)
+    assert HASH_ATTRIBUTE not in vars(fresh)
     assert hash(fresh) == hash(cause) == hash(replace(cause))
-    assert vars(fresh)[KEPT] == hash(cause)
+    assert vars(fresh)[HASH_ATTRIBUTE] == hash(cause)
     assert fresh == cause == replace(cause)
     assert repr(fresh) == repr(cause)
     assert len({Screw(1, "rz", cause), Screw(1, "rz", fresh), Screw(2, "rz", fresh)}) == 2
@@ -41,7 +41,7 @@ def test_a_hash_is_worked_out_once_and_is_the_same(cause: Cause) -> None:
 
 def test_another_process_hashes_anew() -> None:
     screw = Screw(4, "rz", sin(2.0 * q(4)))
-    assert hash(screw) == vars(screw)[KEPT]
+    assert hash(screw) == vars(screw)[HASH_ATTRIBUTE]
     subprocess.run(
         [sys.executable, "-c", THERE],
         input=pickle.dumps(screw),

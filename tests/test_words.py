@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from modelsel.calibration.compensation import Commands
 from modelsel.cli.compensate import _sentence
 from modelsel.cli.main import run_command_line
-from modelsel.diagnosis.sentences import amount, quantity
+from modelsel.diagnosis.sentences import describe_amount, format_quantity
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.report.figures.finding import panel_height
@@ -45,7 +45,7 @@ def test_a_value_ends_where_its_two_digit_error_does(
     value: float, error: float | None, unit: str, said: str
 ) -> None:
     """GUM 7.2.6."""
-    assert quantity(value, error, unit) == said
+    assert format_quantity(value, error, unit) == said
 
 
 def test_a_range_that_moves_nothing_is_not_said() -> None:
@@ -56,9 +56,12 @@ def test_a_range_that_moves_nothing_is_not_said() -> None:
         for k, bump in enumerate(bumps)
     ]
     shifts, nothing, turns = [0.0, 0.05, 0.0739], [0.0, 1e-12, 5e-12], [0.0, 1e-5, 4e-5]
-    assert amount(terms, np.array(shifts + nothing), np.ones(6)) == "from top to bottom 0.0739 mm"
     assert (
-        amount(terms, np.array(shifts + turns), np.ones(6))
+        describe_amount(terms, np.array(shifts + nothing), np.ones(6))
+        == "from top to bottom 0.0739 mm"
+    )
+    assert (
+        describe_amount(terms, np.array(shifts + turns), np.ones(6))
         == "from top to bottom 0.0739 mm and 40.0 µrad"
     )
 

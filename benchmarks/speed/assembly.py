@@ -10,7 +10,7 @@ import numpy as np
 
 from modelsel.fitting.design import assemble
 from modelsel.fitting.reduction import STREAM
-from modelsel.robot._kernels import Space
+from modelsel.robot._kernels import Workspace
 from modelsel.robot.kinematics import Robot
 
 from .timing import TOOL, arm_scene, interleaved
@@ -37,7 +37,7 @@ def run() -> dict[str, float]:
     import pinocchio as pin
 
     problem, model = arm_scene(M)
-    terms, space = model.terms, Space()
+    terms, space = model.terms, Workspace()
     parts = [part for _, part in problem.parts(STREAM)]
     chain = pinocchio(problem.robot)
     data, tool = chain.createData(), pin.SE3(np.eye(3), TOOL / 1e3)
@@ -77,7 +77,7 @@ def growth() -> list[tuple[int, float]]:
     out = []
     for m in (200, 2_000, 20_000, 200_000):
         problem, model = arm_scene(m)
-        start, space = time.process_time(), Space()
+        start, space = time.process_time(), Workspace()
         for _, part in problem.parts(STREAM):
             assemble(part, model.terms, space=space)
         out.append((m, time.process_time() - start))

@@ -22,7 +22,7 @@ def run() -> dict[str, float]:
     import emcee
 
     from modelsel.fitting.batch import Ensemble
-    from modelsel.uncertainty.posterior import posterior, weighted
+    from modelsel.uncertainty.posterior import linear_posterior, weight_draws
 
     problem, model = arm_scene(M)
     fitted = fit(problem, model)
@@ -32,8 +32,8 @@ def run() -> dict[str, float]:
     best = 0.0
     for _ in range(3):
         start = time.process_time()
-        exact = posterior(fitted)
-        draws = weighted(problem, fitted, exact.draw(rng, 4000))
+        exact = linear_posterior(fitted)
+        draws = weight_draws(problem, fitted, exact.draw(rng, 4000))
         best = max(best, draws.effective / (time.process_time() - start))
 
     ensemble, d = Ensemble(problem, fitted.terms), len(kept) + 1

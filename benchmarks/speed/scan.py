@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from modelsel.diagnosis.evidence import evidence, factors, null, p_value
-from modelsel.diagnosis.scan import Block, Columns, Scan, basis, grams_of, scan
+from modelsel.diagnosis.evidence import compute_factors, compute_p_value, draw_null, sum_evidence
+from modelsel.diagnosis.scan import Block, Columns, Scan, compute_basis, grams_of, scan
 
 from .timing import interleaved
 
@@ -33,13 +33,13 @@ def run() -> dict[str, float]:
             (Block(np.arange(GROUPS), index, grams_of(XT, index), np.full(index.shape, np.inf)),),
             np.zeros(GROUPS),
         )
-        Q = basis(base)
+        Q = compute_basis(base)
         seen = scan(cols, Q)
-        return seen, evidence(factors(seen, y - Q @ (Q.T @ y)), log_prior)[0]
+        return seen, sum_evidence(compute_factors(seen, y - Q @ (Q.T @ y)), log_prior)[0]
 
     def ours() -> float:
         seen, value = alone()
-        return p_value(value, null(seen, log_prior, DRAWS, rng)[0])
+        return compute_p_value(value, draw_null(seen, log_prior, DRAWS, rng)[0])
 
     def loop() -> None:
         small = sm.OLS(y, base).fit()

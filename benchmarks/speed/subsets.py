@@ -7,8 +7,8 @@ import time
 
 import numpy as np
 
-from modelsel.selection.cross_validation import pad
-from modelsel.selection.subsets import Subsets, all_subsets
+from modelsel.selection.cross_validation import pad_blocks
+from modelsel.selection.subsets import Subsets, sweep_subsets
 
 from .timing import interleaved
 
@@ -33,11 +33,11 @@ def groups() -> list[list[int]]:
 
 
 def ours(X: np.ndarray, y: np.ndarray, fold: np.ndarray) -> Subsets:
-    folded = pad(
+    folded = pad_blocks(
         [np.column_stack([X, y])[fold == k] for k in range(FOLDS)],
         [int((fold == k).sum()) for k in range(FOLDS)],
     )
-    return all_subsets(folded, range(BASE), groups())
+    return sweep_subsets(folded, range(BASE), groups())
 
 
 def columns(members: np.ndarray) -> list[int]:
@@ -117,10 +117,10 @@ def growth() -> list[tuple[int, float]]:
     out = []
     for count in (4, 6, 8, 10, 12):
         keep = [*range(BASE), *(c for g in groups()[:count] for c in g)]
-        folded = pad(
+        folded = pad_blocks(
             [np.column_stack([X[:, keep], y])[fold == k] for k in range(FOLDS)], [60] * FOLDS
         )
         start = time.process_time()
-        all_subsets(folded, range(BASE), groups()[:count])
+        sweep_subsets(folded, range(BASE), groups()[:count])
         out.append((count, time.process_time() - start))
     return out

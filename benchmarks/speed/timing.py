@@ -10,7 +10,7 @@ import numpy as np
 
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
@@ -40,5 +40,5 @@ def arm_scene(m: int, noise: float = 0.1, seed: int = 1) -> tuple[Problem, Model
     terms (the test problem of every figure; 29 of the 43 are independent)."""
     arm, rng = load("puma760"), np.random.default_rng(seed)
     q = arm.draw(rng, m)
-    data = measurements(q, forward(arm, q, TOOL) + rng.normal(0, noise, (m, 3)))
+    data = build_measurements(q, forward(arm, q, TOOL) + rng.normal(0, noise, (m, 3)))
     return Problem(arm, data, TOOL[None]), Model(tuple(mechanism(name, arm) for name in FLEXURE))

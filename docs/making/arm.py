@@ -11,7 +11,7 @@ import numpy as np
 from modelsel._typing import Array
 from modelsel.fitting.design import twist_of
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.terms import Mechanism, Term
 from modelsel.report.style import BLUE, ORANGE, QUIET, choose_unit, svg, use_style
 from modelsel.robot.kinematics import Robot, forward, pose
@@ -94,7 +94,7 @@ def _problem(robot: Robot, q: Array, **covariates: Array) -> Problem:
         "temperature_C": np.full(len(q), 30.0),
         **covariates,
     }
-    data = measurements(
+    data = build_measurements(
         q,
         forward(robot, q, np.array(TOOL)),
         configuration=list(range(len(q))),

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from modelsel._typing import Array
-from modelsel.diagnosis.candidates import Candidate, candidates
-from modelsel.diagnosis.scan import Columns, Scan, basis, columns, scan, stacked
+from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.scan import Columns, Scan, columns, compute_basis, scan, stacked
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Term
 from modelsel.robot.files import load
@@ -37,7 +37,7 @@ def measured(
     the effects and noise."""
     rng = np.random.default_rng(seed)
     q = ROBOT.draw(rng, m)
-    at = Problem(ROBOT, measurements(q, forward(ROBOT, q, np.array(TOOL))), np.array([TOOL]))
+    at = Problem(ROBOT, build_measurements(q, forward(ROBOT, q, np.array(TOOL))), np.array([TOOL]))
     size = [0.3 if t.screws[0].axis[0] == "t" else 5e-4 for t in BASE.terms]
     built = np.random.default_rng([seed, 1]).normal(
         0, size
@@ -63,8 +63,8 @@ class View:
 
 def look(at: Problem, model: Model = BASE, cols: Columns | None = None) -> View:
     """Fit a model and scan beyond it; `cols` are those of the base."""
-    found, fitted = candidates(at, BASE, every(ROBOT)), fit(at, model)
+    found, fitted = build_candidates(at, BASE, every(ROBOT)), fit(at, model)
     cols = columns(at, found, fitted.at()) if cols is None else cols
     A, r = stacked(at, model.terms, fitted.at())
-    Q = basis(A[:, list(fitted.found.kept)])
+    Q = compute_basis(A[:, list(fitted.found.kept)])
     return View(at, fitted, found, cols, scan(cols, Q), r - Q @ (Q.T @ r))

@@ -13,12 +13,12 @@ import arm
 import numpy as np
 
 from modelsel._typing import Array
-from modelsel.diagnosis.scan import basis
+from modelsel.diagnosis.scan import compute_basis
 from modelsel.fitting.design import compute_design
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import measurements
-from modelsel.mechanisms.registry import BUILTIN, Registry, Scanned, parts
-from modelsel.mechanisms.serialization import mechanism_card
+from modelsel.measurements.measurements import build_measurements
+from modelsel.mechanisms.registry import BUILTIN, Registry, Scanned, build_mechanisms
+from modelsel.mechanisms.serialization import describe_mechanism
 from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import builtin_names, load
 from modelsel.robot.kinematics import Robot, forward
@@ -52,7 +52,7 @@ def texts(registry: Registry = BUILTIN) -> dict[str, dict[str, str]]:
 def shown(stem: str, robot: Robot, registry: Registry = BUILTIN) -> Mechanism:
     """The one that stands for a name: the first joint it applies to, the first constant (the middle
     of a continuous range)."""
-    entry, each = registry[stem], parts(stem, robot, registry)
+    entry, each = registry[stem], build_mechanisms(stem, robot, registry)
     return (
         each[len(each) // 2] if isinstance(entry, Scanned) and entry.range is not None else each[0]
     )
@@ -64,7 +64,7 @@ def drawn(robot: Robot) -> Problem:
     rng = np.random.default_rng(SEED)
     q = robot.draw(rng, COUNT)
     more = {"payload_kg": rng.uniform(0, 5, COUNT), "temperature_C": rng.uniform(15, 35, COUNT)}
-    data = measurements(q, forward(robot, q, np.array(arm.TOOL)), covariates=more)
+    data = build_measurements(q, forward(robot, q, np.array(arm.TOOL)), covariates=more)
     return replace(Problem(robot, data, np.array([arm.TOOL])), tracker=arm.TRACKER)
 
 
@@ -73,17 +73,21 @@ def beyond(
 ) -> tuple[dict[str, float], dict[str, Array]]:
     """({name: share of its displacement that geometry absorbs}, {name: basis (3m, k) of what is
     left}) of every name a joint."""
-    Q = basis(compute_design(at, parts("geometric", robot)[0].terms)[0].reshape(3 * len(at), -1))
+    Q = compute_basis(
+        compute_design(at, build_mechanisms("geometric", robot)[0].terms)[0].reshape(
+            3 * len(at), -1
+        )
+    )
     absorbed, left = {}, {}
     for stem in registry:
-        for m in {m.name: m for m in reversed(parts(stem, robot, registry))}.values():
+        for m in {m.name: m for m in reversed(build_mechanisms(stem, robot, registry))}.values():
             X = compute_design(at, m.terms)[0].reshape(3 * len(at), -1)
             rest = X - Q @ (Q.T @ X)
             size = float(np.square(X).sum())
             absorbed[m.name] = (
                 float(np.sqrt(max(1 - np.square(rest).sum() / size, 0.0))) if size > 0 else 1.0
             )
-            left[m.name] = basis(
+            left[m.name] = compute_basis(
                 rest[:, np.linalg.norm(rest, axis=0) > 1e-6 * np.linalg.norm(X, axis=0)]
             )
     return absorbed, left
@@ -115,14 +119,14 @@ def _robots() -> tuple[Robot, ...]:
 
 def _applies(stem: str, registry: Registry) -> str:
     robots = _robots()
-    on = [r.name for r in robots if parts(stem, r, registry)]
+    on = [r.name for r in robots if build_mechanisms(stem, r, registry)]
     here = next(r for r in robots if r.name == ROBOT)
-    names = dict.fromkeys(m.name for m in parts(stem, here, registry))
+    names = dict.fromkeys(m.name for m in build_mechanisms(stem, here, registry))
     joints = [n.partition(":")[2] for n in names if ":" in n]
     of = "links" if stem in ("link-bending", "thermal-growth") else "joints"
     where = f"on {ROBOT} once" + (f" for each of {of} {', '.join(joints)}" if joints else "")
     every = "every built-in robot" if len(on) == len(robots) else f"{', '.join(on)}"
-    constants = len(parts(f"{stem}:{joints[0]}" if joints else stem, here, registry))
+    constants = len(build_mechanisms(f"{stem}:{joints[0]}" if joints else stem, here, registry))
     scanned = f"; {constants} constants are scanned and counted" if constants > 1 else ""
     return f"{every}; {where}{scanned}"
 
@@ -155,7 +159,7 @@ def entry(
 ) -> str:
     """One mechanism in Markdown."""
     m = shown(stem, load(ROBOT), registry)
-    card, (absorbed, left) = mechanism_card(m), seen
+    card, (absorbed, left) = describe_mechanism(m), seen
     needs = [name for name in COVARIATES if name in m.names()]
     likest = ", ".join(f"`{other}` ({_percent(share)})" for other, share in alike(m.name, left))
     of_it = (

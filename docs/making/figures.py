@@ -15,10 +15,17 @@ from campaigns import BASE, NOISE, ROBOT, View, effect, look, measured
 
 from modelsel._typing import Array
 from modelsel.diagnosis.credible_sets import name
-from modelsel.diagnosis.evidence import RATIOS, evidence, factors, log_bayes_factors, null, shares
+from modelsel.diagnosis.evidence import (
+    RATIOS,
+    compute_factors,
+    compute_log_bayes_factors,
+    draw_null,
+    normalise_strength,
+    sum_evidence,
+)
 from modelsel.diagnosis.state import LEVEL
-from modelsel.diagnosis.stepwise import extend
-from modelsel.diagnosis.unexplained import POWER, detection_limit
+from modelsel.diagnosis.stepwise import run_stepwise_search
+from modelsel.diagnosis.unexplained import POWER, compute_detection_limit
 from modelsel.mechanisms.registry import mechanism
 from modelsel.report.style import BLUE, GREY, INK, ORANGE, QUIET, svg, use_style
 
@@ -86,7 +93,7 @@ def _pair() -> tuple[View, View, Array, Array]:
     at = measured(80, effect(PLANTED, SIZE), 11)
     before = look(at)
     prior = np.log([c.prior for c in before.found])
-    least = null(before.seen, prior, DRAWS, np.random.default_rng(1))[0]
+    least = draw_null(before.seen, prior, DRAWS, np.random.default_rng(1))[0]
     named = [mechanism(PLANTED, ROBOT)]
     return before, look(at, BASE + named, before.cols), least, prior
 
@@ -107,7 +114,7 @@ def scan() -> tuple[bytes, str]:
             ("beyond geometry", f"beyond geometry and {PLANTED}"),
             strict=True,
         ):
-            y = np.maximum(factors(view.seen, view.rest).max(0) + prior, -19.5)[order]
+            y = np.maximum(compute_factors(view.seen, view.rest).max(0) + prior, -19.5)[order]
             x = np.arange(len(y))
             few = (y > -5) | (x % THIN == 0)
             for mine, colour, size in (
@@ -132,10 +139,10 @@ def scan() -> tuple[bytes, str]:
             color=ORANGE,
             fontsize=7,
         )
-        best = int(np.argmax((factors(before.seen, before.rest).max(0) + prior)[order]))
+        best = int(np.argmax((compute_factors(before.seen, before.rest).max(0) + prior)[order]))
         axes[0].annotate(
             PLANTED,
-            (best, (factors(before.seen, before.rest).max(0) + prior)[order][best]),
+            (best, (compute_factors(before.seen, before.rest).max(0) + prior)[order][best]),
             (-6, 0),
             ha="right",
             va="center",
@@ -157,7 +164,7 @@ def max_test() -> tuple[bytes, str]:
     """What chance alone would show, and what was seen."""
     before, after, least, prior = _pair()
     bound = float(np.quantile(least, 1 - LEVEL))
-    seen = [evidence(factors(v.seen, v.rest), prior)[0] for v in (before, after)]
+    seen = [sum_evidence(compute_factors(v.seen, v.rest), prior)[0] for v in (before, after)]
     with use_style() as plt:
         fig, ax = plt.subplots(figsize=(6.5, 2.1), layout="constrained")
         ax.hist(
@@ -248,16 +255,18 @@ def credible() -> tuple[bytes, str]:
 
 def _evidences(view: View, prior: Array, responses: Array) -> Array:
     """(B,) log evidence of each response (N, B), as `evidence` has it of one."""
-    share = shares(view.seen.strength(responses), np.square(responses).sum(0))
-    joint = [log_bayes_factors(view.seen, share, float(r)) + prior[:, None] for r in RATIOS]
+    share = normalise_strength(view.seen.strength(responses), np.square(responses).sum(0))
+    joint = [compute_log_bayes_factors(view.seen, share, float(r)) + prior[:, None] for r in RATIOS]
     return np.asarray(np.max([np.logaddexp.reduce(j, axis=0) for j in joint], axis=0))
 
 
 def _limit(view: View, least: Array, prior: Array) -> tuple[float, float]:
     """(the bound of a scan, the detection limit that a study without findings states [mm])."""
     bound = float(np.quantile(least, 1 - LEVEL))
-    nothing = replace(extend(view.at, BASE, view.fitted, (), np.random.default_rng(0)), bound=bound)
-    return bound, detection_limit(nothing, list(np.exp(prior)), 80, NOISE)
+    nothing = replace(
+        run_stepwise_search(view.at, BASE, view.fitted, (), np.random.default_rng(0)), bound=bound
+    )
+    return bound, compute_detection_limit(nothing, list(np.exp(prior)), 80, NOISE)
 
 
 @cache

@@ -18,7 +18,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import mechanism
 from modelsel.report.style import BLUE, INK, ORANGE, QUIET, svg, use_style
 from modelsel.selection.cross_validation import cross_validate, fold
-from modelsel.selection.splits import assign
+from modelsel.selection.splits import assign_folds
 
 
 @cache
@@ -46,7 +46,7 @@ def grouped() -> tuple[bytes, str]:
     rows = replace(rows, data=replace(rows.data, position=rows.data.position + noise))
     sizes, curves = range(0, 61, 10), {"fit": [], "row": [], "configuration": [], "new": []}
     by = {
-        "configuration": assign(rows.data, 10, np.random.default_rng(1)),
+        "configuration": assign_folds(rows.data, 10, np.random.default_rng(1)),
         "row": rng.permutation(60 * times) % 10,
     }
     base = len(BASE.terms)

@@ -13,7 +13,7 @@ from pydantic import BaseModel
 import modelsel
 from modelsel.cli.main import COMMANDS, run_command_line
 from modelsel.config.fleet_file import FleetFile
-from modelsel.config.study_file import Held, Study
+from modelsel.config.study_file import HeldFrame, Study
 from modelsel.robot.kinematics import Robot
 
 
@@ -126,7 +126,7 @@ def _keys(table: type[BaseModel], head: str = "") -> dict[str, str]:
     out = {}
     for name, field in table.model_fields.items():
         inner = field.annotation
-        if set(get_args(inner)) & {Robot, Held}:  # an object, given from Python alone
+        if set(get_args(inner)) & {Robot, HeldFrame}:  # an object, given from Python alone
             continue
         named = (
             get_origin(inner) is dict

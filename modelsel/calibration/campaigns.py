@@ -20,7 +20,7 @@ from ..exceptions import StudyError
 from ..fitting.design import compute_design
 from ..fitting.identifiability import identify
 from ..fitting.reduction import reduce
-from ..mechanisms.geometry import setup
+from ..mechanisms.geometry import build_setup
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Joint
 from .calibration import Calibration
@@ -207,7 +207,7 @@ def _build_common_space(a: Calibration, b: Calibration) -> _CommonSpace:
         replace(a, ranges=_intersect_ranges(a, b), model=model), m=CONFIGURATIONS
     )
     registered = a.registered or b.registered
-    placing = setup(a.robot, 1, 1, True, False).terms if registered else ()
+    placing = build_setup(a.robot, 1, 1, True, False).terms if registered else ()
     terms = tuple(dict.fromkeys([*placing, *a.terms, *b.terms]))
     X = compute_design(problem, terms)[0]
     rows = X.transpose(0, 1, 2).reshape(-1, len(terms))

@@ -13,12 +13,12 @@ import numpy as np
 from .._typing import Array
 from ..fitting.design import PLACE
 from ..fitting.problem import Problem
-from ..measurements.measurements import Measurements, measurements
+from ..measurements.measurements import Measurements, build_measurements
 from ..measurements.state_names import is_state_name
 from ..mechanisms.causes import Cause, Combined, Member, Number
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
-from ..robot.rigid import transform, turn
+from ..robot.rigid import rotation_matrix, transform
 from .prediction import compute_pose
 from .refitting import part_of, select_carried
 
@@ -133,7 +133,11 @@ def constant_entries(c: Calibration, target: int = 0, group: int = 0) -> Array:
 
 def frame_transform(entries: Array) -> Array:
     """Compute H = Trans(a, b, c) Rx(α) Ry(β) Rz(γ), (4, 4), of six entries."""
-    rotation = turn(0, entries[3]) @ turn(1, entries[4]) @ turn(2, entries[5])
+    rotation = (
+        rotation_matrix(0, entries[3])
+        @ rotation_matrix(1, entries[4])
+        @ rotation_matrix(2, entries[5])
+    )
     return transform(rotation, entries[:3])
 
 
@@ -162,7 +166,7 @@ def sample_workspace(
     joints = range(1, c.robot.n + 1)
     values = {name: rng.uniform(low, high, m) for name, (low, high) in c.ranges.items()}
     q = np.stack([values[f"q{j}"] for j in joints], 1)
-    data: Measurements = measurements(
+    data: Measurements = build_measurements(
         q,
         np.zeros((m, 3)),
         target=[c.targets[target]] * m,

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from .._json import read, strict
+from .._json import parse_json, read_json_text
 from .._records import parse_record
 from .._typing import Array
 from ..exceptions import StudyError
 from ..fitting.design import Model
 from ..fitting.noise import Floor
 from ..mechanisms.serialization import find_members, mechanism_from_record
-from ..robot.files import numbers, robot_of, rotation
+from ..robot.plain_values import bounded_array, check_rotation, robot_from_record
 from .calibration import Calibration
 from .refitting import Refits, refits_of
 from .schema import SCHEMA_VERSION, CalibrationRecord, NoiseFloorRecord
@@ -30,7 +30,7 @@ def load_calibration(path: Path | str) -> Calibration:
     StudyError."""
     file = _find_file(Path(path))
     try:
-        text = read(file)
+        text = read_json_text(file)
     except FileNotFoundError:
         raise StudyError(
             f"{file}: no such calibration; `modelsel study STUDY.toml` writes one beside its result.json."
@@ -51,7 +51,7 @@ def _find_file(path: Path) -> Path:
 def parse_calibration(text: str, where: str = CALIBRATION_FILE) -> Calibration:
     """Return the calibration of a file's text. Raises StudyError."""
     try:
-        value = strict(text)
+        value = parse_json(text)
     except ValueError as error:
         raise StudyError(f"{where}: cannot be read: {error}. {REMEDY}") from None
     if not isinstance(value, dict) or value.get("kind") != "calibration":
@@ -73,14 +73,14 @@ def _restore(record: CalibrationRecord) -> Calibration:
     """Return the calibration of a record. Raises ValueError where its parts do not agree."""
     model = Model(tuple(map(mechanism_from_record, record.mechanisms)))
     _check_estimates(record, model)
-    x, y, z = numbers(record.tracker_mm).tolist()
+    x, y, z = bounded_array(record.tracker_mm).tolist()
     estimable = enumerate(estimate.estimable for estimate in record.estimates)
     calibration = Calibration(
         study=record.study,
-        robot=robot_of(record.robot.to_dict()),
+        robot=robot_from_record(record.robot.to_dict()),
         targets=tuple(target.name for target in record.targets),
         groups=tuple(group.name for group in record.groups),
-        tools=numbers([target.tool_mm for target in record.targets]),
+        tools=bounded_array([target.tool_mm for target in record.targets]),
         tool_rotations=_restore_tool_rotations(record),
         placement=_restore_placement(record),
         registered=record.registered,
@@ -103,14 +103,14 @@ def _restore(record: CalibrationRecord) -> Calibration:
 def _restore_tool_rotations(record: CalibrationRecord) -> Array | None:
     """Return the targets' orientations (T, 3, 3); None where they have none."""
     given = [target.rotation for target in record.targets]
-    rotations = [rotation(rows) for rows in given if rows is not None]
+    rotations = [check_rotation(rows) for rows in given if rows is not None]
     return np.array(rotations) if rotations else None
 
 
 def _restore_placement(record: CalibrationRecord) -> tuple[Array, Array]:
     """Return rotations (G, 3, 3) and translations (G, 3) of frame 0 in the tracker's frame."""
-    rotations = np.array([rotation(group.rotation) for group in record.groups])
-    return rotations, numbers([group.translation_mm for group in record.groups])
+    rotations = np.array([check_rotation(group.rotation) for group in record.groups])
+    return rotations, bounded_array([group.translation_mm for group in record.groups])
 
 
 def _restore_factor(record: CalibrationRecord) -> Array:

@@ -20,7 +20,7 @@ from ..fitting.least_squares import Fit
 from ..measurements.reference_temperature import TEMPERATURE
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term
-from ..selection.evaluation import Evaluation, Split, errors, evaluate
+from ..selection.evaluation import Evaluation, Split, evaluate, summarise_errors
 from .schema import RefitRecord, RefitsRecord
 
 PLACEMENT_NAMES = frozenset(
@@ -138,8 +138,8 @@ def refit_forms(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> 
         )
     left, side = fitted.residuals(split.problem), split.estimation
     whole = (
-        errors(left[side], split.outlying[side]).rms_mm,
-        errors(left[~side], split.outlying[~side]).rms_mm,
+        summarise_errors(left[side], split.outlying[side]).rms_mm,
+        summarise_errors(left[~side], split.outlying[~side]).rms_mm,
     )
     warm = (
         split.problem.data.covariates.get(TEMPERATURE)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._files import write_beside
+from .._files import write_atomically
 from ..mechanisms.serialization import mechanism_record
-from ..robot.files import robot_record
+from ..robot.plain_values import robot_record
 from .refitting import refits_record
 from .schema import SCHEMA_VERSION
 
@@ -24,7 +24,7 @@ def save_calibration(c: Calibration, folder: Path | str) -> Path:
     """Write calibration.json into a folder, whole or not at all, and return its path. Raises
     StudyError."""
     path = Path(folder) / CALIBRATION_FILE
-    write_beside(path, calibration_text(c).encode())
+    write_atomically(path, calibration_text(c).encode())
     return path
 
 

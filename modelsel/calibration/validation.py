@@ -14,7 +14,7 @@ import numpy as np
 
 from .._linalg import RANK_TOLERANCE, orthonormal_basis, project_out
 from .._typing import Array, Index
-from ..diagnosis.mistaken_rows import slipped
+from ..diagnosis.mistaken_rows import describe_slips
 from ..exceptions import DataError, sentence_list
 from ..fitting.noise import Floor
 from ..fitting.noise_check import (
@@ -25,10 +25,10 @@ from ..fitting.noise_check import (
     name_likeliest_mistake,
 )
 from ..fitting.problem import Problem
-from ..measurements.columns import SMALLEST
+from ..measurements.columns import MIN_UNCERTAINTY
 from ..measurements.measurements import Measurements
 from ..robot.rigid import rotation_vector
-from ..setup.placement import kabsch
+from ..setup.placement import fit_rigid_transform
 from .calibration import Calibration
 from .prediction import compute_pose, predict, propagate_uncertainty
 
@@ -109,7 +109,7 @@ def _register_at(c: Calibration, start: Problem, at: Problem) -> Registration:
     offset, weight = np.zeros((len(seen), 3)), np.ones(len(measured))
     for k in range(MAX_ROUNDS):
         points = origins + np.einsum("mij,mj->mi", axes, offset[target])
-        R, t = kabsch(measured, points, weight)
+        R, t = fit_rigid_transform(measured, points, weight)
         free = _setup_columns(R, points, axes, target)
         residual = measured - points @ R.T - t
         step = _weighted_step(free, residual, weight)
@@ -186,7 +186,7 @@ def expected_noise(c: Calibration) -> tuple[float, float]:
     """
     held_out = _held_out_noise(c)
     floor = held_out if _is_overstated(c) else c.floor.coordinate_mm
-    return max(floor, held_out, SMALLEST), c.floor.freedom
+    return max(floor, held_out, MIN_UNCERTAINTY), c.floor.freedom
 
 
 def _held_out_noise(c: Calibration) -> float:
@@ -283,7 +283,7 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
     doubts = _list_doubts(c, data, residual, found)
     if not free_setup and p <= MAX_P:
         rows = np.isin(np.arange(len(size)), beyond)
-        doubts += slipped(
+        doubts += describe_slips(
             problem, lambda other: other.data.position - predict(c, other), rows, expected
         )
     return Verdict(

@@ -35,9 +35,9 @@ def column_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def print_json(value: Any) -> None:
     """A value as JSON on the output, numbers to ten digits."""
-    from .._json import dumps
+    from .._json import to_json
 
-    click.echo(dumps(value).encode(), nl=False)  # JSON is UTF-8, whatever the terminal's encoding
+    click.echo(to_json(value).encode(), nl=False)  # JSON is UTF-8, whatever the terminal's encoding
 
 
 def make_console() -> Any:

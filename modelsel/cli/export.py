@@ -34,12 +34,12 @@ def export_command(result: Path, form: str, out: Path, as_json: bool) -> None:
 
     The file is read back and compared with the fit; what the form cannot carry is listed.
     """
-    from .._files import write_beside
+    from .._files import write_atomically
     from ..calibration.export import export as exported
     from ..calibration.loading import load_calibration
 
     made = exported(load_calibration(result), form)
-    write_beside(out, made.text.encode())
+    write_atomically(out, made.text.encode())
     if as_json:
         print_json({"written": out.name, "format": form, **_to_dict(made)})
     else:

@@ -46,14 +46,14 @@ def fleet_command(
     as_json: bool,
 ) -> None:
     """Run many studies as one job, and fit measurement sets that come in many files."""
-    from .._files import check_writable, claimed
+    from .._files import check_writable, claim_folder
     from ..config.fleet_file import read_fleet
     from ..study.fleet_runner import cluster, run_fleet, save_summary, show_fleet
 
     read = read_fleet(fleet)
     folder = out if out is not None else Path("reports") / fleet.resolve().parent.name
     check_writable(folder)
-    with claimed(folder):
+    with claim_folder(folder):
         with cluster(workers, scheduler) as client:
             rows = run_fleet(
                 read,

@@ -42,7 +42,7 @@ def mechanisms_command(
 
 
 def _begin(name: str) -> None:
-    from .._files import write_beside
+    from .._files import write_atomically
     from ..exceptions import StudyError
     from .plugins import render_plugin
 
@@ -50,7 +50,7 @@ def _begin(name: str) -> None:
     if folder.exists():
         raise StudyError(f"{folder} already exists; nothing was written.")
     for file, text in texts.items():
-        write_beside(folder / file, text.encode())
+        write_atomically(folder / file, text.encode())
     module = next(file for file in texts if file.endswith(".py"))
     click.echo(
         f"Written: {', '.join(str(folder / file) for file in texts)}. Next: modelsel mechanisms --test {folder / module}"
@@ -83,12 +83,12 @@ def _describe_trial(trial: Trial) -> str:
 
 
 def _show(name: str | None, robot: str, as_json: bool) -> None:
-    from ..mechanisms.registry import every, parts, with_plugins
+    from ..mechanisms.registry import build_mechanisms, every, with_plugins
     from ..robot.files import load
 
     arm = load(robot)
     registry, broken = with_plugins(robot=arm)
-    mechanisms = parts(name, arm, registry) if name else every(arm, registry)
+    mechanisms = build_mechanisms(name, arm, registry) if name else every(arm, registry)
     cards = _list_cards(mechanisms)
     if as_json:
         print_json({"robot": robot, "mechanisms": cards, "broken_plugins": broken})
@@ -98,7 +98,7 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
     if name and not cards:
         click.echo(f"{name} does not apply to {robot}.")
     if not name:
-        absent = [stem for stem in registry if not parts(stem, arm, registry)]
+        absent = [stem for stem in registry if not build_mechanisms(stem, arm, registry)]
         if absent:
             click.echo(f"Not on {robot}: {', '.join(absent)}.")
     for plugin, reason in broken.items():
@@ -108,13 +108,13 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
 def _list_cards(mechanisms: Sequence[Mechanism]) -> list[dict[str, Any]]:
     """Return a card for every name, of its first mechanism, with the number of constants that are
     scanned under it."""
-    from ..mechanisms.serialization import mechanism_card
+    from ..mechanisms.serialization import describe_mechanism
 
     counts = Counter(m.name for m in mechanisms)
     first: dict[str, Mechanism] = {}
     for mechanism in mechanisms:
         first.setdefault(mechanism.name, mechanism)
-    return [{**mechanism_card(m), "constants": counts[name]} for name, m in first.items()]
+    return [{**describe_mechanism(m), "constants": counts[name]} for name, m in first.items()]
 
 
 def _print_card(card: dict[str, Any], *, in_full: bool) -> None:

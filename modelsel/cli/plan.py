@@ -72,7 +72,7 @@ def plan_command(
 ) -> None:
     """Choose what to measure next: to tell a study's rival explanations apart, or to determine its
     parameters."""
-    from .._files import csv_bytes, write_beside
+    from .._files import csv_bytes, write_atomically
     from ..config.study_file import read_study
     from ..mechanisms.registry import with_plugins
     from ..study.planning import plan_next, sentences
@@ -93,7 +93,7 @@ def plan_command(
     table = planned.to_frame()
     more = _count_more(result, planned, size)
     if out is not None:
-        write_beside(out, csv_bytes(table, "%.6f"))
+        write_atomically(out, csv_bytes(table, "%.6f"))
     if as_json:
         configurations = table.to_dict("records")
         print_json(_to_dict(planned) | {"configurations": configurations, "more_for_size": more})

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import StudyError
-from ..mechanisms.registry import Registry, parts, unsound
+from ..mechanisms.registry import Registry, build_mechanisms, find_entry_problem
 from ..robot.kinematics import Robot
 from ..testing import find_broken_laws
 
@@ -105,10 +105,10 @@ def try_mechanisms(entries: Registry, robots: Sequence[Robot], seed: int = 0) ->
 
 
 def _try_entry(name: str, entry: Any, robot: Robot, seed: int) -> list[Trial]:
-    defect = unsound(name, entry, robot)
+    defect = find_entry_problem(name, entry, robot)
     if defect is not None:
         return [Trial(name, robot.name, [defect])]
     return [
         Trial(m.name, robot.name, find_broken_laws(m, robot, np.random.default_rng([seed, k])))
-        for k, m in enumerate(parts(name, robot, {name: entry}))
+        for k, m in enumerate(build_mechanisms(name, robot, {name: entry}))
     ]

@@ -16,14 +16,14 @@ from ._options import make_progress, print_json
 def report_command(folder: Path, pages: str | None, as_json: bool) -> None:
     """Draw report.pdf and report.html of a finished study again, from its folder; nothing is
     computed anew."""
-    from .._files import check_writable, claimed
+    from .._files import check_writable, claim_folder
     from ..report.drawing import draw
 
     chosen = (
         None if pages is None else tuple(name.strip() for name in pages.split(",") if name.strip())
     )
     check_writable(folder)
-    with claimed(folder):
+    with claim_folder(folder):
         written = draw(folder, chosen, make_progress())
     if as_json:
         print_json({"written": [path.name for path in written]})

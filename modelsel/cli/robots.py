@@ -13,7 +13,7 @@ from ._options import print_json
 def robots_command(name: str | None, as_json: bool) -> None:
     """The built-in nominal robots, each with its source."""
     from ..robot.files import builtin_names, load
-    from ..study.inspection import robot_card
+    from ..robot.plain_values import robot_card
 
     cards = [robot_card(load(n)) for n in ([name] if name else builtin_names())]
     if as_json:

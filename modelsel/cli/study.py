@@ -49,7 +49,7 @@ def study_command(
         COLLECT
         # a study makes many small values and drops few: looking for lost ones costs a twentieth of it
     )
-    from .._files import check_writable, claimed
+    from .._files import check_writable, claim_folder
     from ..config.study_file import read_study
     from ..exceptions import StudyError
     from ..mechanisms.registry import with_plugins
@@ -73,7 +73,7 @@ def study_command(
             click.echo(_would(found, folder, WRITES))
         return
     say = make_progress()
-    with claimed(folder):
+    with claim_folder(folder):
         keeper = Checkpoint(folder, resume)
         result = run(
             read,

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,10 +13,10 @@ from unicodedata import normalize
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from .._names import unfit
-from .._text import read_text, toml
+from .._names import find_name_problem
+from .._text import parse_toml, read_text
 from ..exceptions import StudyError, suggest
-from .messages import plain_values, wording
+from .messages import describe_error, format_place, to_toml_values
 from .study_file import FileName, Name, Study, Vector, find_data, read_study
 
 # One part of a path on any system, not hidden, and not a name that Windows keeps for a device or
@@ -34,33 +35,37 @@ class _Table(BaseModel):
 class StudyTable(_Table):
     """[[study]]: a study file, and what is different here: a robot, a day, a what-if."""
 
-    file: FileName
-    name: Name | None = None
-    measurements: FileName | None = None
-    estimation: Annotated[int, Field(ge=1)] | None = None
-    candidates: list[str] | None = None
-    seed: Annotated[int, Field(ge=0)] | None = None
+    file: FileName = Field(description="Study file, or its folder.")
+    name: Name | None = Field(default=None, description="Name of its output folder.")
+    measurements: FileName | None = Field(default=None, description="Another measurements file.")
+    estimation: Annotated[int, Field(ge=1)] | None = Field(
+        default=None, description="Another number of estimation configurations."
+    )
+    candidates: list[str] | None = Field(default=None, description="Other candidates.")
+    seed: Annotated[int, Field(ge=0)] | None = Field(default=None, description="Another seed.")
 
 
 class PartsTable(_Table):
     """[[parts]]: one measurement set in many Parquet files, fitted without ever being held
     whole."""
 
-    name: Name
-    files: Annotated[list[FileName], Field(min_length=1)]
-    robot: FileName
-    tool_mm: Vector
-    base: list[str] = ["geometric"]
-    folds: Annotated[int, Field(ge=2, le=1000)] = 10
+    name: Name = Field(description="Name of its output folder.")
+    files: list[FileName] = Field(min_length=1, description="Parquet files, or patterns of them.")
+    robot: FileName = Field(description="Name of a built-in robot, or a robot file.")
+    tool_mm: Vector = Field(description="Nominal target in the flange frame [mm].")
+    base: list[str] = Field(default=["geometric"], description="Mechanisms of the model.")
+    folds: int = Field(default=10, ge=2, le=1000, description="Folds of the cross-validation.")
 
 
 class FleetFile(_Table):
     """A fleet file, checked."""
 
-    name: Name
-    studies: list[FileName] = []
-    study: list[StudyTable] = []
-    parts: list[PartsTable] = []
+    name: Name = Field(description="Name of the fleet.")
+    studies: list[FileName] = Field(default=[], description="Patterns of study files.")
+    study: list[StudyTable] = Field(
+        default=[], description="Studies, and what is different in each."
+    )
+    parts: list[PartsTable] = Field(default=[], description="Measurement sets in many files.")
 
 
 @dataclass(frozen=True)
@@ -83,56 +88,55 @@ class Fleet:
 
 
 def read_fleet(path: Path) -> Fleet:
-    """A fleet file and the study files it names. Raises StudyError with every problem and its
+    """Read a fleet file and the study files it names. Raises StudyError with every problem and its
     place."""
-    table = toml(read_text(path, "the fleet file"), path.name)
+    table = parse_toml(read_text(path, "the fleet file"), path.name)
     try:
-        found = FleetFile.model_validate(plain_values(table))
+        file = FleetFile.model_validate(to_toml_values(table))
     except ValidationError as error:
-        raise StudyError(*(f"{path.name}: {_sentence(e)}" for e in error.errors())) from None
+        raise StudyError(
+            *(f"{path.name}: {_describe_problem(e)}" for e in error.errors())
+        ) from None
     problems: list[str] = []
-    entries = [
-        StudyTable(file=str(file.relative_to(path.parent)))
-        for pattern in found.studies
-        for file in matching(path.parent, pattern, problems)
-    ]
-    tasks = [
-        task
-        for entry in (*entries, *found.study)
-        if (task := _task(entry, path.parent, problems)) is not None
-    ]
-    names = [task.name for task in tasks] + [part.name for part in found.parts]
-    folders = [
-        normalize("NFC", name).casefold() for name in names
-    ]  # as file systems may take them for one
-    problems += [
-        f'"{name}" stands twice: give [[study]] name = "…".'
-        for name, folder in dict(zip(names, folders, strict=True)).items()
-        if folders.count(folder) > 1
-    ]
-    problems += [
-        f'"{name}" is no name for a folder: give another name, of letters and digits.'
-        for name in names
-        if not FOLDER.fullmatch(name) or unfit(name) is not None
-    ]
+    entries = list[StudyTable]()
+    for pattern in file.studies:
+        studies = find_files(path.parent, pattern, problems)
+        entries += [StudyTable(file=str(study.relative_to(path.parent))) for study in studies]
+    read = [_read_task(entry, path.parent, problems) for entry in (*entries, *file.study)]
+    tasks = tuple(task for task in read if task is not None)
+    names = [task.name for task in tasks] + [part.name for part in file.parts]
+    problems += _find_name_problems(names)
     if not names and not problems:
         problems.append('no studies: give studies = ["*/study.toml"], [[study]] or [[parts]].')
     if problems:
         raise StudyError(*(f"{path.name}: {problem}" for problem in problems))
-    return Fleet(found.name, tuple(tasks), tuple(found.parts), path.parent)
+    return Fleet(file.name, tasks, tuple(file.parts), path.parent)
 
 
-def matching(folder: Path, pattern: str, problems: list[str]) -> list[Path]:
-    """The files of a pattern; where there is none, a problem more."""
+def _find_name_problems(names: list[str]) -> list[str]:
+    """Find names of two output folders, as file systems may take them for one, and names that no
+    folder can have."""
+    folders = {name: normalize("NFC", name).casefold() for name in names}
+    counts = Counter(folders[name] for name in names)
+    problems = [
+        f'"{name}" stands twice: give [[study]] name = "…".'
+        for name, folder in folders.items()
+        if counts[folder] > 1
+    ]
+    problems += [
+        f'"{name}" is not a name for a folder: give another name, of letters and digits.'
+        for name in names
+        if not FOLDER.fullmatch(name) or find_name_problem(name) is not None
+    ]
+    return problems
+
+
+def find_files(folder: Path, pattern: str, problems: list[str]) -> list[Path]:
+    """Find the files that match a pattern; append to `problems` where none does."""
     try:
         files = sorted(folder.glob(pattern))
-    except (
-        IndexError,
-        ValueError,
-        NotImplementedError,
-        OSError,
-    ):  # what pathlib says of a pattern that is none, or absolute
-        files = []
+    except (IndexError, ValueError, NotImplementedError, OSError):
+        files = []  # what pathlib raises for an absolute pattern, or one that is not valid
     if not files:
         problems.append(
             f'studies: no file matches "{pattern}". Patterns are relative to the fleet file.'
@@ -140,41 +144,44 @@ def matching(folder: Path, pattern: str, problems: list[str]) -> list[Path]:
     return files
 
 
-def _task(entry: StudyTable, folder: Path, problems: list[str]) -> Task | None:
+def _read_task(entry: StudyTable, folder: Path, problems: list[str]) -> Task | None:
+    """Read a study with what is different in this entry; append to `problems` where it cannot
+    be."""
     path = folder / entry.file
     try:
         study = read_study(path)
     except StudyError as error:
         problems += [f"{entry.file}: {problem}" for problem in error.problems]
         return None
-    path = path / "study.toml" if path.is_dir() else path
+    if path.is_dir():
+        path = path / "study.toml"
+    name = entry.name or path.resolve().parent.name
+    return Task(name, _change_study(study, entry, folder, path.parent), path.parent)
+
+
+def _change_study(study: Study, entry: StudyTable, folder: Path, study_folder: Path) -> Study:
     changes: dict[str, Any] = {}
     if entry.measurements is not None:
-        file = find_data(entry.measurements, folder)
-        changes["measurements"] = study.measurements.model_copy(
-            update={"file": os.path.relpath(file, path.parent)}
-        )
+        file = os.path.relpath(find_data(entry.measurements, folder), study_folder)
+        changes["measurements"] = study.measurements.model_copy(update={"file": file})
     if entry.estimation is not None:
-        changes["split"] = study.split.model_copy(
-            update={"estimation": entry.estimation, "column": None}
-        )
+        split = {"estimation": entry.estimation, "column": None}
+        changes["split"] = study.split.model_copy(update=split)
     if entry.candidates is not None:
         changes["model"] = study.model.model_copy(update={"candidates": entry.candidates})
     if entry.seed is not None:
         changes["seed"] = entry.seed
-    return Task(
-        entry.name or path.resolve().parent.name, study.model_copy(update=changes), path.parent
-    )
+    return study.model_copy(update=changes)
 
 
-def _sentence(error: Any) -> str:
-    place = ".".join(str(part + 1) if isinstance(part, int) else str(part) for part in error["loc"])
-    if error["type"] == "extra_forbidden":
-        inner: dict[str, type[_Table]] = (
-            {"study": StudyTable, "parts": PartsTable} if len(error["loc"]) > 1 else {}
-        )
-        table = inner.get(str(error["loc"][0]), FleetFile)
-        return f'unknown key "{place}". {suggest(str(error["loc"][-1]), table.model_fields)}'
+def _describe_problem(error: Any) -> str:
+    """Describe a problem of pydantic's by its place in the fleet file."""
+    location = error["loc"]
+    place = format_place(location)
     if error["type"] == "missing":
         return f"{place} is missing."
-    return f"{place}: {wording(error)}."
+    if error["type"] != "extra_forbidden":
+        return f"{place}: {describe_error(error)}."
+    tables: dict[str, type[_Table]] = {"study": StudyTable, "parts": PartsTable}
+    table = tables.get(str(location[0]), FleetFile) if len(location) > 1 else FleetFile
+    return f'unknown key "{place}". {suggest(str(location[-1]), table.model_fields)}'

@@ -1,63 +1,83 @@
-"""Values of study and fleet files as their schemas want them, and what is wrong with one, in words
-of the file."""
+"""Values of study and fleet files as their models want them, and pydantic's errors in words of the
+file."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-
-def _shown(value: Any) -> str:
-    return (
-        f"{value.bit_length() // 3.32:.0f} digits"
-        if type(value) is int and abs(value) > 1e300
-        else str(value)[:60]
-    )
-
-
-def wording(error: Any) -> str:
-    """What pydantic says of a value, in words of the file: expected …, found …."""
-    kind, what = error["type"], error["msg"].removeprefix("Value error, ")
-    if kind == "value_error":
-        return str(what)
-    what = "expected a table" if kind in ("model_type", "dict_type") else what
-    what = re.sub(r"^Input should be (a valid |)", "expected ", what)
-    for pydantic, ours in (
-        ("string", "text"),
-        ("list", "a list"),
-        ("boolean", "true or false"),
-        ("integer", "a whole number"),
-        ("number", "a number"),
-        ("finite number", "a finite number"),
-    ):
-        what = what.replace(f"expected {pydantic}", f"expected {ours}")
-    return f"{what.replace(' after validation', '')}, found {_shown(error['input'])!r}"
+# digits of a whole number, and characters of any value, that a message shows
+MAX_NUMBER = 1e300
+MAX_SHOWN = 60
+# a value that pydantic expects, and our word for it
+EXPECTED = (
+    ("string", "text"),
+    ("list", "a list"),
+    ("boolean", "true or false"),
+    ("integer", "a whole number"),
+    ("number", "a number"),
+    ("finite number", "a finite number"),
+)
+# ends of the keys whose values are lengths, angles or sizes
+NUMBER_KEYS = ("_mm", "_ppm", "_urad", "size")
 
 
-def _float(value: float) -> float:
-    return float(value) if abs(value) < 1e300 else float("inf")
+def _show(value: Any) -> str:
+    if type(value) is int and abs(value) > MAX_NUMBER:
+        return f"{value.bit_length() // 3.32:.0f} digits"
+    return str(value)[:MAX_SHOWN]
 
 
-def plain_values(value: Any) -> Any:
-    """Values as TOML would have them. Whole numbers inside arrays count as numbers (TOML tells 100
-    from 100.0; a tool's offset need not); from Python tuples and arrays are arrays, a path is its
-    text."""
+def describe_error(error: Any) -> str:
+    """Describe what pydantic says of a value, in words of the file: expected …, found …."""
+    message: str = error["msg"].removeprefix("Value error, ")
+    if error["type"] == "value_error":
+        return message
+    if error["type"] in ("model_type", "dict_type"):
+        message = "expected a table"
+    message = re.sub(r"^Input should be (a valid |)", "expected ", message)
+    for theirs, ours in EXPECTED:
+        message = message.replace(f"expected {theirs}", f"expected {ours}")
+    message = message.replace(" after validation", "")
+    return f"{message}, found {_show(error['input'])!r}"
+
+
+def format_place(location: Sequence[Any]) -> str:
+    """Write a place in a file: its keys, and items of arrays counted from 1."""
+    parts = [part + 1 if isinstance(part, int) else str(part) for part in location]
+    return ".".join(str(part).removesuffix("_") for part in parts)
+
+
+def _to_float(value: float) -> float:
+    return float(value) if abs(value) < MAX_NUMBER else float("inf")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def to_toml_values(value: Any) -> Any:
+    """Convert values to those that TOML would have. Whole numbers inside arrays count as numbers
+    (TOML tells 100 from 100.0; a tool's offset need not); from Python tuples and arrays are arrays,
+    a path is its text."""
     if isinstance(value, Mapping):
-        lengths = ("_mm", "_ppm", "_urad", "size")
-        return {
-            k: _float(v) if type(v) is int and str(k).endswith(lengths) else plain_values(v)
-            for k, v in value.items()
-        }
+        return {key: _to_toml_item(str(key), inner) for key, inner in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
-        return plain_values(value.tolist())
+        return to_toml_values(value.tolist())
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if isinstance(value, (list, tuple)):
-        if value and all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in value):
-            return [_float(v) for v in value]
-        return [plain_values(v) for v in value]
+        if value and all(_is_number(item) for item in value):
+            return [_to_float(item) for item in value]
+        return [to_toml_values(item) for item in value]
     return value
+
+
+def _to_toml_item(key: str, value: Any) -> Any:
+    if type(value) is int and key.endswith(NUMBER_KEYS):
+        return _to_float(value)
+    return to_toml_values(value)

@@ -4,7 +4,7 @@ place."""
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -21,18 +21,19 @@ from pydantic import (
 from pydantic import SerializerFunctionWrapHandler as Plain
 
 from .._names import as_name
-from .._text import read_text, toml
+from .._text import parse_toml, read_text
 from .._typing import LARGEST
 from ..exceptions import StudyError, suggest
-from ..measurements.table import Source, digest
-from ..robot.files import named, robot_record
+from ..measurements.table import Source, hash_source
 from ..robot.kinematics import Robot
-from .messages import plain_values, wording
+from ..robot.plain_values import check_robot_name, robot_record
+from ..robot.rigid import Axis
+from .messages import describe_error, format_place, to_toml_values
 
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 Positive = Annotated[float, Field(ge=1e-9, le=LARGEST, allow_inf_nan=False)]
-Nought = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1, le=10_000_000)]  # of configurations: what a computer holds
 Name = Annotated[str, AfterValidator(as_name)]
 FileName = Annotated[str, Field(min_length=1, max_length=4000, pattern=r"^[^\x00-\x1f\x7f]+$")]
@@ -48,14 +49,28 @@ class RobotTable(_Table):
     """[robot]: which nominal robot, where its target is, whether the tracker's frame is to be
     found. From Python `nominal` may be the Robot itself."""
 
-    nominal: Robot | None = None
-    name: str | None = None
-    file: FileName | None = None
-    base: str | None = None
-    tip: str | None = None
-    tool_mm: Vector | None = None
-    tools_mm: dict[Name, Vector] | None = None
-    register_: bool | Literal["per group"] = Field(False, alias="register")
+    nominal: Robot | None = Field(
+        default=None, description="The nominal robot itself; from Python only."
+    )
+    name: str | None = Field(default=None, description="Name of a built-in robot.")
+    file: FileName | None = Field(
+        default=None, description="Robot file: TOML or URDF, beside the study."
+    )
+    base: str | None = Field(default=None, description="Link of a URDF where the chain begins.")
+    tip: str | None = Field(default=None, description="Link of a URDF where the chain ends.")
+    tool_mm: Vector | None = Field(
+        default=None,
+        description="Nominal target in the flange frame [mm]; the first guess with register.",
+    )
+    tools_mm: dict[Name, Vector] | None = Field(
+        default=None, description="Nominal target per target's name, in the flange frame [mm]."
+    )
+    register_: bool | Literal["per group"] = Field(
+        default=False,
+        alias="register",
+        description="Find tracker frame and target offsets from the estimation configurations; "
+        '"per group": one tracker placement per group.',
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -68,7 +83,7 @@ class RobotTable(_Table):
     @model_validator(mode="after")
     def _one_source(self) -> RobotTable:
         if self.nominal is not None:
-            named(self.nominal)
+            check_robot_name(self.nominal)
         if [self.nominal, self.name, self.file].count(None) != 2:
             raise ValueError('give either name = "…" (built in) or file = "robot.toml"')
         if self.file is None and (self.base or self.tip):
@@ -96,7 +111,7 @@ class RobotTable(_Table):
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldFrame:
     """A DataFrame as it was when the study was described; two are equal where their cells are."""
 
     sha256: str
@@ -107,11 +122,21 @@ class FeatureTable(_Table):
     """[measurements.features.NAME]: what is known of an anchor, a sphere, a point or a plane;
     `estimate`: a first guess only."""
 
-    position_mm: Vector | None = None
-    normal: Vector | None = None
-    length_mm: Positive | None = None
-    estimate: bool = False
-    zero: Literal["known", "unknown"] = "known"
+    position_mm: Vector | None = Field(
+        default=None,
+        description="Where it is, in the tracker's frame [mm]; of a plane any of its points.",
+    )
+    normal: Vector | None = Field(
+        default=None, description="Normal of a plane, in the tracker's frame."
+    )
+    length_mm: Positive | None = Field(default=None, description="Length of a ball-bar [mm].")
+    estimate: bool = Field(
+        default=False, description="Whether the numbers given are a first guess only."
+    )
+    zero: Literal["known", "unknown"] = Field(
+        default="known",
+        description='"unknown": the wire\'s reading leaves out a length that is fitted.',
+    )
 
 
 class MeasurementsTable(_Table):
@@ -119,10 +144,14 @@ class MeasurementsTable(_Table):
     that rows share. From Python `frame` may be a DataFrame in the file's place; a path or a
     DataFrame alone stands for the table."""
 
-    file: FileName
-    frame: Held | None = Field(None, exclude=True)  # its hash is that of the data
-    columns: dict[str, str] = {}
-    features: dict[Name, FeatureTable] = {}
+    file: FileName = Field(description="CSV or Parquet file, beside the study or in MODELSEL_DATA.")
+    frame: HeldFrame | None = Field(  # its hash is that of the data
+        default=None, exclude=True, description="A DataFrame in the file's place; from Python only."
+    )
+    columns: dict[str, str] = Field(default={}, description="Contract name = name in the file.")
+    features: dict[Name, FeatureTable] = Field(
+        default={}, description="What is known of the features that rows share, by name."
+    )
 
     @model_serializer(mode="wrap")
     def _since(self, plain: Plain) -> dict[str, Any]:
@@ -146,16 +175,25 @@ class MeasurementsTable(_Table):
                 f"expected a file or a pandas DataFrame, found {type(table['frame']).__name__}"
             )
         frame = table["frame"].copy()
-        return {**table, "file": "DataFrame", "frame": Held(digest(frame), frame)}
+        return {**table, "file": "DataFrame", "frame": HeldFrame(hash_source(frame), frame)}
 
 
 class SplitTable(_Table):
     """[split]: how many configurations estimate, or the column that says which."""
 
-    estimation: Annotated[int, Field(ge=1)] | None = None
-    column: str | None = None
-    held_out: str = "held-out"
-    nested_folds: Annotated[int, Field(ge=0, le=1000)] = 0
+    estimation: Annotated[int, Field(ge=1)] | None = Field(
+        default=None, description="Configurations used to fit and select; the others are held out."
+    )
+    column: str | None = Field(
+        default=None, description="Column that says which rows are held out."
+    )
+    held_out: str = Field(default="held-out", description="Value of that column in held-out rows.")
+    nested_folds: int = Field(
+        default=0,
+        ge=0,
+        le=1000,
+        description="Folds over which the whole procedure is repeated; 0: none.",
+    )
 
     @model_validator(mode="after")
     def _one_way(self) -> SplitTable:
@@ -169,18 +207,28 @@ class SplitTable(_Table):
 class ModelTable(_Table):
     """[model]: what is always in, what may extend it, which ladder to report."""
 
-    base: list[str] = ["geometric"]
-    candidates: Literal["all"] | list[str] = "all"
-    ladder: list[list[str]] = []
+    base: list[str] = Field(
+        default=["geometric"], description="Mechanisms that are always in the model."
+    )
+    candidates: Literal["all"] | list[str] = Field(
+        default="all", description="Mechanisms that may extend it; [] = fit the base alone."
+    )
+    ladder: list[list[str]] = Field(
+        default=[], description="Models to report, besides the chosen one."
+    )
 
 
 class ComparisonTable(_Table):
     """[comparison]: folds of the cross-validation, what they keep whole, how many mechanisms the
     table of subsets is made of."""
 
-    folds: Annotated[int, Field(ge=2)] = 10
-    by: Literal["configuration", "group"] = "configuration"
-    mechanisms: Annotated[int, Field(ge=1, le=64)] | None = None
+    folds: int = Field(default=10, ge=2, description="Folds of the cross-validation.")
+    by: Literal["configuration", "group"] = Field(
+        default="configuration", description="What a fold keeps whole."
+    )
+    mechanisms: Annotated[int, Field(ge=1, le=64)] | None = Field(
+        default=None, description="Number of mechanisms that the table of subsets is made of."
+    )
 
     @model_serializer(mode="wrap")
     def _since(self, plain: Plain) -> dict[str, Any]:
@@ -191,11 +239,19 @@ class ComparisonTable(_Table):
 class NoiseTable(_Table):
     """[noise]: a known floor, or the instrument."""
 
-    floor_mm: Positive | None = None
-    range_mm: Nought = 0.0
-    range_ppm: Nought = 0.0
-    angle_urad: Nought = 0.0
-    tracker_mm: Vector = [0.0, 0.0, 0.0]
+    floor_mm: Positive | None = Field(
+        default=None, description="Known standard uncertainty of one coordinate [mm]."
+    )
+    range_mm: NonNegative = Field(
+        default=0.0, description="Uncertainty of the tracker's range [mm]."
+    )
+    range_ppm: NonNegative = Field(
+        default=0.0, description="The same, in proportion to the range [ppm]."
+    )
+    angle_urad: NonNegative = Field(default=0.0, description="Uncertainty of its angles [µrad].")
+    tracker_mm: Vector = Field(
+        default=[0.0, 0.0, 0.0], description="Where the tracker stands [mm]."
+    )
 
     @property
     def instrument(self) -> bool:
@@ -206,61 +262,57 @@ class NoiseTable(_Table):
 class SamplingTable(_Table):
     """[sampling]: what emcee samples."""
 
-    over: Literal["default", "all"] = "default"
+    over: Literal["default", "all"] = Field(
+        default="default",
+        description='Parameters that are sampled; "all": every parameter of the model.',
+    )
 
 
 class EffectTable(_Table):
     """[[simulate.effect]]: one planted screw."""
 
-    frame: Annotated[int, Field(ge=1)]
-    axis: Literal["tx", "ty", "tz", "rx", "ry", "rz"]
-    cause: str
-    size: Finite
+    frame: int = Field(ge=1, description="Frame: 1..n for the joints, n+1 for the target.")
+    axis: Axis = Field(description="Axis of that frame.")
+    cause: str = Field(description="What scales the effect: a formula of causes.")
+    size: Finite = Field(description="Size, in mm or rad per unit of the cause.")
 
 
 class SimulateTable(_Table):
     """[simulate]: what `modelsel simulate` makes; without a measurements file the configurations
     are drawn."""
 
-    configurations: Count = 200
-    noise_mm: Nought = 0.06
-    effect: list[EffectTable] = []
+    configurations: Count = Field(
+        default=200, description="Number of configurations that are drawn."
+    )
+    noise_mm: NonNegative = Field(default=0.06, description="Noise of one coordinate [mm].")
+    effect: list[EffectTable] = Field(default=[], description="Effects to plant.")
 
 
 class Study(_Table):
     """A study, checked. From Python its tables are those of the file, as keyword arguments:
     `Study(name="…", robot={…}, …)`. Raises StudyError with every problem."""
 
-    name: Name
-    seed: Annotated[int, Field(ge=0)] = 0
-    robot: RobotTable
-    measurements: MeasurementsTable
-    split: SplitTable = SplitTable()
-    model: ModelTable = ModelTable()
-    comparison: ComparisonTable = ComparisonTable()
-    noise: NoiseTable = NoiseTable()
-    sampling: SamplingTable = SamplingTable()
-    simulate: SimulateTable = SimulateTable()
+    name: Name = Field(description="Name of the study.")
+    seed: int = Field(
+        default=0, ge=0, description="The one seed; every random choice derives from it."
+    )
+    robot: RobotTable = Field(description="The nominal robot and its target.")
+    measurements: MeasurementsTable = Field(description="What was measured.")
+    split: SplitTable = Field(
+        default=SplitTable(), description="Estimation and held-out configurations."
+    )
+    model: ModelTable = Field(default=ModelTable(), description="Base model and candidates.")
+    comparison: ComparisonTable = Field(default=ComparisonTable(), description="Cross-validation.")
+    noise: NoiseTable = Field(default=NoiseTable(), description="Noise floor, or the instrument.")
+    sampling: SamplingTable = Field(default=SamplingTable(), description="Posterior sampling.")
+    simulate: SimulateTable = Field(default=SimulateTable(), description="What `simulate` makes.")
 
     def __init__(self, /, **tables: Any) -> None:
         try:
-            super().__init__(**plain_values(tables))
+            super().__init__(**to_toml_values(tables))
         except ValidationError as error:
-            sentences: dict[str, None] = {}
-            for problem in error.errors():
-                loc = tuple(
-                    p
-                    for p in problem["loc"]
-                    if not (
-                        isinstance(p, str)
-                        and (
-                            p.startswith(("literal", "list["))
-                            or p in ("bool", "str", "float", "int")
-                        )
-                    )
-                )
-                sentences[_sentence({**problem, "loc": loc})] = None
-            raise StudyError(*sentences) from None
+            sentences = [_describe_problem(problem) for problem in error.errors()]
+            raise StudyError(*dict.fromkeys(sentences)) from None
 
     def with_measurements(self, measurements: Any) -> Study:
         """The same study of other measurements: a path, a DataFrame or a table. Raises
@@ -271,40 +323,55 @@ class Study(_Table):
         )
 
 
-def _known(location: tuple[Any, ...]) -> list[str]:
-    """Keys that a table of the study file may have."""
-    table: Any = Study
+def _list_known_keys(location: Sequence[Any]) -> list[str]:
+    """List the keys that a table of the study file may have."""
+    table: type[BaseModel] = Study
     for part in location:
         if isinstance(part, int):
             continue
-        field = table.model_fields.get(part)
-        inner = None if field is None else field.annotation
-        if inner == list[EffectTable]:
-            inner = EffectTable
-        if inner == dict[Name, FeatureTable]:
+        if table is MeasurementsTable and part == "features":
             return list(FeatureTable.model_fields)
-        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
+        inner = _find_inner_table(table, part)
+        if inner is None:
             return []
         table = inner
     return [field.alias or name for name, field in table.model_fields.items()]
 
 
-def _sentence(error: Any) -> str:
-    place = ".".join(
-        str(part + 1) if isinstance(part, int) else str(part).removesuffix("_")
-        for part in error["loc"]
-    )
+def _find_inner_table(table: type[BaseModel], key: str) -> type[BaseModel] | None:
+    """Find the model of a table's key; None where its value is no table."""
+    field = table.model_fields.get(key)
+    annotation: Any = None if field is None else field.annotation
+    if annotation == list[EffectTable]:
+        return EffectTable
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return None
+
+
+def _is_union_tag(part: Any) -> bool:
+    """Whether a part of pydantic's location names an alternative of a type, not a key."""
+    if not isinstance(part, str):
+        return False
+    return part in ("bool", "str", "float", "int") or part.startswith(("literal", "list["))
+
+
+def _describe_problem(error: Any) -> str:
+    """Describe a problem of pydantic's by its place in the study file."""
+    location = [part for part in error["loc"] if not _is_union_tag(part)]
+    place = format_place(location)
     if error["type"] == "extra_forbidden":
-        where = f"[{place.rpartition('.')[0]}]" if "." in place else "the study file"
-        return f'{where}: unknown key "{error["loc"][-1]}". {suggest(str(error["loc"][-1]), _known(error["loc"][:-1]))}'
+        key = str(location[-1])
+        table = f"[{place.rpartition('.')[0]}]" if "." in place else "the study file"
+        return f'{table}: unknown key "{key}". {suggest(key, _list_known_keys(location[:-1]))}'
     if error["type"] == "missing":
         return f"{place} is missing."
-    return f"{place}: {wording(error)}."
+    return f"{place}: {describe_error(error)}."
 
 
 def parse_study(text: str, where: str) -> Study:
-    """A study from TOML text. Raises StudyError with every problem and its place in `where`."""
-    table = toml(text, where)
+    """Read a study from TOML text. Raises StudyError with every problem and its place in `where`."""
+    table = parse_toml(text, where)
     try:
         return Study(**table)
     except StudyError as error:
@@ -316,31 +383,30 @@ def parse_study(text: str, where: str) -> Study:
 
 
 def read_study(path: Path | str) -> Study:
-    """A study file; a folder stands for its study.toml. Raises StudyError."""
+    """Read a study file; a folder stands for its study.toml. Raises StudyError."""
     path = Path(path)
     path = path / "study.toml" if path.is_dir() else path
     return parse_study(read_text(path, "the study file"), path.name)
 
 
 def find_data(name: str, beside: Path) -> Path:
-    """The measurements file: beside the study, else under MODELSEL_DATA; the path beside the study
-    where neither has it."""
-    for folder in (
-        beside,
-        *([Path(root)] if (root := os.environ.get("MODELSEL_DATA")) else []),
-        *_shared(beside),
-    ):
-        if (folder / name).is_file():
-            return folder / name
-    return beside / name
+    """Find the measurements file: beside the study, else under MODELSEL_DATA; the path beside the
+    study where neither has it."""
+    folders = [beside]
+    data_folder = os.environ.get("MODELSEL_DATA")
+    if data_folder:
+        folders.append(Path(data_folder))
+    folders += _list_shared_folders(beside)
+    existing = (folder / name for folder in folders if (folder / name).is_file())
+    return next(existing, beside / name)
 
 
-def data_of(study: Study, folder: Path) -> Source:
-    """A study's measurements: the DataFrame it holds, else the file."""
+def find_source(study: Study, folder: Path) -> Source:
+    """Find a study's measurements: the DataFrame it holds, else the file."""
     held = study.measurements.frame
     return find_data(study.measurements.file, folder) if held is None else held.frame
 
 
-def _shared(beside: Path) -> list[Path]:
-    """The public data of a checkout, shared/data, which stands beside the project."""
+def _list_shared_folders(beside: Path) -> list[Path]:
+    """List where the public data of a checkout may be, shared/data, which stands beside the project."""
     return [parent / "shared" / "data" for parent in beside.resolve().parents]

@@ -19,17 +19,17 @@ from ..fitting.design import Model
 from ..fitting.problem import Problem
 from ..measurements.reference_temperature import TEMPERATURE
 from ..mechanisms.causes import Applied, Bump, Cause, Named, cos, q, sign, sin, torque
-from ..mechanisms.drives import WAVES, wave
-from ..mechanisms.environment import warmth
-from ..mechanisms.gravity_effects import far, near
+from ..mechanisms.drives import WAVES, wave_terms
+from ..mechanisms.environment import temperature_rise
+from ..mechanisms.gravity_effects import forearm_lever, upper_arm_lever
 from ..mechanisms.terms import Mechanism, Screw, Term, TermKey
-from ..robot.gravity import arm_pair, under_gravity
+from ..robot.gravity import find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
-from ..selection.comparison import MOST
+from ..selection.comparison import MAX_CANDIDATES
 
 REGISTERED = 0.6
-KNOTS = tuple(np.radians(degrees) for degrees in (40.0, 20.0, 10.0, 4.0, 2.0))
+Screws = tuple(np.radians(degrees) for degrees in (40.0, 20.0, 10.0, 4.0, 2.0))
 DENSITY = 3.0  # configurations per knot interval that a free function needs
 BETWEEN = tuple(
     k + part for k in range(3, 60) for part in (0.25, 0.5, 0.75)
@@ -102,7 +102,7 @@ def cell_causes(problem: Problem) -> tuple[tuple[Cause, ...], ...]:
         along = q(j, "mm")
         out.append((along, along * along))
         out += (
-            [(warmth(problem.data.reference_celsius) * along, along)]
+            [(temperature_rise(problem.data.reference_celsius) * along, along)]
             if TEMPERATURE in problem.data.covariates
             else []
         )
@@ -113,27 +113,30 @@ def cell_causes(problem: Problem) -> tuple[tuple[Cause, ...], ...]:
             apart,
             both + apart,
         ]  # together: any product of a wave of the one and a wave of the other
-    loaded = under_gravity(robot)
+    loaded = find_gravity_joints(robot)
     out += [(torque(j),) for j in loaded] + [(sign(torque(j)),) for j in loaded]
-    if (pair := arm_pair(robot)) is not None:
-        out += [(far(pair),), (near(pair),), (sign(far(pair)),)]
+    if (pair := find_arm_pair(robot)) is not None:
+        out += [(forearm_lever(pair),), (upper_arm_lever(pair),), (sign(forearm_lever(pair)),)]
     out += [(Named(f"approach{j}"),) for j in range(1, robot.n + 1)]
     out += [(cause,) for cause in warming(problem)]
     units = problem.names()
     for name in problem.data.covariates:
         out.append(
             (
-                warmth(problem.data.reference_celsius)
+                temperature_rise(problem.data.reference_celsius)
                 if name == TEMPERATURE
                 else Named(name, units[name]),
             )
         )
         if name == "payload_kg" and pair is not None:
-            out += [(Named(name, "kg") * far(pair),), (Named(name, "kg") * near(pair),)]
+            out += [
+                (Named(name, "kg") * forearm_lever(pair),),
+                (Named(name, "kg") * upper_arm_lever(pair),),
+            ]
     return tuple(out)
 
 
-def crowded(problem: Problem) -> bool:
+def exceeds_cell_limit(problem: Problem) -> bool:
     """Whether the whole error map would have more than CELLS cells."""
     return len(places(problem)) * len(cell_causes(problem)) > CELLS
 
@@ -177,7 +180,7 @@ def waves(robot: Robot) -> list[tuple[Mechanism, float]]:
         (
             Mechanism(
                 f"{j} rz {count:g} waves",
-                wave(j, count, "rz", "m"),
+                wave_terms(j, count, "rz", "m"),
                 f"Joint {j} turns unevenly: {count:g} waves a turn",
             ),
             weight,
@@ -223,7 +226,7 @@ def free_functions(problem: Problem) -> list[Mechanism]:
         values = np.sort(data.q[first, j - 1])
         if joint.prismatic or np.ptp(values) < np.radians(20.0):
             continue
-        for width in KNOTS:
+        for width in Screws:
             centres = (
                 np.arange(np.floor(values[0] / width), np.ceil(values[-1] / width) + 1) * width
             )
@@ -250,7 +253,7 @@ def free_functions(problem: Problem) -> list[Mechanism]:
     return out
 
 
-def candidates(
+def build_candidates(
     problem: Problem, base: Model, mechanisms: Sequence[Mechanism], cells: bool = True
 ) -> tuple[Candidate, ...]:
     """Every explanation the data could carry beyond the base, with priors that sum to one.
@@ -271,7 +274,7 @@ def candidates(
     others: list[tuple[Mechanism, float]] = []
     if cells:
         every_cause = [(causes, " & ".join(map(str, causes))) for causes in cell_causes(problem)]
-        some = crowded(problem)
+        some = exceeds_cell_limit(problem)
         beside = [_beside(causes) if some else lambda frame: True for causes, _ in every_cause]
         pool = [
             (_cell(place, causes, words), 1.0)
@@ -335,8 +338,11 @@ def _distinct(problem: Problem, mechanisms: Sequence[Mechanism]) -> list[Mechani
     return out
 
 
-def strongest(
-    found: Sequence[Candidate], single_f: Array, named: Sequence[Candidate] = (), most: int = MOST
+def choose_strongest(
+    found: Sequence[Candidate],
+    single_f: Array,
+    named: Sequence[Candidate] = (),
+    most: int = MAX_CANDIDATES,
 ) -> tuple[tuple[Mechanism, ...], tuple[str, ...]]:
     """(at most `most` registered mechanisms: the `named`, then those of largest single F, in the
     registry's order; names of the others). Of a scanned mechanism the best constant, or the named

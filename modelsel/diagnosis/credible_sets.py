@@ -8,7 +8,7 @@ import numpy as np
 
 from .._typing import Array, Index
 from .candidates import Candidate
-from .evidence import evidence, factors
+from .evidence import compute_factors, sum_evidence
 from .scan import Scan
 
 CREDIBLE = 0.95
@@ -54,7 +54,7 @@ def name(
         seen,
         candidates,
         response,
-        factors(seen, response),
+        compute_factors(seen, response),
         np.log([c.prior for c in candidates]),
         without,
     )
@@ -71,7 +71,7 @@ def _named(
     if without is not None:
         log_prior = log_prior.copy()
         log_prior[without] = -np.inf
-    value, joint = evidence(known, log_prior)
+    value, joint = sum_evidence(known, log_prior)
     relative = (
         joint - value if np.isfinite(value) else joint
     )  # no candidate may explain it: each has probability 0
@@ -105,7 +105,7 @@ def coefficients(seen: Scan, g: int, response: Array) -> Array:
     return np.asarray(W.T @ (W @ (own @ response[: own.shape[1]])))
 
 
-def fitted_displacement(seen: Scan, g: int, response: Array) -> Array:
+def compute_displacement(seen: Scan, g: int, response: Array) -> Array:
     """(N,) what candidate g, fitted alone beyond the model, makes of the response."""
     raw = seen.columns.sum_of(coefficients(seen, g, response), g, len(response))
     return np.asarray(raw - seen.Q @ (seen.Q.T @ raw))
@@ -114,12 +114,12 @@ def fitted_displacement(seen: Scan, g: int, response: Array) -> Array:
 def own_evidence(seen: Scan, named: CredibleSet, g: int, response: Array) -> float:
     """Log evidence of what moves the target as candidate g does: of the listed entries alike to it,
     and of itself. What else may be left in the response does not count for it."""
-    mine = fitted_displacement(seen, g, response)
+    mine = compute_displacement(seen, g, response)
     mass = np.exp(named.log_probability[g])
     for entry in named.entries:
         if (
             entry.place != g
-            and similar(mine, fitted_displacement(seen, entry.place, response)) > RELATED
+            and similar(mine, compute_displacement(seen, entry.place, response)) > RELATED
         ):
             mass += entry.probability
     return named.evidence + float(np.log(max(mass, 1e-300)))
@@ -131,9 +131,9 @@ def name_again(
     """Candidate g named given all else: among the explanations that speak of the same effect. What
     may be left beside it in the response belongs to another finding; `without` leaves candidates
     out from the start."""
-    mine = fitted_displacement(seen, g, response)
+    mine = compute_displacement(seen, g, response)
     strange: list[int] = without.tolist()
-    known, log_prior = factors(seen, response), np.log([c.prior for c in candidates])
+    known, log_prior = compute_factors(seen, response), np.log([c.prior for c in candidates])
     named = _named(seen, candidates, response, known, log_prior, without)
     for _ in range(
         PASSES if np.any(mine) else 0
@@ -142,7 +142,7 @@ def name_again(
             e.place
             for e in named.entries
             if e.place != g
-            and similar(mine, fitted_displacement(seen, e.place, response)) <= RELATED
+            and similar(mine, compute_displacement(seen, e.place, response)) <= RELATED
         ]
         if not others or named.top == g:
             break
@@ -183,7 +183,7 @@ def similar(a: Array, b: Array) -> float:
 
 
 def _alike(seen: Scan, shown: Index, response: Array) -> Array:
-    first = fitted_displacement(seen, int(shown[0]), response)
+    first = compute_displacement(seen, int(shown[0]), response)
     return np.array(
-        [similar(first, fitted_displacement(seen, int(g), response)) > ALIKE for g in shown]
+        [similar(first, compute_displacement(seen, int(g), response)) > ALIKE for g in shown]
     )

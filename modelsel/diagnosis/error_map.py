@@ -31,7 +31,7 @@ class ErrorMap:
     named: dict[tuple[int, int], Mechanism]
 
 
-def error_map(diagnosis: Diagnosis, found: Sequence[Candidate]) -> ErrorMap:
+def build_error_map(diagnosis: Diagnosis, found: Sequence[Candidate]) -> ErrorMap:
     """Every candidate that acts at one place with one cause (or one wave of unknown phase), seen
     from the base."""
     cells: dict[tuple[tuple[int, str], str], int] = {}
@@ -64,7 +64,7 @@ def error_map(diagnosis: Diagnosis, found: Sequence[Candidate]) -> ErrorMap:
     return ErrorMap(names, tuple(columns), f, p, tuple(rows), tuple(why.values()), named)
 
 
-def strongest_causes(whole: ErrorMap, most: int) -> tuple[int, ...]:
+def select_strongest_causes(whole: ErrorMap, most: int) -> tuple[int, ...]:
     """Indices of the causes whose best cell stands out most, at most `most`, in the map's order."""
     best = np.nanmax(np.where(np.isnan(whole.f), 0.0, whole.f), axis=0)
     return tuple(sorted(np.argsort(-best, kind="stable")[:most].tolist()))

@@ -15,10 +15,12 @@ SLACK = 1e-3  # in log evidence: far beyond single precision's rounding
 PIECE = (
     256  # draws that are worked out together: a product of full speed, in memory that is used again
 )
-MANY = 0.7  # share of the draws beyond which all of them are worked out: picking some costs, too
+MAX_SELECTED_SHARE = (
+    0.7  # share of the draws beyond which all of them are worked out: picking some costs, too
+)
 
 
-def shares(strength: Strength, total: Array) -> Strength:
+def normalise_strength(strength: Strength, total: Array) -> Strength:
     """The same of responses of unit length, from their sums of squares `total` (B,); the whole is
     overwritten."""
     whole = np.divide(strength.whole, total, out=strength.whole)
@@ -44,7 +46,9 @@ def _smooth_share(share: Strength, each: Array) -> Array:
     )
 
 
-def log_bayes_factors(seen: Scan, share: Strength, ratio: float, out: Array | None = None) -> Array:
+def compute_log_bayes_factors(
+    seen: Scan, share: Strength, ratio: float, out: Array | None = None
+) -> Array:
     """(G, B) log Bayes factors of every candidate at v = ratio · s², s² integrated out (Jeffreys),
     against no effect, from the `shares`. A free function's directions have variances of their own,
     v times their weight.
@@ -72,17 +76,17 @@ def log_bayes_factors(seen: Scan, share: Strength, ratio: float, out: Array | No
     return out
 
 
-def factors(seen: Scan, response: Array) -> Array:
+def compute_factors(seen: Scan, response: Array) -> Array:
     """(RATIOS, G) log Bayes factors of every candidate alone; −inf for one that would have to be
     large to explain a response (N,)."""
     strength, small = seen.judged(response)
-    share = shares(strength, np.square(response).sum(keepdims=True))
+    share = normalise_strength(strength, np.square(response).sum(keepdims=True))
     return np.where(
-        small, [log_bayes_factors(seen, share, float(r))[:, 0] for r in RATIOS], -np.inf
+        small, [compute_log_bayes_factors(seen, share, float(r))[:, 0] for r in RATIOS], -np.inf
     )
 
 
-def evidence(known: Array, log_prior: Array) -> tuple[float, Array]:
+def sum_evidence(known: Array, log_prior: Array) -> tuple[float, Array]:
     """(log Σ prior BF at the ratio v/s² that maximises it, log prior + log BF (G,) there) from the
     `factors`."""
     joint = known + log_prior
@@ -94,7 +98,7 @@ def evidence(known: Array, log_prior: Array) -> tuple[float, Array]:
     return float(values[best]), joint[best]
 
 
-def null_evidence(
+def compute_null_evidence(
     seen: Scan, log_prior: Array, share: Strength, top: Mapping[float, Array]
 ) -> Array:
     """The same evidence (B,) of many responses, in their precision; `top`: largest share (B,) among
@@ -108,7 +112,7 @@ def null_evidence(
     prior, space = log_prior.astype(share.whole.dtype)[:, None], np.empty_like(share.whole)
 
     def total(some: Strength, ratio: float) -> Array:
-        joint = log_bayes_factors(seen, some, ratio, space[:, : some.whole.shape[1]])
+        joint = compute_log_bayes_factors(seen, some, ratio, space[:, : some.whole.shape[1]])
         joint += prior
         most = joint.max(0)
         joint -= most
@@ -132,7 +136,7 @@ def null_evidence(
     slack = slack - grown(float(RATIOS[0]))
     for r in map(float, RATIOS[1:]):
         need = np.flatnonzero((grown(r) + slack).max(0) > best - first)
-        if len(need) > MANY * len(best):
+        if len(need) > MAX_SELECTED_SHARE * len(best):
             best = np.maximum(best, total(share, r))
         elif len(need):
             best[need] = np.maximum(
@@ -141,7 +145,9 @@ def null_evidence(
     return best
 
 
-def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> tuple[Array, Array]:
+def draw_null(
+    seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator
+) -> tuple[Array, Array]:
     """(draws,) sorted evidences, and sorted smallest p-values of single candidates, when nothing is
     left: the residual then lies evenly on the sphere of the model's residuals, whatever the
     parameters and the noise level (Dufour 2006). In single precision, which is ample where nothing
@@ -161,10 +167,10 @@ def null(seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator) -> 
                 (Z @ part).reshape(*b.block.index.shape, -1)
                 for Z, b in zip(bases, seen.buckets, strict=True)
             ]
-            share = shares(seen.gather(products), np.square(part).sum(0))
+            share = normalise_strength(seen.gather(products), np.square(part).sum(0))
             top = {k: share.whole[which].max(0) for k, which in alike.items()}
-            out.append(null_evidence(seen, log_prior, share, top))
-            least.append(least_p(top, seen.freedom))
+            out.append(compute_null_evidence(seen, log_prior, share, top))
+            least.append(compute_smallest_p(top, seen.freedom))
     return np.sort(np.concatenate(out)), np.sort(np.concatenate(least))
 
 
@@ -191,7 +197,7 @@ def _run(index: Index) -> Index | slice:
     )
 
 
-def least_p(top: Mapping[float, Array], freedom: int) -> Array:
+def compute_smallest_p(top: Mapping[float, Array], freedom: int) -> Array:
     """(B,) smallest p of single candidates, from the largest share (B,) among those of each size; 1
     where there is none."""
     return (
@@ -215,7 +221,7 @@ def _tail(share: Array, size: Array | float, freedom: int) -> Array:
     )
 
 
-def familywise(seen: Scan, response: Array, least: Array) -> Array:
+def compute_familywise_p(seen: Scan, response: Array, least: Array) -> Array:
     """(G,) family-wise p of every candidate alone: the max-test over the whole map (methods.md
     A.6), whose null is the sorted smallest p-values `least`."""
     share = seen.strength(response[:, None]).whole[:, 0] / float(response @ response)
@@ -223,7 +229,7 @@ def familywise(seen: Scan, response: Array, least: Array) -> Array:
     return np.asarray((1 + np.searchsorted(least, own, side="right")) / (len(least) + 1))
 
 
-def single_f(seen: Scan, response: Array) -> Array:
+def compute_single_f(seen: Scan, response: Array) -> Array:
     """(G,) F statistic of every candidate alone beyond the model; 0 for one that adds nothing,
     finite where one explains all."""
     strength, whole = seen.strength(response[:, None]).whole[:, 0], float(response @ response)
@@ -233,7 +239,7 @@ def single_f(seen: Scan, response: Array) -> Array:
     return np.where(room, strength / np.maximum(k, 1) / rest * np.maximum(seen.freedom - k, 1), 0.0)
 
 
-def p_value(observed: float, sorted_null: Array) -> float:
+def compute_p_value(observed: float, sorted_null: Array) -> float:
     """(1 + #{null ≥ observed}) / (B + 1); 1 where there is no evidence at all."""
     if not np.isfinite(observed):
         return 1.0

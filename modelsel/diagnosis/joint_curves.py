@@ -16,13 +16,13 @@ import numpy as np
 from .._typing import Array, Index
 from ..fitting.splines import spline
 from .candidates import Candidate
-from .evidence import factors
-from .scan import Columns, basis, scan, subset
+from .evidence import compute_factors
+from .scan import Columns, compute_basis, scan, subset
 
 LONGEST = 4  # waves and the like that one curve may be made of
 
 
-def own_angle(candidate: Candidate) -> int | None:
+def find_own_joint(candidate: Candidate) -> int | None:
     """The joint through whose own angle alone a candidate acts, at that joint's own rotation; None
     for any other."""
     screws = [s for t in candidate.mechanism.terms for s in t.screws]
@@ -44,11 +44,11 @@ class Curve:
     free: Array
 
 
-def curves(found: Sequence[Candidate], cols: Columns, log_prior: Array) -> dict[int, Curve]:
+def collect_curves(found: Sequence[Candidate], cols: Columns, log_prior: Array) -> dict[int, Curve]:
     """Joint -> its own-angle candidates, where a free function is among them."""
     own: dict[int, list[int]] = {}
     for g, candidate in enumerate(found):
-        if (joint := own_angle(candidate)) is not None:
+        if (joint := find_own_joint(candidate)) is not None:
             own.setdefault(joint, []).append(g)
     out = {}
     for joint, members in own.items():
@@ -59,12 +59,12 @@ def curves(found: Sequence[Candidate], cols: Columns, log_prior: Array) -> dict[
     return out
 
 
-def alone(curve: Curve, Q: Array, response: Array) -> Array:
+def score_each(curve: Curve, Q: Array, response: Array) -> Array:
     """(G,) log prior + log Bayes factor of every candidate of a curve."""
-    return np.asarray(curve.log_prior + factors(scan(curve.columns, Q), response).max(0))
+    return np.asarray(curve.log_prior + compute_factors(scan(curve.columns, Q), response).max(0))
 
 
-def chain(
+def chain_effects(
     curve: Curve,
     Q: Array,
     response: Array,
@@ -80,14 +80,14 @@ def chain(
     total, out = 0.0, list[int]()
     wanted = None if given is None else [members.index(g) for g in given]
     for step in range(LONGEST if wanted is None else len(wanted)):
-        joint = first if first is not None and not step else alone(curve, Q, response)
+        joint = first if first is not None and not step else score_each(curve, Q, response)
         left = allowed.copy() if wanted is None else np.isin(np.arange(len(members)), wanted)
         left[[members.index(g) for g in out]] = False
         best = int(np.argmax(np.where(left, joint, -np.inf)))
         if wanted is None and not joint[best] > 0 or not np.isfinite(joint[best]):
             break
         X = curve.columns.sum_of(np.eye(len(curve.columns.slices[best])), best, len(response))
-        Z = basis(X - Q @ (Q.T @ X))
+        Z = compute_basis(X - Q @ (Q.T @ X))
         Q, response = np.column_stack([Q, Z]), response - Z @ (Z.T @ response)
         total += float(joint[best])
         out.append(members[best])
@@ -100,12 +100,12 @@ def better(
     """What explains a joint's curve better than `now` does, by `odds` in log evidence: a free
     function (and what it leaves), or a few waves; None where nothing does. `response` (N,) has all
     of `now` put back, Q does not hold it."""
-    first = alone(curve, Q, response)
-    held = chain(curve, Q, response, now, curve.free, first)[0]
+    first = score_each(curve, Q, response)
+    held = chain_effects(curve, Q, response, now, curve.free, first)[0]
     trials = [
-        chain(curve, Q, response, None, np.logical_not(curve.free), first),
+        chain_effects(curve, Q, response, None, np.logical_not(curve.free), first),
         *(
-            chain(curve, Q, response, [g], curve.free, first)
+            chain_effects(curve, Q, response, [g], curve.free, first)
             for g in curve.which[curve.free].tolist()
         ),
     ]

@@ -14,13 +14,13 @@ from ..exceptions import DataError, NotEstimable
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
 from ..measurements.table import Where
-from ..setup.other_robots import better
+from ..setup.other_robots import describe_improvement
 from ..setup.registration import register
-from ..setup.simple_mistakes import RAD, SCALES, axis_changes
-from .outliers import MATCH, scale_of
+from ..setup.simple_mistakes import DEGREE, SCALES, list_axis_changes
+from .outliers import MATCH, estimate_scale
 
 # times as near as a row comes by a slip, a row has to be off: chance does not come so near
-FAR = 20.0
+MIN_RATIO = 20.0
 Residuals = Callable[[Problem], Array]
 BAD = 3e-3  # of the reach: a mean residual from which slips are looked for before any fit,
 FACTOR = 4.0  # and are said where without them the positions fit so much better
@@ -44,19 +44,22 @@ def _slips(problem: Problem) -> Iterator[Slip]:
     yield from (
         Slip(f"in {u.unit}, not millimetres", u.remedy, q, x * u.scale, u.scale) for u in SCALES
     )
-    for axis, other, B in axis_changes():
+    for axis, other, B in list_axis_changes():
         words, remedy = (
             (f"{axis} and {other} in each other's place", f"let {axis} and {other} change places")
             if other
             else (f"the wrong sign of {axis}", f"change the sign of {axis}")
         )
         yield Slip(f"given with {words}", remedy, q, x @ B.T)
-    for factor, unit, others in ((1 / RAD, "radians", "degrees"), (RAD, "degrees", "radians")):
+    for factor, unit, others in (
+        (1 / DEGREE, "radians", "degrees"),
+        (DEGREE, "degrees", "radians"),
+    ):
         words = f"given with readings in {unit}, not {others}"
         yield Slip(words, "convert the readings", np.where(turns, q * factor, q), x)
 
 
-def slipped(
+def describe_slips(
     problem: Problem,
     left: Residuals,
     rows: NDArray[np.bool_],
@@ -73,11 +76,12 @@ def slipped(
     if not rows.any() or not (calm.any() or usual):
         return ()
     near = MATCH * max(
-        scale_of(_length(left(problem.take(calm)))) if usual is None else usual / np.sqrt(3), 1e-6
+        estimate_scale(_length(left(problem.take(calm)))) if usual is None else usual / np.sqrt(3),
+        1e-6,
     )
     some = problem.take(rows)
     before = _length(left(some))
-    still, out = before > FAR * near, list[str]()
+    still, out = before > MIN_RATIO * near, list[str]()
     for slip in (*_slips(some), _stale(problem, rows)):
         changed = replace(some, data=replace(some.data, q=slip.q, position=slip.position))
         after = _length(left(changed))
@@ -93,12 +97,14 @@ def _said(slip: Slip, where: Where, rows: Index, before: float, after: float) ->
     is_, fit, them = ("is", "it fits", "it") if len(rows) == 1 else ("are", "they fit", "them")
     return (
         f"{len(rows)} row{'s' * (len(rows) > 1)} {is_} {slip.words} ({where.spans(rows)}): corrected, {fit} "
-        f"{better(before, after)} ({after:.2g} mm in place of {before:.3g} mm, median); "
+        f"{describe_improvement(before, after)} ({after:.2g} mm in place of {before:.3g} mm, median); "
         f"{slip.remedy} there, or leave {them} out."
     )
 
 
-def slipped_before(problem: Problem, registered: bool, per_group: bool = False) -> str | None:
+def describe_slip_before_fit(
+    problem: Problem, registered: bool, per_group: bool = False
+) -> str | None:
     """A sentence on the slip of some rows that explains what a problem's points leave at its
     placement and tools; None where they leave little, or no slip of less than half of the rows
     explains it. Where placement and tools were found from the rows (`registered`), they are found

@@ -17,14 +17,14 @@ from ..fitting.reduction import reduce
 TRIM = 0.75  # share of the rows that the concentration steps fit
 MEDIAN_3 = 1.5382  # median length of three standard normals
 MEDIAN_1 = 0.6745  # and of one
-GROSS = (
+GROSS_THRESHOLD = (
     8.0  # robust standard deviations of one coordinate, before naming: systematic error is still in
 )
 LEFT = 6.0  # the same, once the named effects are taken out
 MOST = 0.15  # of the rows: more are not outliers but an effect
-STEPS = 12
+CONCENTRATION_STEPS = 12
 
-Mask = NDArray[np.bool_]
+REWEIGHTING_STEPS = NDArray[np.bool_]
 
 
 def lengths(residual: Array) -> Array:
@@ -32,13 +32,13 @@ def lengths(residual: Array) -> Array:
     return np.asarray(np.linalg.norm(residual[:, :3], axis=1))
 
 
-def scale_of(size: Array, measured: Mask | None = None) -> float:
+def estimate_scale(size: Array, measured: REWEIGHTING_STEPS | None = None) -> float:
     """Robust standard deviation of one coordinate from lengths of residual vectors; `measured` (m,
     c): which coordinates each has (None: three)."""
     return float(np.median(_alike(size, measured))) / MEDIAN_3
 
 
-def _alike(size: Array, measured: Mask | None) -> Array:
+def _alike(size: Array, measured: REWEIGHTING_STEPS | None) -> Array:
     """Lengths (m,) as they would be of three coordinates, by their medians."""
     return (
         size
@@ -47,7 +47,7 @@ def _alike(size: Array, measured: Mask | None) -> Array:
     )
 
 
-def gross(problem: Problem, base: Model) -> Mask:
+def find_gross_outliers(problem: Problem, base: Model) -> REWEIGHTING_STEPS:
     """(m,) rows far off, whatever the base does not explain: concentration steps from the plain fit
     (Rousseeuw & Van Driessen 1999), then residuals in robust standard deviations, each divided by
     what its leverage makes of it."""
@@ -61,7 +61,7 @@ def gross(problem: Problem, base: Model) -> Mask:
         return np.zeros(m, bool)
     inside = np.ones(m, bool)
     size = lengths(r)
-    for _ in range(STEPS):
+    for _ in range(CONCENTRATION_STEPS):
         chosen = np.zeros(m, bool)
         chosen[np.argsort(_alike(size, seen), kind="stable")[:keep]] = True
         if (chosen == inside).all():
@@ -69,13 +69,13 @@ def gross(problem: Problem, base: Model) -> Mask:
         inside = chosen
         left, spread = _refit(X, r, inside, seen)
         size = lengths(left / spread[:, None])
-    flagged = size > GROSS * scale_of(
+    flagged = size > GROSS_THRESHOLD * estimate_scale(
         size[inside], None if seen is None else seen[inside]
     ) / _shrinkage(TRIM, round(min(c, 3)))
     for _ in range(3):
         left, spread = _refit(X, r, ~flagged, seen)
         size = lengths(left / spread[:, None])
-        again = size > GROSS * scale_of(size, seen)
+        again = size > GROSS_THRESHOLD * estimate_scale(size, seen)
         if (again == flagged).all() or again.mean() > MOST:
             break
         flagged = again
@@ -93,7 +93,9 @@ def _shrinkage(share: float, c: int) -> float:
     )
 
 
-def _refit(X: Array, r: Array, inside: Mask, measured: Mask | None) -> tuple[Array, Array]:
+def _refit(
+    X: Array, r: Array, inside: REWEIGHTING_STEPS, measured: REWEIGHTING_STEPS | None
+) -> tuple[Array, Array]:
     """Residuals (m, c) of the fit to the rows `inside`, and the factor (m,) their leverage puts on
     them; `measured` (m, c)."""
     _, c, p = X.shape
@@ -108,12 +110,12 @@ def _refit(X: Array, r: Array, inside: Mask, measured: Mask | None) -> tuple[Arr
     return left, np.sqrt(np.where(inside, np.maximum(1 - leverage, 0.05), 1 + leverage))
 
 
-def far_off(
-    residual: Array, reference: Array, threshold: float, measured: Mask | None = None
-) -> Mask:
+def find_far_rows(
+    residual: Array, reference: Array, threshold: float, measured: REWEIGHTING_STEPS | None = None
+) -> REWEIGHTING_STEPS:
     """Rows of `residual` longer than `threshold` robust standard deviations of the `reference`
     rows, whose coordinates are `measured` (None: all)."""
-    return np.asarray(lengths(residual) > threshold * scale_of(lengths(reference), measured))
+    return np.asarray(lengths(residual) > threshold * estimate_scale(lengths(reference), measured))
 
 
 # Faults of the data, found among the gross outliers: rows whose position belongs to another row.
@@ -140,7 +142,7 @@ class Fault:
 
 
 def misplaced(
-    problem: Problem, outlying: Mask, fitted: Fit, rng: np.random.Generator
+    problem: Problem, outlying: REWEIGHTING_STEPS, fitted: Fit, rng: np.random.Generator
 ) -> tuple[Fault, ...]:
     """Outlying rows whose positions fit each other's joint readings or targets: swapped reflectors
     where they share a configuration, a wrong order of rows elsewhere. Chance: the same distances in
@@ -152,7 +154,7 @@ def misplaced(
     if not 2 <= len(at) <= MOST_ROWS:
         return ()
     residual = fitted.residuals(problem)[:, :3]
-    scale = scale_of(np.linalg.norm(residual[~outlying & points], axis=1))
+    scale = estimate_scale(np.linalg.norm(residual[~outlying & points], axis=1))
     near = MATCH * scale
     measured = problem.data.position[at]
     predicted = measured - residual[at]
@@ -227,7 +229,7 @@ def _log_ratio(distance: Array, length: Array, scale: float, reach: float) -> Ar
     return np.asarray(there + np.log(4 * np.pi * spread) + 3 * np.log(length))
 
 
-def _probability(log_ratio: Array, concerned: Mask) -> float:
+def _probability(log_ratio: Array, concerned: REWEIGHTING_STEPS) -> float:
     """Posterior probability that rows were exchanged, as likely before as not, and then every
     outlying row as likely as not among them: Bayes factor = product over the rows of (1 + ratio) /
     2, ratio nought for a row that is not `concerned`."""
@@ -246,6 +248,6 @@ def _partner(measured: Array, predicted: Array) -> Index:
     return np.asarray(distance.argmin(1), dtype=np.intp)
 
 
-def _fits(measured: Array, predicted: Array, near: float) -> Mask:
+def _fits(measured: Array, predicted: Array, near: float) -> REWEIGHTING_STEPS:
     partner = _partner(measured, predicted)
     return np.asarray(np.linalg.norm(measured - predicted[partner], axis=1) < near)

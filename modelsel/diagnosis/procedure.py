@@ -18,17 +18,17 @@ from ..fitting.design import Model, whitened
 from ..fitting.least_squares import fit
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
-from ..selection.evaluation import Errors, Split, errors
-from ..selection.splits import assign
-from .candidates import Candidate, candidates
-from .outliers import GROSS, LEFT, MOST, far_off, gross
-from .stepwise import Diagnosis, extend
+from ..selection.evaluation import Errors, Split, summarise_errors
+from ..selection.splits import assign_folds
+from .candidates import Candidate, build_candidates
+from .outliers import GROSS_THRESHOLD, LEFT, MOST, find_far_rows, find_gross_outliers
+from .stepwise import Diagnosis, run_stepwise_search
 
 OUTLIER_ROUNDS = 3
 SCANNED = 2500  # rows: beyond it the columns of all candidates take a gigabyte and more
 
 
-def explain(
+def diagnose_split(
     split: Split,
     base: Model,
     everything: tuple[Mechanism, ...],
@@ -43,13 +43,13 @@ def explain(
     too. Of more than SCANNED rows a seeded choice of configurations is scanned, so that the scan's
     columns fit into memory; outliers are judged in all rows."""
     if split.estimation.sum() > SCANNED:
-        some, extension, found = explain(
+        some, extension, found = diagnose_split(
             replace(split, estimation=_chosen(split, seed)), base, everything, seed, cells, say
         )
         size, used = whitened(split.problem, extension.fit.residuals(split.problem)), some.used
         seen = None if split.problem.measured is None else split.problem.measured[used]
-        outlying = split.estimation & far_off(
-            size, size[used], LEFT if extension.effects else GROSS, seen
+        outlying = split.estimation & find_far_rows(
+            size, size[used], LEFT if extension.effects else GROSS_THRESHOLD, seen
         )
         return (
             replace(
@@ -61,20 +61,20 @@ def explain(
         )
     training = split.problem.take(split.estimation)
     rows = np.flatnonzero(split.estimation)
-    outlying = gross(training, base)
+    outlying = find_gross_outliers(training, base)
     for _ in range(OUTLIER_ROUNDS):
         split = replace(split, outlying=_mask(len(split.estimation), rows[outlying]))
         kept = split.training()
         base_fit = fit(kept, base)
-        found = candidates(kept, base, everything, cells=cells)
+        found = build_candidates(kept, base, everything, cells=cells)
         say(f"naming: {len(found)} candidates")
-        extension = extend(kept, base, base_fit, found, generator(seed, "naming"), say)
+        extension = run_stepwise_search(kept, base, base_fit, found, generator(seed, "naming"), say)
         again = _left_over(training, extension, outlying)
         if (
             outlying.any()
         ):  # an effect of a few rows looks like outliers: does it still, once it may be named?
             everyone = replace(split, outlying=np.zeros(len(split.estimation), bool)).training()
-            other = extend(
+            other = run_stepwise_search(
                 everyone, base, fit(everyone, base), found, generator(seed, "naming"), say
             )
             fewer = _left_over(everyone, other, np.zeros(len(everyone), bool))
@@ -100,7 +100,9 @@ def _left_over(
     """Rows far off the extended model, in robust standard deviations of the rows that made it."""
     size = whitened(problem, diagnosis.fit.residuals(problem))
     seen = None if problem.measured is None else problem.measured[~outlying]
-    return far_off(size, size[~outlying], LEFT if diagnosis.effects else GROSS, seen)
+    return find_far_rows(
+        size, size[~outlying], LEFT if diagnosis.effects else GROSS_THRESHOLD, seen
+    )
 
 
 def _mask(m: int, rows: Index) -> NDArray[np.bool_]:
@@ -132,7 +134,7 @@ def _one_fold(
     inside = replace(
         split, estimation=split.estimation & (fold != k), outlying=np.zeros(len(fold), bool)
     )
-    inside, extension, _ = explain(inside, base, everything, seed, cells)
+    inside, extension, _ = diagnose_split(inside, base, everything, seed, cells)
     out = fold == k
     problem = split.problem.take(out)
     base_fit = fit(inside.training(), base)
@@ -144,13 +146,13 @@ def _one_fold(
     )
 
 
-def nested(
+def run_nested_folds(
     split: Split, base: Model, everything: tuple[Mechanism, ...], seed: int, cells: bool, folds: int
 ) -> Nested:
     """Outliers, naming and fit redone without each fold of the estimation configurations, in
     parallel; the same figures whatever the number of workers."""
     fold = np.full(len(split.estimation), -1, dtype=np.intp)
-    fold[split.estimation] = assign(
+    fold[split.estimation] = assign_folds(
         split.problem.data.take(split.estimation), folds, generator(seed, "nested")
     )
     count = int(fold.max()) + 1
@@ -168,7 +170,7 @@ def nested(
     rows = split.estimation
     return Nested(
         count,
-        errors(before[rows], split.outlying[rows]),
-        errors(after[rows], split.outlying[rows]),
+        summarise_errors(before[rows], split.outlying[rows]),
+        summarise_errors(after[rows], split.outlying[rows]),
         dict(sorted(named.items(), key=lambda item: (-item[1], item[0]))),
     )

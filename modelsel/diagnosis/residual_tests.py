@@ -17,33 +17,35 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..measurements.measurements import Measurements
-from .evidence import by_size, least_p, null_evidence, shares
+from .evidence import by_size, compute_null_evidence, compute_smallest_p, normalise_strength
 from .scan import Scan
 
 DRAWS = (999, 185)  # of a small study and of a large one
 CHUNK = 37  # draws after which a clear answer stops
-CLEAR = 10.0  # log evidence beyond every draw so far: clear
-LEAST_GROUPS = 8  # of which signs can be drawn
-LASTING = 0.01  # p below which rows of one group are said to go together
-SHUFFLES = 999
+CLEAR_MARGIN = 10.0  # log evidence beyond every draw so far: clear
+MIN_GROUPS = 8  # of which signs can be drawn
+GROUP_LEVEL = 0.01  # p below which rows of one group are said to go together
+PERMUTATIONS = 999
 LEAST = 1e-6  # of a direction that a unit alone decides: its residual is nought and stays so
 
 
-def units(data: Measurements, residual: Array, rng: np.random.Generator) -> tuple[Index, ...]:
+def partition_rows(
+    data: Measurements, residual: Array, rng: np.random.Generator
+) -> tuple[Index, ...]:
     """Partitions (m,) of the rows into those that change sign together, each of which must be
     beaten: by posture (equal readings, however often and through however many targets they were
     measured); by group where residuals (m, 3) of different configurations of a group go together (p
     at most LASTING) and there are enough groups. Postures that lie within one group each need no
     partition of their own then."""
     posture = np.unique(data.block, return_inverse=True)[1].reshape(-1)
-    if together(data, residual, rng) > LASTING:
+    if compute_group_p(data, residual, rng) > GROUP_LEVEL:
         return (posture,)
     group = np.unique(data.group, return_inverse=True)[1].reshape(-1)
     torn = len(np.unique(np.stack([posture, group]), axis=1)[0]) > posture.max() + 1
     return (group, posture) if torn else (group,)
 
 
-def together(data: Measurements, residual: Array, rng: np.random.Generator) -> float:
+def compute_group_p(data: Measurements, residual: Array, rng: np.random.Generator) -> float:
     """How often configurations dealt to the groups at random have residual sums as large as theirs;
     1 with few groups."""
     configuration = np.unique(data.configuration, return_inverse=True)[1]
@@ -52,17 +54,17 @@ def together(data: Measurements, residual: Array, rng: np.random.Generator) -> f
     first = np.unique(configuration, return_index=True)[1]
     group = np.unique(data.group[first], return_inverse=True)[1]
     groups = int(group.max(initial=-1)) + 1
-    if groups < LEAST_GROUPS or count < 2 * groups:
+    if groups < MIN_GROUPS or count < 2 * groups:
         return 1.0
     member = np.zeros((groups, count))
     member[group, np.arange(count)] = 1.0
     own = rng.spawn(1)[0]  # whoever goes on with `rng` draws what it would have drawn
-    dealt = np.stack([sums, *(sums[own.permutation(count)] for _ in range(SHUFFLES))])
+    dealt = np.stack([sums, *(sums[own.permutation(count)] for _ in range(PERMUTATIONS))])
     size = np.square(member @ dealt).sum((1, 2))
-    return float((size >= size[0] * (1 - 1e-12)).sum() / (SHUFFLES + 1))
+    return float((size >= size[0] * (1 - 1e-12)).sum() / (PERMUTATIONS + 1))
 
 
-def adjusted(Q: Array, residual: Array, unit: Index) -> Array:
+def adjust_residual(Q: Array, residual: Array, unit: Index) -> Array:
     """(N,) the residual with what the fit took from every unit given back, (I - H_uu)^(-1/2) e_u
     (Bell & McCaffrey 2002); as it is where `unit` is -1. Units of one size go together."""
     out = residual.copy()
@@ -80,7 +82,7 @@ def adjusted(Q: Array, residual: Array, unit: Index) -> Array:
     return out
 
 
-def flipped(
+def draw_flips(
     seen: Scan, log_prior: Array, e: Array, unit: Index, draws: int, rng: np.random.Generator
 ) -> Iterator[tuple[Array, Array]]:
     """CHUNK after CHUNK of `draws` flips of an adjusted residual e (N,): their evidences (CHUNK,),
@@ -97,12 +99,15 @@ def flipped(
         sign[:count] = 2.0 * rng.integers(0, 2, (count, CHUNK)) - 1.0
         u = sign[at] * e[:, None]
         u -= seen.Q @ (seen.Q.T @ u)
-        share = shares(seen.strength(u), np.square(u).sum(0))
+        share = normalise_strength(seen.strength(u), np.square(u).sum(0))
         top = {k: share.whole[which].max(0) for k, which in alike.items()}
-        yield null_evidence(seen, log_prior, share, top), least_p(top, seen.freedom)
+        yield (
+            compute_null_evidence(seen, log_prior, share, top),
+            compute_smallest_p(top, seen.freedom),
+        )
 
 
-def flipped_p(
+def compute_flip_p(
     chunks: Iterable[tuple[Array, Array]], observed: float, draws: int, level: float
 ) -> float:
     """(1 + #{flips whose evidence is at least `observed`}) / (draws + 1); a clear answer stops
@@ -110,6 +115,6 @@ def flipped_p(
     above = done = 0
     for some, _ in chunks:
         above, done = above + int((some >= observed).sum()), done + CHUNK
-        if above > level * (draws + 1) - 1 or observed > some.max() + CLEAR:
+        if above > level * (draws + 1) - 1 or observed > some.max() + CLEAR_MARGIN:
             break
     return (1 + above) / (done + 1)

@@ -24,7 +24,7 @@ from ..fitting.problem import Problem
 from ..fitting.splines import spline, spline_groups
 from ..mechanisms.terms import Term
 from .candidates import Candidate
-from .sign_constraints import Sides, least, sides
+from .sign_constraints import Sides, build_sides, least
 
 ABSORBED = (
     1e-5  # share of a direction's squared norm that must be left beyond the model for it to count
@@ -36,7 +36,7 @@ SMALL = {
 SOLID = 1e-3  # weight from which a smooth function's direction shows in its size
 CACHED = 60_000  # numbers that a core's cache holds beside what is made of them
 # prior size of a smooth function's direction, against its largest, below which it does not count
-FAINT = 1e-7
+FAINT_WEIGHT = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +218,7 @@ def stacked(
     return np.concatenate([c for c, _ in parts], axis=1).T, np.concatenate([r for _, r in parts])
 
 
-def basis(matrix: Array) -> Array:
+def compute_basis(matrix: Array) -> Array:
     """Orthonormal basis (N, r) of the columns of (N, p), rank by pivoted QR on unit columns."""
     from scipy.linalg import qr
 
@@ -266,7 +266,7 @@ class Scan:
     def sides(self) -> tuple[Sides, ...]:
         """Of every bucket, how the terms with a sign follow from its Zᵀr."""
         return tuple(
-            sides(b.block.which, b.W, self.columns.signs, self.signed) for b in self.buckets
+            build_sides(b.block.which, b.W, self.columns.signs, self.signed) for b in self.buckets
         )
 
     def strength(self, response: Array) -> Strength:
@@ -318,7 +318,7 @@ def scan(cols: Columns, Q: Array) -> Scan:
     return _scan(cols, Q, lefts)
 
 
-def scan_without(seen: Scan, D: Array) -> Scan:
+def build_scan_without(seen: Scan, D: Array) -> Scan:
     """The scan from a smaller model, whose basis lacks the directions D (N, d) of `seen.Q`'s span:
     they are given back."""
     A = seen.columns.dot(D)
@@ -346,7 +346,7 @@ def _scan(cols: Columns, Q: Array, lefts: Sequence[Array], freedom: int | None =
             value, vector = np.linalg.eigh(np.matmul(half, half.swapaxes(1, 2)))
             W = np.matmul(vector.swapaxes(1, 2), W)
             top = np.maximum(value.max(1, keepdims=True), 1e-300)
-            weights = np.where(value > FAINT * top, value / top, 0.0)
+            weights = np.where(value > FAINT_WEIGHT * top, value / top, 0.0)
         buckets.append(Bucket(block, left, W, weights))
     return Scan(
         cols, Q, tuple(buckets), sizes, Q.shape[0] - Q.shape[1] if freedom is None else freedom

@@ -12,27 +12,27 @@ from ..mechanisms.terms import LETTERS, Mechanism, Term
 from .candidates import Candidate
 from .stepwise import Effect
 
-PREFIX = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"))
+PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"))
 MOST_WAVES = 90
-LEVER_MM, NOTHING = (
+LEVER_MM, MIN_SHARE = (
     1000.0,
     1e-3,
 )  # a turn counts as a shift at this lever; a smaller share of the other is not said
-LARGE = {
+USUAL_SIZE = {
     "mm": 10.0,
     "rad": 0.02,
 }  # beyond it no error of an arm is usual, where the catalogue has no range of its own
 PLACES = {"t": "shifts along", "r": "turns about"}
 
 
-def prefixed(size: float, unit: str) -> tuple[float, str]:
+def choose_prefix(size: float, unit: str) -> tuple[float, str]:
     """(factor, unit): a value of this size [unit], divided by the factor, reads well in the unit
     given back."""
     if unit.startswith("1/"):
         return 1e-6, f"ppm{unit[1:]}"
     if unit.startswith("rad"):
         factor, prefix = (
-            next(((f, p) for f, p in PREFIX if size < 1000 * f and size < 0.5), (1.0, ""))
+            next(((f, p) for f, p in PREFIXES if size < 1000 * f and size < 0.5), (1.0, ""))
             if size
             else (1e-3, "m")
         )
@@ -44,11 +44,11 @@ def prefixed(size: float, unit: str) -> tuple[float, str]:
     )
 
 
-def quantity(value: float, error: float | None, unit: str) -> str:
+def format_quantity(value: float, error: float | None, unit: str) -> str:
     """A value with its standard error and a prefixed unit: 1.204 ± 0.031 mrad/rad. The error has
     two digits and the value ends at the same place (GUM 7.2.6); without an error the value has
     three."""
-    factor, shown_unit = prefixed(max(abs(value), error or 0.0), unit)
+    factor, shown_unit = choose_prefix(max(abs(value), error or 0.0), unit)
     if error and np.isfinite(error):
         places = max(1 - int(f"{error / factor:.1e}".partition("e")[2]), 0)
         shown = f"{value / factor:.{places}f} ± {error / factor:.{places}f}"
@@ -66,7 +66,7 @@ def is_wave(terms: Sequence[Term]) -> bool:
     )
 
 
-def amount(terms: Sequence[Term], estimate: Array, error: Array) -> str:
+def describe_amount(terms: Sequence[Term], estimate: Array, error: Array) -> str:
     """How much: an amplitude for a wave, the range of a free function, else each number with its
     standard error."""
     if is_wave(terms):
@@ -74,31 +74,33 @@ def amount(terms: Sequence[Term], estimate: Array, error: Array) -> str:
         spread = (
             float(np.sqrt(np.square(estimate * error).sum())) / size if size else float(error.max())
         )
-        return f"amplitude {quantity(size, spread, terms[0].unit)}"
+        return f"amplitude {format_quantity(size, spread, terms[0].unit)}"
     if isinstance(terms[0].screws[0].cause, Bump):
         spans: dict[str, list[float]] = {}
         for t, value in zip(terms, estimate, strict=True):
             spans.setdefault(t.unit, []).append(float(value))
         ranges = {unit: float(np.ptp(v)) for unit, v in spans.items()}
         moved = {unit: size * (LEVER_MM if unit == "rad" else 1.0) for unit, size in ranges.items()}
-        seen = [unit for unit in ranges if moved[unit] >= NOTHING * max(moved.values())]
+        seen = [unit for unit in ranges if moved[unit] >= MIN_SHARE * max(moved.values())]
         whole = "from top to bottom " + " and ".join(
-            quantity(ranges[unit], None, unit) for unit in seen
+            format_quantity(ranges[unit], None, unit) for unit in seen
         )
-        strongest = waves_of(terms, estimate) if len(spans) == 1 and terms[0].unit == "rad" else []
+        strongest = (
+            find_waves(terms, estimate) if len(spans) == 1 and terms[0].unit == "rad" else []
+        )
         if strongest:
             whole += ", mostly " + " and ".join(
-                f"{count} waves per turn of {quantity(size, None, 'rad')}"
+                f"{count} waves per turn of {format_quantity(size, None, 'rad')}"
                 for count, size in strongest
             )
         return whole
     return ", ".join(
-        f"{t.symbol} = {quantity(float(v), float(e), t.unit)}"
+        f"{t.symbol} = {format_quantity(float(v), float(e), t.unit)}"
         for t, v, e in zip(terms, estimate, error, strict=True)
     )
 
 
-def waves_of(terms: Sequence[Term], estimate: Array) -> list[tuple[int, float]]:
+def find_waves(terms: Sequence[Term], estimate: Array) -> list[tuple[int, float]]:
     """(waves per turn, amplitude) of the two strongest waves of a free function beyond a straight
     line, one after the other; a wave must go round at least twice within the range and carry a
     tenth of what is left."""
@@ -127,7 +129,7 @@ def waves_of(terms: Sequence[Term], estimate: Array) -> list[tuple[int, float]]:
     return out
 
 
-def against(mechanism: Mechanism, estimate: Array) -> bool:
+def has_contrary_signs(mechanism: Mechanism, estimate: Array) -> bool:
     """Whether a fit has the signs that a mechanism's terms should not have: all that have one."""
     wrong = [
         value * t.sign < 0 for t, value in zip(mechanism.terms, estimate, strict=True) if t.sign
@@ -135,11 +137,11 @@ def against(mechanism: Mechanism, estimate: Array) -> bool:
     return bool(wrong) and all(wrong)
 
 
-def what(candidate: Candidate, estimate: Array) -> str:
+def describe_candidate(candidate: Candidate, estimate: Array) -> str:
     """What a candidate says of the arm, without its size; `estimate` (p,) its fitted terms, whose
     sign the sentence follows."""
     contrary = candidate.mechanism.contrary
-    if contrary and against(candidate.mechanism, estimate):
+    if contrary and has_contrary_signs(candidate.mechanism, estimate):
         return contrary.rstrip(".")
     if candidate.mechanism.sentence:
         return candidate.mechanism.sentence.rstrip(".")
@@ -150,7 +152,7 @@ def what(candidate: Candidate, estimate: Array) -> str:
     )
 
 
-def cautions(effect: Effect) -> list[str]:
+def list_cautions(effect: Effect) -> list[str]:
     """Signs and sizes that the catalogue does not expect."""
     mechanism = effect.candidate.mechanism
     alike = [
@@ -158,7 +160,7 @@ def cautions(effect: Effect) -> list[str]:
         *((e.candidate, e.estimate) for e in effect.named.entries if e.alike),
     ]
     others = dict.fromkeys(
-        m.name for c, estimate in alike for m in c.but_for_sign if against(m, estimate)
+        m.name for c, estimate in alike for m in c.but_for_sign if has_contrary_signs(m, estimate)
     )
     out = [
         f"{name} would do the same with the other sign only, so that this is not {name}"
@@ -171,14 +173,16 @@ def cautions(effect: Effect) -> list[str]:
             out.append(
                 f"the sign of {term.symbol} is not the one that physics gives; it may stand for something else"
             )
-        most = term.size[1] if term.size is not None else LARGE.get(term.unit, np.inf)
+        most = term.size[1] if term.size is not None else USUAL_SIZE.get(term.unit, np.inf)
         if error > most:
             out.append(
                 f"the data do not tell the size of {term.symbol}: its standard error is larger than such an error usually "
-                f"is ({quantity(most, None, term.unit)})"
+                f"is ({format_quantity(most, None, term.unit)})"
             )
         elif abs(value) - 2 * error > most:
-            out.append(f"{term.symbol} is larger than usual ({quantity(most, None, term.unit)})")
+            out.append(
+                f"{term.symbol} is larger than usual ({format_quantity(most, None, term.unit)})"
+            )
     if effect.cancels is not None:
         out.append(
             f"{effect.cancels[0]} takes most of it back, together they move the target by {effect.cancels[1]:.0%} of what "
@@ -187,13 +191,13 @@ def cautions(effect: Effect) -> list[str]:
     return out
 
 
-def sentence(effect: Effect) -> str:
+def describe_effect(effect: Effect) -> str:
     """One finding in one sentence."""
     terms = effect.candidate.mechanism.terms
     entries = effect.named.entries
     same = [e for e in entries if e.alike]
     sure = sum(e.probability for e in same)
-    out = f"{what(effect.candidate, effect.estimate)}: {amount(terms, effect.estimate, effect.standard_error)}"
+    out = f"{describe_candidate(effect.candidate, effect.estimate)}: {describe_amount(terms, effect.estimate, effect.standard_error)}"
     rivals = list(
         dict.fromkeys(
             e.candidate.label
@@ -216,11 +220,11 @@ def sentence(effect: Effect) -> str:
         out += (
             f"; the data cannot tell this apart from {', '.join(rivals[:3]) or 'others'} ({odds})"
         )
-    for caution in cautions(effect):
+    for caution in list_cautions(effect):
         out += f"; {caution}"
     return out + "."
 
 
-def display(mm: float) -> str:
+def format_length(mm: float) -> str:
     """A length in mm, three digits."""
     return f"{mm:.3g} mm"

@@ -21,7 +21,7 @@ class Sides(NamedTuple):
     free: Array
 
 
-def sides(which: Index, W: Array, signs: Sequence[Array], signed: Index) -> Sides:
+def build_sides(which: Index, W: Array, signs: Sequence[Array], signed: Index) -> Sides:
     """Of a bucket of candidates `which` (n,) with Zᵀr = W Xᵀr (W (n, k, k)); a term that the model
     has already gets 0."""
     place = np.flatnonzero(np.isin(which, signed))

@@ -16,14 +16,14 @@ from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
 from .candidates import Candidate
 from .credible_sets import CredibleSet, name, name_again, own_evidence, with_candidate
-from .evidence import familywise, null
-from .joint_curves import better, curves
+from .evidence import compute_familywise_p, draw_null
+from .joint_curves import better, collect_curves
 from .residual_tests import DRAWS as FLIPS
-from .residual_tests import adjusted, flipped, flipped_p, units
-from .scan import Columns, Scan, basis, columns, flat, scan, scan_without, stacked
+from .residual_tests import adjust_residual, compute_flip_p, draw_flips, partition_rows
+from .scan import Columns, Scan, build_scan_without, columns, compute_basis, flat, scan, stacked
 
 LEVEL = 0.05  # family-wise
-BETTER = np.log(3)  # log odds at which a re-named effect changes its name
+MIN_LOG_ODDS = np.log(3)  # log odds at which a re-named effect changes its name
 DRAWS = (999, 499)  # null draws for small and large studies
 COARSE_MM = 1e-2  # step at which the fits on the way are good enough
 LARGE = 3e6  # candidates' numbers beyond which a study is large
@@ -44,19 +44,19 @@ class Search:
         self.problem, self.base, self.found, self.rng = problem, base, found, rng
         self.columns: Columns = columns(problem, found, base_fit.at())
         self.log_prior = np.log([c.prior for c in found])
-        self.curves = curves(found, self.columns, self.log_prior)
-        self.first = view(problem, self.columns, base, base_fit)
+        self.curves = collect_curves(found, self.columns, self.log_prior)
+        self.first = build_view(problem, self.columns, base, base_fit)
         self.dead = np.flatnonzero(
             self.first.seen.sizes == 0
         )  # the base has them: what a refit leaks of them is no cause
         large = self.columns.XT.size >= LARGE
         self.flips = FLIPS[large]
-        self.null, self.least_p = null(self.first.seen, self.log_prior, DRAWS[large], rng)
+        self.null, self.least_p = draw_null(self.first.seen, self.log_prior, DRAWS[large], rng)
         self.bound = float(np.quantile(self.null, 1 - LEVEL))
 
     def fit(self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM) -> View:
-        model = models(self.base, [self.found[g] for g in chosen])
-        return view(
+        model = extend_model(self.base, [self.found[g] for g in chosen])
+        return build_view(
             self.problem, self.columns, model, fit_shrunk(self.problem, model, start, step_mm)
         )
 
@@ -101,11 +101,11 @@ class Search:
         log_prior = self.log_prior.copy()
         log_prior[np.union1d(self.dead, np.array(known, dtype=np.intp))] = -np.inf
         return max(
-            flipped_p(
-                flipped(
+            compute_flip_p(
+                draw_flips(
                     view.seen,
                     log_prior,
-                    adjusted(view.seen.Q, view.r, unit),
+                    adjust_residual(view.seen.Q, view.r, unit),
                     unit,
                     self.flips,
                     self.rng,
@@ -121,7 +121,7 @@ class Search:
         """Which coordinates (N,) change sign together, -1 where a row is the prior's: a partition
         of every kind that `units` asks for."""
         problem, out = self.problem, []
-        for own in units(problem.data, view.fitted.residuals(problem)[:, :3], self.rng):
+        for own in partition_rows(problem.data, view.fitted.residuals(problem)[:, :3], self.rng):
             every = np.tile(own, (1, problem.components, 1))
             measured = np.concatenate(
                 [flat(problem, rows, every[:, :, rows])[0] for rows in problem.blocks()]
@@ -135,18 +135,20 @@ class Search:
         of these). Where the model of `view` has every candidate already, evidences beyond the base
         are taken."""
         first, rows = self.first, len(self.first.r)
-        nothing, p = [self.null], familywise(first.seen, first.r, self.least_p)
+        nothing, p = [self.null], compute_familywise_p(first.seen, first.r, self.least_p)
         for unit in self.in_units(view):
-            e = adjusted(view.seen.Q, view.r, unit)
+            e = adjust_residual(view.seen.Q, view.r, unit)
             base = list(
-                flipped(first.seen, self.log_prior, e[:rows], unit[:rows], self.flips, self.rng)
+                draw_flips(first.seen, self.log_prior, e[:rows], unit[:rows], self.flips, self.rng)
             )
-            own = flipped(view.seen, self.log_prior, e, unit, self.flips, self.rng)
+            own = draw_flips(view.seen, self.log_prior, e, unit, self.flips, self.rng)
             after = base if view is first or not view.seen.sizes.any() else own
             nothing.append(np.sort(np.concatenate([some for some, _ in after])))
             p = np.maximum(
                 p,
-                familywise(first.seen, first.r, np.sort(np.concatenate([few for _, few in base]))),
+                compute_familywise_p(
+                    first.seen, first.r, np.sort(np.concatenate([few for _, few in base]))
+                ),
             )
         return nothing, p
 
@@ -169,7 +171,7 @@ class Search:
             if not now:
                 continue
             D, response = view.freed(*(self.found[g] for g in now))
-            best = better(curve, view.Q - D @ (D.T @ view.Q), response, now, BETTER)
+            best = better(curve, view.Q - D @ (D.T @ view.Q), response, now, MIN_LOG_ODDS)
             if best is not None:
                 names = (
                     " & ".join(self.found[g].mechanism.name for g in some) for some in (now, best)
@@ -192,7 +194,7 @@ class Search:
 # with no refit.
 
 
-def models(base: Model, chosen: Sequence[Candidate]) -> Model:
+def extend_model(base: Model, chosen: Sequence[Candidate]) -> Model:
     """The base and the mechanisms of some candidates."""
     return base + tuple(dict.fromkeys(c.mechanism for c in chosen))
 
@@ -229,17 +231,17 @@ class View:
         they bring are Q R⁻ᵀ E."""
         own = self.own(*effects)
         E = np.eye(len(self.kept))[:, [i for i, k in enumerate(self.kept) if own[k]]]
-        D: Array = self.Q @ basis(np.asarray(np.linalg.solve(self.R.T, E)))
+        D: Array = self.Q @ compute_basis(np.asarray(np.linalg.solve(self.R.T, E)))
         effect = self.A[:, own] @ self.fitted.theta[own]
         return D, self.r + D @ (D.T @ (self.raw + effect))
 
     def without(self, candidate: Candidate) -> tuple[Scan, Array]:
         """(the scan from the model without one effect, the residual with that effect put back)."""
         D, response = self.freed(candidate)
-        return scan_without(self.seen, D), response
+        return build_scan_without(self.seen, D), response
 
 
-def view(problem: Problem, columns: Columns, model: Model, fitted: Fit) -> View:
+def build_view(problem: Problem, columns: Columns, model: Model, fitted: Fit) -> View:
     """A fitted model's projections, and every candidate beyond it."""
     A, r = stacked(problem, model.terms, fitted.at())
     if fitted.precision is not None:

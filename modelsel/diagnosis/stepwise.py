@@ -20,8 +20,8 @@ from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
 from .candidates import Candidate
 from .credible_sets import CredibleSet
-from .evidence import p_value, single_f
-from .state import BETTER, LEVEL, Search, View
+from .evidence import compute_p_value, compute_single_f
+from .state import LEVEL, MIN_LOG_ODDS, Search, View
 
 MOST = 24  # effects
 UNDONE = 0.5  # share of either of two effects below which what is left of both is said
@@ -62,7 +62,7 @@ class Diagnosis:
     map_p: Array = field(repr=False)
 
 
-def extend(
+def run_stepwise_search(
     problem: Problem,
     base: Model,
     base_fit: Fit,
@@ -94,7 +94,7 @@ def extend(
     view, settled_all = search.first, False
     while True:
         left = search.next(view, chosen)
-        left_p, held_back = p_value(left.evidence, search.null), None
+        left_p, held_back = compute_p_value(left.evidence, search.null), None
         new = _untried(search, left, view, chosen, tried)
         if new is not None and (by_signs := search.by_signs(view, chosen, left.evidence)) > LEVEL:
             new, left_p, held_back = None, by_signs, left_p
@@ -155,7 +155,7 @@ def extend(
         left_p,
         held_back,
         search.bound,
-        single_f(search.first.seen, search.first.r),
+        compute_single_f(search.first.seen, search.first.r),
         map_p,
     )
 
@@ -163,7 +163,7 @@ def extend(
 def _left(search: Search, view: View, chosen: Sequence[int]) -> tuple[CredibleSet, float]:
     """The strongest of what a model leaves, and its p."""
     left = search.next(view, chosen)
-    p = p_value(left.evidence, search.null)
+    p = compute_p_value(left.evidence, search.null)
     return left, p if p > LEVEL else max(p, search.by_signs(view, chosen, left.evidence))
 
 
@@ -198,7 +198,8 @@ def _proven(
             )  # to the last tenth of a micrometre, where it settles
         nothing, map_p = search.by_chance(view)
         known = {
-            g: max(p_value(search.again(g, view)[1], some) for some in nothing) for g in chosen
+            g: max(compute_p_value(search.again(g, view)[1], some) for some in nothing)
+            for g in chosen
         }
         weakest = max(chosen, key=lambda g: known[g], default=-1)
         if (
@@ -217,7 +218,7 @@ def _untried(
     """The most probable explanation beyond chance whose addition gives a model not seen before."""
     blocked = list(chosen)
     for _ in range(ROUNDS):
-        if p_value(left.evidence, search.null) > LEVEL:
+        if compute_p_value(left.evidence, search.null) > LEVEL:
             break
         if frozenset(search.joined(chosen, left.top)) not in tried:
             return left.top
@@ -254,7 +255,7 @@ def pruned(
         weakest = min(chosen, key=lambda g: own[g])
         rest = [g for g in chosen if g != weakest]
         if (
-            p_value(own[weakest], search.null) <= LEVEL
+            compute_p_value(own[weakest], search.null) <= LEVEL
             or (after := search.attempt(rest, view.fitted)) is None
         ):
             break
@@ -293,7 +294,11 @@ def settle(
                 named, own = search.again(g, view)
                 odds = named.log_probability[named.top] - named.log_probability[g]
                 better = (
-                    -1 if p_value(own, search.null) > LEVEL else named.top if odds > BETTER else g
+                    -1
+                    if compute_p_value(own, search.null) > LEVEL
+                    else named.top
+                    if odds > MIN_LOG_ODDS
+                    else g
                 )
                 known[g] = (own, better)
         change = next(

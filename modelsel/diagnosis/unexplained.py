@@ -14,8 +14,8 @@ from ..measurements.measurements import Measurements
 from ..selection.evaluation import Evaluation, Split
 from .candidates import Candidate
 from .evidence import RATIOS
-from .residual_tests import LASTING, together
-from .sentences import display
+from .residual_tests import GROUP_LEVEL, compute_group_p
+from .sentences import format_length
 from .state import LEVEL
 from .stepwise import Diagnosis
 
@@ -40,7 +40,7 @@ class Predictable:
     p: float
 
 
-def predictable(
+def estimate_predictability(
     data: Measurements, residual: Array, prismatic: tuple[bool, ...], rng: np.random.Generator
 ) -> Predictable | None:
     """Of residuals (m, 3) [mm]: Gaussian process with a squared-exponential kernel on the joint
@@ -68,7 +68,7 @@ def predictable(
     square = np.square(X[:, None] - X[None]).sum(2)
     unit = np.arange(len(y))
     if (
-        together(data, residual, rng) <= LASTING
+        compute_group_p(data, residual, rng) <= GROUP_LEVEL
     ):  # errors last within groups: these change their signs as a whole
         unit = np.unique(data.group[first[thin]], return_inverse=True)[1]
     flips = rng.choice([-1.0, 1.0], (FLIPS, int(unit.max()) + 1))[:, unit]
@@ -90,7 +90,7 @@ def predictable(
 POWER = 0.90
 
 
-def detection_limit(
+def compute_detection_limit(
     diagnosis: Diagnosis, priors: Sequence[float], configurations: int, sigma: float
 ) -> float | None:
     """Root mean square displacement per row [whitened units of sigma] beyond the model of a
@@ -120,29 +120,31 @@ def detection_limit(
     return float(sigma * np.sqrt(high / configurations))
 
 
-ENOUGH = 10  # degrees of freedom of a floor before a model is held against it
-VERY_MANY = 1e9  # degrees of freedom of a floor that is stated
+MIN_FLOOR_FREEDOM = 10  # degrees of freedom of a floor before a model is held against it
+STATED_FLOOR_FREEDOM = 1e9  # degrees of freedom of a floor that is stated
 
 
-def thinned(diagnosis: Diagnosis, split: Split) -> bool:
+def is_subsampled(diagnosis: Diagnosis, split: Split) -> bool:
     """Whether naming has seen only some of the estimation rows."""
     return diagnosis.fit.rows < split.training().coordinates
 
 
-def rows_seen(diagnosis: Diagnosis, split: Split) -> int:
+def count_rows_seen(diagnosis: Diagnosis, split: Split) -> int:
     """How many rows naming has seen."""
     training = split.training()
     return diagnosis.fit.rows * len(training) // training.coordinates
 
 
-def nothing_else(
+def describe_unexplained(
     diagnosis: Diagnosis, found: tuple[Candidate, ...], split: Split, chosen: Evaluation
 ) -> tuple[str, float | None]:
     """(sentence, limit in mm): what a further effect would have had to be to be found."""
     if not found or diagnosis.left is None:
         return "No mechanism may extend the base in this study: nothing was searched.", None
-    sigma = estimated_floor(chosen, split).coordinate_mm
-    limit = detection_limit(diagnosis, [c.prior for c in found], rows_seen(diagnosis, split), sigma)
+    sigma = estimate_floor(chosen, split).coordinate_mm
+    limit = compute_detection_limit(
+        diagnosis, [c.prior for c in found], count_rows_seen(diagnosis, split), sigma
+    )
     if diagnosis.left_p <= LEVEL:
         first = diagnosis.left.entries[0]
         stopped = (
@@ -159,12 +161,12 @@ def nothing_else(
             None,
         )
     return (
-        f"Nothing {more}was found; an effect above {display(limit)} rms beyond what the geometry absorbs would have been "
+        f"Nothing {more}was found; an effect above {format_length(limit)} rms beyond what the geometry absorbs would have been "
         f"found with 90 %.{left}"
     ), limit
 
 
-def estimated_floor(rung_: Evaluation, split: Split) -> Floor:
+def estimate_floor(rung_: Evaluation, split: Split) -> Floor:
     """One coordinate's standard deviation [mm] from the residuals of a fitted model."""
     fitted = rung_.fit
     square = np.square(rung_.residual[split.used][:, :3])
@@ -172,7 +174,7 @@ def estimated_floor(rung_: Evaluation, split: Split) -> Floor:
     return Floor(float(np.sqrt(mean * fitted.rows / fitted.freedom)), "estimated", fitted.freedom)
 
 
-def predictable_left(
+def predict_remainder(
     split: Split, last: Evaluation, rng: np.random.Generator
 ) -> Predictable | None:
     """Whether any smooth function of the configuration still predicts what the last rung leaves;
@@ -181,7 +183,7 @@ def predictable_left(
     if gauges is not None:
         code = gauges.kind * (len(gauges.features) + 1) + gauges.feature + 1
         rows = rows & (code == np.bincount(code[rows]).argmax())
-    return predictable(
+    return estimate_predictability(
         split.problem.data.take(rows),
         last.residual[rows][:, :3],
         split.problem.robot.prismatic,

@@ -15,7 +15,7 @@ import numpy as np
 from .._typing import Array
 from ..mechanisms.causes import ONE
 from ..mechanisms.terms import FIXTURE_AXES, FixtureTerm, Mechanism, Term, terms_of
-from ..robot._kernels import Frame, Space, screws_into
+from ..robot._kernels import Frame, Workspace, fill_screw_field
 from ..robot.kinematics import Pose, walk
 from ..robot.rigid import AXES, rotation_vector
 from .linearisation import Linearisation
@@ -97,20 +97,20 @@ def assemble(
     terms: Sequence[Term],
     at: Linearisation | None = None,
     rows: slice | None = None,
-    space: Space | None = None,
+    space: Workspace | None = None,
 ) -> Array:
     """Assemble [columns | residual] (p+1, c, rows) of a block of rows, not whitened, linearised at
     a fitted point or (None) at the nominal model. With `space` the array is overwritten by the
     next call."""
     rows = rows or slice(0, len(problem))
-    space = space or Space()
+    space = space or Workspace()
     if problem.only_points:
         return _assemble_points(problem, terms, at, rows, space)
     return _assemble_readings(problem, terms, at, rows, space)
 
 
 def _assemble_points(
-    problem: Problem, terms: Sequence[Term], at: Linearisation | None, rows: slice, space: Space
+    problem: Problem, terms: Sequence[Term], at: Linearisation | None, rows: slice, space: Workspace
 ) -> Array:
     """`assemble` where every row is a point.
 
@@ -133,7 +133,7 @@ def _assemble_points(
     q, tool, start = problem.data.q[rows], _tool(problem, rows), _start(problem, rows)
     target = walk(problem.robot, q, tool, (field[:, :, :3], origins), twist, start, space)
     _subtract_predicted(problem, target, rows, out[-1])
-    screws_into(field, origins, origins[-1], twist is not None, space)
+    fill_screw_field(field, origins, origins[-1], twist is not None, space)
 
     covered = min(p, first + entries)
     behind = space.array("others", max(covered - stop, 0), c, m)
@@ -146,7 +146,7 @@ def _assemble_points(
 
 
 def _assemble_readings(
-    problem: Problem, terms: Sequence[Term], at: Linearisation | None, rows: slice, space: Space
+    problem: Problem, terms: Sequence[Term], at: Linearisation | None, rows: slice, space: Workspace
 ) -> Array:
     """`assemble` where not every row is a point: the target's own three rows of the design, turned
     into the row's by its gradient, less those of the configuration where a distance begins; the
@@ -160,7 +160,7 @@ def _assemble_readings(
     x, origin_x = -target[-1, :3], None
     origin = None
     if problem.origin is not None:
-        origin = assemble(problem.origin, arm_terms, at, rows, Space())
+        origin = assemble(problem.origin, arm_terms, at, rows, Workspace())
         origin_x = -origin[-1, :3]
 
     G, E = reading_gradients(gauges, problem.fixtures, change, x, origin_x)
@@ -200,7 +200,7 @@ def _is_entry(term: Term, number: int) -> bool:
 
 
 def _write_products(
-    problem: Problem, field: Array, terms: Sequence[Term], rows: slice, out: Array, space: Space
+    problem: Problem, field: Array, terms: Sequence[Term], rows: slice, out: Array, space: Workspace
 ) -> None:
     """Columns of terms, screw field times cause, into out (len(terms), c, rows); rows that are
     points see no feature."""
@@ -255,7 +255,7 @@ def directions(problem: Problem, pose: Pose, rows: slice) -> Array:
 def compute_columns(problem: Problem, field: Array, terms: Sequence[Term], rows: slice) -> Array:
     """Compute the columns (p, c, rows) of terms from a screw field."""
     out = np.empty((len(terms), *field.shape[2:]))
-    _write_products(problem, field, terms, rows, out, Space())
+    _write_products(problem, field, terms, rows, out, Workspace())
     return out
 
 
@@ -273,7 +273,7 @@ def residuals(problem: Problem, terms: Sequence[Term] = (), theta: Array | None 
 
 def _point_residuals(problem: Problem, terms: Sequence[Term], theta: Array | None) -> Array:
     """`residuals` where every row is a point."""
-    out, space = np.empty((len(problem), problem.components)), Space()
+    out, space = np.empty((len(problem), problem.components)), Workspace()
     frames = problem.robot.n + 1
     for rows, part in problem.parts():
         m = len(part)

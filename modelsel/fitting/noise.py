@@ -10,7 +10,8 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..exceptions import StudyError
-from ..measurements.measurements import SAME_READING, Measurements
+from ..measurements.measurements import Measurements
+from ..measurements.visits import SAME_READING
 from .problem import Problem
 from .whitening import Whitening
 

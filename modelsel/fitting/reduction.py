@@ -15,7 +15,7 @@ from scipy.linalg.lapack import dtpqrt
 
 from .._typing import Array
 from ..mechanisms.terms import Term
-from ..robot._kernels import Space
+from ..robot._kernels import Workspace
 from .design import assemble, whiten
 from .linearisation import Linearisation
 from .problem import Problem
@@ -197,7 +197,7 @@ def _stream(
 ) -> Array:
     """The triangle of the picked columns, the response among them. Raises _Disagrees where a
     mixture `check` (p,) of the terms exceeds `bound` in any row."""
-    p, space = len(terms), Space()
+    p, space = len(terms), Workspace()
     triangle = np.zeros((len(picked), len(picked)), order="F")
     for _, part in problem.parts(STREAM):
         block = whiten(part, assemble(part, terms, at, space=space)).reshape(p + 1, -1)

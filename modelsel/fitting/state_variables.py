@@ -17,7 +17,7 @@ from ..measurements.state_names import (
     state_units,
 )
 from ..mechanisms.causes import Cause
-from ..robot.gravity import moment, moments, unit_moments
+from ..robot.gravity import compute_base_moment, compute_joint_moments, compute_unit_moments
 from ..robot.kinematics import Pose, Robot, pose
 
 MAX_ROWS_KEPT = 20_000  # up to so many rows, causes are kept once evaluated
@@ -170,13 +170,15 @@ def _down(state: StateVariables) -> Values:
 
 
 def _base_moment(state: StateVariables) -> Values:
-    return _by_axis(StateKind.BASE_MOMENT, moment(state.robot, state.pose(), state.data.q))
+    return _by_axis(
+        StateKind.BASE_MOMENT, compute_base_moment(state.robot, state.pose(), state.data.q)
+    )
 
 
 def _link_moments(state: StateVariables) -> Values:
     """Torques about the joints' axes, and moments across them."""
     out: Values = {}
-    for joint, rows in enumerate(moments(state.robot, state.pose(), state.data.q), 1):
+    for joint, rows in enumerate(compute_joint_moments(state.robot, state.pose(), state.data.q), 1):
         out[StateVariable(StateKind.BENDING, joint, "x")] = rows[0]
         out[StateVariable(StateKind.BENDING, joint, "y")] = rows[1]
         out[StateVariable(StateKind.TORQUE, joint)] = rows[2]
@@ -186,7 +188,7 @@ def _link_moments(state: StateVariables) -> Values:
 def _unit_moments(state: StateVariables) -> Values:
     """The same of 1 kg at the origin of one frame."""
     out: Values = {}
-    for (joint, frame), rows in unit_moments(state.robot, state.pose()).items():
+    for (joint, frame), rows in compute_unit_moments(state.robot, state.pose()).items():
         out[StateVariable(StateKind.UNIT_BENDING, joint, "x", frame)] = rows[0]
         out[StateVariable(StateKind.UNIT_BENDING, joint, "y", frame)] = rows[1]
         out[StateVariable(StateKind.UNIT_TORQUE, joint, frame=frame)] = rows[2]

@@ -11,85 +11,104 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._names import quoted, unfit, unguarded
+from .._names import find_name_problem, quote_name, unguard_cell
 from .._typing import LARGEST, Array
 from ..exceptions import suggest
 from .table import Table
 
-COMMA = re.compile(r"[-+]?\d+,\d+")
-SMALLEST = 1e-9  # mm or rad: the least standard uncertainty
+DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
+# mm or rad: the least standard uncertainty
+MIN_UNCERTAINTY = 1e-9
+# one of each unit in rad or mm
 UNITS = {"rad": 1.0, "deg": np.pi / 180, "mm": 1.0, "m": 1e3}
-READINGS = {False: ("rad", "deg"), True: ("mm", "m")}  # of joints that turn, and that slide
+# units of the readings of joints that turn (False) and that slide (True)
+READING_UNITS = {False: ("rad", "deg"), True: ("mm", "m")}
+# characters of a cell that a message shows
+MAX_SHOWN = 30
 Mask = NDArray[np.bool_]
 
 
-def blank(column: NDArray[Any]) -> Mask:
-    """(m,) cells that are empty."""
+def find_blank_cells(column: NDArray[Any]) -> Mask:
+    """Mask (m,) the cells that are empty."""
     if column.dtype.kind in "iub":
         return np.zeros(len(column), bool)
     if column.dtype.kind == "f":
         return np.asarray(np.isnan(column))
-    return np.array(
-        [
-            cell is None
-            or not str(cell).strip()
-            or isinstance(cell, (float, np.floating))
-            and bool(np.isnan(cell))
-            for cell in column
-        ],
-        dtype=bool,
-    )
+    return np.array([_is_blank(cell) for cell in column], dtype=bool)
 
 
-def numbers(
+def _is_blank(cell: Any) -> bool:
+    if cell is None:
+        return True
+    if isinstance(cell, (float, np.floating)):
+        return bool(np.isnan(cell))
+    return not str(cell).strip()
+
+
+def read_numbers(
     table: Table, name: str, low: float = -np.inf, high: float = np.inf, rows: Mask | None = None
 ) -> Array:
-    """A column as finite floats between two bounds; refuses the first cell that is not one, with
-    its line."""
-    column, everywhere = table.columns[name], np.ones(len(table), bool) if rows is None else rows
-    out = as_numbers(column) if column.dtype.kind != "b" else np.full(len(column), np.nan)
+    """Read a column as finite floats between two bounds. Raises DataError for the first cell that
+    is not one, with its line; with `rows`, for one that should be empty."""
+    column = table.columns[name]
+    values = np.full(len(column), np.nan)
+    if column.dtype.kind != "b":
+        values = convert_to_numbers(column)
     with np.errstate(invalid="ignore"):
-        bad = np.flatnonzero(~(np.isfinite(out) & (out >= low) & (out <= high)) & everywhere)
-    if len(bad):
-        cell = column[bad[0]]
-        shown = "an empty cell" if blank(column[bad[:1]])[0] else f'"{str(cell)[:30]}"'
-        more = f" ({len(bad)} such cells)" if len(bad) > 1 else ""
-        bounds = f" between {low:g} and {high:g}" if np.isfinite(out[bad[0]]) else ""
-        comma = (
-            " Numbers need a decimal point, not a comma."
-            if COMMA.fullmatch(str(cell).strip())
-            else ""
-        )
-        raise table.where.refuse(
-            f"expected a finite number{bounds}, found {shown}{more}.",
-            row=int(bad[0]),
-            column=name,
-            remedy=f"Correct the cell or remove the row.{comma}",
-        )
+        is_wrong = ~(np.isfinite(values) & (values >= low) & (values <= high))
     if rows is None:
-        return out
-    filled = np.flatnonzero(~blank(column) & ~rows)
-    if len(filled):
-        raise table.where.refuse(
-            f'found "{str(column[filled[0]])[:30]}", but a row of this kind measures nothing there.',
-            row=int(filled[0]),
-            column=name,
-            remedy="Leave the cell empty, or correct the row's kind.",
-        )
-    return np.where(rows, out, np.nan)
+        _refuse_wrong_cells(table, name, np.flatnonzero(is_wrong), values, (low, high))
+        return values
+    _refuse_wrong_cells(table, name, np.flatnonzero(is_wrong & rows), values, (low, high))
+    _refuse_filled_cells(table, name, np.flatnonzero(~find_blank_cells(column) & ~rows))
+    return np.where(rows, values, np.nan)
 
 
-def as_numbers(column: NDArray[Any]) -> Array:
-    """(m,) floats, nan where a cell is none."""
-    return (
-        np.asarray(column, float)
-        if column.dtype.kind in "fiub"
-        else np.array([_number(cell) for cell in column], float)
+def _refuse_wrong_cells(
+    table: Table, name: str, wrong: NDArray[np.intp], values: Array, bounds: tuple[float, float]
+) -> None:
+    if not len(wrong):
+        return
+    row = int(wrong[0])
+    cell = table.columns[name][row]
+    is_empty = find_blank_cells(table.columns[name][wrong[:1]])[0]
+    content = "an empty cell" if is_empty else f'"{str(cell)[:MAX_SHOWN]}"'
+    expected, remedy = "a finite number", "Correct the cell or remove the row."
+    if np.isfinite(values[row]):
+        expected += f" between {bounds[0]:g} and {bounds[1]:g}"
+    if len(wrong) > 1:
+        content += f" ({len(wrong)} such cells)"
+    if DECIMAL_COMMA.fullmatch(str(cell).strip()):
+        remedy += " Numbers need a decimal point, not a comma."
+    raise table.where.refuse(
+        f"expected {expected}, found {content}.", row=row, column=name, remedy=remedy
     )
 
 
-def _number(cell: Any) -> float:
-    if isinstance(cell, (bool, np.bool_)) or isinstance(cell, str) and "_" in cell:
+def _refuse_filled_cells(table: Table, name: str, filled: NDArray[np.intp]) -> None:
+    if not len(filled):
+        return
+    row = int(filled[0])
+    content = str(table.columns[name][row])[:MAX_SHOWN]
+    raise table.where.refuse(
+        f'found "{content}", but a row of this kind measures nothing there.',
+        row=row,
+        column=name,
+        remedy="Leave the cell empty, or correct the row's kind.",
+    )
+
+
+def convert_to_numbers(column: NDArray[Any]) -> Array:
+    """Convert a column to floats (m,); cells that are not numbers become NaN."""
+    if column.dtype.kind in "fiub":
+        return np.asarray(column, float)
+    return np.array([_convert_cell(cell) for cell in column], float)
+
+
+def _convert_cell(cell: Any) -> float:
+    if isinstance(cell, (bool, np.bool_)):
+        return float("nan")
+    if isinstance(cell, str) and "_" in cell:
         return float("nan")  # Python would read 1_000 as a number; no measuring program writes that
     try:
         return float(cell)
@@ -97,85 +116,104 @@ def _number(cell: Any) -> float:
         return float("nan")
 
 
-def measured(table: Table, stem: str, units: Sequence[str], rows: Mask | None = None) -> Array:
-    """The column `stem_unit` in mm or rad; refuses a missing one, two units, or none in the
-    name."""
-    present = [unit for unit in units if f"{stem}_{unit}" in table]
-    wanted, where = " or ".join(f"{stem}_{unit}" for unit in units), table.where
+def read_quantity(table: Table, stem: str, units: Sequence[str], rows: Mask | None = None) -> Array:
+    """Read the column `stem_unit` in mm or rad. Raises DataError for a missing one, two units, or
+    none in the name."""
+    names = [f"{stem}_{unit}" for unit in units]
+    present = [name for name in names if name in table]
+    where = table.where
     if len(present) == 1:
-        return numbers(table, f"{stem}_{present[0]}", -LARGEST, LARGEST, rows) * UNITS[present[0]]
+        unit = units[names.index(present[0])]
+        return read_numbers(table, present[0], -LARGEST, LARGEST, rows) * UNITS[unit]
     if present:
         raise where.refuse(
-            f"{' and '.join(f'{stem}_{u}' for u in present)} are both there.",
+            f"{' and '.join(present)} are both there.",
             remedy="Keep one of them.",
         )
+    wanted = " or ".join(names)
     if stem in table:
         raise where.refuse(
             f'column "{stem}" has no unit in its name.',
             column=stem,
-            remedy=f"Rename it to {wanted}, or map it {where.mapping(f'{stem}_{units[0]}', stem)}.",
+            remedy=f"Rename it to {wanted}, or map it {where.mapping(names[0], stem)}.",
         )
     raise where.refuse(
-        f"column {wanted} is missing. {suggest(f'{stem}_{units[0]}', list(table.columns))}",
-        remedy=f"If it has another name, map it {where.mapping(f'{stem}_{units[0]}', 'NAME')}.",
+        f"column {wanted} is missing. {suggest(names[0], list(table.columns))}",
+        remedy=f"If it has another name, map it {where.mapping(names[0], 'NAME')}.",
     )
 
 
-def together(
+def read_column_set(
     table: Table, names: Sequence[str], refuse: str = "", rows: Mask | None = None
 ) -> Array | None:
-    """Columns that come together or not at all, (m, len(names)); refuses rows that are "not
-    positive" or "zero"."""
-    there, where = [name for name in names if name in table], table.where
-    if not there:
+    """Read columns that come together or not at all, (m, len(names)). Raises DataError for rows
+    that are "not positive" or "zero"."""
+    present = [name for name in names if name in table]
+    if not present:
         return None
-    if len(there) < len(names):
-        raise where.refuse(
-            f"{', '.join(there)} without {', '.join(n for n in names if n not in there)}.",
+    if len(present) < len(names):
+        missing = [name for name in names if name not in table]
+        raise table.where.refuse(
+            f"{', '.join(present)} without {', '.join(missing)}.",
             remedy=f"{' '.join(names)} come together.",
         )
-    out = np.stack([numbers(table, name, -LARGEST, LARGEST, rows) for name in names], 1)
-    if refuse == "not positive" and (out < SMALLEST).any():
-        row, column = np.argwhere(out < SMALLEST)[0]
-        raise where.refuse(
-            f"a standard uncertainty must be above zero, {SMALLEST:g} at least.",
+    columns = [read_numbers(table, name, -LARGEST, LARGEST, rows) for name in names]
+    values = np.stack(columns, 1)
+    if refuse == "not positive":
+        _refuse_small_uncertainties(table, names, values)
+    if refuse == "zero":
+        _refuse_zero_quaternions(table, names, values)
+    return values
+
+
+def _refuse_small_uncertainties(table: Table, names: Sequence[str], values: Array) -> None:
+    small = np.argwhere(values < MIN_UNCERTAINTY)
+    if len(small):
+        row, column = small[0]
+        raise table.where.refuse(
+            f"a standard uncertainty must be above zero, {MIN_UNCERTAINTY:g} at least.",
             row=int(row),
             column=names[column],
             remedy="Correct the cell, or leave the uncertainties out.",
         )
-    if refuse == "zero" and (short := np.abs(out).max(1, initial=0.0) < SMALLEST).any():
-        raise where.refuse(
+
+
+def _refuse_zero_quaternions(table: Table, names: Sequence[str], values: Array) -> None:
+    is_zero = np.abs(values).max(1, initial=0.0) < MIN_UNCERTAINTY
+    if is_zero.any():
+        raise table.where.refuse(
             "a quaternion of length zero.",
-            row=int(np.argmax(short)),
+            row=int(np.argmax(is_zero)),
             column=names[0],
             remedy="Correct the row or remove it.",
         )
-    return out
 
 
-def labels(table: Table, name: str) -> list[str]:
-    """A text column without blanks about it, as it was before it was `guarded`; refuses an empty
-    cell, and what is no name."""
-    out = ["" if cell is None else str(cell).strip() for cell in table.columns[name]]
-    if "" in out:
+def read_names(table: Table, name: str) -> list[str]:
+    """Read a text column without surrounding blanks, as it was before it was guarded. Raises
+    DataError for an empty cell, and for one that cannot be a name."""
+    cells = ["" if cell is None else str(cell).strip() for cell in table.columns[name]]
+    if "" in cells:
         raise table.where.refuse(
             "an empty cell.",
-            row=out.index(""),
+            row=cells.index(""),
             column=name,
             remedy=f"Give every row its {name}, or leave the column out.",
         )
-    return named(table, name, out)
+    return check_names(table, name, cells)
 
 
-def named(table: Table, column: str, cells: list[str]) -> list[str]:
-    """Cells of a text column ("" for none) as names, each looked at once. Raises DataError for one
-    that cannot be a name."""
+def check_names(table: Table, column: str, cells: list[str]) -> list[str]:
+    """Return the cells of a text column ("" for none) as names, each checked once. Raises DataError
+    for one that cannot be a name."""
     known: dict[str, str] = {"": ""}
     for row, cell in enumerate(cells):
-        if cell not in known:
-            if (why := unfit(cell)) is not None:
-                raise table.where.refuse(
-                    f"{quoted(cell)} is not a name: {why}.", row=row, column=column
-                )
-            known[cell] = unguarded(cell) if table.where.is_text else cell
+        if cell in known:
+            continue
+        problem = find_name_problem(cell)
+        if problem is not None:
+            raise table.where.refuse(
+                f"{quote_name(cell)} is not a name: {problem}.", row=row, column=column
+            )
+        known[cell] = unguard_cell(cell) if table.where.is_text else cell
     return [known[cell] for cell in cells]

@@ -1,5 +1,5 @@
-"""What rows measure that are no points, and the features they share: anchors, spheres, points,
-planes."""
+"""Rows that measure something other than a point, and the features they share: anchors, spheres,
+points, planes."""
 
 from __future__ import annotations
 
@@ -16,14 +16,16 @@ if TYPE_CHECKING:
     import pandas as pd
 
 KINDS = ("point", "x", "y", "z", "wire", "ball-bar", "distance", "same-point", "plane")
-PLACE = ("tx", "ty", "tz")
-UNKNOWN = {
-    "wire": PLACE,
-    "ball-bar": PLACE,
-    "same-point": PLACE,
+PLACE_AXES = ("tx", "ty", "tz")
+# of a feature about which nothing is known, the numbers that are fitted
+FREE_NUMBERS = {
+    "wire": PLACE_AXES,
+    "ball-bar": PLACE_AXES,
+    "same-point": PLACE_AXES,
     "plane": ("tz", "rx", "ry"),
     "distance": (),
 }
+# which coordinates of its residual a row of each of KINDS measures; a single number is the first
 COORDINATES = np.array(
     [
         (1, 1, 1),
@@ -38,6 +40,7 @@ COORDINATES = np.array(
     ],
     bool,
 )
+ORIENTATION_COLUMNS = ("qw", "qx", "qy", "qz", "srx_rad", "sry_rad", "srz_rad")
 
 
 @dataclass(frozen=True)
@@ -54,42 +57,59 @@ class Feature:
     free: tuple[str, ...] = ()
 
 
-def features_of(
-    kind: Sequence[str], feature: Sequence[str], length: Array
-) -> tuple[NDArray[np.intp], tuple[Feature, ...]]:
-    """((m,) every row's feature, -1 for none, the features numbered by their first rows); a
+@dataclass(frozen=True, eq=False)
+class KindColumns:
+    """What m rows measure where not every row is a point: a word of KINDS a row, the feature's name
+    ("" for none), the length [mm] (nan for none)."""
+
+    kind: Sequence[str] | NDArray[np.object_]
+    feature: Sequence[str] | NDArray[np.object_]
+    length: Array
+
+    def of(self, *kinds: str) -> NDArray[np.bool_]:
+        """Mask (m,) the rows of some kinds."""
+        return np.isin(self.kind, kinds)
+
+    def take(self, rows: NDArray[np.bool_]) -> KindColumns:
+        """Select some rows."""
+        kind = np.asarray(self.kind)[rows].tolist()
+        feature = np.asarray(self.feature)[rows].tolist()
+        return KindColumns(kind, feature, self.length[rows])
+
+
+def collect_features(columns: KindColumns) -> tuple[NDArray[np.intp], tuple[Feature, ...]]:
+    """Collect ((m,) every row's feature, -1 for none, the features numbered by their first rows); a
     ball-bar without lengths has one that is not known."""
-    first: dict[str, int] = {}
-    for k, name in enumerate(feature):
+    first_rows: dict[str, int] = {}
+    for row, name in enumerate(columns.feature):
         if name:
-            first.setdefault(name, k)
-    number = {name: k for k, name in enumerate(first)}
-    unknown = {
-        name: UNKNOWN[kind[k]]
-        + (("length",) if kind[k] == "ball-bar" and np.isnan(length[k]) else ())
-        for name, k in first.items()
-    }
-    return (
-        np.array([number.get(name, -1) for name in feature], dtype=np.intp),
-        tuple(Feature(name, kind[k], free=unknown[name]) for name, k in first.items()),
-    )
+            first_rows.setdefault(name, row)
+    features = list[Feature]()
+    for name, row in first_rows.items():
+        kind = columns.kind[row]
+        free = FREE_NUMBERS[kind]
+        if kind == "ball-bar" and np.isnan(columns.length[row]):
+            free = (*free, "length")
+        features.append(Feature(name, kind, free=free))
+    numbers = {name: number for number, name in enumerate(first_rows)}
+    index = np.array([numbers.get(name, -1) for name in columns.feature], dtype=np.intp)
+    return index, tuple(features)
 
 
-def framed(
-    frame: pd.DataFrame, kind: Sequence[str], feature: Sequence[str], length: Array
-) -> pd.DataFrame:
-    """The contract's columns of rows that are no points, from those that points would have: cells
+def add_kind_columns(frame: pd.DataFrame, columns: KindColumns) -> pd.DataFrame:
+    """Add the contract's columns of rows that are no points to those that points would have: cells
     that a kind does not use are empty."""
     out = frame.assign(
-        kind=np.array(kind, dtype=object), feature=np.array(feature, dtype=object), length_mm=length
+        kind=np.array(columns.kind, dtype=object),
+        feature=np.array(columns.feature, dtype=object),
+        length_mm=columns.length,
     )
-    what = out["kind"].to_numpy()
-    turned = [
-        name for name in ("qw", "qx", "qy", "qz", "srx_rad", "sry_rad", "srz_rad") if name in out
-    ]
-    out.loc[what != "point", turned] = np.nan
+    kind = out["kind"].to_numpy()
+    no_point = kind != "point"
+    orientation = [name for name in ORIENTATION_COLUMNS if name in out]
+    out.loc[no_point, orientation] = np.nan
     if "sx_mm" in out:
-        own = out["sx_mm"].mask(what == "y", out["sy_mm"]).mask(what == "z", out["sz_mm"])
-        out["s_mm"] = own.where(what != "point")
-        out.loc[what != "point", ["sx_mm", "sy_mm", "sz_mm"]] = np.nan
+        sigma = out["sx_mm"].mask(kind == "y", out["sy_mm"]).mask(kind == "z", out["sz_mm"])
+        out["s_mm"] = sigma.where(no_point)
+        out.loc[no_point, ["sx_mm", "sy_mm", "sz_mm"]] = np.nan
     return out

@@ -1,28 +1,33 @@
-"""What was measured: joint readings, positions, and what else is known of each row. Frozen;
+"""Measurements: joint readings, positions, and whatever else is known of each row. Frozen;
 indexable by row."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._linalg import connected_components
 from .._typing import Array, Index
 from ..exceptions import DataError
 from ..notices import Note
 from ..robot.rigid import to_quaternion
-from .features import COORDINATES, KINDS, Feature, features_of, framed
-from .reference_temperature import REFERENCE, reference
-from .resting_joints import resting, said
-from .row_order import campaign
+from .features import COORDINATES, KINDS, Feature, KindColumns, add_kind_columns, collect_features
+from .reference_temperature import REFERENCE, choose_reference
+from .resting_joints import describe_resting_joints
+from .row_order import compute_progress
 from .table import Where
+from .visits import derive_motion, number_blocks, number_keys, number_visits
 
 if TYPE_CHECKING:
     import pandas as pd
-SAME_READING = 1e-6  # rad or mm: two readings closer than this are the same configuration
+
+# names where the data name none
+ONE_TARGET = ("target",)
+ONE_GROUP = ("all",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +49,11 @@ class Gauges:
         return COORDINATES[self.kind]
 
     def of(self, *kinds: str) -> NDArray[np.bool_]:
-        """(m,) rows of some kinds."""
+        """Mask (m,) the rows of some kinds."""
         return np.isin(self.kind, [KINDS.index(k) for k in kinds])
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Gauges:
-        """Of some rows."""
+        """Select some rows."""
         origin = None if self.origin is None else self.origin.take(index)
         return replace(
             self,
@@ -75,8 +80,8 @@ class Measurements:
     approach: Array  # (m, n) sign of each joint's last motion, 0 unknown
     move: Array  # (m, n) size of the motion that led here, rad or mm
     progress: Array  # (m,) place in the order of motion of the whole campaign, 0 to 1
-    targets: tuple[str, ...] = ("target",)
-    groups: tuple[str, ...] = ("all",)
+    targets: tuple[str, ...] = ONE_TARGET
+    groups: tuple[str, ...] = ONE_GROUP
     covariates: Mapping[str, Array] = field(default_factory=dict)
     sigma: Array | None = None  # (m, 3) standard uncertainty of each coordinate [mm]
     rotation: Array | None = None  # (m, 3, 3) measured orientation of the target frame
@@ -84,15 +89,12 @@ class Measurements:
     notes: tuple[Note, ...] = ()
     prismatic: tuple[bool, ...] = ()  # joints that slide; empty: none does
     gauges: Gauges | None = None  # None: every row is a point; else what is not measured is nan
-    where: Where = field(
-        default_factory=Where
-    )  # what a `row` is called: a line of a file, a row of a table
-    units: tuple[
-        str, ...
-    ] = ()  # rad, deg, mm or m: of the readings as they were given; empty: rad, mm
-    reference_celsius: float = (
-        REFERENCE  # °C from which thermal effects are counted, of the whole campaign
-    )
+    # what a `row` is called: a line of a file, a row of a table
+    where: Where = field(default_factory=Where)
+    # rad, deg, mm or m: of the readings as they were given; empty: rad, mm
+    units: tuple[str, ...] = ()
+    # °C from which thermal effects are counted, of the whole campaign
+    reference_celsius: float = REFERENCE
 
     def __len__(self) -> int:
         return len(self.position)
@@ -113,186 +115,102 @@ class Measurements:
         return len(np.unique(self.configuration))
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Measurements:
-        """The rows `index` (integers, a mask or a slice); approach and move stay as first read."""
-        rows = {
-            f.name: getattr(self, f.name)[index]
-            for f in fields(self)
-            if isinstance(getattr(self, f.name), np.ndarray)
+        """Select the rows `index` (integers, a mask or a slice); approach and move stay as first
+        read."""
+        values: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
+        rows: dict[str, Any] = {
+            name: v[index] for name, v in values.items() if isinstance(v, np.ndarray)
         }
+        covariates = {name: column[index] for name, column in self.covariates.items()}
         gauges = None if self.gauges is None else self.gauges.take(index)
-        return replace(
-            self,
-            **rows,
-            covariates={k: v[index] for k, v in self.covariates.items()},
-            gauges=gauges,
-        )
+        return replace(self, **rows, covariates=covariates, gauges=gauges)
 
     def to_frame(self) -> pd.DataFrame:
-        """The measurements in contract form, in rad and mm, indexed by the row of the file they
-        came from; `read_measurements` reads it back. Positions that were not measured have no
+        """Return the measurements in contract form, in rad and mm, indexed by the row of the file
+        they came from; `read_measurements` reads it back. Positions that were not measured have no
         columns; of rows that were left out, no move is known any more."""
         import pandas as pd
 
-        slides = self.prismatic or (False,) * self.q.shape[1]
-        columns: dict[str, object] = {
-            f"q{j}_{'mm' if s else 'rad'}": self.q[:, j - 1] for j, s in enumerate(slides, 1)
+        columns = {
+            **self._reading_columns(),
+            **self._measured_columns(),
+            **self._label_columns(),
+            "configuration": self.configuration,
+            "order": self.order,
+            **{f"approach{j}": column for j, column in enumerate(self.approach.T, 1)},
+            **self.covariates,
         }
-        several = (
-            ("position", ("x_mm", "y_mm", "z_mm"), self.position),
-            ("sigma", ("sx_mm", "sy_mm", "sz_mm"), self.sigma),
-            (
-                "rotation",
-                ("qw", "qx", "qy", "qz"),
-                None if self.rotation is None else to_quaternion(self.rotation),
-            ),
-            ("sigma_rotation", ("srx_rad", "sry_rad", "srz_rad"), self.sigma_rotation),
-        )
-        for what, names, values in several:
-            if values is not None and not (what == "position" and np.isnan(values).all()):
-                columns |= dict(zip(names, values.T, strict=True))
-        for name, index, known, plain in (
-            ("target", self.target, self.targets, ("target",)),
-            ("group", self.group, self.groups, ("all",)),
-        ):
-            if known != plain:
-                columns[name] = np.array(known, dtype=object)[index]
-        columns |= {"configuration": self.configuration, "order": self.order}
-        columns |= {f"approach{j}": self.approach[:, j - 1] for j in range(1, len(slides) + 1)}
-        frame = pd.DataFrame(columns | dict(self.covariates), index=pd.Index(self.row, name="row"))
-        return frame if self.gauges is None else self._framed(frame, self.gauges)
+        frame = pd.DataFrame(columns, index=pd.Index(self.row, name="row"))
+        return frame if self.gauges is None else self._add_gauges(frame, self.gauges)
 
-    def _framed(self, frame: pd.DataFrame, gauges: Gauges) -> pd.DataFrame:
-        """The same where not every row is a point, the rows where distances begin back in their
+    def _reading_columns(self) -> dict[str, Array]:
+        slides = self.prismatic or (False,) * self.q.shape[1]
+        units = ["mm" if slide else "rad" for slide in slides]
+        return {f"q{j}_{unit}": self.q[:, j - 1] for j, unit in enumerate(units, 1)}
+
+    def _measured_columns(self) -> dict[str, Array]:
+        """Columns of positions, orientations and their uncertainties, of those that there are."""
+        columns = dict[str, Array]()
+        if not np.isnan(self.position).all():
+            columns |= _name_columns("x_mm y_mm z_mm", self.position)
+        if self.sigma is not None:
+            columns |= _name_columns("sx_mm sy_mm sz_mm", self.sigma)
+        if self.rotation is not None:
+            columns |= _name_columns("qw qx qy qz", to_quaternion(self.rotation))
+        if self.sigma_rotation is not None:
+            columns |= _name_columns("srx_rad sry_rad srz_rad", self.sigma_rotation)
+        return columns
+
+    def _label_columns(self) -> dict[str, NDArray[np.object_]]:
+        columns = {}
+        if self.targets != ONE_TARGET:
+            columns["target"] = np.array(self.targets, dtype=object)[self.target]
+        if self.groups != ONE_GROUP:
+            columns["group"] = np.array(self.groups, dtype=object)[self.group]
+        return columns
+
+    def _add_gauges(self, frame: pd.DataFrame, gauges: Gauges) -> pd.DataFrame:
+        """Add what rows measure that are no points, the rows where distances begin back in their
         places."""
         import pandas as pd
 
-        names, distance = (
-            [*(f.name for f in gauges.features), ""],
-            np.flatnonzero(gauges.of("distance")),
-        )
-        out = framed(
-            frame,
-            [KINDS[k] for k in gauges.kind],
-            [names[k] for k in gauges.feature],
-            gauges.length,
-        )
-        if gauges.origin is None or not len(distance):
+        names = np.array([*(feature.name for feature in gauges.features), ""], dtype=object)
+        kinds = np.array(KINDS, dtype=object)[gauges.kind]
+        out = add_kind_columns(frame, KindColumns(kinds, names[gauges.feature], gauges.length))
+        distances = np.flatnonzero(gauges.of("distance"))
+        if gauges.origin is None or not len(distances):
             return out
-        feature, first = np.unique(gauges.feature[distance], return_index=True)
-        start = gauges.origin.take(distance[first]).to_frame()
-        begins = framed(
-            start,
-            ["distance"] * len(first),
-            [names[k] for k in feature],
-            np.full(len(first), np.nan),
-        )
-        return pd.concat([out, begins.dropna(axis="columns", how="all")]).sort_index(kind="stable")
+        features, first = np.unique(gauges.feature[distances], return_index=True)
+        count = len(features)
+        start = gauges.origin.take(distances[first]).to_frame()
+        begin = KindColumns(["distance"] * count, names[features], np.full(count, np.nan))
+        begins = add_kind_columns(start, begin).dropna(axis="columns", how="all")
+        return pd.concat([out, begins]).sort_index(kind="stable")
 
     def __repr__(self) -> str:
         targets = f"{len(self.targets)} target{'s' * (len(self.targets) > 1)}"
         return f"Measurements: {len(self)} rows, {self.configurations} configurations, {targets}"
 
     def _repr_html_(self) -> str:
-        """How much was measured, and the first rows, for a notebook."""
+        """Show the number of rows and the first of them, for a notebook."""
         return f"<p>{self!r}</p>{self.to_frame().to_html(max_rows=6, max_cols=10, float_format='%.4g')}"
 
 
-def numbered(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tuple[str, ...]]:
-    """Index of each key's first appearance, and the distinct keys in that order."""
-    names: dict[str, int] = {}
-    index = np.array([names.setdefault(str(key), len(names)) for key in keys], dtype=np.intp)
-    return index, tuple(names)
+def _name_columns(names: str, values: Array) -> dict[str, Array]:
+    """Name the columns of an array (m, k) by k words."""
+    return dict(zip(names.split(), values.T, strict=True))
 
 
-def visits(q: Array, explicit: Sequence[object] | None, group: Index) -> Index:
-    """Configuration of every row: the given column, else adjacent rows with equal readings in one
-    group."""
-    if explicit is not None:
-        return numbered(explicit)[0]
-    new = np.ones(len(q), bool)
-    new[1:] = (np.abs(np.diff(q, axis=0)).max(1) > SAME_READING) | (np.diff(group) != 0)
-    return np.asarray(np.cumsum(new) - 1, dtype=np.intp)
+@dataclass(frozen=True, eq=False)
+class Orientation:
+    """Measured orientations: `rotation` (m, 3, 3) of the target frame, `sigma` (m, 3) their
+    standard uncertainties [rad], None where they are not known."""
+
+    rotation: Array
+    sigma: Array | None = None
 
 
-def _near(q: Array, order: Index, close: NDArray[np.bool_]) -> Index | None:
-    """Pairs (k, 2) of rows with readings alike, among those that an order along one direction
-    leaves `close` to the one before; None where too many are."""
-    pairs = [np.zeros((0, 2), dtype=np.intp)]
-    later = np.flatnonzero(close)  # places in the order, each close to the place before
-    for lag in range(1, 17):
-        if not len(later):
-            return np.concatenate(pairs)
-        couple = np.stack([order[later - lag], order[later]], 1)
-        alike = np.abs(q[couple[:, 0]] - q[couple[:, 1]]).max(1) <= SAME_READING
-        pairs.append(couple[alike])
-        later = later[(later > lag) & close[np.maximum(later - lag, 0)]]
-    return None
-
-
-def blocks(q: Array, configuration: Index) -> Index:
-    """Rows whose readings agree to 1e-6, or that share a configuration, get one number."""
-    visit, first, which = np.unique(configuration, return_index=True, return_inverse=True)
-    slant = np.sqrt(
-        np.arange(1, q.shape[1] + 1)
-    )  # readings alike in every joint are alike along any one direction
-    along = q[first] @ slant
-    order = np.argsort(along, kind="stable")
-    near = _near(
-        q[first], order, np.diff(along[order], prepend=-np.inf) <= SAME_READING * slant.sum()
-    )
-    if near is not None and not len(near):
-        return np.asarray(which.reshape(-1), dtype=np.intp)
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    if near is None:
-        from scipy.spatial import cKDTree
-
-        near = cKDTree(q[first]).query_pairs(SAME_READING, p=np.inf, output_type="ndarray")
-    graph = coo_array(
-        (np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(visit), len(visit))
-    )
-    return np.asarray(
-        connected_components(graph, directed=False)[1][which.reshape(-1)], dtype=np.intp
-    )
-
-
-def motion(
-    q: Array, configuration: Index, group: Index, order: Array, prismatic: Sequence[bool]
-) -> tuple[Array, Array, Array]:
-    """(approach, move), each (m, n), from the order of motion, and the largest flicker of each
-    joint's reading (n,) that is no motion; the first configuration of a group has 0. Approach keeps
-    its sign while a joint rests, as the play in a gear does."""
-    sequence = np.lexsort((np.arange(len(q)), order, group))
-    start = np.unique(configuration[sequence], return_index=True)[1]
-    start = sequence[np.sort(start)]  # one row per visit, in order of motion
-    step = np.zeros((len(start), q.shape[1]))
-    step[1:] = np.diff(q[start], axis=0)
-    step[1:][np.diff(group[start]) != 0] = 0
-    step[np.abs(step) <= SAME_READING] = 0
-    index = np.arange(len(start))[:, None]
-    opening = np.r_[True, np.diff(group[start]) != 0] if len(start) else np.zeros(0, bool)
-    still = resting(step, opening, prismatic)
-    flicker = np.abs(np.where(still, step, 0.0)).max(0, initial=0.0)
-    step[still] = 0
-    last = np.maximum.accumulate(np.where((step != 0) | opening[:, None], index, 0), axis=0)
-    sign = np.sign(np.take_along_axis(step, last, axis=0))
-    where = np.empty(int(configuration.max(initial=-1)) + 1, dtype=np.intp)
-    where[configuration[start]] = np.arange(len(start))
-    return sign[where[configuration]], np.abs(step)[where[configuration]], flicker
-
-
-def in_turn(unit: Index, progress: Array) -> tuple[Index, Index]:
-    """(every row's unit (m,) numbered as the arm came to them, the first row (u,) of each): the
-    same whatever the rows' order."""
-    _, which = np.unique(unit, return_inverse=True)
-    sequence = np.lexsort((progress, which))
-    first = sequence[np.flatnonzero(np.diff(which[sequence], prepend=-1))]
-    order = np.argsort(progress[first], kind="stable")
-    return np.asarray(np.argsort(order, kind="stable")[which], dtype=np.intp), first[order]
-
-
-def measurements(
+def build_measurements(
     q: Array,
     position: Array,
     *,
@@ -304,98 +222,99 @@ def measurements(
     approach: Array | None = None,
     covariates: Mapping[str, Array] | None = None,
     sigma: Array | None = None,
-    rotation: Array | None = None,
-    sigma_rotation: Array | None = None,
-    notes: tuple[Note, ...] = (),
+    orientation: Orientation | None = None,
+    kinds: KindColumns | None = None,
     prismatic: Sequence[bool] = (),
-    kind: Sequence[str] | None = None,
-    feature: Sequence[str] | None = None,
-    length: Array | None = None,
 ) -> Measurements:
-    """Measurements from plain arrays; everything optional is derived as contract.md says. Units:
-    rad (or mm) and mm. `kind`, `feature` ("" for none) and `length` [mm, nan for none] where not
-    every row is a point; `position` is then nan where it is not measured. Raises DataError for a
-    distance of one row."""
+    """Build measurements from plain arrays; everything optional is derived as contract.md says.
+
+    q: (m, n) rad or mm; position: (m, 3) mm, nan where it is not measured; `prismatic`: which
+    joints slide. By role: `configuration`, `target`, `group` label the rows, whose number in the
+    file is `row`; `order` and `approach` describe the motion; `covariates` the state; `sigma`
+    (m, 3) [mm] and `orientation` the measurement; `kinds` what rows measure where not every one is
+    a point. Raises DataError for a distance of one row."""
     q, position = np.asarray(q, float), np.asarray(position, float)
     m = len(q)
-    target_index, targets = (
-        numbered(target) if target is not None else (np.zeros(m, np.intp), ("target",))
-    )
-    group_index, groups = numbered(group) if group is not None else (np.zeros(m, np.intp), ("all",))
+    same = np.zeros(m, np.intp)
+    target_index, targets = (same, ONE_TARGET) if target is None else number_keys(target)
+    group_index, groups = (same, ONE_GROUP) if group is None else number_keys(group)
     order = np.arange(m, dtype=float) if order is None else np.asarray(order, float)
-    visit = visits(q, configuration, group_index)
-    derived, move, flicker = motion(q, visit, group_index, order, prismatic)
-    if (rest := said(flicker, prismatic)) is not None:
-        notes = (*notes, Note("joint-rests", rest))
-    if approach is None:
-        approach = derived
-        notes = (
-            *notes,
+    visit = number_visits(q, configuration, group_index)
+    derived, move, flicker = derive_motion(q, visit, group_index, order, prismatic)
+    covariates = dict(covariates or {})
+    data = Measurements(
+        q,
+        position,
+        row=np.arange(m) if row is None else row,
+        configuration=visit,
+        block=number_blocks(q, visit),
+        target=target_index,
+        group=group_index,
+        order=order,
+        approach=derived if approach is None else np.asarray(approach, float),
+        move=move,
+        progress=compute_progress(group_index, order, covariates.get("time_s")),
+        targets=targets,
+        groups=groups,
+        covariates=covariates,
+        sigma=sigma,
+        rotation=None if orientation is None else orientation.rotation,
+        sigma_rotation=None if orientation is None else orientation.sigma,
+        notes=_describe_motion(flicker, prismatic, approach is None),
+        prismatic=tuple(prismatic),
+        reference_celsius=choose_reference(covariates),
+    )
+    return data if kinds is None else _add_kinds(data, kinds)
+
+
+def _describe_motion(
+    flicker: Array, prismatic: Sequence[bool], is_derived: bool
+) -> tuple[Note, ...]:
+    """Say what was taken from the order of motion."""
+    notes = []
+    resting = describe_resting_joints(flicker, prismatic)
+    if resting is not None:
+        notes.append(Note("joint-rests", resting))
+    if is_derived:
+        notes.append(
             Note(
                 "approach-from-order",
                 "Directions of approach are taken from the order of motion, once, "
                 "on reading: the data have no approach columns.",
-            ),
+            )
         )
-    made = Measurements(
-        q,
-        position,
-        np.arange(m) if row is None else row,
-        visit,
-        blocks(q, visit),
-        target_index,
-        group_index,
-        order,
-        np.asarray(approach, float),
-        move,
-        campaign(group_index, order, (covariates or {}).get("time_s")),
-        targets,
-        groups,
-        dict(covariates or {}),
-        sigma,
-        rotation,
-        sigma_rotation,
-        notes,
-        tuple(prismatic),
-        reference_celsius=reference(covariates or {}),
-    )
-    if kind is None or set(kind) <= {"point"}:
-        return made
-    length = np.full(m, np.nan) if length is None else np.asarray(length, float)
-    index, features = features_of(kind, [""] * m if feature is None else feature, length)
-    return _from_origins(
-        made,
-        Gauges(
-            np.array([KINDS.index(word) for word in kind], dtype=np.intp), index, length, features
-        ),
-    )
+    return tuple(notes)
 
 
-def _from_origins(data: Measurements, gauges: Gauges) -> Measurements:
-    """The measurements with what their rows measure. A distance runs from the first row of its
-    feature: that row is no measurement of its own, but the `origin` of the others, which are never
-    apart, since they share it. Raises DataError for a feature with one row."""
-    distance = gauges.of("distance")
-    if not distance.any():
+def _add_kinds(data: Measurements, kinds: KindColumns) -> Measurements:
+    """Add what rows measure, where not all of them are points."""
+    if set(kinds.kind) <= {"point"}:
+        return data
+    index, features = collect_features(kinds)
+    kind = np.array([KINDS.index(word) for word in kinds.kind], dtype=np.intp)
+    return _split_off_origins(data, Gauges(kind, index, kinds.length, features))
+
+
+def _split_off_origins(data: Measurements, gauges: Gauges) -> Measurements:
+    """Add gauges to measurements. A distance runs from the first row of its feature: that row is no
+    measurement of its own, but the `origin` of the others, which are never apart, since they share
+    it. Raises DataError for a feature with one row."""
+    is_distance = gauges.of("distance")
+    if not is_distance.any():
         return replace(data, gauges=gauges)
-    origin = np.arange(len(data))
-    for f in np.unique(gauges.feature[distance]):
-        rows = np.flatnonzero(gauges.feature == f)
+    row = np.arange(len(data))
+    origin = row.copy()
+    for number in np.unique(gauges.feature[is_distance]):
+        rows = np.flatnonzero(gauges.feature == number)
         origin[rows] = rows[0]
         if len(rows) < 2:
             raise DataError(
-                f'distance "{gauges.features[f].name}" has one row.',
+                f'distance "{gauges.features[number].name}" has one row.',
                 remedy="The first row of a feature is where its distances begin; add the row where one ends.",
             )
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    count = int(data.block.max()) + 1
-    graph = coo_array((np.ones(len(data)), (data.block, data.block[origin])), shape=(count, count))
-    joined = replace(
-        data,
-        block=np.asarray(connected_components(graph, directed=False)[1][data.block], dtype=np.intp),
-    )
-    kept = np.flatnonzero(~distance | (origin != np.arange(len(data))))
+    shared = np.stack([data.block, data.block[origin]], 1)
+    blocks = connected_components(int(data.block.max()) + 1, shared)
+    joined = replace(data, block=blocks[data.block])
+    kept = np.flatnonzero(~is_distance | (origin != row))
     start = replace(joined, notes=()).take(origin[kept])
     return replace(joined.take(kept), gauges=replace(gauges.take(kept), origin=start))

@@ -1,11 +1,12 @@
-"""What a row measures where it is no point: a coordinate, a wire's or ball-bar's length, a
-distance, a shared point or plane.
+"""Columns of rows that measure something other than a point: a coordinate, a wire's or ball-bar's
+length, a distance, a shared point or plane.
 
-A column `kind` says it; `feature` names what rows share; `length_mm` and `s_mm` are the measured
+A column `kind` says what; `feature` names what rows share; `length_mm` and `s_mm` are the measured
 length and its uncertainty."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -13,185 +14,215 @@ import numpy as np
 
 from .._typing import LARGEST, Array
 from ..exceptions import StudyError, suggest
-from .columns import SMALLEST, Mask, blank, measured, named, numbers, together
-from .duplicates import duplicates
-from .features import KINDS, UNKNOWN
+from .columns import (
+    MIN_UNCERTAINTY,
+    Mask,
+    check_names,
+    find_blank_cells,
+    read_column_set,
+    read_numbers,
+    read_quantity,
+)
+from .duplicates import find_duplicates
+from .features import FREE_NUMBERS, KINDS, Feature, KindColumns
 from .measurements import Measurements
 from .table import Table
 
-NAMED = ("wire", "ball-bar", "distance", "same-point", "plane")  # kinds whose rows name a feature
-COLUMNS = ("kind", "feature", "length_mm", "s_mm")
+# kinds whose rows name a feature
+KINDS_WITH_FEATURE = ("wire", "ball-bar", "distance", "same-point", "plane")
+# keys of a feature in the study file, and the kinds that have them
+KINDS_WITH_KEY = {
+    "normal": ("plane",),
+    "length_mm": ("ball-bar",),
+    "zero": ("wire",),
+    "position_mm": ("wire", "ball-bar", "same-point", "plane"),
+}
+KIND_COLUMNS = ("kind", "feature", "length_mm", "s_mm")
 
 
-@dataclass(frozen=True, eq=False)
-class Kinds:
-    """The columns of a file that has kinds: a word a row, the feature's name ("" for none), the
-    length (nan for none)."""
-
-    kind: list[str]
-    feature: list[str]
-    length: Array
-
-    def of(self, *kinds: str) -> Mask:
-        """(m,) rows of some kinds."""
-        return np.isin(self.kind, kinds)
-
-
-def _words(table: Table, name: str) -> list[str]:
-    """A text column; "" where a cell is empty or there is no such column."""
+def _read_words(table: Table, name: str) -> list[str]:
+    """Read a text column; "" where a cell is empty or there is no such column."""
     if name not in table:
         return [""] * len(table)
     column = table.columns[name]
+    is_empty = find_blank_cells(column)
     return [
-        "" if none else str(cell).strip() for cell, none in zip(column, blank(column), strict=True)
+        "" if empty else str(cell).strip() for cell, empty in zip(column, is_empty, strict=True)
     ]
 
 
-def read_kinds(table: Table) -> Kinds | None:
-    """The kinds of a table's rows; None where it has no such column, or one that says something
-    else. Raises DataError."""
-    kind, where = _words(table, "kind"), table.where
-    if not set(kind) & set(KINDS):
+def read_kinds(table: Table) -> KindColumns | None:
+    """Read the kinds of a table's rows; None where it has no such column, or one that says
+    something else. Raises DataError."""
+    kind = _read_words(table, "kind")
+    if set(kind).isdisjoint(KINDS):
         return None
+    _check_kinds(table, kind)
+    feature = check_names(table, "feature", _read_words(table, "feature"))
+    first_rows = _check_features(table, kind, feature)
+    # rows that repeat another are counted once, later: a distance may begin twice
+    repeated = find_duplicates(table.columns, len(kind))
+    _check_distances(table, kind, feature, first_rows, repeated)
+    return KindColumns(kind, feature, _read_lengths(table, kind, feature, first_rows, repeated))
+
+
+def _check_kinds(table: Table, kind: Sequence[str]) -> None:
     for row, word in enumerate(kind):
         if word not in KINDS:
-            raise where.refuse(
-                f'"{word}" is no kind of measurement. {suggest(word, KINDS)}',
+            raise table.where.refuse(
+                f'"{word}" is not a kind of measurement. {suggest(word, KINDS)}',
                 row=row,
                 column="kind",
                 remedy=f"Kinds are {', '.join(KINDS)}.",
             )
-    feature = named(table, "feature", _words(table, "feature"))
-    first: dict[str, int] = {}
+
+
+def _check_features(table: Table, kind: Sequence[str], feature: Sequence[str]) -> dict[str, int]:
+    """Return the first row of every feature; refuse rows that name one where their kind has none,
+    or none where it has one, and features of two kinds."""
+    first_rows: dict[str, int] = {}
     for row, (word, name) in enumerate(zip(kind, feature, strict=True)):
-        if bool(name) != (word in NAMED):
-            what = (
-                f"a row of kind {word} names no feature"
-                if name
-                else f"a row of kind {word} has to name its feature"
-            )
-            raise where.refuse(
-                f"{what}.",
+        if name and word not in KINDS_WITH_FEATURE:
+            raise table.where.refuse(
+                f"a row of kind {word} does not name a feature.",
                 row=row,
                 column="feature",
-                remedy="Leave the cell empty."
-                if name
-                else "Rows that share an anchor, sphere, point, plane or first position share its name.",
+                remedy="Leave the cell empty.",
             )
-        if name and kind[first.setdefault(name, row)] != word:
-            raise where.refuse(
-                f'feature "{name}" is of kind {kind[first[name]]} on {where.named(first[name])} and of kind '
-                f"{word} here.",
+        if not name and word in KINDS_WITH_FEATURE:
+            raise table.where.refuse(
+                f"a row of kind {word} has to name its feature.",
+                row=row,
+                column="feature",
+                remedy="Rows that share an anchor, sphere, point, plane or first position share its name.",
+            )
+        if not name:
+            continue
+        first = first_rows.setdefault(name, row)
+        if kind[first] != word:
+            earlier = table.where.named(first)
+            raise table.where.refuse(
+                f'feature "{name}" is of kind {kind[first]} on {earlier} and of kind {word} here.',
                 row=row,
                 column="feature",
                 remedy="Give each its own name.",
             )
-    again = duplicates(table.columns, len(kind))  # counted once, later: a distance may begin twice
-    for name, row in first.items():
-        if (
-            kind[row] == "distance"
-            and [f for f, twice in zip(feature, again, strict=True) if not twice].count(name) < 2
-        ):
-            raise where.refuse(
+    return first_rows
+
+
+def _check_distances(
+    table: Table,
+    kind: Sequence[str],
+    feature: Sequence[str],
+    first_rows: Mapping[str, int],
+    repeated: Mask,
+) -> None:
+    """Refuse a distance that has one row only."""
+    rows = Counter(name for name, again in zip(feature, repeated, strict=True) if not again)
+    for name, first in first_rows.items():
+        if kind[first] == "distance" and rows[name] < 2:
+            raise table.where.refuse(
                 f'distance "{name}" has one row.',
-                row=row,
+                row=first,
                 remedy="The first row of a feature is where its distances begin; add the row where one ends.",
             )
-    return Kinds(kind, feature, _lengths(table, kind, feature, first, again))
 
 
-def _lengths(
-    table: Table, kind: Sequence[str], feature: Sequence[str], first: Mapping[str, int], again: Mask
+def _read_lengths(
+    table: Table,
+    kind: Sequence[str],
+    feature: Sequence[str],
+    first_rows: Mapping[str, int],
+    repeated: Mask,
 ) -> Array:
-    """(m,) lengths: in every row of a wire, all rows of a ball-bar or none, every row of a distance
-    but the feature's first."""
-    empty = blank(table.columns["length_mm"]) if "length_mm" in table else np.ones(len(kind), bool)
-    bars = {
-        name
-        for name, word, none in zip(feature, kind, empty, strict=True)
-        if word == "ball-bar" and not none
-    }
-    begun = again & empty
-    rows = np.array(
-        [
-            word == "wire"
-            or (word == "ball-bar" and name in bars)
-            or (word == "distance" and first[name] != row and not begun[row])
-            for row, (word, name) in enumerate(zip(kind, feature, strict=True))
-        ]
+    """Read lengths (m,): in every row of a wire, all rows of a ball-bar or none, every row of a
+    distance but the feature's first."""
+    has_column = "length_mm" in table
+    words = np.asarray(kind)
+    is_empty = (
+        find_blank_cells(table.columns["length_mm"]) if has_column else np.ones(len(kind), bool)
     )
-    if not rows.any() and "length_mm" not in table:
+    is_first = np.array([first_rows.get(name) == row for row, name in enumerate(feature)], bool)
+    begins = is_first | (repeated & is_empty)
+    is_bar = words == "ball-bar"
+    measured_bars = {feature[row] for row in np.flatnonzero(is_bar & ~is_empty).tolist()}
+    has_length = np.array([name in measured_bars for name in feature], bool)
+    rows = (words == "wire") | (is_bar & has_length) | ((words == "distance") & ~begins)
+    if not rows.any() and not has_column:
         return np.full(len(kind), np.nan)
-    out = measured(table, "length", ("mm",), rows)
-    if (out <= 0).any():
+    length = read_quantity(table, "length", ("mm",), rows)
+    if (length <= 0).any():
         raise table.where.refuse(
             "a length must be above zero.",
-            row=int(np.argmax(out <= 0)),
+            row=int(np.argmax(length <= 0)),
             column="length_mm",
             remedy="Correct the cell or remove the row.",
         )
-    return out
+    return length
 
 
-def read_positions(table: Table, kinds: Kinds) -> Array:
-    """(m, 3) mm; nan where a row's kind does not measure the coordinate. Raises DataError."""
-    out = np.full((len(kinds.kind), 3), np.nan)
+def read_positions(table: Table, kinds: KindColumns) -> Array:
+    """Read positions (m, 3) [mm]; nan where a row's kind does not measure the coordinate. Raises
+    DataError."""
+    position = np.full((len(kinds.kind), 3), np.nan)
     for a, axis in enumerate("xyz"):
         rows = kinds.of("point", axis)
-        if rows.any() or any(f"{axis}_{unit}" in table for unit in ("mm", "m")):
-            out[:, a] = measured(table, axis, ("mm", "m"), rows)
-    return out
+        if rows.any() or f"{axis}_mm" in table or f"{axis}_m" in table:
+            position[:, a] = read_quantity(table, axis, ("mm", "m"), rows)
+    return position
 
 
-def read_uncertainties(table: Table, kinds: Kinds) -> Array | None:
-    """(m, 3) mm: `s_mm`, of whatever a row measures, or `sx_mm sy_mm sz_mm` for its coordinates;
-    one or the other in every row, or none at all. Raises DataError."""
-    own = None
+def read_uncertainties(table: Table, kinds: KindColumns) -> Array | None:
+    """Read standard uncertainties (m, 3) [mm]: `s_mm`, of whatever a row measures, or `sx_mm sy_mm
+    sz_mm` for its coordinates; one or the other in every row, or none at all. Raises DataError."""
+    single = np.full(len(kinds.kind), np.nan)
     if "s_mm" in table:
-        own = numbers(table, "s_mm", -LARGEST, LARGEST, ~blank(table.columns["s_mm"]))
-    each = np.full((len(kinds.kind), 3), np.nan)
-    if any(f"s{axis}_mm" in table for axis in "xyz"):
-        free = np.ones(len(each), bool) if own is None else ~np.isfinite(own)
-        for a, axis in enumerate("xyz"):
-            if f"s{axis}_mm" in table:
-                each[:, a] = numbers(
-                    table, f"s{axis}_mm", -LARGEST, LARGEST, kinds.of("point", axis) & free
-                )
-    elif own is None:
+        rows = ~find_blank_cells(table.columns["s_mm"])
+        single = read_numbers(table, "s_mm", -LARGEST, LARGEST, rows)
+    axes = [axis for axis in "xyz" if f"s{axis}_mm" in table]
+    if not axes and "s_mm" not in table:
         return None
-    out = np.where(np.isfinite(each), each, np.nan if own is None else own[:, None])
-    out = np.where(
-        np.isfinite(out),
-        out,
-        np.nanmax(np.where(np.isfinite(out), out, -np.inf), axis=1, initial=-np.inf)[:, None],
-    )
-    out[kinds.of("distance") & np.isnan(kinds.length) & ~np.isfinite(out).all(1)] = (
-        1.0  # where one begins, none is measured
-    )
-    good = (np.isfinite(out) & (out >= SMALLEST)).all(1)
-    if not good.all():
-        row = int(np.argmin(good))
+    sigma = np.repeat(single[:, None], 3, axis=1)
+    for axis in axes:
+        rows = kinds.of("point", axis) & ~np.isfinite(single)
+        column = read_numbers(table, f"s{axis}_mm", -LARGEST, LARGEST, rows)
+        a = "xyz".index(axis)
+        sigma[:, a] = np.where(np.isfinite(column), column, sigma[:, a])
+    sigma = _fill_rows(sigma)
+    # where a distance begins, nothing is measured
+    begins = kinds.of("distance") & np.isnan(kinds.length)
+    sigma[begins & ~np.isfinite(sigma).all(1)] = 1.0
+    is_valid = (np.isfinite(sigma) & (sigma >= MIN_UNCERTAINTY)).all(1)
+    if not is_valid.all():
+        row = int(np.argmin(is_valid))
         raise table.where.refuse(
-            f"a row of kind {kinds.kind[row]} has no standard uncertainty above zero, {SMALLEST:g} at "
-            "least.",
+            f"a row of kind {kinds.kind[row]} has no standard uncertainty above zero, "
+            f"{MIN_UNCERTAINTY:g} at least.",
             row=row,
             column="s_mm",
             remedy="Give s_mm in every row (or sx_mm sy_mm sz_mm for coordinates), or nowhere.",
         )
-    return out
+    return sigma
 
 
-def read_quaternions(table: Table, kinds: Kinds) -> tuple[Array | None, Array | None]:
-    """(quaternions, their uncertainties) of the points; the other rows' are 1 0 0 0, and nobody
-    looks at them. Raises DataError."""
-    rows = kinds.of("point")
-    turned = together(table, ("qw", "qx", "qy", "qz"), "zero", rows)
-    spread = together(table, ("srx_rad", "sry_rad", "srz_rad"), "not positive", rows)
-    if turned is not None:
-        turned[~rows] = 1.0, 0.0, 0.0, 0.0
-    if spread is not None:
-        spread[~rows] = 1.0
-    return turned, spread
+def _fill_rows(sigma: Array) -> Array:
+    """Fill what a row (m, 3) does not say with the largest number it has; -inf where it has
+    none."""
+    largest = np.where(np.isfinite(sigma), sigma, -np.inf).max(axis=1)
+    return np.where(np.isfinite(sigma), sigma, largest[:, None])
+
+
+def read_quaternions(table: Table, kinds: KindColumns) -> tuple[Array | None, Array | None]:
+    """Read (quaternions, their uncertainties) of the points; the other rows' are 1 0 0 0, and
+    nobody looks at them. Raises DataError."""
+    points = kinds.of("point")
+    quaternion = read_column_set(table, ("qw", "qx", "qy", "qz"), "zero", points)
+    sigma = read_column_set(table, ("srx_rad", "sry_rad", "srz_rad"), "not positive", points)
+    if quaternion is not None:
+        quaternion[~points] = 1.0, 0.0, 0.0, 0.0
+    if sigma is not None:
+        sigma[~points] = 1.0
+    return quaternion, sigma
 
 
 # -- what the study knows of features
@@ -199,8 +230,8 @@ def read_quaternions(table: Table, kinds: Kinds) -> tuple[Array | None, Array | 
 
 
 @dataclass(frozen=True)
-class Known:
-    """What a study says of a feature: where it is, a plane's normal, a ball-bar's length;
+class KnownFeature:
+    """A feature as a study describes it: where it is, a plane's normal, a ball-bar's length;
     `estimate`: these are a first guess; `zero`: the wire's reading leaves out a length that is not
     known."""
 
@@ -211,46 +242,61 @@ class Known:
     zero: bool = False
 
 
-def with_known(data: Measurements, known: Mapping[str, Known]) -> Measurements:
-    """The measurements with their features as a study knows them. Raises StudyError with every
-    problem."""
+def apply_known_features(data: Measurements, known: Mapping[str, KnownFeature]) -> Measurements:
+    """Complete the features of measurements by what a study knows of them. Raises StudyError with
+    every problem."""
     features = () if data.gauges is None else data.gauges.features
-    names = [f.name for f in features]
+    names = [feature.name for feature in features]
     problems = [
-        f"measurements.features.{name}: no row of the file names it. {suggest(name, names)}"
+        f"{_place_of(name)}: no row of the file names it. {suggest(name, names)}"
         for name in known
         if name not in names
     ]
-    out = []
-    for f in features:
-        k = known.get(f.name, Known())
-        problems += [
-            f"measurements.features.{f.name}: {what} goes with {kinds}, but its rows are of kind {f.kind}."
-            for what, given, kinds in (
-                ("normal", k.normal is not None, "plane"),
-                ("length_mm", k.length is not None, "ball-bar"),
-                ("zero", k.zero, "wire"),
-                ("position_mm", k.position is not None, "wire, ball-bar, same-point, plane"),
-            )
-            if given and f.kind not in kinds.split(", ")
-        ]
-        if f.kind == "plane" and (k.position is None) != (k.normal is None):
-            problems.append(
-                f"measurements.features.{f.name}: a known plane needs position_mm and normal."
-            )
-        if f.kind == "ball-bar" and k.length is not None and "length" not in f.free:
-            problems.append(
-                f"measurements.features.{f.name}: length_mm stands in its rows already; give it once."
-            )
-        placed = k.position is not None and not k.estimate
-        free = (() if placed else UNKNOWN[f.kind]) + (("length",) if k.zero else ())
-        if f.kind == "ball-bar" and k.length is None and "length" in f.free:
-            free += ("length",)
-        out.append(replace(f, position=k.position, normal=k.normal, length=k.length, free=free))
+    completed = []
+    for feature in features:
+        knowledge = known.get(feature.name, KnownFeature())
+        problems += [f"{_place_of(feature.name)}: {p}" for p in _find_problems(feature, knowledge)]
+        completed.append(_complete_feature(feature, knowledge))
     if problems:
         raise StudyError(*problems)
-    return (
-        data
-        if data.gauges is None
-        else replace(data, gauges=replace(data.gauges, features=tuple(out)))
+    if data.gauges is None:
+        return data
+    return replace(data, gauges=replace(data.gauges, features=tuple(completed)))
+
+
+def _place_of(name: str) -> str:
+    """Name the place of a feature in the study file."""
+    return f"measurements.features.{name}"
+
+
+def _find_problems(feature: Feature, known: KnownFeature) -> list[str]:
+    """Find what a study says of a feature that its kind does not have, or that contradicts its
+    rows."""
+    given = {
+        "normal": known.normal is not None,
+        "length_mm": known.length is not None,
+        "zero": known.zero,
+        "position_mm": known.position is not None,
+    }
+    problems = [
+        f"{key} goes with {', '.join(kinds)}, but its rows are of kind {feature.kind}."
+        for key, kinds in KINDS_WITH_KEY.items()
+        if given[key] and feature.kind not in kinds
+    ]
+    if feature.kind == "plane" and given["position_mm"] != given["normal"]:
+        problems.append("a known plane needs position_mm and normal.")
+    in_rows = feature.kind == "ball-bar" and "length" not in feature.free
+    if in_rows and given["length_mm"]:
+        problems.append("length_mm stands in its rows already; give it once.")
+    return problems
+
+
+def _complete_feature(feature: Feature, known: KnownFeature) -> Feature:
+    is_placed = known.position is not None and not known.estimate
+    free = () if is_placed else FREE_NUMBERS[feature.kind]
+    unknown_bar = feature.kind == "ball-bar" and "length" in feature.free and known.length is None
+    if known.zero or unknown_bar:
+        free = (*free, "length")
+    return replace(
+        feature, position=known.position, normal=known.normal, length=known.length, free=free
     )

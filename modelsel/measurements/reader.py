@@ -5,121 +5,77 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._names import plain_word
+from .._names import is_plain_word
 from .._typing import Array
 from ..exceptions import StudyError, one_line, suggest
 from ..notices import Note
 from ..robot.rigid import from_quaternion
-from .columns import READINGS, as_numbers, labels, measured, numbers, together
-from .duplicates import copies, duplicates
-from .measurements import Measurements, measurements, numbered
+from .columns import (
+    READING_UNITS,
+    Mask,
+    convert_to_numbers,
+    read_column_set,
+    read_names,
+    read_numbers,
+    read_quantity,
+)
+from .duplicates import find_copies, find_duplicates
+from .features import KindColumns
+from .measurements import Measurements, Orientation, build_measurements
 from .observation_columns import (
-    COLUMNS,
-    Kinds,
+    KIND_COLUMNS,
     read_kinds,
     read_positions,
     read_quaternions,
     read_uncertainties,
 )
 from .state_names import is_state_name
-from .table import Source, Table, Where, read_table, renamed
-from .unit_names import mapped_units, other_units
+from .table import Source, Table, Where, load_table, rename_columns
+from .unit_names import refuse_mapped_units, refuse_other_units
+from .visits import number_keys
 
-JOINT = re.compile(r"q([0-9]{1,9})_(?:rad|deg|mm|m)")
-TEXT = ("target", "configuration", "group")
-USED = (
-    *TEXT,
-    "order",
-    "sx_mm",
-    "sy_mm",
-    "sz_mm",
-    "qw",
-    "qx",
-    "qy",
-    "qz",
-    "srx_rad",
-    "sry_rad",
-    "srz_rad",
-)
-KNOWN = ("payload_kg", "temperature_C", "time_s")
+JOINT_COLUMN = re.compile(r"q([0-9]{1,9})_(?:rad|deg|mm|m)")
+LABEL_COLUMNS = ("target", "configuration", "group")
+UNCERTAINTY_COLUMNS = ("sx_mm", "sy_mm", "sz_mm")
+QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz")
+ROTATION_UNCERTAINTY_COLUMNS = ("srx_rad", "sry_rad", "srz_rad")
+# covariates with a meaning that mechanisms know
+KNOWN_COVARIATES = ("payload_kg", "temperature_C", "time_s")
+# numbers of a covariate that the contract names, and of any other
+MAX_KNOWN_COVARIATE = 1e12
+MAX_COVARIATE = 1e30
 # copies of a single number to one repeat that differs, from which they are taken for copies
-SINGLE = 10.0
-STANDING_RAD, STANDING_MM = (
-    1e-3,
-    0.1,
-)  # by how much an arm that stands still may be read anew: encoders' noise, servos' hold
+COPIES_PER_REPEAT = 10.0
+# rad, mm: by how much an arm that stands still may be read anew: encoders' noise, servos' hold
+STANDSTILL_RAD = 1e-3
+STANDSTILL_MM = 0.1
+# rad: a reading beyond two turns is none in radians
+MAX_READING_RAD = 4 * np.pi
 FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "free"}
 
 
-def _joints(table: Table, prismatic: Sequence[bool]) -> Array:
-    columns, where = [], table.where
-    for j, slides in enumerate(prismatic, 1):
-        q = measured(table, f"q{j}", READINGS[slides])
-        if not slides and f"q{j}_rad" in table and len(q) and np.abs(q).max() > 4 * np.pi:
-            row = int(np.argmax(np.abs(q) > 4 * np.pi))
-            raise where.refuse(
-                f"{q[row]:g} rad is beyond two turns: it looks like degrees.",
-                row=row,
-                column=f"q{j}_rad",
-                remedy=f"If the readings are degrees, name the column q{j}_deg.",
-            )
-        columns.append(q)
-    for name in table.columns:
-        if (found := JOINT.fullmatch(name)) and not 1 <= int(found[1]) <= len(prismatic):
-            raise where.refuse(
-                f"{'the file' if where.is_file else 'it'} has a joint q{int(found[1])}, but the robot has "
-                f"{len(prismatic)} joints.",
-                column=name,
-                remedy="Check the robot's name in the study, or rename the column.",
-            )
-    return np.stack(columns, 1)
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """What the columns of a table hold, row by row, before rows that stand in it twice are left
+    out; None where there is no such column."""
 
-
-def _covariates(table: Table, used: set[str]) -> tuple[dict[str, Array], list[Note]]:
-    out, ignored, unusable = {}, [], []
-    for name in table.columns:
-        if name in used or JOINT.fullmatch(name):
-            continue
-        values = (
-            numbers(table, name, -1e12, 1e12) if name in KNOWN else as_numbers(table.columns[name])
-        )
-        if not np.isfinite(values).any():
-            ignored.append(name)
-        elif (
-            not (np.abs(values) <= 1e30).all()
-            or not plain_word(name)
-            or name in FUNCTIONS
-            or is_state_name(name)
-        ):
-            unusable.append(name)
-        else:
-            out[name] = values
-
-    def shown(
-        names: list[str],
-    ) -> str:  # a column may be called anything: what cannot be seen is escaped
-        return ", ".join(map(one_line, names))
-
-    notes = []
-    if ignored:
-        notes.append(
-            Note("columns-ignored", f"Columns that hold no numbers are ignored: {shown(ignored)}.")
-        )
-    if unusable:
-        notes.append(
-            Note(
-                "covariates-ignored",
-                "Columns that cannot serve as causes are ignored (empty cells, numbers above "
-                f"1e30, or a name that is not a plain word): {shown(unusable)}.",
-            )
-        )
-    return out, notes
+    q: Array  # (m, n) rad or mm
+    position: Array  # (m, 3) mm
+    kinds: KindColumns | None
+    sigma: Array | None  # (m, 3) mm
+    quaternion: Array | None  # (m, 4)
+    sigma_rotation: Array | None  # (m, 3) rad
+    approach: Array | None  # (m, n)
+    labels: Mapping[str, list[str]]  # of the columns LABEL_COLUMNS that there are
+    order: Array | None  # (m,)
+    covariates: Mapping[str, Array]
+    notes: tuple[Note, ...]
 
 
 def read_measurements(
@@ -131,219 +87,360 @@ def read_measurements(
     positions: bool = True,
     once: bool = True,
 ) -> Measurements:
-    """Measurements in contract form of a robot whose joints slide where `prismatic` says so
+    """Read measurements in contract form of a robot whose joints slide where `prismatic` says so
     (`robot.prismatic`), from a CSV or Parquet file or a pandas DataFrame with the same columns.
 
     `columns` maps contract names to names in the file; `group`: one row group of a Parquet file
-    alone; where `positions` need not be there, absent ones are nan; where rows count `once`, what
-    stands there twice is one. Raises DataError with file, line and column, or row (from 0) and
-    column of the DataFrame; StudyError for a contract name that is none."""
-    _known(columns or {}, prismatic)
-    table = read_table(source, group)
-    mapped_units(columns or {}, prismatic, table.where)
-    table = renamed(table, columns or {})
-    where, n, m = table.where, len(prismatic), len(table)
-    gauged = "kind" in table and "feature" in table
-    other_units(table, _names(prismatic) - set(() if gauged else COLUMNS), prismatic, gauged)
-    q = _joints(table, prismatic)
-    there = positions or any(
-        name in table for axis in "xyz" for name in (axis, f"{axis}_mm", f"{axis}_m")
-    )
-    kinds = read_kinds(table)
-    if kinds is not None:
-        position = read_positions(table, kinds)
-    else:
-        position = (
-            np.stack([measured(table, axis, ("mm", "m")) for axis in "xyz"], 1)
-            if there
-            else np.full((m, 3), np.nan)
-        )
-    if not m:
-        raise where.refuse("a header, but no rows.", row=0, remedy="Each measured point is a row.")
-    sigma, quaternion, sigma_rotation = _spreads(table, kinds)
-    approach = together(table, [f"approach{j}" for j in range(1, n + 1)])
-    if approach is not None and not np.isin(approach, (-1.0, 0.0, 1.0)).all():
-        at, j = np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))[0]
-        raise where.refuse(
-            "a direction of approach is -1, 0 or +1.",
-            row=int(at),
-            column=f"approach{j + 1}",
-            remedy="Correct the cell, or leave the approach columns out.",
-        )
-    text = {name: labels(table, name) for name in TEXT if name in table}
-    order = numbers(table, "order") if "order" in table else None
-    covariates, notes = _covariates(
-        table, _names(prismatic) - {*KNOWN, *(() if kinds is not None else COLUMNS)}
-    )
-    if "configuration" in text:
-        _one_reading_each(text["configuration"], q, prismatic, where)
-    others = [] if quaternion is None else list(quaternion.T)
-    others += [numbered(text["target"])[0]] if "target" in text else []
-    others += [covariates[name] for name in ("payload_kg", "temperature_C") if name in covariates]
-    keep = np.ones(m, bool)
+    alone; where `positions` need not be there, absent ones are nan; where rows count `once`, a
+    measurement that stands there twice is one. Raises DataError with file, line and column, or row
+    (from 0) and column of the DataFrame; StudyError for a name that the contract does not have."""
+    table = _load_contract_table(source, group, columns or {}, prismatic)
+    content = _read_columns(table, prismatic, positions)
+    keep, notes = np.ones(len(table), bool), list[Note]()
     if once:
-        keep, said = _once(table, q, *_compared(position, others, kinds))
-        notes += said
+        keep, notes = _find_distinct_rows(table, content)
+    data = _select_rows(content, keep, prismatic)
+    return replace(
+        data,
+        notes=(*content.notes, *notes, *data.notes),
+        where=table.where,
+        units=_find_reading_units(table, prismatic),
+    )
 
-    def kept(values: Any) -> Any:
+
+def _load_contract_table(
+    source: Source, group: int | None, mapping: Mapping[str, str], prismatic: Sequence[bool]
+) -> Table:
+    """Load the table under the contract's names; refuse wrong mappings and foreign units."""
+    _check_mapping(mapping, prismatic)
+    table = load_table(source, group)
+    refuse_mapped_units(mapping, prismatic, table.where)
+    table = rename_columns(table, mapping)
+    has_kinds = "kind" in table and "feature" in table
+    known = _list_contract_names(prismatic)
+    if not has_kinds:
+        known -= set(KIND_COLUMNS)
+    refuse_other_units(table, known, prismatic, has_kinds)
+    return table
+
+
+def _read_columns(table: Table, prismatic: Sequence[bool], positions: bool) -> _Columns:
+    """Read and check all columns of a table."""
+    q = _read_joints(table, prismatic)
+    kinds = read_kinds(table)
+    position = _read_position(table, kinds, positions)
+    if not len(table):
+        raise table.where.refuse(
+            "a header, but no rows.", row=0, remedy="Each measured point is a row."
+        )
+    sigma, quaternion, sigma_rotation = _read_uncertainties(table, kinds)
+    approach = _read_approach(table, len(prismatic))
+    labels = {name: read_names(table, name) for name in LABEL_COLUMNS if name in table}
+    order = read_numbers(table, "order") if "order" in table else None
+    covariates, notes = _read_covariates(table, prismatic, kinds is not None)
+    if "configuration" in labels:
+        _check_configurations(labels["configuration"], q, prismatic, table.where)
+    return _Columns(
+        q,
+        position,
+        kinds,
+        sigma,
+        quaternion,
+        sigma_rotation,
+        approach,
+        labels,
+        order,
+        covariates,
+        tuple(notes),
+    )
+
+
+def _select_rows(columns: _Columns, keep: Mask, prismatic: Sequence[bool]) -> Measurements:
+    """Build the measurements of some rows."""
+
+    def select(values: Any) -> Any:
         return None if values is None else np.asarray(values)[keep]
 
-    made = measurements(
-        q[keep],
-        position[keep],
+    orientation = None
+    if columns.quaternion is not None:
+        rotation = from_quaternion(columns.quaternion[keep])
+        orientation = Orientation(rotation, select(columns.sigma_rotation))
+    labels = {name: select(names) for name, names in columns.labels.items()}
+    return build_measurements(
+        columns.q[keep],
+        columns.position[keep],
         row=np.flatnonzero(keep),
-        configuration=kept(text.get("configuration")),
-        target=kept(text.get("target")),
-        group=kept(text.get("group")),
-        order=kept(order),
-        approach=kept(approach),
-        covariates={name: values[keep] for name, values in covariates.items()},
-        sigma=kept(sigma),
-        rotation=None if quaternion is None else from_quaternion(quaternion[keep]),
-        sigma_rotation=kept(sigma_rotation),
-        notes=tuple(notes),
+        **labels,
+        order=select(columns.order),
+        approach=select(columns.approach),
+        covariates={name: values[keep] for name, values in columns.covariates.items()},
+        sigma=select(columns.sigma),
+        orientation=orientation,
+        kinds=None if columns.kinds is None else columns.kinds.take(keep),
         prismatic=prismatic,
-        **(
-            {}
-            if kinds is None
-            else {
-                "kind": kept(kinds.kind).tolist(),
-                "feature": kept(kinds.feature).tolist(),
-                "length": kinds.length[keep],
-            }
-        ),
-    )
-    return replace(
-        made,
-        where=where,
-        units=tuple(
-            next(u for u in READINGS[slides] if f"q{j}_{u}" in table)
-            for j, slides in enumerate(prismatic, 1)
-        ),
     )
 
 
-def _spreads(table: Table, kinds: Kinds | None) -> tuple[Array | None, Array | None, Array | None]:
-    """(standard uncertainties [mm], quaternions, their standard uncertainties [rad])."""
+# -- columns
+# --------------------------------------------------------------------------------------------
+
+
+def _read_joints(table: Table, prismatic: Sequence[bool]) -> Array:
+    """Read joint readings (m, n); refuse degrees in radians, and joints that the robot lacks."""
+    columns = []
+    for j, slides in enumerate(prismatic, 1):
+        q = read_quantity(table, f"q{j}", READING_UNITS[slides])
+        if not slides and f"q{j}_rad" in table:
+            _refuse_degrees(table, j, q)
+        columns.append(q)
+    for name in table.columns:
+        match = JOINT_COLUMN.fullmatch(name)
+        if match and not 1 <= int(match[1]) <= len(prismatic):
+            table_words = "the file" if table.where.is_file else "it"
+            raise table.where.refuse(
+                f"{table_words} has a joint q{int(match[1])}, but the robot has {len(prismatic)} "
+                "joints.",
+                column=name,
+                remedy="Check the robot's name in the study, or rename the column.",
+            )
+    return np.stack(columns, 1)
+
+
+def _refuse_degrees(table: Table, joint: int, q: Array) -> None:
+    beyond = np.abs(q) > MAX_READING_RAD
+    if beyond.any():
+        row = int(np.argmax(beyond))
+        raise table.where.refuse(
+            f"{q[row]:g} rad is beyond two turns: it looks like degrees.",
+            row=row,
+            column=f"q{joint}_rad",
+            remedy=f"If the readings are degrees, name the column q{joint}_deg.",
+        )
+
+
+def _find_reading_units(table: Table, prismatic: Sequence[bool]) -> tuple[str, ...]:
+    """Find the unit in which each joint's readings were given."""
+    units = []
+    for j, slides in enumerate(prismatic, 1):
+        units.append(next(u for u in READING_UNITS[slides] if f"q{j}_{u}" in table))
+    return tuple(units)
+
+
+def _read_position(table: Table, kinds: KindColumns | None, required: bool) -> Array:
+    """Read positions (m, 3) [mm]; nan where they are not measured."""
+    if kinds is not None:
+        return read_positions(table, kinds)
+    names = {f"{axis}{suffix}" for axis in "xyz" for suffix in ("", "_mm", "_m")}
+    if not required and names.isdisjoint(table.columns):
+        return np.full((len(table), 3), np.nan)
+    return np.stack([read_quantity(table, axis, ("mm", "m")) for axis in "xyz"], 1)
+
+
+def _read_uncertainties(
+    table: Table, kinds: KindColumns | None
+) -> tuple[Array | None, Array | None, Array | None]:
+    """Read (standard uncertainties [mm], quaternions, their standard uncertainties [rad])."""
     if kinds is not None:
         return read_uncertainties(table, kinds), *read_quaternions(table, kinds)
     return (
-        together(table, ("sx_mm", "sy_mm", "sz_mm"), "not positive"),
-        together(table, ("qw", "qx", "qy", "qz"), "zero"),
-        together(table, ("srx_rad", "sry_rad", "srz_rad"), "not positive"),
+        read_column_set(table, UNCERTAINTY_COLUMNS, "not positive"),
+        read_column_set(table, QUATERNION_COLUMNS, "zero"),
+        read_column_set(table, ROTATION_UNCERTAINTY_COLUMNS, "not positive"),
     )
 
 
-def _compared(
-    position: Array, others: list[Array], kinds: Kinds | None
-) -> tuple[Array, list[Array], Array]:
-    """What copies are told by: position and others, and how surely (see `copies`); of kinds what
-    each row measures, nought where it measures nothing, and what the row is of. Repeats of a single
-    number agree easily. A row that measures nothing (a touch) is its readings: the same again to
-    the last digit says nothing more."""
-    if kinds is None:
-        return position, others, np.ones(len(position))
-    value = np.nan_to_num(position)
-    value[:, 0] += np.nan_to_num(kinds.length)
-    begins = kinds.of("distance") & np.isnan(kinds.length)
-    times = np.select(
-        [kinds.of("point"), kinds.of("ball-bar", "same-point", "plane")], [1.0, 0.0], SINGLE
-    )
-    return (
-        value,
-        [
-            *others,
-            *(
-                np.asarray(c, float)
-                for c in (numbered(kinds.kind)[0], numbered(kinds.feature)[0], begins)
-            ),
-        ],
-        times,
-    )
+def _read_approach(table: Table, joints: int) -> Array | None:
+    """Read directions of approach (m, n), each -1, 0 or +1."""
+    approach = read_column_set(table, [f"approach{j}" for j in range(1, joints + 1)])
+    if approach is None:
+        return None
+    wrong = np.argwhere(~np.isin(approach, (-1.0, 0.0, 1.0)))
+    if len(wrong):
+        row, joint = wrong[0]
+        raise table.where.refuse(
+            "a direction of approach is -1, 0 or +1.",
+            row=int(row),
+            column=f"approach{joint + 1}",
+            remedy="Correct the cell, or leave the approach columns out.",
+        )
+    return approach
 
 
-def _once(
-    table: Table, q: Array, position: Array, others: list[Array], times: Array
-) -> tuple[NDArray[np.bool_], list[Note]]:
-    """((m,) rows that count, what is said of the others): a measurement that stands in the file
-    twice is one."""
-    again, notes = duplicates(table.columns, len(q)), []
-    if again.any():
+def _read_covariates(
+    table: Table, prismatic: Sequence[bool], has_kinds: bool
+) -> tuple[dict[str, Array], list[Note]]:
+    """Read every other numeric column, and say which columns are ignored."""
+    taken = _list_contract_names(prismatic) - {*KNOWN_COVARIATES}
+    if not has_kinds:
+        taken -= set(KIND_COLUMNS)
+    covariates, textual, unusable = dict[str, Array](), list[str](), list[str]()
+    for name in table.columns:
+        if name in taken or JOINT_COLUMN.fullmatch(name):
+            continue
+        if name in KNOWN_COVARIATES:
+            values = read_numbers(table, name, -MAX_KNOWN_COVARIATE, MAX_KNOWN_COVARIATE)
+        else:
+            values = convert_to_numbers(table.columns[name])
+        if not np.isfinite(values).any():
+            textual.append(name)
+        elif (np.abs(values) <= MAX_COVARIATE).all() and _can_be_cause(name):
+            covariates[name] = values
+        else:
+            unusable.append(name)
+    return covariates, _describe_ignored(textual, unusable)
+
+
+def _can_be_cause(name: str) -> bool:
+    """Whether a formula can hold a column's name."""
+    taken = name in FUNCTIONS or is_state_name(name)
+    return is_plain_word(name) and not taken
+
+
+def _describe_ignored(textual: Sequence[str], unusable: Sequence[str]) -> list[Note]:
+    """Say which columns are ignored; characters of their names that cannot be seen are escaped."""
+    notes = []
+    if textual:
+        names = ", ".join(map(one_line, textual))
+        notes.append(Note("columns-ignored", f"Columns that hold no numbers are ignored: {names}."))
+    if unusable:
+        names = ", ".join(map(one_line, unusable))
         notes.append(
             Note(
-                "duplicate-rows",
-                f"{int(again.sum())} rows repeat an earlier row cell for cell and are counted once.",
+                "covariates-ignored",
+                "Columns that cannot serve as causes are ignored (empty cells, numbers above "
+                f"1e30, or a name that is not a plain word): {names}.",
             )
         )
-    rows = np.flatnonzero(~again)
-    found, pair = copies(q[rows], position[rows], [values[rows] for values in others], times[rows])
-    if pair is not None:
-        first, second = (table.where.named(int(rows[k])) for k in reversed(pair))
-        notes.append(
-            Note(
-                "copied-rows",
-                f"{int(found.sum())} rows hold the readings and the position of an earlier row to the "
-                f"last digit, under another number, time or name ({second} is {first} "
-                "again): they are taken for copies and counted once.",
-            )
-        )
-    keep = ~again
-    keep[rows[found]] = False
-    return keep, notes
+    return notes
 
 
-def _names(prismatic: Sequence[bool]) -> set[str]:
-    """The column names of the contract, for a robot whose joints are `prismatic` or not."""
-    n = len(prismatic)
-    return {
-        *USED,
-        *KNOWN,
-        *COLUMNS,
-        *(f"{axis}_{u}" for axis in "xyz" for u in ("mm", "m")),
-        *(f"approach{j}" for j in range(1, n + 1)),
-        *(f"q{j}_{u}" for j, slides in enumerate(prismatic, 1) for u in READINGS[slides]),
+def _list_contract_names(prismatic: Sequence[bool]) -> set[str]:
+    """List the column names of the contract, for a robot whose joints are `prismatic` or not."""
+    names = {
+        *LABEL_COLUMNS,
+        "order",
+        *UNCERTAINTY_COLUMNS,
+        *QUATERNION_COLUMNS,
+        *ROTATION_UNCERTAINTY_COLUMNS,
+        *KNOWN_COVARIATES,
+        *KIND_COLUMNS,
     }
+    names |= {f"{axis}_{unit}" for axis in "xyz" for unit in ("mm", "m")}
+    for j, slides in enumerate(prismatic, 1):
+        names.add(f"approach{j}")
+        names |= {f"q{j}_{unit}" for unit in READING_UNITS[slides]}
+    return names
 
 
-def _known(columns: Mapping[str, str], prismatic: Sequence[bool]) -> None:
-    """Refuses a mapping to a name that the contract has not."""
-    names = _names(prismatic)
+def _check_mapping(mapping: Mapping[str, str], prismatic: Sequence[bool]) -> None:
+    """Refuse a mapping of a name that the contract does not have, and two of one column."""
+    known = _list_contract_names(prismatic)
     problems = [
-        f'measurements.columns: "{name}" is no name of the contract. {suggest(name, names)}'
-        for name in columns
-        if name not in names
+        f'measurements.columns: unknown column "{name}". {suggest(name, known)}'
+        for name in mapping
+        if name not in known
     ]
+    given = list(mapping.values())
     problems += [
-        f'measurements.columns: "{given}" is mapped to twice. Name another column.'
-        for given in sorted(set(columns.values()))
-        if list(columns.values()).count(given) > 1
+        f'measurements.columns: "{name}" is mapped to twice. Name another column.'
+        for name in sorted(set(given))
+        if given.count(name) > 1
     ]
     if problems:
         raise StudyError(*problems)
 
 
-def _one_reading_each(names: list[str], q: Array, prismatic: Sequence[bool], where: Where) -> None:
-    """Refuses a configuration whose rows have other joint readings than an arm that stands still
+def _check_configurations(
+    names: list[str], q: Array, prismatic: Sequence[bool], where: Where
+) -> None:
+    """Refuse a configuration whose rows have other joint readings than an arm that stands still
     has, read again."""
-    first: dict[str, int] = {}
-    at = np.array([first.setdefault(label, k) for k, label in enumerate(names)])
-    bad = np.flatnonzero(
-        (np.abs(q - q[at]) > np.where(prismatic, STANDING_MM, STANDING_RAD)).any(1)
-    )
-    if len(bad):
+    first_rows: dict[str, int] = {}
+    first = np.array([first_rows.setdefault(name, row) for row, name in enumerate(names)])
+    tolerance = np.where(prismatic, STANDSTILL_MM, STANDSTILL_RAD)
+    moved = np.flatnonzero((np.abs(q - q[first]) > tolerance).any(1))
+    if len(moved):
+        row = int(moved[0])
+        earlier = where.named(int(first[row]))
         raise where.refuse(
-            f'configuration "{names[bad[0]]}" has other joint readings on {where.named(int(at[bad[0]]))}.',
-            row=int(bad[0]),
+            f'configuration "{names[row]}" has other joint readings on {earlier}.',
+            row=row,
             column="configuration",
-            remedy="Rows that share a configuration share its readings; number configurations through all groups.",
+            remedy="Rows that share a configuration share its readings; give every configuration "
+            "a number of its own, through all groups.",
         )
 
 
+# -- rows that stand in a file twice
+# --------------------------------------------------------------------------------------------
+
+
+def _find_distinct_rows(table: Table, columns: _Columns) -> tuple[Mask, list[Note]]:
+    """Find ((m,) rows that count, what is said of the others): a measurement that stands in the
+    file twice is one."""
+    notes = []
+    repeated = find_duplicates(table.columns, len(table))
+    if repeated.any():
+        notes.append(
+            Note(
+                "duplicate-rows",
+                f"{int(repeated.sum())} rows repeat an earlier row cell for cell and are counted once.",
+            )
+        )
+    rows = np.flatnonzero(~repeated)
+    values, attributes, repeats = _list_compared(columns)
+    copied, example = find_copies(
+        columns.q[rows], values[rows], [a[rows] for a in attributes], repeats[rows]
+    )
+    if example is not None:
+        later, earlier = (table.where.named(int(rows[k])) for k in example)
+        notes.append(
+            Note(
+                "copied-rows",
+                f"{int(copied.sum())} rows hold the readings and the position of an earlier row to the "
+                f"last digit, under another number, time or name ({later} is {earlier} again): they are "
+                "taken for copies and counted once.",
+            )
+        )
+    distinct = ~repeated
+    distinct[rows[copied]] = False
+    return distinct, notes
+
+
+def _list_compared(columns: _Columns) -> tuple[Array, list[Array], Array]:
+    """List what identifies copies: the measured values (m, 3), other attributes (m,), and how many
+    copies a repeat outweighs (see `find_copies`).
+
+    Of kinds the value is what each row measures, zero where it measures nothing, and the
+    attributes include what the row is of. Repeats of a single number agree easily. A row that
+    measures nothing (a touch) is its readings: the same again to the last digit says nothing
+    more."""
+    attributes = list[Array]()
+    if columns.quaternion is not None:
+        attributes += list(columns.quaternion.T)
+    if "target" in columns.labels:
+        attributes.append(np.asarray(number_keys(columns.labels["target"])[0], float))
+    for name in ("payload_kg", "temperature_C"):
+        if name in columns.covariates:
+            attributes.append(columns.covariates[name])
+    kinds = columns.kinds
+    if kinds is None:
+        return columns.position, attributes, np.ones(len(columns.position))
+    values = np.nan_to_num(columns.position)
+    values[:, 0] += np.nan_to_num(kinds.length)
+    begins = kinds.of("distance") & np.isnan(kinds.length)
+    identity = (number_keys(kinds.kind)[0], number_keys(kinds.feature)[0], begins)
+    attributes += [np.asarray(column, float) for column in identity]
+    whole, touches = kinds.of("point"), kinds.of("ball-bar", "same-point", "plane")
+    repeats = np.select([whole, touches], [1.0, 0.0], COPIES_PER_REPEAT)
+    return values, attributes, repeats
+
+
 def read_labels(source: Source, column: str) -> NDArray[np.object_]:
-    """A text column (the split's) of every row of the file or DataFrame. Raises DataError."""
-    table = read_table(source)
+    """Read a text column (the split's) of every row of the file or DataFrame. Raises DataError."""
+    table = load_table(source)
     if column not in table:
         raise table.where.refuse(
             f'the study\'s split column "{column}" is missing. {suggest(column, table.columns)}'
         )
-    return np.array(labels(table, column), dtype=object)
+    return np.array(read_names(table, column), dtype=object)

@@ -1,4 +1,4 @@
-"""From which temperature thermal effects are counted."""
+"""Reference temperature from which thermal effects are counted."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ TEMPERATURE = "temperature_C"
 REFERENCE = 20.0  # °C: ISO 1
 
 
-def reference(covariates: Mapping[str, NDArray[np.float64]]) -> float:
-    """°C: 20 (ISO 1), but the mean in whole degrees of a campaign that never was as warm, or never
+def choose_reference(covariates: Mapping[str, NDArray[np.float64]]) -> float:
+    """Choose a reference [°C]: 20 (ISO 1), but the mean in whole degrees of a campaign that never was as warm, or never
     as cold: what an arm does beyond what was seen is a guess, and nothing is counted from there."""
     seen = covariates.get(TEMPERATURE)
     if (

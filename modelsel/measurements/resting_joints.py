@@ -17,10 +17,10 @@ APART = 10.0  # by this factor the smallest motion is larger than the largest fl
 FEWEST = 5
 
 
-def resting(
+def find_resting_steps(
     step: Array, opening: NDArray[np.bool_], prismatic: Sequence[bool]
 ) -> NDArray[np.bool_]:
-    """(v, n) whether a joint's reading changed by noise alone from the visit before: `step` (v, n)
+    """Mask (v, n) where a joint's reading changed by noise alone from the visit before: `step` (v, n)
     [rad or mm], `opening` (v,) a group's first visit. A joint rests where its steps are of two
     kinds, a factor APART from each other, or all of the small kind, and readings of the small kind
     stay within FLICKER together, however long they last: a slow sweep does not."""
@@ -39,7 +39,7 @@ def resting(
 
 
 def _span(step: Array, begins: NDArray[np.bool_]) -> float:
-    """Largest range of the readings between one motion and the next."""
+    """Find the largest range of the readings between one motion and the next."""
     if not len(step):
         return 0.0
     run = np.cumsum(begins)
@@ -48,8 +48,8 @@ def _span(step: Array, begins: NDArray[np.bool_]) -> float:
     return float((np.maximum.reduceat(place, order) - np.minimum.reduceat(place, order)).max())
 
 
-def said(rest: Array, prismatic: Sequence[bool]) -> str | None:
-    """What is told of the largest flicker (n,) of each joint, 0 where it has none; None where none
+def describe_resting_joints(rest: Array, prismatic: Sequence[bool]) -> str | None:
+    """Describe the largest flicker (n,) of each joint, 0 where it has none; None where no joint
     rests."""
     each = []
     for j, size in enumerate(rest.tolist(), 1):

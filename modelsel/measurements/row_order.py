@@ -10,8 +10,8 @@ from .._typing import Array
 Index = NDArray[np.intp]
 
 
-def campaign(group: Index, order: Array, time: Array | None = None) -> Array:
-    """(m,) place of every row in the campaign, 0 to 1: groups by the clock where one clock runs
+def compute_progress(group: Index, order: Array, time: Array | None = None) -> Array:
+    """Compute the place (m,) of every row in the campaign, 0 to 1: groups by the clock where one clock runs
     through all of them, else in the order of their first rows; each in order of motion."""
     rank = np.empty(len(group))
     rank[np.lexsort((np.arange(len(group)), order, _after_one_another(group, time)))] = np.arange(
@@ -21,7 +21,7 @@ def campaign(group: Index, order: Array, time: Array | None = None) -> Array:
 
 
 def _after_one_another(group: Index, time: Array | None) -> Index:
-    """The groups numbered as one followed another: by the clock where their times do not overlap,
+    """Number the groups as one followed another: by the clock where their times do not overlap,
     else as they are."""
     if time is None or not len(group):
         return group

@@ -16,14 +16,18 @@ from typing import TYPE_CHECKING, Any, TypeAlias, Union
 import numpy as np
 from numpy.typing import NDArray
 
-from .._text import unreadable
+from .._text import find_read_problem
 from ..exceptions import DataError, suggest
 
 if TYPE_CHECKING:
     import pandas as pd
 
-CHUNK = 50_000
-BREAK = re.compile(r"\r\n|\r|\n")
+# rows of a CSV that are read together
+CHUNK_ROWS = 50_000
+LINE_BREAK = re.compile(r"\r\n|\r|\n")
+PARQUET_SUFFIXES = (".parquet", ".pq")
+# marks that separate the cells of files that are no CSV, and their names
+OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "vertical bars", " ": "blanks"}
 Columns = Mapping[str, "NDArray[Any]"]
 Source: TypeAlias = Union[str, "os.PathLike[str]", "pd.DataFrame"]
 
@@ -51,66 +55,63 @@ class Where:
         return self.is_file and self.lines
 
     def number(self, row: int) -> int:
-        """What the 0-based `row` is counted as by the user."""
-        return (
-            int(self.at[row])
-            if self.at is not None
-            else row + 2
-            if self.is_text
-            else row + self.first
-        )
+        """Number the 0-based `row` as the user does."""
+        if self.at is not None:
+            return int(self.at[row])
+        return row + 2 if self.is_text else row + self.first
 
     def refuse(
         self, what: str, *, row: int | None = None, column: str | None = None, remedy: str = ""
     ) -> DataError:
         """The error to raise, with its place: 0-based `row`, without it the header's."""
-        count = None if row is None else self.number(row)
+        number = None if row is None else self.number(row)
         if not self.is_text:
             return DataError(
-                what, file=self.file or "DataFrame", row=count, column=column, remedy=remedy
+                what, file=self.file or "DataFrame", row=number, column=column, remedy=remedy
             )
-        return DataError(
-            what, file=self.file, line=1 if count is None else count, column=column, remedy=remedy
-        )
+        line = 1 if number is None else number
+        return DataError(what, file=self.file, line=line, column=column, remedy=remedy)
 
     def named(self, row: int) -> str:
-        """A row in words."""
+        """Name a row: line 3, or row 1."""
         return f"{'line' if self.is_text else 'row'} {self.number(row)}"
 
     def listed(self, rows: Sequence[int] | NDArray[np.intp], most: int = 10) -> str:
-        """Rows in words, the first so many of them: lines 3, 4, 9 … or rows 1, 2, 7 …, counted from
-        0."""
-        shown = ", ".join(str(self.number(int(row))) for row in rows[:most]) + (
-            " …" if len(rows) > most else ""
-        )
-        several = "s" * (len(rows) != 1)
-        return f"line{several} {shown}" if self.is_text else f"row{several} {shown}, counted from 0"
+        """List the first so many rows: lines 3, 4, 9 … or rows 1, 2, 7 …, counted from 0."""
+        shown = ", ".join(str(self.number(int(row))) for row in rows[:most])
+        return self._say_rows(shown, len(rows), len(rows) > most)
 
     def spans(self, rows: NDArray[np.intp], most: int = 8) -> str:
-        """Many rows in words, neighbours together: lines 12 to 40, 52, 60."""
+        """List many rows, neighbours together: lines 12 to 40, 52, 60."""
         numbers = np.unique([self.number(int(row)) for row in rows])
         runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
         words = [str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs[:most]]
-        shown = ", ".join(words) + (" …" if len(runs) > most else "")
-        several = "s" * (len(numbers) != 1)
-        return f"line{several} {shown}" if self.is_text else f"row{several} {shown}, counted from 0"
+        return self._say_rows(", ".join(words), len(numbers), len(runs) > most)
+
+    def _say_rows(self, shown: str, count: int, is_cut: bool) -> str:
+        word = "line" if self.is_text else "row"
+        plural = "" if count == 1 else "s"
+        ellipsis = " …" if is_cut else ""
+        base = "" if self.is_text else ", counted from 0"
+        return f"{word}{plural} {shown}{ellipsis}{base}"
 
     def record(self, rows: NDArray[np.intp]) -> dict[str, Any]:
-        """As plain values that say of the `rows` what they are called; `where_of` reads it."""
+        """Return plain values that say of the `rows` how they are numbered; `where_from_record`
+        reads them."""
         at = None if self.at is None else {str(row): self.number(row) for row in rows.tolist()}
-        return {
-            "word": "line" if self.is_text else "row",
-            "first": 2 if self.is_text else self.first,
-            "at": at,
-        }
+        first = 2 if self.is_text else self.first
+        return {"word": "line" if self.is_text else "row", "first": first, "at": at}
 
     def mapping(self, wanted: str, given: str) -> str:
-        """How to say that a column has another name."""
+        """Say how to map a column that has another name."""
+        if self.is_file:
+            return (
+                f'in the study file: [measurements] columns = {{ {wanted} = "{given}" }} (for a command '
+                f"without a study file: --column {wanted}={given})"
+            )
         return (
-            f'in the study file: [measurements] columns = {{ {wanted} = "{given}" }} (of a command without one: '
-            f"--column {wanted}={given})"
-            if self.is_file
-            else f'by columns={{"{wanted}": "{given}"}} (of a Study: measurements={{"frame": …, "columns": …}})'
+            f'by columns={{"{wanted}": "{given}"}} (for a Study: measurements={{"frame": …, '
+            '"columns": …})'
         )
 
 
@@ -128,37 +129,36 @@ class Table:
         return len(next(iter(self.columns.values()), ()))
 
 
-def where_of(record: Mapping[str, Any] | None) -> Where:
-    """What rows are called, of a record of it; lines of a text file where there is none."""
+def where_from_record(record: Mapping[str, Any] | None) -> Where:
+    """Restore how rows are numbered from a record of it; without one, as lines of a text file."""
     if record is None:
         return Where("the file")
-    at = (
-        None if record["at"] is None else {int(row): number for row, number in record["at"].items()}
-    )
-    return Where(
-        "the file", record["word"] == "line", 0 if record["word"] == "line" else record["first"], at
-    )
+    at = record["at"]
+    if at is not None:
+        at = {int(row): number for row, number in at.items()}
+    is_text = record["word"] == "line"
+    return Where("the file", is_text, 0 if is_text else record["first"], at)
 
 
-def read_table(source: Source, group: int | None = None) -> Table:
-    """A CSV or Parquet file (`group`: one row group of it alone) or a DataFrame. Raises
+def load_table(source: Source, group: int | None = None) -> Table:
+    """Load a CSV or Parquet file (`group`: one row group of it alone) or a DataFrame. Raises
     DataError."""
     if isinstance(source, (str, os.PathLike)):
         path = Path(source)
-        if path.suffix.lower() in (".parquet", ".pq"):
-            return _parquet(path, group)
-        return _csv(path)
+        if path.suffix.lower() in PARQUET_SUFFIXES:
+            return _load_parquet(path, group)
+        return _load_csv(path)
     import pandas as pd
 
     if not isinstance(source, pd.DataFrame):
         raise DataError(
             f"measurements are a file's path or a pandas DataFrame, found {type(source).__name__}."
         )
-    return _frame(source, Where(""))
+    return _load_frame(source, Where(""))
 
 
-def digest(source: Source) -> str:
-    """SHA-256 of a file's bytes; of a DataFrame, of the CSV file that `to_csv(index=False)` would
+def hash_source(source: Source) -> str:
+    """Compute the SHA-256 of a file's bytes; of a DataFrame, of the CSV file that `to_csv(index=False)` would
     write. Raises DataError."""
     if isinstance(source, (str, os.PathLike)):
         try:
@@ -170,13 +170,12 @@ def digest(source: Source) -> str:
                 file=Path(source).name,
                 remedy="Run again when it is there.",
             ) from None
-    return hashlib.sha256(
-        source.to_csv(index=False, lineterminator="\n").encode("utf-8", "surrogatepass")
-    ).hexdigest()
+    text = source.to_csv(index=False, lineterminator="\n")
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def _frame(frame: pd.DataFrame, where: Where) -> Table:
-    """Cells as a file would have them: numbers as numbers, what is missing as nan or None. The
+def _load_frame(frame: pd.DataFrame, where: Where) -> Table:
+    """Load cells as a file would have them: numbers as numbers, what is missing as nan or None. The
     index is not looked at."""
     strange = [name for name in frame.columns if not isinstance(name, str)]
     if strange:
@@ -185,82 +184,91 @@ def _frame(frame: pd.DataFrame, where: Where) -> Table:
             remedy="Column names are words: x_mm.",
         )
     names = [name.strip() for name in frame.columns]
-    _distinct(names, where)
-    out: dict[str, NDArray[Any]] = {}
-    for k, name in enumerate(names):
-        column = frame.iloc[:, k]
-        if column.dtype.kind in "fiub":
-            out[name] = (
-                column.to_numpy(dtype=float, na_value=np.nan)
-                if column.hasnans
-                else column.to_numpy()
-            )
-        else:
-            cells = column.to_numpy(dtype=object, copy=True)
-            cells[column.isna().to_numpy()] = None
-            out[name] = cells
-    return Table(out, where)
+    _check_distinct(names, where)
+    return Table({name: _load_series(frame.iloc[:, k]) for k, name in enumerate(names)}, where)
 
 
-def _rows(path: Path) -> Iterator[tuple[list[list[str]], NDArray[np.intp] | None]]:
-    """Chunks of CSV rows, the header first as a chunk of its own, and the lines they begin on where
-    some have several; refuses ragged rows with their line."""
-    _there(path)
+def _load_series(column: pd.Series[Any]) -> NDArray[Any]:
+    if column.dtype.kind not in "fiub":
+        cells = column.to_numpy(dtype=object, copy=True)
+        cells[column.isna().to_numpy()] = None
+        return np.asarray(cells)
+    if column.hasnans:
+        return np.asarray(column.to_numpy(dtype=float, na_value=np.nan))
+    return np.asarray(column.to_numpy())
+
+
+def _read_csv_chunks(path: Path) -> Iterator[tuple[list[list[str]], NDArray[np.intp] | None]]:
+    """Read chunks of CSV rows, the header first as a chunk of its own, and the lines they begin on
+    where some have several. Raises DataError for ragged rows with their line."""
+    _check_file(path)
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file)
-            header = next(reader, None)
-            if not header or "\0" in "".join(header):
-                raise DataError(
-                    "the file is empty or not text.",
-                    file=path.name,
-                    remedy="A CSV with a header line and a row per measured point is expected.",
-                )
-            _separated(header, path)
-            yield [[name.strip() for name in header]], None
+            header = _read_header(reader, path)
+            yield [header], None
             line = reader.line_num + 1
             plain = line == 2  # so far a row was a line
-            while chunk := list(islice(reader, CHUNK)):
+            while chunk := list(islice(reader, CHUNK_ROWS)):
                 plain = plain and reader.line_num == line + len(chunk) - 1
-                starts = np.arange(line, line + len(chunk)) if plain else _starts(chunk, line)
+                starts = np.arange(line, line + len(chunk)) if plain else _find_starts(chunk, line)
                 line = reader.line_num + 1
-                for k, row in enumerate(chunk):
-                    if len(row) != len(header):
-                        if not row and all(not later for later in chunk[k:]):
-                            chunk = chunk[:k]
-                            break
-                        comma = (
-                            " Numbers need a decimal point: a comma parts cells."
-                            if len(row) > len(header)
-                            else ""
-                        )
-                        raise DataError(
-                            f"{len(row)} cells, but the header has {len(header)}.",
-                            file=path.name,
-                            line=int(starts[k]),
-                            remedy=f"Every row needs as many cells as the header.{comma}",
-                        )
-                if chunk:
-                    yield chunk, None if plain else starts[: len(chunk)]
+                rows = _check_rows(chunk, starts, len(header), path)
+                if rows:
+                    yield rows, None if plain else starts[: len(rows)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or (
-            "it is not UTF-8 text" if isinstance(error, ValueError) else str(error)
-        )
+        reason = getattr(error, "strerror", None)
+        if not reason:
+            reason = "it is not UTF-8 text" if isinstance(error, ValueError) else str(error)
         raise DataError(
             f"the file cannot be read: {reason}.", file=path.name, remedy="Save it as CSV in UTF-8."
         ) from None
 
 
-def _starts(chunk: list[list[str]], line: int) -> NDArray[np.intp]:
+def _read_header(reader: Iterator[list[str]], path: Path) -> list[str]:
+    header = next(reader, None)
+    if not header or "\0" in "".join(header):
+        raise DataError(
+            "the file is empty or not text.",
+            file=path.name,
+            remedy="A CSV with a header line and a row per measured point is expected.",
+        )
+    _check_separator(header, path)
+    return [name.strip() for name in header]
+
+
+def _check_rows(
+    chunk: list[list[str]], starts: NDArray[np.intp], width: int, path: Path
+) -> list[list[str]]:
+    """Return a chunk without empty lines at its end. Raises DataError for a row of another
+    width."""
+    for number, row in enumerate(chunk):
+        if len(row) == width:
+            continue
+        if not any(chunk[number:]):
+            return chunk[:number]
+        remedy = "Every row needs as many cells as the header."
+        if len(row) > width:
+            remedy += " Numbers need a decimal point: a comma separates cells."
+        raise DataError(
+            f"{len(row)} cells, but the header has {width}.",
+            file=path.name,
+            line=int(starts[number]),
+            remedy=remedy,
+        )
+    return chunk
+
+
+def _find_starts(chunk: list[list[str]], line: int) -> NDArray[np.intp]:
     """(m,) the lines on which rows begin, the first on `line`: a cell between quotes may have
     several."""
-    spans = [1 + sum(len(BREAK.findall(cell)) for cell in row) for row in chunk]
+    spans = [1 + sum(len(LINE_BREAK.findall(cell)) for cell in row) for row in chunk]
     return np.asarray(line + np.cumsum([0, *spans[:-1]]), dtype=np.intp)
 
 
-def _there(path: Path) -> None:
-    """Refuses what is not a file."""
-    if (why := unreadable(path)) is not None:
+def _check_file(path: Path) -> None:
+    """Refuse what is not a file."""
+    if (why := find_read_problem(path)) is not None:
         raise DataError(
             f"{why}.",
             file=path.name,
@@ -269,22 +277,22 @@ def _there(path: Path) -> None:
         )
 
 
-def _separated(header: Sequence[str], path: Path) -> None:
-    """Refuses a header in one cell that other marks than commas part."""
-    for mark, word in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars"), (" ", "blanks")):
+def _check_separator(header: Sequence[str], path: Path) -> None:
+    """Refuse a header in one cell that other marks than commas separate."""
+    for mark, name in OTHER_SEPARATORS.items():
         if len(header) == 1 and mark in header[0].strip():
             raise DataError(
-                f"{word} part its cells; a CSV with commas is expected.",
+                f"its cells are separated by {name}; a CSV with commas is expected.",
                 file=path.name,
                 line=1,
                 remedy="Save it with commas between the cells and points in the numbers (1.5, not 1,5).",
             )
 
 
-def _csv(path: Path) -> Table:
-    chunks = _rows(path)
+def _load_csv(path: Path) -> Table:
+    chunks = _read_csv_chunks(path)
     header = next(chunks)[0][0]
-    _distinct(header, Where(path.name))
+    _check_distinct(header, Where(path.name))
     parts: list[list[NDArray[Any]]] = []
     starts: list[NDArray[np.intp]] = []
     plain = True
@@ -303,18 +311,18 @@ def _csv(path: Path) -> Table:
     )
 
 
-def _parquet(path: Path, group: int | None) -> Table:
+def _load_parquet(path: Path, group: int | None) -> Table:
     """All of a file, or one of its row groups."""
     import pyarrow as pa
 
-    with _opened(path) as file:
+    with _open_parquet(path) as file:
         names = file.schema_arrow.names
         where = Where(
             path.name,
             lines=False,
             first=sum(file.metadata.row_group(k).num_rows for k in range(group or 0)),
         )
-        _distinct(names, where)
+        _check_distinct(names, where)
         table = (
             file.read(use_threads=False)
             if group is None
@@ -340,7 +348,7 @@ def _parquet(path: Path, group: int | None) -> Table:
         )
 
 
-def damaged() -> tuple[type[Exception], ...]:
+def parquet_errors() -> tuple[type[Exception], ...]:
     """What pyarrow raises of a file that is no Parquet file, or a damaged one."""
     import pyarrow.lib
 
@@ -356,29 +364,29 @@ def damaged() -> tuple[type[Exception], ...]:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _open_parquet(path: Path) -> Iterator[Any]:
     """A Parquet file; raises DataError where it, or what is read of it, is none."""
     import pyarrow.parquet as pq
 
-    _there(path)
+    _check_file(path)
     try:
         with pq.ParquetFile(path) as file:
             yield file
-    except damaged():
+    except parquet_errors():
         raise DataError(
             "not a readable Parquet file.", file=path.name, remedy="Write it anew, or give a CSV."
         ) from None
 
 
-def row_groups(path: Path) -> tuple[int, ...]:
+def count_row_groups(path: Path) -> tuple[int, ...]:
     """Rows of every row group of a Parquet file; each can be read alone. Raises DataError."""
-    with _opened(path) as file:
+    with _open_parquet(path) as file:
         return tuple(
             int(file.metadata.row_group(k).num_rows) for k in range(file.metadata.num_row_groups)
         )
 
 
-def _distinct(header: Sequence[str], where: Where) -> None:
+def _check_distinct(header: Sequence[str], where: Where) -> None:
     for name in header:
         if list(header).count(name) > 1:
             raise where.refuse(
@@ -388,7 +396,7 @@ def _distinct(header: Sequence[str], where: Where) -> None:
             )
 
 
-def renamed(table: Table, columns: Mapping[str, str]) -> Table:
+def rename_columns(table: Table, columns: Mapping[str, str]) -> Table:
     """A table under the contract's names; `columns` maps these to its own. Raises DataError."""
     for wanted, given in columns.items():
         if given not in table:
@@ -398,5 +406,5 @@ def renamed(table: Table, columns: Mapping[str, str]) -> Table:
             )
     new = {given: wanted for wanted, given in columns.items()}
     kept = [name for name in table.columns if name in new or name not in columns]
-    _distinct([new.get(name, name) for name in kept], table.where)
+    _check_distinct([new.get(name, name) for name in kept], table.where)
     return Table({new.get(name, name): table.columns[name] for name in kept}, table.where)

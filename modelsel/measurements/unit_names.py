@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from ..exceptions import DataError
-from .columns import READINGS
+from .columns import READING_UNITS
 from .table import Table, Where
 
 # one of a unit in those that the contract reads
@@ -66,7 +66,9 @@ WORDS = (
 SPREADS, TURNS = ("sx", "sy", "sz"), ("srx", "sry", "srz")
 
 
-def other_units(table: Table, known: set[str], prismatic: Sequence[bool], gauged: bool) -> None:
+def refuse_other_units(
+    table: Table, known: set[str], prismatic: Sequence[bool], gauged: bool
+) -> None:
     """Refuses a column of the table that a name of the contract has in another unit (`sx_um`,
     `q1_grad`, `temperature_K`), or in other letters (`SX_mm`) where the contract's own is not
     there. `known`: the contract's names; `gauged`: whether rows have kinds, and `length_mm` and
@@ -87,7 +89,9 @@ def other_units(table: Table, known: set[str], prismatic: Sequence[bool], gauged
             raise _refused(table, name, right, factor)
 
 
-def mapped_units(columns: Mapping[str, str], prismatic: Sequence[bool], where: Where) -> None:
+def refuse_mapped_units(
+    columns: Mapping[str, str], prismatic: Sequence[bool], where: Where
+) -> None:
     """Refuses a mapping of a contract's name to a column whose own name says another unit (`q1_rad
     = "J1_deg"`). Raises DataError."""
     for wanted, given in columns.items():
@@ -139,7 +143,7 @@ def _units_of(
     the contract's."""
     if JOINT.fullmatch(stem) and 1 <= int(stem[1:]) <= len(prismatic):
         slides = prismatic[int(stem[1:]) - 1]
-        if unit in READINGS[slides]:
+        if unit in READING_UNITS[slides]:
             return {}, ""
         return (
             (LENGTHS, "mm") if slides else (DEGREES, "deg") if unit in DEGREES else (ANGLES, "rad")

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from .._hashing import hashed_once
+from .._hashing import cache_hash
 from .._typing import Array
 from ..exceptions import StudyError, suggest
 
@@ -102,7 +102,7 @@ class Number(Cause):
         return f"{self.number:.10g}"
 
 
-@hashed_once
+@cache_hash
 @dataclass(frozen=True)
 class Named(Cause):
     """A value of the state by its name: q4, payload_kg, approach2, torque3."""
@@ -124,7 +124,7 @@ class Named(Cause):
         return self.name
 
 
-@hashed_once
+@cache_hash
 @dataclass(frozen=True)
 class Applied(Cause):
     """A function of a cause: cos(q2+q3)."""
@@ -147,7 +147,7 @@ class Applied(Cause):
         return f"{self.function}({self.argument})"
 
 
-@hashed_once
+@cache_hash
 @dataclass(frozen=True)
 class Combined(Cause):
     """Sum, difference, product or quotient of two causes."""
@@ -315,7 +315,7 @@ OPERATORS: dict[type[ast.operator], str] = {
 }
 
 
-@hashed_once
+@cache_hash
 @dataclass(frozen=True)
 class Bump(Cause):
     """One cubic B-spline of one value of the state: a free function is many of them side by side,

@@ -3,35 +3,32 @@ payload."""
 
 from __future__ import annotations
 
-from ..robot.gravity import arm_pair, under_gravity
+from ..robot.gravity import find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
 from .causes import Named, q, shifted, sin, torque
 from .terms import Mechanism, Screw, Term
 
-COMPLIANCE = (1e-8, 1e-3)  # rad/(N m)
-HEAVY = (1e-8, 1e-3)  # rad/(N m) times some kg
+# rad/(N m): usual size of a compliance
+COMPLIANCE = (1e-8, 1e-3)
+# rad/(N m) times some kg: of a compliance with an unknown mass
+HEAVY = (1e-8, 1e-3)
 SOURCE = "Klimchik, Furet, Caro & Pashkevich 2015, elastostatic calibration"
 
 
-def gravity_joints(robot: Robot) -> tuple[int, ...]:
-    """Joints whose gravity torque changes with the configuration."""
-    return under_gravity(robot)
-
-
-def links(robot: Robot) -> tuple[int, ...]:
+def find_bending_links(robot: Robot) -> tuple[int, ...]:
     """Links (numbered by the joint that moves them) that carry a later joint, where gravity is
     known."""
-    return tuple(range(1, robot.n)) if under_gravity(robot) else ()
+    return tuple(range(1, robot.n)) if find_gravity_joints(robot) else ()
 
 
-def moment_at(frame: int, axis: str, body: int | None = None) -> Named:
+def weight_moment(frame: int, axis: str, body: int | None = None) -> Named:
     """Moment of the weight beyond joint `frame` about that frame's x, y or z axis [N m]; of 1 kg at
     the origin of a later frame alone (n+1: at the target) where `body` names it [N m/kg]."""
     name = f"torque{frame}" if axis == "z" else f"moment{frame}_{axis}"
     return Named(name, "N m") if body is None else Named(f"{name}_{body}", "N m/kg")
 
 
-def bodies(robot: Robot, frame: int) -> range:
+def later_frames(robot: Robot, frame: int) -> range:
     """Later frames where a mass may sit."""
     return range(frame + 1, robot.n + 2)
 
@@ -41,8 +38,8 @@ def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
     of unknown ones, a term each (`masses`)."""
     if masses:
         terms = tuple(
-            Term(f"c{joint}m{k}", (Screw(joint, "rz", moment_at(joint, "z", k)),), HEAVY)
-            for k in bodies(robot, joint)
+            Term(f"c{joint}m{k}", (Screw(joint, "rz", weight_moment(joint, "z", k)),), HEAVY)
+            for k in later_frames(robot, joint)
         )
     else:
         terms = (Term(f"c{joint}", (Screw(joint, "rz", torque(joint)),), COMPLIANCE, 1),)
@@ -63,7 +60,7 @@ def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:
 def lateral_compliance(robot: Robot, joint: int) -> Mechanism:
     """The bearing yields across the axis."""
     terms = tuple(
-        Term(f"l{joint}{a}", (Screw(joint, f"r{a}", moment_at(joint, a)),), COMPLIANCE, 1)
+        Term(f"l{joint}{a}", (Screw(joint, f"r{a}", weight_moment(joint, a)),), COMPLIANCE, 1)
         for a in "xy"
     )
     return Mechanism(
@@ -82,10 +79,10 @@ def link_bending(robot: Robot, link: int, masses: int) -> Mechanism:
     f = link + 1
 
     def bent(body: int | None) -> tuple[Screw, ...]:
-        return tuple(Screw(f, f"r{a}", moment_at(f, a, body)) for a in "xyz")
+        return tuple(Screw(f, f"r{a}", weight_moment(f, a, body)) for a in "xyz")
 
     terms = (
-        tuple(Term(f"b{link}m{k}", bent(k), HEAVY, 1) for k in bodies(robot, f))
+        tuple(Term(f"b{link}m{k}", bent(k), HEAVY, 1) for k in later_frames(robot, f))
         if masses
         else (Term(f"b{link}", bent(None), COMPLIANCE, 1),)
     )
@@ -105,7 +102,7 @@ def mass_choices_beyond(robot: Robot, link: int) -> tuple[int, ...]:
 
 def payload_deflection(robot: Robot, joint: int) -> Mechanism:
     """The drive winds up under the payload at the target; its mass is the column payload_kg."""
-    cause = Named("payload_kg", "kg") * moment_at(joint, "z", robot.n + 1)
+    cause = Named("payload_kg", "kg") * weight_moment(joint, "z", robot.n + 1)
     return Mechanism(
         f"payload-deflection:{joint}",
         (Term(f"p{joint}", (Screw(joint, "rz", cause),), COMPLIANCE, 1),),
@@ -118,7 +115,7 @@ def payload_deflection(robot: Robot, joint: int) -> Mechanism:
 def counterbalance(robot: Robot) -> Mechanism | None:
     """A spring that balances the shoulder: torque ∝ sine of its angle, and of twice the angle where
     the spring is short."""
-    if (pair := arm_pair(robot)) is None:
+    if (pair := find_arm_pair(robot)) is None:
         return None
     angle, j = shifted(q(pair.upper), pair.near_phase), pair.upper
     return Mechanism(
@@ -136,7 +133,7 @@ def counterbalance(robot: Robot) -> Mechanism | None:
 def tool_droop(robot: Robot) -> Mechanism | None:
     """The tool bends sideways as gravity pulls across it: the target shifts with the gravity across
     the flange."""
-    if not under_gravity(robot):
+    if not find_gravity_joints(robot):
         return None
     f = robot.n + 1
     screws = (Screw(f, "tx", Named("down_x")), Screw(f, "ty", Named("down_y")))

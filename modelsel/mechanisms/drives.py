@@ -1,4 +1,5 @@
-"""What turns unevenly: gears, encoders, bearings. Every one exists once a joint."""
+"""Drives: uneven gears, encoders and bearings, couplings, backlash and settling. Every one exists
+once a joint."""
 
 from __future__ import annotations
 
@@ -6,22 +7,30 @@ from ..robot.kinematics import Robot
 from .causes import Named, cos, q, sin
 from .terms import Mechanism, Screw, Term
 
-RUNOUT = (5e-6, 3e-3)  # rad at the joint
-SCALE = (1e-6, 1e-2)  # rad/rad
+# rad at the joint: usual size of a wave
+RUNOUT = (5e-6, 3e-3)
+# rad/rad: usual size of a scale error
+SCALE = (1e-6, 1e-2)
+# waves a turn that gear ripple is scanned over
 WAVES = tuple(range(3, 61))
 
 
 def revolute_joints(robot: Robot) -> tuple[int, ...]:
-    """Joints that turn."""
+    """List the joints that turn."""
     return tuple(j for j, joint in enumerate(robot.joints, 1) if not joint.prismatic)
 
 
 def all_joints(robot: Robot) -> tuple[int, ...]:
-    """Every joint."""
+    """List every joint."""
     return tuple(range(1, robot.n + 1))
 
 
-def wave(joint: int, count: float, axis: str, symbol: str) -> tuple[Term, Term]:
+def joint_axis(robot: Robot, joint: int) -> str:
+    """Return the axis that a joint moves along (tz) or about (rz)."""
+    return "tz" if robot.joints[joint - 1].prismatic else "rz"
+
+
+def wave_terms(joint: int, count: float, axis: str, symbol: str) -> tuple[Term, Term]:
     """A wave of unknown phase: sine and cosine of `count` times the joint's angle at one place of
     its frame."""
     angle = q(joint) if count == 1 else float(count) * q(joint)
@@ -35,7 +44,7 @@ def gear_eccentricity(robot: Robot, joint: int) -> Mechanism:
     """The output gear turns about a point beside its centre: once a turn."""
     return Mechanism(
         f"gear-eccentricity:{joint}",
-        wave(joint, 1, "rz", f"e{joint}"),
+        wave_terms(joint, 1, "rz", f"e{joint}"),
         f"Joint {joint} turns unevenly, once a turn: its gear runs out of centre.",
         f"θ{joint} = q{joint} + es sin(q{joint}) + ec cos(q{joint})",
         "Whitney, Lozinski & Rourke 1986",
@@ -46,7 +55,7 @@ def encoder_eccentricity(robot: Robot, joint: int) -> Mechanism:
     """What two reading heads leave of a disk's eccentricity, and an oval ring: twice a turn."""
     return Mechanism(
         f"encoder-eccentricity:{joint}",
-        wave(joint, 2, "rz", f"d{joint}"),
+        wave_terms(joint, 2, "rz", f"d{joint}"),
         f"Joint {joint} turns unevenly, twice a turn: its encoder disk or ring is oval or read by two heads.",
         f"θ{joint} = q{joint} + ds sin(2 q{joint}) + dc cos(2 q{joint})",
         "Lopez-Rubio et al. 2010, encoder errors",
@@ -57,7 +66,7 @@ def gear_ripple(robot: Robot, joint: int, waves: int) -> Mechanism:
     """Tooth mesh and strain-wave gears: some tens of waves a turn; the number is scanned."""
     return Mechanism(
         f"gear-ripple:{joint}",
-        wave(joint, waves, "rz", f"r{joint}"),
+        wave_terms(joint, waves, "rz", f"r{joint}"),
         f"Joint {joint} turns unevenly: {waves} waves per turn, gear ripple.",
         f"θ{joint} = q{joint} + rs sin({waves} q{joint}) + rc cos({waves} q{joint})",
         "Tuttle & Seering 1996, harmonic-drive gear transmission",
@@ -66,11 +75,10 @@ def gear_ripple(robot: Robot, joint: int, waves: int) -> Mechanism:
 
 def encoder_scale(robot: Robot, joint: int) -> Mechanism:
     """The joint moves a little more or less than its encoder counts."""
-    slides = robot.joints[joint - 1].prismatic
-    cause = q(joint, robot.unit(joint))
+    screw = Screw(joint, joint_axis(robot, joint), q(joint, robot.unit(joint)))
     return Mechanism(
         f"encoder-scale:{joint}",
-        (Term(f"s{joint}", (Screw(joint, "tz" if slides else "rz", cause),), SCALE),),
+        (Term(f"s{joint}", (screw,), SCALE),),
         f"Joint {joint} moves more (or less) than its encoder says, in proportion.",
         f"θ{joint} = (1 + s) q{joint}",
         "Whitney, Lozinski & Rourke 1986",
@@ -80,7 +88,9 @@ def encoder_scale(robot: Robot, joint: int) -> Mechanism:
 def axis_wobble(robot: Robot, joint: int, waves: int) -> Mechanism:
     """The joint's axis tilts as its bearing turns: once a turn (an inclined race) or twice (an oval
     one)."""
-    terms = wave(joint, waves, "rx", f"x{joint}") + wave(joint, waves, "ry", f"y{joint}")
+    terms = wave_terms(joint, waves, "rx", f"x{joint}") + wave_terms(
+        joint, waves, "ry", f"y{joint}"
+    )
     return Mechanism(
         f"axis-wobble:{joint}",
         terms,
@@ -144,22 +154,21 @@ def overshoot(robot: Robot, joint: int) -> Mechanism:
 
 def _side(robot: Robot, joint: int, symbol: str, sign: int) -> Term:
     """A turn (or shift) of a joint by the direction of its last motion."""
-    axis = "tz" if robot.joints[joint - 1].prismatic else "rz"
+    axis = joint_axis(robot, joint)
     size = (1e-3, 2.0) if axis == "tz" else (2e-6, 5e-3)
     return Term(symbol, (Screw(joint, axis, Named(f"approach{joint}")),), size, sign)
+
+
+def _last_move(robot: Robot, joint: int) -> Screw:
+    """A joint's own motion, by the size and direction of its last move."""
+    cause = Named(f"approach{joint}") * Named(f"move{joint}", robot.unit(joint))
+    return Screw(joint, joint_axis(robot, joint), cause)
 
 
 def read_too_early(robot: Robot) -> Mechanism:
     """Every joint was read before the arm stood still: one lag, a share of each joint's last
     move."""
-    screws = tuple(
-        Screw(
-            j,
-            "tz" if joint.prismatic else "rz",
-            Named(f"approach{j}") * Named(f"move{j}", robot.unit(j)),
-        )
-        for j, joint in enumerate(robot.joints, 1)
-    )
+    screws = tuple(_last_move(robot, j) for j in all_joints(robot))
     return Mechanism(
         "fault:read-too-early",
         (Term("lag", screws, (1e-6, 5e-2), 1),),
@@ -170,14 +179,12 @@ def read_too_early(robot: Robot) -> Mechanism:
     )
 
 
-def settle(robot: Robot, joint: int) -> Mechanism:
+def settling(robot: Robot, joint: int) -> Mechanism:
     """Joints read (or the target measured) before the arm stood still: a share of the last move is
     still missing."""
-    slides = robot.joints[joint - 1].prismatic
-    cause = Named(f"approach{joint}") * Named(f"move{joint}", robot.unit(joint))
     return Mechanism(
         f"settle:{joint}",
-        (Term(f"m{joint}", (Screw(joint, "tz" if slides else "rz", cause),), (1e-6, 1e-2), -1),),
+        (Term(f"m{joint}", (_last_move(robot, joint),), (1e-6, 1e-2), -1),),
         f"Joint {joint} had not settled when it was measured: a share of its last move was still missing.",
         f"θ{joint} = q{joint} + m · last move of joint {joint}",
         "ISO 9283, position stabilisation time",

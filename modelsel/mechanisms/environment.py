@@ -30,12 +30,12 @@ def _along(robot: Robot, vector: Array, frame: int, cause: Cause) -> tuple[Screw
     )
 
 
-def warmth(reference: float = REFERENCE) -> Cause:
+def temperature_rise(reference: float = REFERENCE) -> Cause:
     """Temperature, counted from the reference [°C]."""
     return shifted(Named(TEMPERATURE, "°C"), -reference)
 
 
-def counted(cause: Cause) -> frozenset[float]:
+def find_references(cause: Cause) -> frozenset[float]:
     """From which temperatures [°C] a cause counts: none where it does not look at any."""
     match cause:
         case Combined("-", Named(name), Number(reference)) if name == TEMPERATURE:
@@ -43,9 +43,9 @@ def counted(cause: Cause) -> frozenset[float]:
         case Combined("+", Named(name), Number(reference)) if name == TEMPERATURE:
             return frozenset((-reference,))
         case Combined(_, left, right):
-            return counted(left) | counted(right)
+            return find_references(left) | find_references(right)
         case Applied(_, argument):
-            return counted(argument)
+            return find_references(argument)
         case Named(name) if name == TEMPERATURE:
             return frozenset((0.0,))
     return frozenset()
@@ -55,7 +55,7 @@ def growth_screws(robot: Robot, link: int, reference: float = REFERENCE) -> tupl
     """Screws that lengthen link `link`: from joint `link` to the next frame (0: from frame 0 to
     joint 1)."""
     N = robot.joints[link].before if link < robot.n else robot.last
-    return _along(robot, N[:3, :3].T @ N[:3, 3], link + 1, warmth(reference))
+    return _along(robot, N[:3, :3].T @ N[:3, 3], link + 1, temperature_rise(reference))
 
 
 def growing_links(robot: Robot) -> tuple[int, ...]:
@@ -69,7 +69,7 @@ def thermal_growth(robot: Robot, link: int, reference: float = REFERENCE) -> Mec
         f"thermal-growth:{link}",
         (Term(f"g{link}", growth_screws(robot, link, reference), (1e-6, 1e-4), 1),),
         f"Link {link} grows with temperature, counted from {reference:g} °C.",
-        f"length of link {link} · (1 + g ({warmth(reference)}))",
+        f"length of link {link} · (1 + g ({temperature_rise(reference)}))",
         "ISO 230-3, thermal effects; ISO 1, 20 °C",
     )
 
@@ -83,7 +83,7 @@ def thermal_expansion(robot: Robot, reference: float = REFERENCE) -> Mechanism |
         "thermal-expansion",
         (Term("g", screws, (1e-6, 1e-4), 1),),
         f"The whole arm grows with temperature, counted from {reference:g} °C.",
-        f"every length · (1 + g ({warmth(reference)}))",
+        f"every length · (1 + g ({temperature_rise(reference)}))",
         "ISO 230-3, thermal effects; ISO 1, 20 °C",
     )
 
@@ -93,9 +93,9 @@ def thermal_zero(robot: Robot, joint: int, reference: float = REFERENCE) -> Mech
     axis = "tz" if robot.joints[joint - 1].prismatic else "rz"
     return Mechanism(
         f"thermal-zero:{joint}",
-        (Term(f"z{joint}", (Screw(joint, axis, warmth(reference)),), (1e-7, 1e-3)),),
+        (Term(f"z{joint}", (Screw(joint, axis, temperature_rise(reference)),), (1e-7, 1e-3)),),
         f"The zero of joint {joint} wanders with temperature, counted from {reference:g} °C.",
-        f"θ{joint} = q{joint} + z ({warmth(reference)})",
+        f"θ{joint} = q{joint} + z ({temperature_rise(reference)})",
         "ISO 230-3, thermal effects; ISO 1, 20 °C",
     )
 
@@ -121,7 +121,7 @@ def tracker_drift(robot: Robot, knots: float) -> Mechanism:
     )
 
 
-def after(at: float) -> Cause:
+def step_after(at: float) -> Cause:
     """0 before a moment of the campaign, 1 after it: its coefficient is the whole move."""
     return (sign(PROGRESS - at) + 1.0) / 2.0
 
@@ -129,7 +129,7 @@ def after(at: float) -> Cause:
 def target_step(robot: Robot, at: float) -> Mechanism:
     """The target was moved on the flange (or the tool slipped) at some moment: its offset, by how
     much; the moment is scanned."""
-    cause = after(at)
+    cause = step_after(at)
     return Mechanism(
         "target-step",
         tuple(Term(f"s{a}", (Screw(robot.n + 1, a, cause),), STEP["t"]) for a in AXES[:3]),
@@ -142,7 +142,7 @@ def target_step(robot: Robot, at: float) -> Mechanism:
 def tracker_step(robot: Robot, at: float) -> Mechanism:
     """The tracker (or the base) was moved at some moment: all six, by how much; the moment is
     scanned."""
-    cause = after(at)
+    cause = step_after(at)
     return Mechanism(
         "tracker-step",
         tuple(Term(f"j{a}", (Screw(1, a, cause),), STEP[a[0]]) for a in AXES),

@@ -44,7 +44,7 @@ def _term(frame: int, axis: str, usual: float, cause: Cause = ONE, label: str = 
     )
 
 
-def setup(
+def build_setup(
     robot: Robot,
     targets: int,
     groups: int,

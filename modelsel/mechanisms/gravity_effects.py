@@ -3,7 +3,7 @@ base."""
 
 from __future__ import annotations
 
-from ..robot.gravity import ArmPair, arm_pair, under_gravity
+from ..robot.gravity import ArmPair, find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .causes import Cause, Named, Number, cos, q, shifted, sign, torque
@@ -14,12 +14,12 @@ TWIST = (2e-5, 1e-2)  # rad at full lever: 10 N m … 1 kN m over 1e5 … 1e6 N 
 BACKLASH = (2e-5, 2e-3)  # rad
 
 
-def near(pair: ArmPair) -> Cause:
+def upper_arm_lever(pair: ArmPair) -> Cause:
     """Lever of the upper arm: cos(q2) on the paper's arm."""
     return cos(shifted(q(pair.upper), pair.near_phase))
 
 
-def far(pair: ArmPair) -> Cause:
+def forearm_lever(pair: ArmPair) -> Cause:
     """Lever of the forearm: cos(q2+q3) on the paper's arm."""
     both = q(pair.upper) + q(pair.fore) if pair.parallel > 0 else q(pair.upper) - q(pair.fore)
     return cos(shifted(both, pair.far_phase))
@@ -27,32 +27,32 @@ def far(pair: ArmPair) -> Cause:
 
 def joint2_twist(robot: Robot) -> Mechanism | None:
     """h1, h2: the shoulder drive winds up under forearm and upper arm."""
-    if (pair := arm_pair(robot)) is None:
+    if (pair := find_arm_pair(robot)) is None:
         return None
     j = pair.upper
     return Mechanism(
         "joint2-twist",
         (
-            Term("h1", (Screw(j, "rz", far(pair)),), TWIST, pair.far_sign),
-            Term("h2", (Screw(j, "rz", near(pair)),), TWIST, pair.near_sign),
+            Term("h1", (Screw(j, "rz", forearm_lever(pair)),), TWIST, pair.far_sign),
+            Term("h2", (Screw(j, "rz", upper_arm_lever(pair)),), TWIST, pair.near_sign),
         ),
         f"Joint {j} winds up under the weight of the upper arm and the forearm.",
-        f"θ{j} = q{j} + h1 {far(pair)} + h2 {near(pair)}",
+        f"θ{j} = q{j} + h1 {forearm_lever(pair)} + h2 {upper_arm_lever(pair)}",
         PAPER,
     )
 
 
 def joint3_twist(robot: Robot) -> Mechanism | None:
     """h3: the elbow drive winds up under the forearm."""
-    if (pair := arm_pair(robot)) is None:
+    if (pair := find_arm_pair(robot)) is None:
         return None
     j = pair.fore
     sign_here = pair.far_sign * pair.parallel  # the elbow's own axis may point the other way
     return Mechanism(
         "joint3-twist",
-        (Term("h3", (Screw(j, "rz", far(pair)),), TWIST, sign_here),),
+        (Term("h3", (Screw(j, "rz", forearm_lever(pair)),), TWIST, sign_here),),
         f"Joint {j} winds up under the weight of the forearm.",
-        f"θ{j} = q{j} + h3 {far(pair)}",
+        f"θ{j} = q{j} + h3 {forearm_lever(pair)}",
         PAPER,
     )
 
@@ -79,9 +79,9 @@ def backlash(robot: Robot, joint: int) -> Mechanism:
     torque itself as cause, plus. On the paper's own arm, where the lever cos(q2+q3) is against the
     torque, the paper calls either sign backlash (its Table 3 has h3 = -1.686 and h4 = +0.235 mrad);
     there the sentence says which of them was found."""
-    pair, cause, direction = arm_pair(robot), sign(torque(joint)), 1
+    pair, cause, direction = find_arm_pair(robot), sign(torque(joint)), 1
     if pair is not None and joint == pair.fore:
-        cause, direction = sign(far(pair)), pair.far_sign * pair.parallel
+        cause, direction = sign(forearm_lever(pair)), pair.far_sign * pair.parallel
     against = (
         f"Joint {joint} steps against gravity where its torque changes sign: play would yield to it, so that this stands "
         "for something else, such as a spring that is not linear."
@@ -112,7 +112,7 @@ def base_screws(robot: Robot, axis: int, cause: Cause) -> tuple[Screw, ...]:
 
 def base_tilt(robot: Robot) -> Mechanism | None:
     """The foundation yields to the arm's moment about the two horizontal axes of frame 0."""
-    if not under_gravity(robot):
+    if not find_gravity_joints(robot):
         return None
     terms = tuple(
         Term(f"k{name}", base_screws(robot, axis, Named(f"moment_{name}", "N m")), (1e-8, 1e-4), 1)
@@ -151,8 +151,3 @@ def payload_tilt(robot: Robot) -> Mechanism | None:
         "rotation of frame 0 = p · payload_kg · horizontal lever of the target",
         "Whitney, Lozinski & Rourke 1986",
     )
-
-
-def gravity_joints(robot: Robot) -> tuple[int, ...]:
-    """Joints whose gravity torque changes with the configuration."""
-    return under_gravity(robot)

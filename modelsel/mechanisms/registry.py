@@ -12,11 +12,9 @@ from functools import partial
 
 from ..exceptions import StudyError, one_line, suggest
 from ..measurements.reference_temperature import REFERENCE
+from ..robot.gravity import find_gravity_joints
 from ..robot.kinematics import Robot
-from . import compliance, environment, geometry, gravity_effects
-from . import drives as couplings
-from . import drives as motion
-from . import drives as transmission
+from . import compliance, drives, environment, geometry, gravity_effects
 from .terms import Mechanism, unstorable
 
 
@@ -45,7 +43,7 @@ Entry = Callable[[Robot], Mechanism | None] | PerJoint | Scanned
 Registry = Mapping[str, Entry]
 
 
-def thermal(reference: float = REFERENCE) -> Registry:
+def build_thermal(reference: float = REFERENCE) -> Registry:
     """What temperature does, counted from the reference [°C]."""
     return {
         "thermal-growth": PerJoint(
@@ -53,7 +51,7 @@ def thermal(reference: float = REFERENCE) -> Registry:
         ),
         "thermal-expansion": partial(environment.thermal_expansion, reference=reference),
         "thermal-zero": PerJoint(
-            partial(environment.thermal_zero, reference=reference), transmission.all_joints
+            partial(environment.thermal_zero, reference=reference), drives.all_joints
         ),
     }
 
@@ -63,37 +61,33 @@ BUILTIN: Registry = {
     "joint2-twist": gravity_effects.joint2_twist,
     "joint3-twist": gravity_effects.joint3_twist,
     "gravity-twist": gravity_effects.gravity_twist,
-    "backlash": PerJoint(gravity_effects.backlash, gravity_effects.gravity_joints),
-    "wrist-coupling": PerJoint(couplings.wrist_coupling, couplings.wrist_joints),
+    "backlash": PerJoint(gravity_effects.backlash, find_gravity_joints),
+    "wrist-coupling": PerJoint(drives.wrist_coupling, drives.wrist_joints),
     "base-tilt": gravity_effects.base_tilt,
-    "gear-eccentricity": PerJoint(transmission.gear_eccentricity, transmission.revolute_joints),
-    "encoder-eccentricity": PerJoint(
-        transmission.encoder_eccentricity, transmission.revolute_joints
-    ),
-    "encoder-scale": PerJoint(transmission.encoder_scale, transmission.all_joints),
+    "gear-eccentricity": PerJoint(drives.gear_eccentricity, drives.revolute_joints),
+    "encoder-eccentricity": PerJoint(drives.encoder_eccentricity, drives.revolute_joints),
+    "encoder-scale": PerJoint(drives.encoder_scale, drives.all_joints),
     "gear-ripple": Scanned(
-        transmission.gear_ripple,
-        lambda robot, joint: transmission.WAVES,
-        transmission.revolute_joints,
+        drives.gear_ripple,
+        lambda robot, joint: drives.WAVES,
+        drives.revolute_joints,
     ),
-    "axis-wobble": Scanned(
-        transmission.axis_wobble, lambda robot, joint: (1, 2), transmission.revolute_joints
-    ),
+    "axis-wobble": Scanned(drives.axis_wobble, lambda robot, joint: (1, 2), drives.revolute_joints),
     "joint-compliance": Scanned(
-        compliance.joint_compliance, compliance.mass_choices, compliance.gravity_joints
+        compliance.joint_compliance, compliance.mass_choices, find_gravity_joints
     ),
-    "lateral-compliance": PerJoint(compliance.lateral_compliance, compliance.gravity_joints),
+    "lateral-compliance": PerJoint(compliance.lateral_compliance, find_gravity_joints),
     "link-bending": Scanned(
-        compliance.link_bending, compliance.mass_choices_beyond, compliance.links
+        compliance.link_bending, compliance.mass_choices_beyond, compliance.find_bending_links
     ),
-    "payload-deflection": PerJoint(compliance.payload_deflection, compliance.gravity_joints),
+    "payload-deflection": PerJoint(compliance.payload_deflection, find_gravity_joints),
     "payload-tilt": gravity_effects.payload_tilt,
     "counterbalance": compliance.counterbalance,
     "tool-droop": compliance.tool_droop,
-    "approach-backlash": PerJoint(motion.approach_backlash, transmission.all_joints),
-    "overshoot": PerJoint(motion.overshoot, transmission.all_joints),
-    "settle": PerJoint(motion.settle, transmission.all_joints),
-    **thermal(),
+    "approach-backlash": PerJoint(drives.approach_backlash, drives.all_joints),
+    "overshoot": PerJoint(drives.overshoot, drives.all_joints),
+    "settle": PerJoint(drives.settling, drives.all_joints),
+    **build_thermal(),
     "tracker-drift": Scanned(environment.tracker_drift, lambda robot: (1.0, 0.25, 0.1)),
     "tracker-step": Scanned(
         environment.tracker_step, lambda robot: environment.STEPS, range=(0.0, 1.0)
@@ -106,27 +100,29 @@ BUILTIN: Registry = {
 }
 
 
-def counted_from(registry: Registry, reference: float) -> Registry:
+def set_reference(registry: Registry, reference: float) -> Registry:
     """The registry with modelsel's own thermal mechanisms counted from a reference [°C]."""
-    own = thermal(reference)
+    thermal = build_thermal(reference)
     return {
-        name: own[name] if name in own and entry is BUILTIN[name] else entry
+        name: thermal[name] if name in thermal and entry is BUILTIN[name] else entry
         for name, entry in registry.items()
     }
 
 
-def faults(robot: Robot) -> tuple[Mechanism, ...]:
+def build_faults(robot: Robot) -> tuple[Mechanism, ...]:
     """Faults of the data that act as screws; naming offers them beside the mechanisms, under
     `fault:` names."""
     return (
-        motion.read_too_early(robot),
+        drives.read_too_early(robot),
         *(environment.tracker_bumped(robot, at) for at in environment.STEPS),
     )
 
 
-def parts(name: str, robot: Robot, registry: Registry = BUILTIN) -> tuple[Mechanism, ...]:
-    """The mechanisms a registered name stands for on this robot, one a joint and a constant where
-    it has them.
+def build_mechanisms(
+    name: str, robot: Robot, registry: Registry = BUILTIN
+) -> tuple[Mechanism, ...]:
+    """Build the mechanisms that a registered name stands for on this robot, one a joint and a
+    constant where it has them.
 
     "backlash:3" is joint 3's alone; "gear-ripple:4:23" is one constant of a scanned one. Empty
     where the name does not apply to the robot. Raises StudyError for an unknown name or joint."""
@@ -134,63 +130,80 @@ def parts(name: str, robot: Robot, registry: Registry = BUILTIN) -> tuple[Mechan
     if stem not in registry:
         raise StudyError(f'unknown mechanism "{name}". {suggest(stem, registry)}')
     entry = registry[stem]
-    takes_joint = (
-        isinstance(entry, PerJoint) or isinstance(entry, Scanned) and entry.joints is not None
-    )
-    if len(given) > takes_joint + isinstance(entry, Scanned):
-        raise StudyError(f'"{name}": {stem} takes {"a joint only" if takes_joint else "no joint"}.')
-    if isinstance(entry, (PerJoint, Scanned)) and entry.joints is not None:
-        joints = entry.joints(robot)
-        if given and given[0] not in map(str, joints):
-            where = (
-                f"no joint of {robot.name}"
-                if not joints
-                else f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))} of {robot.name}"
-            )
-            raise StudyError(f'"{name}": {stem} applies to {where}.')
-        places: tuple[tuple[int, ...], ...] = tuple(
-            (j,) for j in joints if not given or str(j) == given[0]
-        )
-    else:
-        places = ((),)
-    if isinstance(entry, Scanned):
-        wanted = given[takes_joint] if len(given) > takes_joint else None
-        out = tuple(
-            entry.build(robot, *place, constant)
-            for place in places
-            for constant in entry.constants(robot, *place)
-            if wanted is None or wanted == f"{constant:g}"
-        )
-        if wanted is not None and not out:
-            raise StudyError(f'"{name}": {wanted} is not among the constants of {stem}.')
-        return out
+    is_scanned = isinstance(entry, Scanned)
+    has_joints = isinstance(entry, (PerJoint, Scanned)) and entry.joints is not None
+    if len(given) > has_joints + is_scanned:
+        parts = "a joint only" if has_joints else "no joint"
+        raise StudyError(f'"{name}": {stem} takes {parts}.')
+    joint = given.pop(0) if given and has_joints else None
     if isinstance(entry, PerJoint):
-        return tuple(entry.build(robot, j) for (j,) in places)
+        return tuple(entry.build(robot, j) for j in _choose_joints(name, joint, robot, entry))
+    if isinstance(entry, Scanned):
+        return _build_scanned(name, joint, given[0] if given else None, robot, entry)
     built = entry(robot)
     return () if built is None else (built,)
 
 
+def _choose_joints(
+    name: str, joint: str | None, robot: Robot, entry: PerJoint | Scanned
+) -> tuple[int, ...]:
+    """Choose the joints of an entry that a name stands for: one, or all that it applies to. Raises
+    StudyError for a joint that it does not apply to."""
+    joints = () if entry.joints is None else entry.joints(robot)
+    if joint is None:
+        return joints
+    if joint in map(str, joints):
+        return (int(joint),)
+    where = f"no joint of {robot.name}"
+    if joints:
+        plural = "s" if len(joints) > 1 else ""
+        where = f"joint{plural} {', '.join(map(str, joints))} of {robot.name}"
+    raise StudyError(f'"{name}": {name.partition(":")[0]} applies to {where}.')
+
+
+def _build_scanned(
+    name: str, joint: str | None, constant: str | None, robot: Robot, entry: Scanned
+) -> tuple[Mechanism, ...]:
+    """Build a scanned entry's mechanisms, of one constant or all. Raises StudyError for a constant
+    that is not scanned."""
+    places: list[tuple[int, ...]] = [()]
+    if entry.joints is not None:
+        places = [(j,) for j in _choose_joints(name, joint, robot, entry)]
+    built = [
+        entry.build(robot, *place, value)
+        for place in places
+        for value in entry.constants(robot, *place)
+        if constant is None or constant == f"{value:g}"
+    ]
+    if constant is not None and not built:
+        stem = name.partition(":")[0]
+        raise StudyError(f'"{name}": {constant} is not among the constants of {stem}.')
+    return tuple(built)
+
+
 def mechanism(name: str, robot: Robot, registry: Registry = BUILTIN) -> Mechanism:
-    """One mechanism for a name: all its joints together where it has joints; of a scanned one
+    """Build one mechanism for a name: all its joints together where it has joints; of a scanned one
     without its constant, the first. Raises StudyError where none applies."""
-    found = {m.name: m for m in reversed(parts(name, robot, registry))}
-    if not found:
+    first: dict[str, Mechanism] = {}
+    for built in build_mechanisms(name, robot, registry):
+        first.setdefault(built.name, built)
+    if not first:
         raise StudyError(f'"{name}" does not apply to {robot.name}.')
-    each = tuple(reversed(found.values()))
+    each = tuple(first.values())
     if len(each) == 1:
         return each[0]
     return Mechanism(
         name,
-        tuple(t for part in each for t in part.terms),
-        " ".join(p.sentence for p in each),
-        "; ".join(p.equation for p in each),
+        tuple(term for m in each for term in m.terms),
+        " ".join(m.sentence for m in each),
+        "; ".join(m.equation for m in each),
         each[0].source,
     )
 
 
 def every(robot: Robot, registry: Registry = BUILTIN) -> tuple[Mechanism, ...]:
     """Every mechanism that applies to the robot, one a joint and a constant where it has them."""
-    return tuple(part for name in registry for part in parts(name, robot, registry))
+    return tuple(part for name in registry for part in build_mechanisms(name, robot, registry))
 
 
 def with_plugins(
@@ -201,41 +214,48 @@ def with_plugins(
     `robot`, where one is given."""
     from importlib.metadata import entry_points
 
-    table, broken = dict(registry), {}
-    for point in sorted(entry_points(group="modelsel.mechanisms"), key=lambda p: p.name):
+    table = dict(registry)
+    broken: dict[str, str] = {}
+    for point in sorted(entry_points(group="modelsel.mechanisms"), key=lambda point: point.name):
         try:
             offered = dict(point.load()())
         except Exception as error:  # noqa: BLE001  a stranger's code may fail in any way; it is listed and stops nothing
             broken[point.name] = one_line(f"{type(error).__name__}: {error}")
             continue
         for name, entry in offered.items():
-            wrong = (
-                f'the name "{name}" is taken'
-                if name in table
-                else None
-                if robot is None
-                else unsound(name, entry, robot)
-            )
-            if wrong is None:
+            problem = None
+            if name in table:
+                problem = f'the name "{name}" is taken'
+            elif robot is not None:
+                problem = find_entry_problem(name, entry, robot)
+            if problem is None:
                 table[name] = entry
             else:
-                broken[one_line(f"{point.name}, {name}")] = one_line(wrong)
+                broken[one_line(f"{point.name}, {name}")] = one_line(problem)
     return table, broken
 
 
-def unsound(name: str, entry: Entry, robot: Robot) -> str | None:
-    """What keeps a stranger's entry from being used on a robot, in words; None where it can be
+def find_entry_problem(name: str, entry: Entry, robot: Robot) -> str | None:
+    """Find what keeps a stranger's entry from being used on a robot, in words; None where it can be
     built and printed."""
     try:
-        for m in parts(name, robot, {name: entry}):
-            if m.name.partition(":")[0] != name:
-                return f'it is registered as "{name}" and calls itself "{m.name}"'
-            for t in m.terms:
-                if not t.screws or any(s.frame > robot.n + 1 for s in t.screws):
-                    return f"{t.symbol} drives no screw, or one on a frame that {robot.name} does not have"
-                str((t.unit, *t.screws))
-            if (why := unstorable(m)) is not None:
-                return why
+        for built in build_mechanisms(name, robot, {name: entry}):
+            problem = _find_mechanism_problem(name, built, robot)
+            if problem is not None:
+                return problem
     except Exception as error:  # noqa: BLE001  as above
         return f"{type(error).__name__}: {error}"
     return None
+
+
+def _find_mechanism_problem(name: str, mechanism: Mechanism, robot: Robot) -> str | None:
+    if mechanism.stem != name:
+        return f'it is registered as "{name}" and calls itself "{mechanism.name}"'
+    for term in mechanism.terms:
+        beyond = any(screw.frame > robot.n + 1 for screw in term.screws)
+        if beyond or not term.screws:
+            return (
+                f"{term.symbol} drives no screw, or one on a frame that {robot.name} does not have"
+            )
+        str((term.unit, *term.screws))  # raises for what cannot be printed
+    return unstorable(mechanism)

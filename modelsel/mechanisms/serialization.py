@@ -16,7 +16,7 @@ from pydantic import (
     model_validator,
 )
 
-from .._names import TEXT, plain_word, unfit
+from .._names import MAX_TEXT_LENGTH, find_name_problem, is_plain_word
 from .._records import Number as FiniteNumber
 from .._records import OneOf, Pair, StrictRecord, Text, Whole, describe_problem
 from .._typing import LARGEST
@@ -26,7 +26,7 @@ from .causes import FUNCTIONS, RANK, Applied, Bump, Cause, Combined, Member, Nam
 from .terms import Mechanism, Screw, Term, foreign
 
 
-def mechanism_card(mechanism: Mechanism) -> dict[str, Any]:
+def describe_mechanism(mechanism: Mechanism) -> dict[str, Any]:
     """Describe a mechanism in plain values, for people and tables."""
 
     def expected(size: tuple[float, float] | None, sign: int) -> str:
@@ -59,13 +59,13 @@ def mechanism_card(mechanism: Mechanism) -> dict[str, Any]:
 
 
 def _check_word(name: str) -> str:
-    if not plain_word(name):
+    if not is_plain_word(name):
         raise ValueError(f'"{name[:40]}" is not a name of the state')
     return name
 
 
 def _check_name(name: str) -> str:
-    if (why := unfit(name, TEXT)) is not None:
+    if (why := find_name_problem(name, MAX_TEXT_LENGTH)) is not None:
         raise ValueError(f"not a mechanism's name: {why}")
     return name
 

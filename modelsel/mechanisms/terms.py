@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass, field
 
-from .._hashing import hashed_once
-from .._names import TEXT, unfit, unseen
+from .._hashing import cache_hash
+from .._names import MAX_TEXT_LENGTH, find_hidden_character, find_name_problem
 from ..robot.rigid import AXES
 from .causes import FUNCTIONS, ONE, Applied, Bump, Cause, Combined, Member, Named, Number
 
@@ -21,7 +21,7 @@ TermKey = tuple[Hashable, ...]
 LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
 
 
-@hashed_once
+@cache_hash
 @dataclass(frozen=True)
 class Screw:
     """WHERE x WHY: a small twist on one axis of one frame, scaled by its cause."""
@@ -199,12 +199,12 @@ def foreign(cause: Cause) -> str | None:
 
 def unstorable(mechanism: Mechanism) -> str | None:
     """Say why no calibration could store a mechanism, in a sentence; None where one can."""
-    misfit = unfit(mechanism.name, TEXT)
+    misfit = find_name_problem(mechanism.name, MAX_TEXT_LENGTH)
     if misfit is not None:
         return f"its name is not one: {misfit}."
     symbols = [term.symbol for term in mechanism.terms]
     texts = (mechanism.sentence, mechanism.equation, mechanism.source, *symbols)
-    character = unseen("".join(texts))
+    character = find_hidden_character("".join(texts))
     if character is not None:
         return (
             f"its texts hold U+{ord(character):04X}, which nobody sees and no report can show: "

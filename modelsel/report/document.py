@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..exceptions import StudyError, suggest
-from ..measurements.table import Where, where_of
+from ..measurements.table import Where, where_from_record
 from ..results.details_schema import DetailsRecord
 from ..results.schema import StudyRecord
 
@@ -26,7 +26,7 @@ class Source:
     def where(self) -> Where:
         """What the user calls the rows of the measurements."""
         places = self.details.places
-        return where_of(None if places is None else places.to_dict())
+        return where_from_record(None if places is None else places.to_dict())
 
     def add_figure(self, name: str, picture: bytes, caption: str, alt: str) -> Block:
         """Keep a picture and return its block: a caption that says what to see and a text for those who cannot."""

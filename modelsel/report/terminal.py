@@ -9,7 +9,7 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import sentence_list
-from ..measurements.table import where_of
+from ..measurements.table import where_from_record
 from ..notices import ALARMS
 from ..results.details_schema import DetailsRecord
 from ..results.model_schema import SignificanceRecord
@@ -243,7 +243,7 @@ def _figure(value: float | None) -> str:
 
 def write_sentences(record: StudyRecord, details: DetailsRecord) -> list[str]:
     """Write the study in words."""
-    where = where_of(None if details.places is None else details.places.to_dict())
+    where = where_from_record(None if details.places is None else details.places.to_dict())
     sentences = [
         *alarm_sentences(record),
         *hopeless_sentences(record),

@@ -16,7 +16,7 @@ from .._records import parse_record
 from .._typing import Array, Index
 from ..fitting.design import directions, field_of, residuals
 from ..fitting.problem import Problem
-from ..mechanisms.serialization import mechanism_card
+from ..mechanisms.serialization import describe_mechanism
 from ..mechanisms.terms import Mechanism
 from .details_schema import DetailsRecord
 from .map_details import describe_map
@@ -147,7 +147,7 @@ def _mentioned_mechanisms(run: StudyRun) -> list[Mechanism]:
 
 def _describe_card(mechanism: Mechanism) -> Values:
     """Return a mechanism's card, its pairs as lists."""
-    card: Values = mechanism_card(mechanism)
+    card: Values = describe_mechanism(mechanism)
     for term in card["terms"]:
         if term["size"] is not None:
             term["size"] = list(term["size"])

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from .._typing import Array
-from ..diagnosis.candidates import crowded
-from ..diagnosis.sentences import display
+from ..diagnosis.candidates import exceeds_cell_limit
+from ..diagnosis.sentences import format_length
 from ..diagnosis.stepwise import Diagnosis
 from ..fitting.problem import Problem
 from ..notices import Note
-from ..selection.evaluation import Evaluation, Split, surprise
+from ..selection.evaluation import Evaluation, Split, compare_held_out
 from .finding_records import Finding
 
 # how many times more held-out rows err than promised, to be said
@@ -58,12 +58,12 @@ def surprise_notes(split: Split, chosen: Evaluation) -> tuple[Note, ...]:
     held = ~split.estimation & ~split.outlying
     block = split.problem.data.block
     errors = np.linalg.norm(chosen.residual[held][:, :3], axis=1)
-    times, p = surprise(chosen.crossed, block[split.used], errors, block[held])
+    times, p = compare_held_out(chosen.crossed, block[split.used], errors, block[held])
     if times < MIN_SURPRISE or p > MAX_SURPRISE_P:
         return ()
     sentence = (
-        f"The held-out configurations err by {display(root_mean_square(errors))} rms where cross-validation within the "
-        f"estimation configurations promises {display(root_mean_square(chosen.crossed))} (by chance with probability "
+        f"The held-out configurations err by {format_length(root_mean_square(errors))} rms where cross-validation within the "
+        f"estimation configurations promises {format_length(root_mean_square(chosen.crossed))} (by chance with probability "
         f"{p:.1g}): something acts there that the estimation configurations do not show. Neither the findings nor "
         "their absence speak of it: let such configurations estimate, too."
     )
@@ -77,7 +77,7 @@ def root_mean_square(values: Array) -> float:
 
 def partial_map_notes(problem: Problem) -> tuple[Note, ...]:
     """Return the warning about an arm with so many joints that the error map is not whole."""
-    if not crowded(problem):
+    if not exceeds_cell_limit(problem):
         return ()
     sentence = (
         f"With {problem.robot.n} joints the whole error map is too large: causes nobody registered were looked for "

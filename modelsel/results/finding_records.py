@@ -12,7 +12,7 @@ from .._typing import Array, Index
 from ..diagnosis.candidates import Candidate
 from ..diagnosis.credible_sets import Entry
 from ..diagnosis.outliers import Fault
-from ..diagnosis.sentences import display, sentence
+from ..diagnosis.sentences import describe_effect, format_length
 from ..diagnosis.stepwise import Effect
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Bump, Cause
@@ -37,7 +37,7 @@ class Finding:
     @property
     def sentence(self) -> str:
         """In a metrologist's words, and whether held-out configurations speak against it."""
-        words = sentence(self.effect)
+        words = describe_effect(self.effect)
         if self.against:
             words += f" Held-out configurations speak against it: {self.against}."
         return words
@@ -48,7 +48,7 @@ class Finding:
         interval = self.gain.interval_mm
         if interval is None or interval[1] >= 0:
             return ""
-        low, high = display(-interval[1]), display(-interval[0])
+        low, high = format_length(-interval[1]), format_length(-interval[0])
         return f"their error grows by {low} to {high} rms with it (95 %)"
 
 

@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 
 from .._typing import Array, Index
-from ..diagnosis.sentences import display
-from ..diagnosis.unexplained import ENOUGH, VERY_MANY
+from ..diagnosis.sentences import format_length
+from ..diagnosis.unexplained import MIN_FLOOR_FREEDOM, STATED_FLOOR_FREEDOM
 from ..fitting.design import whitened
 from ..fitting.least_squares import Fit
 from ..fitting.noise import LACKING, MEDIAN, Floor
 from ..fitting.observation import LENGTH
 from ..fitting.problem import Problem
-from ..measurements.measurements import SAME_READING, Measurements
+from ..measurements.measurements import Measurements
+from ..measurements.visits import SAME_READING
 from ..mechanisms.terms import FixtureTerm
 from ..notices import Note
-from ..robot.rigid import turn
+from ..robot.rigid import rotation_matrix
 from ..selection.evaluation import Evaluation, Split
 from .finding_notes import MAX_SURPRISE_P, MIN_SURPRISE
 
@@ -63,7 +64,7 @@ def measure_lack_of_fit(chosen: Evaluation, floor: Floor | None, split: Split) -
     if floor is None or floor.source == "estimated":
         return None
     parts = _variances(chosen, floor, split.training())
-    if parts.freedom < 1 or parts.pure_freedom < ENOUGH or parts.pure <= 0:
+    if parts.freedom < 1 or parts.pure_freedom < MIN_FLOOR_FREEDOM or parts.pure <= 0:
         return None
     f = max(parts.total / parts.freedom / parts.pure, 0.0)
     sigma = floor.coordinate_mm * np.sqrt(parts.pure)
@@ -81,7 +82,7 @@ def _variances(chosen: Evaluation, floor: Floor, training: Problem) -> _Variance
     total = float(np.square(np.where(counted, white, 0.0)).sum())
     freedom = chosen.fit.freedom * int(counted.sum()) / training.coordinates
     if floor.source != "repeats":
-        known = MEDIAN * floor.freedom if np.isfinite(floor.freedom) else VERY_MANY
+        known = MEDIAN * floor.freedom if np.isfinite(floor.freedom) else STATED_FLOOR_FREEDOM
         return _Variances(total, freedom, 1.0, float(known))
     within, known = sum_pure_error(training)
     coordinates = 3 * len(training)
@@ -138,16 +139,16 @@ def _overstated_sentence(lack: LackOfFit) -> str:
     return (
         "The chosen model leaves less than the noise floor (lack-of-fit test: F = "
         f"{lack.f:.3g}, so little by chance with probability below {MAX_SURPRISE_P:g}): of the floor of "
-        f"{display(lack.floor_mm)} per coordinate it leaves {display(residual)}. The figure is too large."
+        f"{format_length(lack.floor_mm)} per coordinate it leaves {format_length(residual)}. The figure is too large."
     )
 
 
 def _unexplained_sentence(lack: LackOfFit) -> str:
-    interval = f"{display(lack.low_mm)} to {display(lack.high_mm)}"
+    interval = f"{format_length(lack.low_mm)} to {format_length(lack.high_mm)}"
     return (
         "The chosen model leaves more than the noise floor explains (lack-of-fit test: F = "
-        f"{lack.f:.3g}, by chance with probability {lack.p:.1g}): beyond the floor of {display(lack.floor_mm)} per "
-        f"coordinate, {display(lack.unexplained_mm)} (95 %: {interval}) is unexplained. Either the model lacks "
+        f"{lack.f:.3g}, by chance with probability {lack.p:.1g}): beyond the floor of {format_length(lack.floor_mm)} per "
+        f"coordinate, {format_length(lack.unexplained_mm)} (95 %: {interval}) is unexplained. Either the model lacks "
         "something, or the floor leaves out a part of the noise: what rows measured together share, or what changes "
         "from one approach to the next."
     )
@@ -199,7 +200,7 @@ def _locate_feature(problem: Problem, fitted: Fit, index: int, values: Array) ->
     feature, fixtures = problem.data.gauges.features[index], problem.fixtures
     position, normal = fixtures.centre[index] + values[:3], None
     if feature.kind == "plane":
-        tilt = turn(0, values[3]) @ turn(1, values[4])
+        tilt = rotation_matrix(0, values[3]) @ rotation_matrix(1, values[4])
         direction = tilt @ np.array([0.0, 0.0, 1.0]) @ fixtures.axes[index]
         position = fixtures.centre[index] + values[2] * direction
         normal = _triple(direction)

@@ -16,7 +16,7 @@ import numpy as np
 
 from .._typing import Array
 from ..diagnosis.error_map import ErrorMap
-from ..diagnosis.scan import basis
+from ..diagnosis.scan import compute_basis
 from ..fitting.design import PLACE, blocks, field_of
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Applied, Cause, Combined, Named, Number
@@ -167,7 +167,7 @@ def _beyond_base(problem: Problem, base: Evaluation) -> _Beyond:
     kept = columns[list(fitted.found.kept)].reshape(fitted.found.rank, residual.size)
     whole = slice(0, len(problem))
     field = field_of(problem, problem.pose(whole), whole)
-    return _Beyond(problem, basis(kept.T), residual.reshape(-1), field)
+    return _Beyond(problem, compute_basis(kept.T), residual.reshape(-1), field)
 
 
 def _place_slopes(

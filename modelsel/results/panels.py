@@ -16,7 +16,7 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..diagnosis.outliers import Fault
-from ..diagnosis.sentences import what
+from ..diagnosis.sentences import describe_candidate
 from ..fitting.design import PLACE, compute_columns
 from ..fitting.problem import Problem
 from ..mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named
@@ -163,7 +163,7 @@ def _describe_finding(finding: Finding, problem: Problem, field: Array, residual
         shown = [] if whole is None else [whole]
     return {
         "label": effect.candidate.label,
-        "what": what(effect.candidate, estimate),
+        "what": describe_candidate(effect.candidate, estimate),
         "panels": shown,
         "more_panels": max(len(panels) - MAX_PANELS, 0),
         "rivals": [entry.candidate.label for entry in effect.named.entries],

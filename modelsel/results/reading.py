@@ -6,8 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, TypeVar
 
-from .._json import read as read_text
-from .._json import strict
+from .._json import parse_json, read_json_text
 from .._records import StrictRecord, parse_record
 from ..exceptions import StudyError
 from .agreement import find_disagreement
@@ -33,7 +32,7 @@ def read_records(folder: Path) -> tuple[StudyRecord, DetailsRecord]:
 def _read_record(path: Path, model: type[Read], run: tuple[str, str] | None = None) -> Read:
     """Read one file; with `run`, refuse one that belongs to another."""
     try:
-        value = strict(read_text(path))
+        value = parse_json(read_json_text(path))
         _check_schema(path, value)
         if run is not None and _run_of(value) != run:
             raise StudyError(

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from .._json import plain
+from .._json import to_plain
 from .._records import parse_record
 from ..diagnosis.candidates import Candidate
 from ..measurements.measurements import Measurements
-from ..notices import HOPELESS, Note
+from ..notices import HOPELESS_FIT, Note
 from ..selection.branch_and_bound import Certified
-from ..selection.comparison import Comparison
-from ..selection.evaluation import Evaluation, turned
+from ..selection.comparison import SubsetComparison
+from ..selection.evaluation import Evaluation, measure_orientation
 from .finding_records import describe_fault, describe_finding, list_screws
 from .finding_schema import FAULT
 from .goodness_of_fit import describe_noise, locate_features, measure_lack_of_fit
@@ -28,7 +28,7 @@ Values = dict[str, Any]
 
 def record_run(run: StudyRun) -> StudyRecord:
     """Return result.json's content of a finished run: floats to 10 significant digits, undefined ones null."""
-    return parse_record(plain(_values(run)), StudyRecord)
+    return parse_record(to_plain(_values(run)), StudyRecord)
 
 
 def _values(run: StudyRun) -> Values:
@@ -75,8 +75,8 @@ def _verdict(run: StudyRun) -> tuple[str, ...]:
         run.study.model.candidates,
         diagnosis.nothing_else[0],
     )
-    hopeless = [note.sentence for note in run.warnings if note.code == HOPELESS]
-    orientation = turned(run.split, nominal, models.chosen)
+    hopeless = [note.sentence for note in run.warnings if note.code == HOPELESS_FIT]
+    orientation = measure_orientation(run.split, nominal, models.chosen)
     return complete_verdict(sentences, orientation, hopeless[0] if hopeless else None)
 
 
@@ -129,7 +129,7 @@ def describe_rung(evaluation: Evaluation) -> Values:
     }
 
 
-def describe_candidates(comparison: Comparison | None) -> Values:
+def describe_candidates(comparison: SubsetComparison | None) -> Values:
     """Return the table of subsets."""
     if comparison is None:
         return {"compared": 0, "choice": None, "considered": [], "set_aside": [], "best": []}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exceptions import StudyError
-from ..measurements.table import damaged
+from ..measurements.table import parquet_errors
 
 RESIDUALS = "residuals.parquet"
 HASHES = ("data_sha256", "study_sha256")
@@ -59,7 +59,7 @@ def read_residuals(path: Path, rows: int) -> tuple[dict[str, NDArray[Any]], tupl
         metadata = table.schema.metadata or {}
         hashes = {key.decode(): value.decode() for key, value in metadata.items()}
         _check_columns(columns, rows)
-    except damaged() as error:
+    except parquet_errors() as error:
         is_described = isinstance(error, _DamagedTableError)
         reason = str(error) if is_described else "it is no Parquet file, or a damaged one"
         raise StudyError(f"{path}: cannot be read: {reason}. Run the study again.") from None

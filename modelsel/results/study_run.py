@@ -19,7 +19,7 @@ from ..fitting.problem import Problem
 from ..fitting.undetermined import Unidentifiable
 from ..notices import Note
 from ..robot.kinematics import Robot
-from ..selection.comparison import Comparison
+from ..selection.comparison import SubsetComparison
 from ..selection.evaluation import Evaluation, Gain, Split
 from ..uncertainty.summary import Confidence
 from .finding_records import Finding
@@ -34,7 +34,7 @@ class ModelSearch:
     (None: not asked), and what the data do not determine of the chosen model."""
 
     ladder: tuple[Evaluation, ...]
-    comparison: Comparison | None
+    comparison: SubsetComparison | None
     chosen: Evaluation
     gain: Gain
     nested: Nested | None

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..measurements.table import Where
-from ..notices import HOPELESS, Note, alarms
+from ..notices import HOPELESS_FIT, Note, list_alarms
 from .finding_schema import EntryRecord, FindingRecord
 from .model_schema import RungRecord
 from .schema import FeatureRecord, StudyRecord
@@ -106,12 +106,12 @@ def opening_sentences(record: StudyRecord) -> list[str]:
 
 def alarm_sentences(record: StudyRecord) -> list[str]:
     """Return what in the set-up or the data looks wrong."""
-    return alarms([Note(warning.code, warning.sentence) for warning in record.warnings])
+    return list_alarms([Note(warning.code, warning.sentence) for warning in record.warnings])
 
 
 def hopeless_sentences(record: StudyRecord) -> list[str]:
     """Return what the verdict of a hopeless fit begins with; none of any other."""
-    return [warning.sentence for warning in record.warnings if warning.code == HOPELESS]
+    return [warning.sentence for warning in record.warnings if warning.code == HOPELESS_FIT]
 
 
 def gain_sentence(record: StudyRecord) -> str:

@@ -1,5 +1,5 @@
-"""Walking a chain without allocating: arrays kept by name, fixed transforms without their noughts,
-turns and crosses in place.
+"""Allocation-free kinematics kernels: named buffers, sparse constant transforms, in-place rotations
+and cross products.
 
 Every array has its components first and the configurations last, so that an operation is one
 stride."""
@@ -13,70 +13,78 @@ from typing import Any
 import numpy as np
 
 from .._typing import Array
+from .rigid import MIXED_AXES
 
-Frame = tuple[
-    Array, Array
-]  # its axes (3, 3, m) or (3, 3, 1), an axis a row, and its origin (3, m) or (3, 1)
+# a frame's axes (3, 3, m) or (3, 3, 1), an axis a row, and its origin (3, m) or (3, 1)
+Frame = tuple[Array, Array]
 # configurations x frames whose cross products are made together: few calls, and they stay in cache
-TOGETHER = 3000
-BASE: Frame = (np.eye(3)[:, :, None], np.zeros((3, 1)))
-Sparse = tuple[tuple[int, float], ...]  # (index, value) of what is not nought
+CROSS_PRODUCT_BLOCK = 3000
+BASE_FRAME: Frame = (np.eye(3)[:, :, None], np.zeros((3, 1)))
+# (index, value) of the non-zero entries of a vector
+SparseVector = tuple[tuple[int, float], ...]
+# for each axis the index it moves to and its sign; here every axis stays where it is
+AXES_IN_PLACE = ((0, 1.0), (1, 1.0), (2, 1.0))
+# what rounding leaves of cos 90°, and less, is zero
+ROUNDED_TO_ZERO = 1e-15
 
 
-def sparse(vector: Array) -> Sparse:
-    """What a vector has that is not nought: fixed transforms are mostly noughts."""
-    return tuple((i, v) for i, v in enumerate(vector.tolist()) if v)
+def nonzero_entries(vector: Array) -> SparseVector:
+    """List the non-zero entries of a vector; fixed transforms have few."""
+    return tuple((i, value) for i, value in enumerate(vector.tolist()) if value)
 
 
 @dataclass(frozen=True)
-class Fixed:
-    """A fixed transform: the `offset` of its origin on its own axes, these axes' `columns` on the
-    earlier ones, and where each of the earlier ones goes, (index, ±1), if it goes whole."""
+class FixedTransform:
+    """A fixed transform: the `offset` of its origin along its own axes, the `columns` of its
+    rotation in the earlier axes, and, where the rotation only permutes axes, the (index, ±1) that
+    each earlier axis `moves` to."""
 
-    offset: Sparse
-    columns: tuple[Sparse, ...]
+    offset: SparseVector
+    columns: tuple[SparseVector, ...]
     moves: tuple[tuple[int, float], ...]
 
     @staticmethod
-    def of(N: Array) -> Fixed:
-        """Of (4, 4); what rounding leaves of cos 90° is nought."""
-        R = np.where(np.abs(N[:3, :3]) < 1e-15, 0.0, N[:3, :3])
-        whole = bool(np.isin(R, (-1.0, 0.0, 1.0)).all())
-        return Fixed(
-            sparse(R.T @ N[:3, 3]),
-            tuple(sparse(column) for column in R.T),
-            tuple(sparse(row)[0] for row in R) if whole else (),
-        )
+    def of(N: Array) -> FixedTransform:
+        """Prepare a homogeneous transform (4, 4)."""
+        R = np.where(np.abs(N[:3, :3]) < ROUNDED_TO_ZERO, 0.0, N[:3, :3])
+        offset = nonzero_entries(R.T @ N[:3, 3])
+        columns = tuple(nonzero_entries(column) for column in R.T)
+        permutes_axes = bool(np.isin(R, (-1.0, 0.0, 1.0)).all())
+        moves = tuple(nonzero_entries(row)[0] for row in R) if permutes_axes else ()
+        return FixedTransform(offset, columns, moves)
 
 
 @dataclass(frozen=True, eq=False)
-class Space:
+class Workspace:
     """Arrays by name, made once for blocks of one size: walking the chain again then allocates
     nothing."""
 
     _arrays: dict[str, Array] = field(default_factory=dict)
-
     _values: dict[str, tuple[object, Any]] = field(default_factory=dict)
 
     def once(self, name: str, of: Any, make: Callable[[Any], Any]) -> Any:
-        """make(of), as long as it is asked of the same object."""
+        """Return make(of), computed once as long as the same object is asked for."""
         if name not in self._values or self._values[name][0] is not of:
             self._values[name] = of, make(of)
         return self._values[name][1]
 
     def array(self, name: str, *shape: int) -> Array:
-        """The array of that name and shape; its numbers are whatever was left in it."""
-        found = self._arrays.get(name)
-        if found is None or found.shape != shape:
-            found = self._arrays[name] = np.empty(shape)
-        return found
+        """Return the array of that name and shape; it holds whatever was last written to it."""
+        buffer = self._arrays.get(name)
+        if buffer is None or buffer.shape != shape:
+            buffer = np.empty(shape)
+            self._arrays[name] = buffer
+        return buffer
 
 
-def turns_of(q: Array, space: Space) -> Array:
-    """(n, 3, 3, m): cos, sin and −sin of the readings, thrice for the three components, from t =
-    tan(q/2): (1 − t²)/(1 + t²) and 2t/(1 + t²); numpy's tan is the fast one."""
+def compute_joint_turns(q: Array, space: Workspace) -> Array:
+    """Compute (n, 3, 3, m): cos, sin and −sin of the readings q (m, n), each three times for the
+    three components.
+
+    From t = tan(q/2): cos = 2/(1 + t²) − 1 and sin = 2t/(1 + t²); numpy's tan is the fast one."""
     m, n = q.shape
-    t, u = space.array("tan", n, m), space.array("square", n, m)
+    t = space.array("tan", n, m)  # becomes sin q
+    u = space.array("square", n, m)  # 1 + t², becomes cos q
     np.multiply(q.T, 0.5, out=t)
     np.tan(t, out=t)
     np.multiply(t, t, out=u)
@@ -85,97 +93,126 @@ def turns_of(q: Array, space: Space) -> Array:
     np.divide(2.0, u, out=u)
     t += t
     u -= 1.0
-    wide = space.array("turns", n, 3, 3, m)
-    wide[:, 0], wide[:, 1] = u[:, None], t[:, None]
-    np.negative(wide[:, 1], out=wide[:, 2])
-    return wide
+    turns = space.array("turns", n, 3, 3, m)
+    turns[:, 0] = u[:, None]
+    turns[:, 1] = t[:, None]
+    np.negative(turns[:, 1], out=turns[:, 2])
+    return turns
 
 
-def add(
+def add_weighted(
     out: Array, vectors: Array, weights: Sequence[tuple[int, Array | float]], scratch: Array
 ) -> None:
-    """out += Σ weight · vector over (which vector, weight)."""
-    for i, weight in weights:
-        np.multiply(vectors[i], weight, out=scratch)
+    """Add Σ weight · vector, over (index of the vector, weight), to `out` in place."""
+    for index, weight in weights:
+        np.multiply(vectors[index], weight, out=scratch)
         out += scratch
 
 
-def turn_into(axes: Array, columns: Sequence[Sparse], out: Array, scratch: Array) -> None:
-    """Axes (three of (3, m)) times a constant rotation, given by its columns, into out (3, 3,
+def rotate_by_fixed(
+    axes: Array, columns: Sequence[SparseVector], out: Array, scratch: Array
+) -> None:
+    """Multiply axes, three of (3, m), by a constant rotation given by its columns, into out (3, 3,
     m)."""
     for j, ((first, weight), *others) in enumerate(columns):
         np.multiply(axes[first], weight, out=out[j])
-        add(out[j], axes, others, scratch)
+        add_weighted(out[j], axes, others, scratch)
 
 
-def spin_into(
+def rotate_about_axis(
     axes: Array, axis: int, turn: Array, to: Sequence[tuple[int, float]], out: Array, scratch: Array
 ) -> None:
-    """Axes (3, 3, m) after a turn about one of them by an angle whose (cos; sin, −sin) stand in
-    `turn` (3, 3, m), each sent `to` a place in out (3, 3, m) with a sign."""
-    i, j = [(1, 2), (2, 0), (0, 1)][axis]
-    flat, there, angle = axes.reshape(3, -1), out.reshape(3, -1), turn.reshape(3, -1)
-    (first, sign), (second, other), (still, kept) = to[i], to[j], to[axis]
-    pair = there[first :: second - first][:2]
-    np.multiply(flat[i :: j - i][:2], angle[0], out=pair)
-    pair += np.multiply(flat[j :: i - j][:2], angle[1:], out=scratch.reshape(2, -1))
-    for row, turned in ((first, sign), (second, other)):
-        if turned < 0:
-            np.negative(there[row], out=there[row])
-    np.multiply(flat[axis], kept, out=there[still])
+    """Turn axes (3, 3, m) about one of them, and send each `to` a place in out (3, 3, m) with a
+    sign; `turn` (3, 3, m) holds cos, sin and −sin of the angle.
+
+    Both axes that the turn mixes are written by one product: [::step][:2] views rows i and j, in
+    this order, as one array, whichever comes first in memory."""
+    i, j = MIXED_AXES[axis]
+    source = axes.reshape(3, -1)
+    result = out.reshape(3, -1)
+    cos_sin = turn.reshape(3, -1)
+    (first, first_sign), (second, second_sign) = to[i], to[j]
+    still, still_sign = to[axis]
+    mixed = result[first :: second - first][:2]
+    np.multiply(source[i :: j - i][:2], cos_sin[0], out=mixed)
+    mixed += np.multiply(source[j :: i - j][:2], cos_sin[1:], out=scratch.reshape(2, -1))
+    if first_sign < 0:
+        np.negative(result[first], out=result[first])
+    if second_sign < 0:
+        np.negative(result[second], out=result[second])
+    np.multiply(source[axis], still_sign, out=result[still])
 
 
-SAME = ((0, 1.0), (1, 1.0), (2, 1.0))  # every axis stays where it is
+def apply_error_transform(axes: Array, origin: Array, entries: Array, space: Workspace) -> Frame:
+    """Apply a frame's error transform H to it: Trans, then Rx, Ry, Rz, each about the axis that the
+    earlier ones left it.
 
-
-def twisted(here: Array, origin: Array, entries: Array, space: Space) -> Frame:
-    """The frame after its H: Trans, then Rx, Ry, Rz, each about the axis that the earlier ones left
-    it; entries (6, m)."""
+    axes (6, 3, m): the frame's axes; the last three are overwritten by those its rotations turn
+    about. entries (6, m): a b c α β γ."""
     m = entries.shape[1]
-    two, turn = space.array("scratch", 2, 3, m), space.array("turn", 3, 3, m)
-    add(origin, here, tuple(enumerate(entries[:3])), two[0])
-    R = here[:3]
+    scratch = space.array("scratch", 2, 3, m)
+    turn = space.array("turn", 3, 3, m)
+    add_weighted(origin, axes, tuple(enumerate(entries[:3])), scratch[0])
+    R = axes[:3]
     for a in range(3):
-        here[3 + a] = R[a]
+        axes[3 + a] = R[a]
         angle = entries[3 + a]
-        alike = bool((angle == angle[:1]).all())  # most entries are: one cosine does for all rows
-        if not alike or angle[:1].any():
-            one = angle[:1] if alike else angle
-            turn[0], turn[1] = np.cos(one), np.sin(one)
-            np.negative(turn[1], out=turn[2])
-            out = space.array(f"twisted{a}", 3, 3, m)
-            spin_into(R, a, turn, SAME, out, two)
-            R = out
+        constant = bool((angle == angle[:1]).all())
+        if constant and not angle[:1].any():
+            continue
+        _fill_turn(turn, angle[:1] if constant else angle)  # one cosine does for all rows
+        turned = space.array(f"twisted{a}", 3, 3, m)
+        rotate_about_axis(R, a, turn, AXES_IN_PLACE, turned, scratch)
+        R = turned
     return R, origin
 
 
-def screws_into(field_: Array, origins: Array, target: Array, twisted: bool, space: Space) -> None:
-    """Axes (n+1, 6, c, m) become the screw field, in place: tx ty tz the axis, rx ry rz axis x
-    lever; with c = 6 the target frame's rotation below."""
-    frames, _, c, m = field_.shape
-    step = min(max(1, TOGETHER // max(m, 1)), frames)
-    levers, products = (
-        space.array("lever", step, 4, m),
-        space.array("product", step, 3, 3, m),
-    )  # x y z x: two components of
-    firsts = space.array("first", step, 3, m)  # a product are one stride
+def _fill_turn(turn: Array, angle: Array) -> None:
+    """Write cos, sin and −sin of an angle, (m,) or (1,), into turn (3, 3, m)."""
+    turn[0] = np.cos(angle)
+    turn[1] = np.sin(angle)
+    np.negative(turn[1], out=turn[2])
+
+
+def fill_screw_field(
+    field_: Array, origins: Array, target: Array, twisted: bool, space: Workspace
+) -> None:
+    """Turn axes (n+1, 6, c, m) into the screw field, in place: tx ty tz the axis, rx ry rz axis x
+    lever; with c = 6 the target frame's rotation below.
+
+    `twisted`: the rotational axes differ from the translational ones and stand in rows 3 to 5."""
+    frames, _, components, m = field_.shape
+    step = min(max(1, CROSS_PRODUCT_BLOCK // max(m, 1)), frames)
+    levers = space.array("lever", step, 4, m)
+    products = space.array("product", step, 3, 3, m)
+    last_components = space.array("first", step, 3, m)
     for start in range(0, frames, step):
-        some = field_[start : start + step]
-        n = len(some)
-        lever, product, first = levers[:n], products[:n], firsts[:n]
-        axes, out = some[:, 3:, :3] if twisted else some[:, :3, :3], some[:, 3:, :3]
-        np.subtract(target, origins[start : start + n], out=lever[:, :3])
-        lever[:, 3] = lever[:, 0]
-        if c == 6:
-            some[:, :3, 3:], some[:, 3:, 3:] = 0.0, axes
-        y, zx = lever[:, None, 1], lever[:, None, 2:]
-        np.multiply(axes[:, :, 2], y, out=product[:, :, 0])
-        np.multiply(axes[:, :, :2], zx, out=product[:, :, 1:])
-        if twisted:  # the axes stand where their products go
-            np.multiply(axes[:, :, 0], y, out=first)
-            np.multiply(axes[:, :, 1:], zx, out=out[:, :, :2])
-            out[:, :, 2] = first
-        else:
-            np.multiply(axes[:, :, 0], y, out=out[:, :, 2])
-            np.multiply(axes[:, :, 1:], zx, out=out[:, :, :2])
-        out -= product
+        block = field_[start : start + step]
+        lever = levers[: len(block)]
+        np.subtract(target, origins[start : start + step], out=lever[:, :3])
+        lever[:, 3] = lever[:, 0]  # x y z x: two components of a product are one stride
+        axes = block[:, 3:, :3] if twisted else block[:, :3, :3]
+        if components == 6:
+            block[:, :3, 3:] = 0.0
+            block[:, 3:, 3:] = axes
+        product = products[: len(block)]
+        aside = last_components[: len(block)] if twisted else None
+        _cross_into(block[:, 3:, :3], axes, lever, product, aside)
+
+
+def _cross_into(
+    out: Array, axes: Array, lever: Array, subtracted: Array, aside: Array | None
+) -> None:
+    """Write axes x lever to out (k, 3, 3, m); lever (k, 4, m) is x y z x, `subtracted` a buffer.
+
+    `aside` (k, 3, m): a buffer for the last component where `out` is where the axes stand."""
+    lever_y = lever[:, None, 1]
+    lever_zx = lever[:, None, 2:]
+    np.multiply(axes[:, :, 2], lever_y, out=subtracted[:, :, 0])
+    np.multiply(axes[:, :, :2], lever_zx, out=subtracted[:, :, 1:])
+    z = out[:, :, 2] if aside is None else aside
+    np.multiply(axes[:, :, 0], lever_y, out=z)
+    np.multiply(axes[:, :, 1:], lever_zx, out=out[:, :, :2])
+    if aside is not None:
+        out[:, :, 2] = aside
+    out -= subtracted

@@ -8,24 +8,25 @@ turns about an axis or slides along it goes into its own joint's row."""
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from .._typing import Array
 from ..exceptions import one_line
-from .kinematics import Robot
-from .rigid import inverse, transform, turn
+from .kinematics import Joint, Robot
+from .rigid import inverse, rotation_matrix, transform
 
-PARALLEL = (
-    1e-9  # rad: two axes closer than this have no common normal worth naming; 1e-6 mm at a metre
-)
-NEARLY = 0.02  # rad: below this, offsets along the axes are many times the link
+# rad: two axes closer than this have no common normal worth naming; 1e-6 mm at a metre
+PARALLEL_ANGLE = 1e-9
+# rad: below this, offsets along the axes are many times the link's length
+NEARLY_PARALLEL_ANGLE = 0.02
 
 
 @dataclass(frozen=True)
-class Rows:
+class DhRows:
     """`base` (4, 4) from frame 0 to the first row; one row a joint: θ [rad], d, a [mm], α [rad];
     `shift` (n, 4, 4): from a joint's frame in the chain to its frame here; `nearly` (k, k+1) joints
     whose axes are almost, not quite, parallel."""
@@ -36,81 +37,119 @@ class Rows:
     nearly: tuple[tuple[int, int], ...]
 
 
-def _normal(N: Array) -> tuple[float, float, float, float, float, float]:
-    """(φ, d, a, α, ψ, e) of a transform."""
-    u, p = N[:3, 2], N[:3, 3]
-    sine = float(np.hypot(u[0], u[1]))
-    if sine < PARALLEL:
-        phi, d, e = (
-            (float(np.arctan2(p[1], p[0])) if np.hypot(p[0], p[1]) > PARALLEL else 0.0),
-            float(p[2]),
-            0.0,
-        )
-        alpha = 0.0 if u[2] > 0 else np.pi
+@dataclass(frozen=True)
+class _CommonNormal:
+    """A transform between two axes: angles φ, α, ψ [rad], lengths d, a, e [mm]."""
+
+    phi: float = 0.0
+    d: float = 0.0
+    a: float = 0.0
+    alpha: float = 0.0
+    psi: float = 0.0
+    e: float = 0.0
+
+
+def _find_common_normal(N: Array) -> _CommonNormal:
+    """Decompose a transform (4, 4) along the first axis, the common normal and the second axis."""
+    axis, origin = N[:3, 2], N[:3, 3]
+    sine = float(np.hypot(axis[0], axis[1]))
+    if sine < PARALLEL_ANGLE:
+        on_axis = np.hypot(origin[0], origin[1]) <= PARALLEL_ANGLE
+        phi = 0.0 if on_axis else float(np.arctan2(origin[1], origin[0]))
+        alpha = 0.0 if axis[2] > 0 else np.pi
+        d, e = float(origin[2]), 0.0
     else:
-        phi = float(np.arctan2(u[0], -u[1]))
-        alpha = float(np.arctan2(sine, u[2]))
+        phi = float(np.arctan2(axis[0], -axis[1]))
+        alpha = float(np.arctan2(sine, axis[2]))
         across = np.array([-np.sin(phi), np.cos(phi), 0.0])
-        e = float(-(p @ across) / sine)
-        d = float(p[2] - e * u[2])
-    a = float(p[0] * np.cos(phi) + p[1] * np.sin(phi))
-    rest = (turn(2, phi) @ turn(0, alpha)).T @ N[:3, :3]
-    return phi, d, a, float(alpha), float(np.arctan2(rest[1, 0], rest[0, 0])), e
+        e = float(-(origin @ across) / sine)
+        d = float(origin[2] - e * axis[2])
+    a = float(origin[0] * np.cos(phi) + origin[1] * np.sin(phi))
+    to_second_axis = rotation_matrix(2, phi) @ rotation_matrix(0, alpha)
+    rest = to_second_axis.T @ N[:3, :3]
+    psi = float(np.arctan2(rest[1, 0], rest[0, 0]))
+    return _CommonNormal(phi, d, a, float(alpha), psi, e)
 
 
-def rows_of(robot: Robot, modified: bool) -> Rows:
-    """DH rows of a chain; `robot.last` stays as it is, after the last row."""
-    rows, shift, nearly = list[tuple[float, float, float, float]](), list[Array](), []
-    turned = slid = 0.0  # what the transform before left for this joint's own axis
-    before = (0.0, 0.0)  # the a and α that lead here
+def compute_dh_rows(robot: Robot, modified: bool) -> DhRows:
+    """Compute the DH rows of a chain; `robot.last` stays as it is, after the last row."""
+    rows = list[tuple[float, float, float, float]]()
+    shift = list[Array]()
+    nearly = list[tuple[int, int]]()
+    before = _CommonNormal()  # the transform that leads to this joint
     for k in range(robot.n):
-        phi = d = a = alpha = psi = e = 0.0
-        if k + 1 < robot.n:
-            phi, d, a, alpha, psi, e = _normal(robot.joints[k + 1].before)
-            if PARALLEL < np.sin(alpha) < NEARLY:
-                nearly.append((k + 1, k + 2))
-        rows.append((turned + phi, slid + d, *(before if modified else (a, alpha))))
-        shift.append(transform(turn(2, phi), (0.0, 0.0, d if modified else -slid)))
-        before, turned, slid = (a, alpha), psi, e
-    return Rows(robot.joints[0].before, tuple(rows), tuple(shift), tuple(nearly))
+        is_last = k + 1 == robot.n
+        after = _CommonNormal() if is_last else _find_common_normal(robot.joints[k + 1].before)
+        if PARALLEL_ANGLE < np.sin(after.alpha) < NEARLY_PARALLEL_ANGLE:
+            nearly.append((k + 1, k + 2))
+        link = before if modified else after
+        rows.append((before.psi + after.phi, before.e + after.d, link.a, link.alpha))
+        along = after.d if modified else -before.e
+        shift.append(transform(rotation_matrix(2, after.phi), (0.0, 0.0, along)))
+        before = after
+    return DhRows(robot.joints[0].before, tuple(rows), tuple(shift), tuple(nearly))
 
 
-def robot_file(robot: Robot, modified: bool, notes: Sequence[str] = ()) -> str:
-    """A robot file (TOML) of DH rows; numbers in full, masses and limits move along."""
-    found = rows_of(robot, modified)
-    lines = [
-        *(f"# {one_line(note)}" for note in notes),
-        f"name = {_text(robot.name)}",
-        f"source = {_text(robot.source)}",
-    ]
+def dh_table(robot: Robot, modified: bool) -> dict[str, Any]:
+    """Return a robot as the table of a robot file in DH rows, which `robot_from_table` reads;
+    masses and limits move along."""
+    dh = compute_dh_rows(robot, modified)
+    table: dict[str, Any] = {"name": robot.name, "source": robot.source}
     if robot.gravity is not None:
-        lines.append(f"gravity = {list(robot.gravity)}")
+        table["gravity"] = list(robot.gravity)
     if robot.usual != Robot.usual:
-        lines += [f"usual_mm = {robot.usual[0]!r}", f"usual_mrad = {robot.usual[1] * 1e3!r}"]
-    lines += [
-        f'convention = "{"modified" if modified else "standard"}"',
-        f"base_mm = {found.base[:3].tolist()}",
-    ]
-    for joint, row, shift in zip(robot.joints, found.rows, found.shift, strict=True):
-        theta, d, a, alpha = (
-            float(v) for v in (np.degrees(row[0]), row[1], row[2], np.degrees(row[3]))
-        )
-        lines += [
-            "",
-            "[[joint]]",
-            f"dh = {{ theta_deg = {theta!r}, d_mm = {d!r}, a_mm = {a!r}, alpha_deg = {alpha!r} }}",
-        ]
-        if joint.prismatic:
-            lines.append('kind = "prismatic"')
-        if joint.limits is not None:
-            scale, unit = (1.0, "mm") if joint.prismatic else (180 / np.pi, "deg")
-            lines.append(f"limits_{unit} = {[float(v * scale) for v in joint.limits]}")
-        if joint.mass is not None:
-            com = inverse(shift) @ [*joint.com, 1.0]
-            lines += [f"mass_kg = {joint.mass!r}", f"com_mm = {com[:3].tolist()}"]
-    return "\n".join([*lines, "", "[last]", f"transform_mm = {robot.last[:3].tolist()}"]) + "\n"
+        table["usual_mm"] = robot.usual[0]
+        table["usual_mrad"] = robot.usual[1] * 1e3
+    table["convention"] = "modified" if modified else "standard"
+    table["base_mm"] = dh.base[:3].tolist()
+    joints = zip(robot.joints, dh.rows, dh.shift, strict=True)
+    table["joint"] = [_joint_table(*joint) for joint in joints]
+    table["last"] = {"transform_mm": robot.last[:3].tolist()}
+    return table
 
 
-def _text(words: str) -> str:
-    """A TOML string."""
-    return json.dumps(words, ensure_ascii=False)
+def _joint_table(
+    joint: Joint, row: tuple[float, float, float, float], shift: Array
+) -> dict[str, Any]:
+    theta, d, a, alpha = row
+    row_values = {
+        "theta_deg": float(np.degrees(theta)),
+        "d_mm": float(d),
+        "a_mm": float(a),
+        "alpha_deg": float(np.degrees(alpha)),
+    }
+    table: dict[str, Any] = {"dh": row_values}
+    if joint.prismatic:
+        table["kind"] = "prismatic"
+    if joint.limits is not None:
+        key, scale = ("limits_mm", 1.0) if joint.prismatic else ("limits_deg", 180 / np.pi)
+        table[key] = [float(limit * scale) for limit in joint.limits]
+    if joint.mass is not None:
+        com = inverse(shift) @ [*joint.com, 1.0]
+        table["mass_kg"] = joint.mass
+        table["com_mm"] = com[:3].tolist()
+    return table
+
+
+def format_dh_file(robot: Robot, modified: bool, notes: Sequence[str] = ()) -> str:
+    """Write a robot as the text of a robot file (TOML) of DH rows; numbers in full."""
+    table = dh_table(robot, modified)
+    joints, last = table.pop("joint"), table.pop("last")
+    lines = [*(f"# {one_line(note)}" for note in notes), *_format_keys(table)]
+    for joint in joints:
+        lines += ["", "[[joint]]", *_format_keys(joint)]
+    lines += ["", "[last]", *_format_keys(last)]
+    return "\n".join(lines) + "\n"
+
+
+def _format_keys(table: Mapping[str, Any]) -> list[str]:
+    return [f"{key} = {_format_value(value)}" for key, value in table.items()]
+
+
+def _format_value(value: Any) -> str:
+    """Write a TOML value: text, a number in full, a list, or an inline table."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(_format_keys(value))} }}"
+    return repr(value)

@@ -3,24 +3,24 @@ any mixture."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .._json import PAIR, THREE, Each, Maybe
-from .._names import TEXT, unfit
-from .._text import read_text, toml
+from .._text import parse_toml, read_text
 from .._typing import LARGEST, Array
 from ..exceptions import StudyError, suggest
 from .kinematics import Joint, Robot
-from .rigid import align_z, inverse, rpy, transform, turn
+from .plain_values import check_robot_name
+from .rigid import align_z, from_rpy, inverse, rotation_matrix, transform
 
-FORMS = ("transform_mm", "xyz_mm", "dh")
+# the forms of a fixed transform, one of which every joint has
+JOINT_FORMS = ("transform_mm", "xyz_mm", "dh")
 JOINT_KEYS = {
-    *FORMS,
+    *JOINT_FORMS,
     "rpy_deg",
     "axis",
     "kind",
@@ -41,174 +41,219 @@ TOP_KEYS = {
     "usual_mm",
     "usual_mrad",
 }
-DH_KEYS = {"theta_deg", "d_mm", "a_mm", "alpha_deg"}
+DH_KEYS = ("theta_deg", "d_mm", "a_mm", "alpha_deg")
+JOINT_KINDS = ("revolute", "prismatic")
+DH_CONVENTIONS = ("standard", "modified")
+# a direction shorter than this has no length
+MIN_DIRECTION = 1e-9
+# entries of R Rᵀ of a rotation in a file differ from the identity's by less
+ROTATION_TOLERANCE = 1e-6
 
 
 class _Reader:
-    """Collects every problem of one file, so that all are said at once."""
+    """Reads values of one file and collects every problem, so that all are said at once."""
 
     def __init__(self, where: str):
-        self.where, self.problems = where, list[str]()
+        self.where = where
+        self.problems: list[str] = []
 
-    def say(self, place: str, what: str) -> None:
-        self.problems.append(
-            f"{self.where}: {place}: {what}{'' if what.endswith(('.', '?')) else '.'}"
-        )
+    def report(self, place: str, problem: str) -> None:
+        """Note a problem at a place of the file."""
+        stop = "" if problem.endswith((".", "?")) else "."
+        self.problems.append(f"{self.where}: {place}: {problem}{stop}")
 
-    def keys(self, place: str, table: Mapping[str, Any], known: set[str]) -> None:
+    def check_keys(self, place: str, table: Mapping[str, Any], known: set[str]) -> None:
+        """Note the keys of a table that are not known."""
         for key in table:
             if key not in known:
-                self.say(place, f'unknown key "{key}". {suggest(key, known)}')
+                self.report(place, f'unknown key "{key}". {suggest(key, known)}')
 
-    def numbers(self, place: str, value: Any, shape: tuple[int, ...]) -> Array:
-        """A finite array of the wanted shape; zeros, and a problem noted, where it is not one."""
+    def word(self, place: str, value: Any, choices: tuple[str, str]) -> str:
+        """Return one of two words; the first, and a problem noted, for any other value."""
+        if value in choices:
+            return str(value)
+        self.report(place, f'expected "{choices[0]}" or "{choices[1]}", found "{value}"')
+        return choices[0]
+
+    def array(self, place: str, value: Any, shape: tuple[int, ...]) -> Array:
+        """Return a finite array of the wanted shape; zeros, and a problem noted, for any other
+        value."""
         try:
-            out = np.array(value, dtype=float)
+            array = np.array(value, dtype=float)
         except (TypeError, ValueError, OverflowError):
-            out = np.array(np.nan)
-        if (
-            out.shape != shape
-            or not (np.abs(out) <= LARGEST).all()
-            or isinstance(value, (bool, str))
-        ):
-            wanted = (
-                " x ".join(map(str, shape)) + " finite numbers" if shape else "one finite number"
-            )
-            if out.shape == shape and np.isfinite(out).all():
-                wanted += f" below {LARGEST:g}"
-            self.say(place, f"expected {wanted}, found {str(value)[:120]}")
-            return np.zeros(shape)
-        return out
+            array = np.array(np.nan)
+        is_numeric = not isinstance(value, (bool, str))
+        if is_numeric and array.shape == shape and (np.abs(array) <= LARGEST).all():
+            return array
+        expected = "one finite number"
+        if shape:
+            expected = f"{' x '.join(map(str, shape))} finite numbers"
+        if array.shape == shape and np.isfinite(array).all():
+            expected += f" below {LARGEST:g}"
+        self.report(place, f"expected {expected}, found {str(value)[:120]}")
+        return np.zeros(shape)
+
+    def number(self, place: str, value: Any) -> float:
+        """Return a finite number; 0, and a problem noted, for any other value."""
+        return float(self.array(place, value, ()))
+
+    def vector(self, place: str, value: Any) -> tuple[float, float, float]:
+        """Return three finite numbers; zeros, and a problem noted, for any other value."""
+        x, y, z = self.array(place, value, (3,)).tolist()
+        return x, y, z
+
+    def direction(self, place: str, value: Any, problem: str) -> Array | None:
+        """Return a vector; None, and the problem noted, where it has no length."""
+        direction = self.array(place, value, (3,))
+        if np.linalg.norm(direction) >= MIN_DIRECTION:
+            return direction
+        self.report(place, problem)
+        return None
 
 
-def _form(read: _Reader, place: str, row: Mapping[str, Any], modified: bool) -> tuple[Array, Array]:
-    """(transform before the joint, what is left for the next row) of one joint or of [last]."""
-    given = [form for form in FORMS if form in row]
+def _read_transform(
+    read: _Reader, place: str, row: Mapping[str, Any], modified: bool
+) -> tuple[Array, Array]:
+    """Return (transform before the joint, what is left for the next row) of one joint or of
+    [last]."""
+    given = [form for form in JOINT_FORMS if form in row]
     if len(given) != 1:
-        read.say(
-            place,
-            f"give exactly one of {', '.join(FORMS)}"
-            + (f", not {' and '.join(given)}" if given else ""),
-        )
+        contrast = f", not {' and '.join(given)}" if given else ""
+        read.report(place, f"give exactly one of {', '.join(JOINT_FORMS)}{contrast}")
         return np.eye(4), np.eye(4)
     if given == ["transform_mm"]:
-        N = read.numbers(f"{place}.transform_mm", row["transform_mm"], (3, 4))
-        if (
-            N.any()
-            and np.abs(N[:, :3] @ N[:, :3].T - np.eye(3)).max() > 1e-6
-            or np.linalg.det(N[:, :3]) < 0
-        ):
-            read.say(f"{place}.transform_mm", "its first three columns are not a rotation")
-        return transform(N[:, :3], N[:, 3]), np.eye(4)
+        return _read_matrix(read, f"{place}.transform_mm", row["transform_mm"]), np.eye(4)
     if given == ["xyz_mm"]:
-        origin = transform(
-            rpy(*np.radians(read.numbers(f"{place}.rpy_deg", row.get("rpy_deg", (0, 0, 0)), (3,)))),
-            read.numbers(f"{place}.xyz_mm", row["xyz_mm"], (3,)),
-        )
-        axis = read.numbers(f"{place}.axis", row.get("axis", (0, 0, 1)), (3,))
-        if np.linalg.norm(axis) < 1e-9:
-            read.say(f"{place}.axis", "the axis has no length")
-            axis = np.array([0.0, 0.0, 1.0])
-        B = transform(align_z(axis))
-        return origin @ B, inverse(B)
-    dh = row["dh"]
-    if not isinstance(dh, Mapping):
-        read.say(f"{place}.dh", "expected { theta_deg = …, d_mm = …, a_mm = …, alpha_deg = … }")
+        return _read_origin(read, place, row)
+    return _read_dh(read, f"{place}.dh", row["dh"], modified)
+
+
+def _read_matrix(read: _Reader, place: str, value: Any) -> Array:
+    """Return the transform (4, 4) of its upper three rows."""
+    N = read.array(place, value, (3, 4))
+    R = N[:, :3]
+    deviates = N.any() and np.abs(R @ R.T - np.eye(3)).max() > ROTATION_TOLERANCE
+    if deviates or np.linalg.det(R) < 0:
+        read.report(place, "its first three columns are not a rotation")
+    return transform(R, N[:, 3])
+
+
+def _read_origin(read: _Reader, place: str, row: Mapping[str, Any]) -> tuple[Array, Array]:
+    """Return the transforms before and after a joint given as in a URDF: xyz, rpy, axis."""
+    angles = np.radians(read.array(f"{place}.rpy_deg", row.get("rpy_deg", (0, 0, 0)), (3,)))
+    offset = read.array(f"{place}.xyz_mm", row["xyz_mm"], (3,))
+    axis = read.direction(f"{place}.axis", row.get("axis", (0, 0, 1)), "the axis has no length")
+    to_axis = transform(None if axis is None else align_z(axis))
+    return transform(from_rpy(*angles), offset) @ to_axis, inverse(to_axis)
+
+
+def _read_dh(read: _Reader, place: str, row: Any, modified: bool) -> tuple[Array, Array]:
+    """Return the transforms before and after a joint given as a row of DH parameters."""
+    if not isinstance(row, Mapping):
+        read.report(place, "expected { theta_deg = …, d_mm = …, a_mm = …, alpha_deg = … }")
         return np.eye(4), np.eye(4)
-    read.keys(f"{place}.dh", dh, DH_KEYS)
-    theta, d, a, alpha = (
-        float(read.numbers(f"{place}.dh.{key}", dh.get(key, 0), ()))
-        for key in ("theta_deg", "d_mm", "a_mm", "alpha_deg")
-    )
-    Rz, Rx = transform(turn(2, np.radians(theta))), transform(turn(0, np.radians(alpha)))
+    read.check_keys(place, row, set(DH_KEYS))
+    theta, d, a, alpha = (read.number(f"{place}.{key}", row.get(key, 0)) for key in DH_KEYS)
+    Rz = transform(rotation_matrix(2, np.radians(theta)))
+    Rx = transform(rotation_matrix(0, np.radians(alpha)))
     Tz, Tx = transform(t=(0, 0, d)), transform(t=(a, 0, 0))
-    return (Rx @ Tx @ Tz @ Rz, np.eye(4)) if modified else (Rz, Tz @ Tx @ Rx)
+    if modified:
+        return Rx @ Tx @ Tz @ Rz, np.eye(4)
+    return Rz, Tz @ Tx @ Rx
 
 
-def _joint(read: _Reader, place: str, row: Mapping[str, Any], before: Array) -> Joint:
-    kind = row.get("kind", "revolute")
-    if kind not in ("revolute", "prismatic"):
-        read.say(f"{place}.kind", f'expected "revolute" or "prismatic", found "{kind}"')
+def _read_joint(read: _Reader, place: str, row: Mapping[str, Any], before: Array) -> Joint:
+    kind = read.word(f"{place}.kind", row.get("kind", "revolute"), JOINT_KINDS)
     prismatic = kind == "prismatic"
-    limits, key = None, "limits_mm" if prismatic else "limits_deg"
-    if key in row:
-        low, high = read.numbers(f"{place}.{key}", row[key], (2,)) * (
-            1 if prismatic else np.pi / 180
-        )
-        limits = (float(low), float(high))
-        if not low < high:
-            read.say(f"{place}.{key}", "the lower limit must be below the upper one")
-    mass = float(read.numbers(f"{place}.mass_kg", row["mass_kg"], ())) if "mass_kg" in row else None
-    com = read.numbers(f"{place}.com_mm", row.get("com_mm", (0, 0, 0)), (3,))
-    return Joint(before, prismatic, limits, mass, (float(com[0]), float(com[1]), float(com[2])))
+    limits = _read_limits(read, place, row, prismatic)
+    mass = read.number(f"{place}.mass_kg", row["mass_kg"]) if "mass_kg" in row else None
+    com = read.vector(f"{place}.com_mm", row.get("com_mm", (0, 0, 0)))
+    return Joint(before, prismatic, limits, mass, com)
 
 
-def _usual(read: _Reader, table: Mapping[str, Any]) -> tuple[float, float]:
-    """The usual size of such an arm's errors: (mm, rad)."""
-    sizes = [
-        float(read.numbers(key, table.get(key, 1.0), ())) for key in ("usual_mm", "usual_mrad")
-    ]
-    for key, size in zip(("usual_mm", "usual_mrad"), sizes, strict=True):
+def _read_limits(
+    read: _Reader, place: str, row: Mapping[str, Any], prismatic: bool
+) -> tuple[float, float] | None:
+    key, scale = ("limits_mm", 1) if prismatic else ("limits_deg", np.pi / 180)
+    if key not in row:
+        return None
+    low, high = read.array(f"{place}.{key}", row[key], (2,)) * scale
+    if not low < high:
+        read.report(f"{place}.{key}", "the lower limit must be below the upper one")
+    return float(low), float(high)
+
+
+def _read_usual(read: _Reader, table: Mapping[str, Any]) -> tuple[float, float]:
+    """Return the usual size of such an arm's errors: (mm, rad)."""
+    sizes = []
+    for key in ("usual_mm", "usual_mrad"):
+        size = read.number(key, table.get(key, 1.0))
+        sizes.append(size)
         if not size > 0:
-            read.say(
+            read.report(
                 key,
-                "expected a number above 0: the standard deviation of the arm's parameters about its drawing",
+                "expected a number above 0: the standard deviation of the arm's parameters "
+                "about its drawing",
             )
     return sizes[0], sizes[1] * 1e-3
 
 
+def _read_gravity(read: _Reader, table: Mapping[str, Any]) -> tuple[float, float, float] | None:
+    if "gravity" not in table:
+        return None
+    remedy = "the direction has no length; leave the key out where it is not known"
+    g = read.direction("gravity", table["gravity"], remedy)
+    if g is None:
+        return None
+    x, y, z = (g / float(np.linalg.norm(g))).tolist()
+    return x, y, z
+
+
+def _read_chain(
+    read: _Reader, table: Mapping[str, Any], rows: list[Mapping[str, Any]]
+) -> tuple[tuple[Joint, ...], Array]:
+    """Return the joints and the transform (4, 4) from the last of them to the flange."""
+    convention = table.get("convention", "standard")
+    modified = read.word("convention", convention, DH_CONVENTIONS) == "modified"
+    pending = np.eye(4)
+    if "base_mm" in table:  # frame 0 to where the first row starts: calibrated rows need it
+        pending = _read_matrix(read, "base_mm.transform_mm", table["base_mm"])
+    joints = []
+    for k, row in enumerate(rows, 1):
+        place = f"joint {k}"
+        read.check_keys(place, row, JOINT_KEYS)
+        before, after = _read_transform(read, place, row, modified)
+        joints.append(_read_joint(read, place, row, pending @ before))
+        pending = after
+    last = table.get("last")
+    if last is None:
+        return tuple(joints), pending
+    if not isinstance(last, Mapping):
+        read.report("last", "expected a table [last]")
+        return tuple(joints), pending
+    read.check_keys("last", last, JOINT_KEYS)
+    before, after = _read_transform(read, "last", last, modified)
+    return tuple(joints), pending @ before @ after
+
+
 def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
-    """The robot a TOML table describes; raises StudyError with every problem, each with its place
-    in `where`."""
+    """Build the robot that a TOML table describes. Raises StudyError with every problem, each with
+    its place in `where`."""
     read = _Reader(where)
-    read.keys("robot file", table, TOP_KEYS)
-    rows, last = table.get("joint"), table.get("last")
+    read.check_keys("robot file", table, TOP_KEYS)
+    rows = table.get("joint")
     if not isinstance(rows, list) or not rows or not all(isinstance(row, Mapping) for row in rows):
         raise StudyError(
             *read.problems,
             f"{where}: no [[joint]] found: one table per joint, from the base on, is expected.",
         )
-    convention = table.get("convention", "standard")
-    if convention not in ("standard", "modified"):
-        read.say("convention", f'expected "standard" or "modified", found "{convention}"')
-    pending, joints = np.eye(4), []
-    if "base_mm" in table:  # frame 0 to where the first row starts: calibrated rows need it
-        pending, _ = _form(read, "base_mm", {"transform_mm": table["base_mm"]}, False)
-    for k, row in enumerate(rows, 1):
-        place = f"joint {k}"
-        read.keys(place, row, JOINT_KEYS)
-        before, after = _form(read, place, row, convention == "modified")
-        joints.append(_joint(read, place, row, pending @ before))
-        pending = after
-    end = pending
-    if last is not None:
-        if isinstance(last, Mapping):
-            read.keys("last", last, JOINT_KEYS)
-            before, after = _form(read, "last", last, convention == "modified")
-            end = pending @ before @ after
-        else:
-            read.say("last", "expected a table [last]")
-    gravity = None
-    if "gravity" in table:
-        g = read.numbers("gravity", table["gravity"], (3,))
-        size = float(np.linalg.norm(g))
-        if size >= 1e-9:
-            gravity = (float(g[0] / size), float(g[1] / size), float(g[2] / size))
-        else:
-            read.say(
-                "gravity", "the direction has no length; leave the key out where it is not known"
-            )
+    name = str(table.get("name", Path(where).stem))
     source = " ".join(str(table.get("source", "not stated")).split())
-    robot = Robot(
-        str(table.get("name", Path(where).stem)),
-        source,
-        tuple(joints),
-        end,
-        gravity,
-        _usual(read, table),
-    )
+    joints, last = _read_chain(read, table, rows)
+    gravity = _read_gravity(read, table)
+    robot = Robot(name, source, joints, last, gravity, _read_usual(read, table))
     try:
-        named(robot)
+        check_robot_name(robot)
     except ValueError as error:
         read.problems.append(f"{where}: {error}.")
     if read.problems:
@@ -216,18 +261,8 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
     return robot
 
 
-def named(robot: Robot) -> None:
-    """Raises ValueError where a robot's name or source cannot be one."""
-    if (why := unfit(robot.name)) is not None or (
-        why := unfit(robot.source or "none", TEXT)
-    ) is not None:
-        raise ValueError(
-            f"the robot's {'source' if unfit(robot.name) is None else 'name'} is not one: {why}"
-        )
-
-
 def read_robot(path: Path, base: str | None = None, tip: str | None = None) -> Robot:
-    """A robot from a TOML or URDF file; of a URDF the chain between two links, where they are
+    """Read a robot from a TOML or URDF file; of a URDF the chain between two links, where they are
     named. Raises StudyError."""
     if path.suffix.lower() in (".urdf", ".xml"):
         from .urdf import read_urdf
@@ -237,120 +272,20 @@ def read_robot(path: Path, base: str | None = None, tip: str | None = None) -> R
         raise StudyError(
             f"{path.name}: base and tip choose a chain of a URDF; a TOML robot file has one chain."
         )
-    return robot_from_table(toml(read_text(path, "the robot file"), path.name), path.name)
+    return robot_from_table(parse_toml(read_text(path, "the robot file"), path.name), path.name)
 
 
 def builtin_names() -> list[str]:
-    """Names of the built-in robots, sorted."""
-    return sorted(
-        entry.name.removesuffix(".toml")
-        for entry in files("modelsel").joinpath("robot", "catalogue").iterdir()
-        if entry.name.endswith(".toml")
-    )
+    """List the names of the built-in robots, sorted."""
+    entries = files("modelsel").joinpath("robot", "catalogue").iterdir()
+    names = [entry.name for entry in entries]
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
 def load(name: str) -> Robot:
-    """A built-in robot by name. Raises StudyError with a suggestion."""
+    """Load a built-in robot by name. Raises StudyError with a suggestion."""
     if name not in builtin_names():
         raise StudyError(f'unknown robot "{name}". {suggest(name, builtin_names())}')
-    text = (
-        files("modelsel")
-        .joinpath("robot", "catalogue")
-        .joinpath(f"{name}.toml")
-        .read_text(encoding="utf-8")
-    )
-    return robot_from_table(toml(text, f"{name}.toml"), f"{name}.toml")
-
-
-RIGID = 1e-6  # a stored rotation differs from one by less
-ROTATION, TRANSFORM = Each(THREE, 3), Each(Each(float, 4), 3)
-JOINT = {
-    "before_mm": TRANSFORM,
-    "prismatic": bool,
-    "limits": Maybe(PAIR),
-    "mass_kg": Maybe(float),
-    "com_mm": THREE,
-}
-
-
-def robot_record(robot: Robot) -> dict[str, Any]:
-    """The nominal robot in full."""
-    return {
-        "name": robot.name,
-        "source": robot.source,
-        "gravity": None if robot.gravity is None else list(robot.gravity),
-        "usual": list(robot.usual),
-        "joints": [
-            {
-                "before_mm": j.before[:3].tolist(),
-                "prismatic": j.prismatic,
-                "limits": None if j.limits is None else list(j.limits),
-                "mass_kg": j.mass,
-                "com_mm": list(j.com),
-            }
-            for j in robot.joints
-        ],
-        "last_mm": robot.last[:3].tolist(),
-    }
-
-
-def robot_of(record: Mapping[str, Any]) -> Robot:
-    """The nominal robot of a record of its shape. Raises ValueError where a transform is not rigid,
-    or a limit none."""
-    joints = []
-    for k, j in enumerate(record["joints"], 1):
-        limits, (x, y, z) = j["limits"], numbers(j["com_mm"]).tolist()
-        if (
-            limits is not None
-            and not -LARGEST < limits[0] < limits[1] < LARGEST
-            or not 0 <= (j["mass_kg"] or 0) <= LARGEST
-        ):
-            raise ValueError(f"the limits or the mass of joint {k} are none")
-        joints.append(
-            Joint(
-                square(j["before_mm"]),
-                j["prismatic"],
-                None if limits is None else (float(limits[0]), float(limits[1])),
-                None if j["mass_kg"] is None else float(j["mass_kg"]),
-                (x, y, z),
-            )
-        )
-    g = record["gravity"]
-    if g is not None and abs(float(np.linalg.norm(g)) - 1) > RIGID:
-        raise ValueError("the direction of gravity is not of length one")
-    return Robot(
-        record["name"],
-        record["source"],
-        tuple(joints),
-        square(record["last_mm"]),
-        None if g is None else (float(g[0]), float(g[1]), float(g[2])),
-        _usual_pair(record.get("usual", Robot.usual)),
-    )
-
-
-def _usual_pair(pair: Sequence[float]) -> tuple[float, float]:
-    if not all(0 < size < LARGEST for size in pair):
-        raise ValueError("the robot's usual errors (mm, rad) must be above 0")
-    return float(pair[0]), float(pair[1])
-
-
-def square(rows: Sequence[Sequence[float]]) -> Array:
-    """The (4, 4) transform of its upper three rows [mm]. Raises ValueError."""
-    upper = numbers(rows)
-    return np.vstack([np.column_stack([rotation(upper[:, :3]), upper[:, 3]]), [0, 0, 0, 1]])
-
-
-def rotation(rows: Array | Sequence[Sequence[float]]) -> Array:
-    """A rotation (3, 3). Raises ValueError."""
-    R = numbers(rows)
-    if np.abs(R @ R.T - np.eye(3)).max() > RIGID or np.linalg.det(R) < 0:
-        raise ValueError(f"three columns are not a rotation: {R.round(6).tolist()}")
-    return R
-
-
-def numbers(value: Any) -> Array:
-    """An array of lengths no arm or room exceeds. Raises ValueError."""
-    out = np.array(value, dtype=float)
-    if not (np.abs(out) <= LARGEST).all():
-        raise ValueError(f"a length is beyond {LARGEST:g}")
-    return out
+    file = f"{name}.toml"
+    text = files("modelsel").joinpath("robot", "catalogue", file).read_text(encoding="utf-8")
+    return robot_from_table(parse_toml(text, file), file)

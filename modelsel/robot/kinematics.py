@@ -1,5 +1,5 @@
-"""The nominal chain: its exact kinematics with error screws in it, and the screw field
-(displacement per unit screw).
+"""Kinematics of the nominal chain with error screws in it, and the screw field (displacement per
+unit screw).
 
     x = P · (N_1 H_1 T_1)(N_2 H_2 T_2) … (N_n H_n T_n) · Last · Trans(tool) · H_{n+1}
 
@@ -18,19 +18,20 @@ import numpy as np
 
 from .._typing import Array
 from ._kernels import (
-    BASE,
-    SAME,
-    Fixed,
+    AXES_IN_PLACE,
+    BASE_FRAME,
+    FixedTransform,
     Frame,
-    Space,
-    add,
-    screws_into,
-    sparse,
-    spin_into,
-    turn_into,
-    turns_of,
-    twisted,
+    Workspace,
+    add_weighted,
+    apply_error_transform,
+    compute_joint_turns,
+    fill_screw_field,
+    nonzero_entries,
+    rotate_about_axis,
+    rotate_by_fixed,
 )
+from .rigid import MIXED_AXES
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,13 @@ class Joint:
     limits: tuple[float, float] | None = None  # rad or mm
     mass: float | None = None
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Its limits, or ±π rad or 0…500 mm where none are known."""
+        if self.limits is not None:
+            return self.limits
+        return (0.0, 500.0) if self.prismatic else (-np.pi, np.pi)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,31 +74,30 @@ class Robot:
     @property
     def prismatic(self) -> tuple[bool, ...]:
         """Which joints slide, as `read_measurements` wants to know."""
-        return tuple(j.prismatic for j in self.joints)
+        return tuple(joint.prismatic for joint in self.joints)
 
     @cached_property
     def reach(self) -> float:
         """Upper bound of the distance [mm] from joint 1 to the flange: the sum of the fixed
-        translations after it."""
-        moved = sum(float(np.linalg.norm(j.before[:3, 3])) for j in self.joints[1:])
-        slide = sum(max(map(abs, j.limits)) for j in self.joints if j.prismatic and j.limits)
-        return moved + slide + float(np.linalg.norm(self.last[:3, 3]))
+        translations after it and of the travels of its slides."""
+        links = sum(float(np.linalg.norm(joint.before[:3, 3])) for joint in self.joints[1:])
+        travels = [j.limits for j in self.joints if j.prismatic and j.limits]
+        slides = sum(max(map(abs, limits)) for limits in travels)
+        return links + slides + float(np.linalg.norm(self.last[:3, 3]))
 
     @cached_property
-    def fixed(self) -> tuple[Fixed, ...]:
-        """N_1 … N_n and the last one, ready to be walked."""
-        return tuple(Fixed.of(N) for N in (*(j.before for j in self.joints), self.last))
+    def fixed(self) -> tuple[FixedTransform, ...]:
+        """N_1 … N_n and the last transform, prepared for walking the chain."""
+        transforms = [*(joint.before for joint in self.joints), self.last]
+        return tuple(FixedTransform.of(N) for N in transforms)
 
     def unit(self, joint: int) -> str:
         """Unit of a joint's reading (1-based joint)."""
         return "mm" if self.joints[joint - 1].prismatic else "rad"
 
     def draw(self, rng: np.random.Generator, m: int) -> Array:
-        """m joint readings (m, n), uniform within the limits (±π or 0…500 mm where none are
-        known)."""
-        low, high = np.array(
-            [j.limits or ((0.0, 500.0) if j.prismatic else (-np.pi, np.pi)) for j in self.joints]
-        ).T
+        """Draw m joint readings (m, n), uniform within the joints' ranges."""
+        low, high = np.array([joint.range for joint in self.joints]).T
         return rng.uniform(low, high, (m, self.n))
 
 
@@ -108,29 +115,78 @@ class Pose:
     origins: Array
 
     def displacement(self) -> Array:
-        """Screw field (n+1, 6, 3, m): mm of the target per unit screw (tx ty tz: axis; rx ry rz:
-        axis x lever)."""
+        """Compute the screw field (n+1, 6, 3, m): mm of the target per unit screw (tx ty tz: axis;
+        rx ry rz: axis x lever)."""
         out = self.axes.copy()
-        screws_into(out, self.origins, self.target, True, Space())
+        fill_screw_field(out, self.origins, self.target, True, Workspace())
         return out
 
 
-def cross(a: Array, b: Array) -> Array:
-    """Cross product along axis 0 of (3, m) arrays."""
-    return np.stack(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
+def cross_product(a: Array, b: Array) -> Array:
+    """Compute the cross product of (3, m) arrays along axis 0."""
+    x = a[1] * b[2] - a[2] * b[1]
+    y = a[2] * b[0] - a[0] * b[2]
+    z = a[0] * b[1] - a[1] * b[0]
+    return np.stack([x, y, z])
 
 
-def spin(R: Array, axis: int, angle: Array) -> Array:
-    """R (3, 3, m) times the rotation about its own axis 0, 1 or 2 by angle (m,): two columns mix,
-    one stays."""
-    i, j = [(1, 2), (2, 0), (0, 1)][axis]
-    c, s = np.cos(angle), np.sin(angle)
+def rotate_frame(R: Array, axis: int, angle: Array) -> Array:
+    """Multiply R (3, 3, m) by the rotation about its own axis 0, 1 or 2 by angle (m,): two columns
+    mix, one stays."""
+    i, j = MIXED_AXES[axis]
+    cosine, sine = np.cos(angle), np.sin(angle)
     out = R.copy()
-    out[:, i] = c * R[:, i] + s * R[:, j]
-    out[:, j] = c * R[:, j] - s * R[:, i]
+    out[:, i] = cosine * R[:, i] + sine * R[:, j]
+    out[:, j] = cosine * R[:, j] - sine * R[:, i]
     return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Walk:
+    """One walk along the chain: where it writes, and the buffers it uses."""
+
+    robot: Robot
+    tool: Array
+    axes: Array
+    origins: Array
+    twist: Array | None
+    space: Workspace
+    scratch: Array  # (2, 3, m)
+    rotated: Array  # (3, 3, m)
+
+    def offset(self, frame: int) -> Sequence[tuple[int, Array | float]]:
+        """Origin of a frame relative to the one before, along its own axes; the last one's
+        includes the tool."""
+        fixed = self.robot.fixed[frame].offset
+        if frame < self.robot.n:
+            return fixed
+        per_row = self.tool.ndim > 1
+        return (*fixed, *(enumerate(self.tool.T) if per_row else nonzero_entries(self.tool)))
+
+    def settle(self, frame: int, previous_origin: Array) -> Frame:
+        """Write the origin of a frame whose axes stand, and apply its error transform."""
+        axes, origin = self.axes[frame], self.origins[frame]
+        (first, weight), *others = self.offset(frame) or ((0, 0.0),)
+        np.multiply(axes[first], weight, out=origin)
+        origin += previous_origin
+        add_weighted(origin, axes, others, self.scratch[0])
+        if self.twist is None:
+            return axes[:3], origin
+        return apply_error_transform(axes, origin, self.twist[frame], self.space)
+
+    def turn(self, R: Array, turn: Array, frame: int) -> None:
+        """Write the axes of a frame: R after its revolute joint and the next fixed rotation."""
+        fixed = self.robot.fixed[frame]
+        if not fixed.moves:
+            rotate_about_axis(R, 2, turn, AXES_IN_PLACE, self.rotated, self.scratch)
+            rotate_by_fixed(self.rotated, fixed.columns, self.axes[frame], self.scratch[0])
+            return
+        target = self.axes[frame, :3]
+        if target.flags.c_contiguous:
+            rotate_about_axis(R, 2, turn, fixed.moves, target, self.scratch)
+        else:
+            rotate_about_axis(R, 2, turn, fixed.moves, self.rotated, self.scratch)
+            target[:] = self.rotated
 
 
 def walk(
@@ -139,48 +195,28 @@ def walk(
     tool: Array,
     into: tuple[Array, Array],
     twist: Array | None = None,
-    start: Frame = BASE,
-    space: Space | None = None,
+    start: Frame = BASE_FRAME,
+    space: Workspace | None = None,
 ) -> Frame:
-    """The exact chain from frame `start` to the target, written into (axes (n+1, 6, 3, m), of the
-    nominal model the first three only, origins (n+1, 3, m)); arguments as in `pose`. Returns the
-    target's frame."""
-    m, space, (axes, origins) = len(q), space or Space(), into
-    turns, fixed = turns_of(q, space), robot.fixed
-    two, spun = space.array("scratch", 2, 3, m), space.array("spun", 3, 3, m)
-    scratch = two[0]
+    """Walk the exact chain from frame `start` to the target and return the target's frame.
 
-    def settle(f: int, o: Array, offset: Sequence[tuple[int, Array | float]] = ()) -> Frame:
-        here, origin = axes[f], origins[f]
-        (first, weight), *others = (*fixed[f].offset, *offset) or ((0, 0.0),)
-        np.multiply(here[first], weight, out=origin)
-        origin += o
-        add(origin, here, others, scratch)
-        return (here[:3], origin) if twist is None else twisted(here, origin, twist[f], space)
-
-    turn_into(start[0], fixed[0].columns, axes[0], scratch)
-    R, o = settle(0, start[1])
+    The frames are written into (axes (n+1, 6, 3, m), of the nominal model the first three only,
+    origins (n+1, 3, m)); the other arguments are as in `pose`."""
+    m, space = len(q), space or Workspace()
+    turns = compute_joint_turns(q, space)
+    scratch, rotated = space.array("scratch", 2, 3, m), space.array("spun", 3, 3, m)
+    chain = _Walk(robot, tool, *into, twist, space, scratch, rotated)
+    start_axes, origin = start
+    rotate_by_fixed(start_axes, robot.fixed[0].columns, chain.axes[0], scratch[0])
+    R, origin = chain.settle(0, origin)
     for k, joint in enumerate(robot.joints):
-        following = fixed[k + 1]
         if joint.prismatic:
-            o = o + R[2] * q[:, k]
-            turn_into(R, following.columns, axes[k + 1], scratch)
-        elif following.moves:
-            there = axes[k + 1, :3]
-            spin_into(
-                R, 2, turns[k], following.moves, there if there.flags.c_contiguous else spun, two
-            )
-            if not there.flags.c_contiguous:
-                there[:] = spun
+            origin = origin + R[2] * q[:, k]
+            rotate_by_fixed(R, robot.fixed[k + 1].columns, chain.axes[k + 1], scratch[0])
         else:
-            spin_into(R, 2, turns[k], SAME, spun, two)
-            turn_into(spun, following.columns, axes[k + 1], scratch)
-        R, o = settle(
-            k + 1,
-            o,
-            () if k + 1 < robot.n else tuple(enumerate(tool.T)) if tool.ndim > 1 else sparse(tool),
-        )
-    return R, o
+            chain.turn(R, turns[k], k + 1)
+        R, origin = chain.settle(k + 1, origin)
+    return R, origin
 
 
 def pose(
@@ -190,29 +226,33 @@ def pose(
     twist: Array | None = None,
     tool_rotation: Array | None = None,
 ) -> Pose:
-    """The exact chain. q: (m, n) rad or mm; tool: (3,) or (m, 3) mm in the flange frame; twist:
-    (n+1, 6, m) the entries a b c α β γ of every H, or None for the nominal model; tool_rotation:
-    (m, 3, 3) of the target frame on the flange."""
-    axes, origins = np.empty((robot.n + 1, 6, 3, len(q))), np.empty((robot.n + 1, 3, len(q)))
-    R, o = walk(robot, q, tool, (axes, origins), twist)
+    """Compute the exact chain.
+
+    q: (m, n) rad or mm; tool: (3,) or (m, 3) mm in the flange frame; twist: (n+1, 6, m) the entries
+    a b c α β γ of every H, or None for the nominal model; tool_rotation: (m, 3, 3) of the target
+    frame on the flange."""
+    frames, m = robot.n + 1, len(q)
+    axes = np.empty((frames, 6, 3, m))
+    origins = np.empty((frames, 3, m))
+    R, target = walk(robot, q, tool, (axes, origins), twist)
     if twist is None:
         axes[:, 3:] = axes[:, :3]
     rotation = np.ascontiguousarray(R.swapaxes(0, 1))
     if tool_rotation is not None:
         rotation = np.einsum("ijm,mjk->ikm", rotation, tool_rotation)
-    return Pose(o.copy(), rotation, axes, origins)
+    return Pose(target.copy(), rotation, axes, origins)
 
 
 def forward(robot: Robot, q: Array, tool: Array) -> Array:
-    """Nominal target positions (m, 3) in frame 0 [mm]."""
-    return pose(robot, np.atleast_2d(np.asarray(q, float)), np.asarray(tool, float)).target.T
+    """Compute nominal target positions (m, 3) in frame 0 [mm]."""
+    return _nominal_pose(robot, q, tool).target.T
 
 
 def screw_field(robot: Robot, q: Array, tool: Array) -> Array:
-    """Nominal screw field (m, n+1, 6, 3): displacement of the target in frame 0, mm per mm and mm
-    per rad."""
-    return (
-        pose(robot, np.atleast_2d(np.asarray(q, float)), np.asarray(tool, float))
-        .displacement()
-        .transpose(3, 0, 1, 2)
-    )
+    """Compute the nominal screw field (m, n+1, 6, 3): displacement of the target in frame 0, mm per
+    mm and mm per rad."""
+    return _nominal_pose(robot, q, tool).displacement().transpose(3, 0, 1, 2)
+
+
+def _nominal_pose(robot: Robot, q: Array, tool: Array) -> Pose:
+    return pose(robot, np.atleast_2d(np.asarray(q, float)), np.asarray(tool, float))

@@ -1,78 +1,95 @@
 """Rotations and rigid transforms as plain arrays: R_a_b takes coordinates in b to coordinates in a;
-mm and rad."""
+mm and rad.
+
+The formulas of roll-pitch-yaw angles, quaternions and the nearest rotation stand here although
+scipy.spatial.transform.Rotation has them: that module takes longer to import than the whole command
+line, robot files are read before anything else, and its angles at gimbal lock and its normalisation
+round differently. Quaternions and rotation vectors of measured orientations do use it, imported
+late."""
 
 from __future__ import annotations
+
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._typing import Array
 
-AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
+Axis = Literal["tx", "ty", "tz", "rx", "ry", "rz"]
+AXES: tuple[str, ...] = get_args(Axis)
+# the two axes that a rotation about axis 0, 1 or 2 mixes, in right-handed order
+MIXED_AXES = ((1, 2), (2, 0), (0, 1))
 
 
-def turn(axis: int, angle: ArrayLike) -> Array:
-    """Rotation about coordinate axis 0, 1 or 2 by `angle` [rad], shape (..., 3, 3)."""
+def rotation_matrix(axis: int, angle: ArrayLike) -> Array:
+    """Rotate about coordinate axis 0, 1 or 2 by `angle` [rad]: matrices of shape (..., 3, 3)."""
     angle = np.asarray(angle, float)
-    c, s = np.cos(angle), np.sin(angle)
-    i, j = [(1, 2), (2, 0), (0, 1)][axis]
+    cosine, sine = np.cos(angle), np.sin(angle)
+    i, j = MIXED_AXES[axis]
     R = np.zeros((*angle.shape, 3, 3))
     R[..., axis, axis] = 1
-    R[..., i, i] = R[..., j, j] = c
-    R[..., i, j], R[..., j, i] = -s, s
+    R[..., i, i] = cosine
+    R[..., j, j] = cosine
+    R[..., i, j] = -sine
+    R[..., j, i] = sine
     return R
 
 
 def transform(R: ArrayLike | None = None, t: ArrayLike = (0, 0, 0)) -> Array:
-    """The (4, 4) homogeneous transform of rotation R (3, 3), the identity without, and translation
-    t (3,) [mm]."""
+    """Compose the (4, 4) homogeneous transform of rotation R (3, 3), the identity by default, and
+    translation t (3,) [mm]."""
     T = np.eye(4)
-    T[:3, :3], T[:3, 3] = np.eye(3) if R is None else R, t
+    if R is not None:
+        T[:3, :3] = R
+    T[:3, 3] = t
     return T
 
 
 def inverse(T: Array) -> Array:
-    """The inverse of a rigid transform (4, 4)."""
-    return transform(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])
+    """Invert a rigid transform (4, 4)."""
+    R_inverse = T[:3, :3].T
+    return transform(R_inverse, -R_inverse @ T[:3, 3])
 
 
-def rpy(roll: float, pitch: float, yaw: float) -> Array:
-    """Rz(yaw) Ry(pitch) Rx(roll), a URDF's fixed-axis angles [rad]; (3, 3)."""
-    return turn(2, yaw) @ turn(1, pitch) @ turn(0, roll)
+def from_rpy(roll: float, pitch: float, yaw: float) -> Array:
+    """Compute Rz(yaw) Ry(pitch) Rx(roll), a URDF's fixed-axis angles [rad]; (3, 3)."""
+    return rotation_matrix(2, yaw) @ rotation_matrix(1, pitch) @ rotation_matrix(0, roll)
 
 
 def to_rpy(R: Array) -> tuple[float, float, float]:
-    """(roll, pitch, yaw) of a rotation (3, 3), yaw first and the others from what it leaves: exact
-    at pitch ±90° too."""
-    yaw = float(np.arctan2(R[1, 0], R[0, 0])) if np.hypot(R[1, 0], R[0, 0]) > 1e-12 else 0.0
-    rest = turn(2, -yaw) @ R
-    return (
-        float(np.arctan2(-rest[1, 2], rest[1, 1])),
-        float(np.arctan2(-rest[2, 0], rest[0, 0])),
-        yaw,
-    )
+    """Extract (roll, pitch, yaw) of a rotation (3, 3): yaw first, the others from what remains
+    without it, so that the result is exact at pitch ±90° too."""
+    upright = np.hypot(R[1, 0], R[0, 0]) <= 1e-12
+    yaw = 0.0 if upright else float(np.arctan2(R[1, 0], R[0, 0]))
+    rest = rotation_matrix(2, -yaw) @ R
+    pitch = float(np.arctan2(-rest[2, 0], rest[0, 0]))
+    roll = float(np.arctan2(-rest[1, 2], rest[1, 1]))
+    return roll, pitch, yaw
 
 
 def align_z(axis: ArrayLike) -> Array:
-    """The smallest rotation that takes z to `axis` (half a turn about x for -z); (3, 3). Rodrigues'
-    formula."""
+    """Compute the smallest rotation (3, 3) that takes z to `axis`, half a turn about x for -z, by
+    Rodrigues' formula."""
     u = np.asarray(axis, float)
     u = u / np.linalg.norm(u)
     if u[2] < -1 + 1e-12:
-        return turn(0, np.pi)
+        return rotation_matrix(0, np.pi)
     x, y, z = u
     K = np.array([[0, 0, x], [0, 0, y], [-x, -y, 0]])
     return np.asarray(np.eye(3) + K + K @ K / (1 + z))
 
 
 def nearest_rotation(A: Array) -> Array:
-    """The rotation nearest to A (3, 3) in the Frobenius norm (orthogonal Procrustes, det = +1)."""
+    """Find the rotation nearest to A (3, 3) in the Frobenius norm (orthogonal Procrustes, det =
+    +1)."""
     U, _, Vt = np.linalg.svd(A)
-    return np.asarray(U @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ Vt)
+    handedness = np.sign(np.linalg.det(U @ Vt))
+    return np.asarray(U @ np.diag([1, 1, handedness]) @ Vt)
 
 
 def from_quaternion(wxyz: Array) -> Array:
-    """Rotations (m, 3, 3) of quaternions (m, 4) given as w x y z, normalised here."""
+    """Convert quaternions (m, 4), given as w x y z and normalised here, to rotations (m, 3, 3)."""
     w, x, y, z = (wxyz / np.linalg.norm(wxyz, axis=1, keepdims=True)).T
     R = np.array(
         [
@@ -85,16 +102,16 @@ def from_quaternion(wxyz: Array) -> Array:
 
 
 def to_quaternion(R: Array) -> Array:
-    """Unit quaternions (m, 4), w x y z with w not negative, of rotations (m, 3, 3)."""
+    """Convert rotations (m, 3, 3) to unit quaternions (m, 4): w x y z with w not negative."""
     from scipy.spatial.transform import Rotation
 
-    return np.asarray(np.roll(Rotation.from_matrix(R).as_quat(canonical=True), 1, axis=1))
+    xyzw = Rotation.from_matrix(R).as_quat(canonical=True)
+    return np.asarray(np.roll(xyzw, 1, axis=1))
 
 
 def rotation_vector(R: Array) -> Array:
-    """Rotation vectors (m, 3) [rad] of rotations (m, 3, 3): axis times angle."""
-    from scipy.spatial.transform import (
-        Rotation,  # slow to import, and only orientation data need it
-    )
+    """Convert rotations (m, 3, 3) to rotation vectors (m, 3) [rad]: axis times angle."""
+    # slow to import, and only orientation data need it
+    from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_matrix(R).as_rotvec())

@@ -1,5 +1,5 @@
-"""The best subset of many groups by BIC, with a certificate: branch and bound, for more groups than
-all subsets can be walked.
+"""The best subset of many groups by BIC, with a certificate, by branch and bound; for more groups
+than all subsets can be walked.
 
 Beyond the base, with every group's columns made orthonormal, A their Gram, b their products with
 the response and D ≤ A a part of it that is diagonal by groups, every subset S of coefficients β
@@ -18,22 +18,44 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .._typing import Array
+from .._linalg import TINY
+from .._typing import Array, Index, Mask
 from ..fitting.reduction import Reduction, independent
 from .criteria import bic
 
-NODES = 2000  # of the tree, each a fraction of a millisecond to a few
-TANGENTS = 80  # points u that are tried at each
+# relative size of what counts as rounding
 ROUNDING = 1e-9
-Mask = NDArray[np.bool_]
+# length of a unit column below which it lies in the span of the base
+MIN_COLUMN = 1e-8
+# first step of the bound's ascent, as a share of the way to the next point
+FIRST_STEP = 0.7
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """Effort of the search.
+
+    max_nodes: nodes of the tree, each a fraction of a millisecond to a few.
+    tangents: points u that are tried for the bound of each node.
+    """
+
+    max_nodes: int = 2000
+    tangents: int = 80
+
+
+DEFAULT_SEARCH = SearchOptions()
 
 
 @dataclass(frozen=True, eq=False)
 class Certified:
-    """The best subset found: members (G,), its BIC, how much less any other could have (`gap`:
-    nought where it is proven the best), how many nodes that took."""
+    """The best subset found, with its certificate.
+
+    members: mask (G,) of its groups.
+    bic: its BIC.
+    gap: how much lower the BIC of another subset could be; zero where it is proven the best.
+    nodes: number of nodes that were searched.
+    """
 
     members: Mask
     bic: float
@@ -47,239 +69,303 @@ class Certified:
 
 
 @dataclass(frozen=True, eq=False)
-class _Bounding:
-    """Orthonormal columns of the groups beyond the base: Gram A (p, p), products b (p,), |y|²
-    there, the group of a column."""
+class _Regression:
+    """Least squares beyond the base, with orthonormal columns in every group.
 
-    A: Array
-    b: Array
+    gram, products: Gram (p, p) of the columns and their products (p,) with the response.
+    square: squared length of the response.
+    group: group (p,) of every column; `groups` their number.
+    rank: number of base columns.
+    rows, sigma: of the data, as for `bic`.
+    bic_of: BIC of the subsets evaluated so far.
+    """
+
+    gram: Array
+    products: Array
     square: float
-    of: NDArray[np.intp]
+    group: Index
     groups: int
     rank: int
     rows: int
     sigma: float | None
-    known: dict[bytes, float] = field(default_factory=dict)
+    bic_of: dict[bytes, float] = field(default_factory=dict)
 
-    def columns(self, members: Mask) -> NDArray[np.intp]:
-        """Columns of some groups."""
-        return np.flatnonzero(members[self.of])
+    @property
+    def real(self) -> Mask:
+        """Mask (G,) of groups that have columns of their own."""
+        return np.asarray(np.bincount(self.group, minlength=self.groups) > 0)
+
+    def columns(self, members: Mask) -> Index:
+        """Return the columns of a subset."""
+        return np.flatnonzero(members[self.group])
 
     def rss(self, members: Mask) -> float:
-        """Residual sum of squares of a subset."""
-        at = self.columns(members)
-        return max(
-            self.square - float(self.b[at] @ self.solve(at)), np.finfo(float).eps * self.square
-        )
+        """Compute the residual sum of squares of a subset."""
+        columns = self.columns(members)
+        left = self.square - float(self.products[columns] @ self.solve(columns))
+        return max(left, np.finfo(float).eps * self.square)
 
-    def solve(self, at: NDArray[np.intp]) -> Array:
-        """Least squares of some columns; what depends on others is left to these."""
-        value, vector = np.linalg.eigh(self.A[np.ix_(at, at)])
-        good = value > ROUNDING
-        return np.asarray(vector[:, good] @ ((vector[:, good].T @ self.b[at]) / value[good]))
+    def solve(self, columns: Index) -> Array:
+        """Solve least squares for columns that may depend on one another: minimum norm."""
+        value, vector = np.linalg.eigh(self.gram[np.ix_(columns, columns)])
+        kept = value > ROUNDING
+        vector = vector[:, kept]
+        return np.asarray(vector @ ((vector.T @ self.products[columns]) / value[kept]))
 
     def price(self, members: Mask) -> float:
-        """What BIC charges for a subset's columns beyond the base."""
+        """Compute what BIC charges for a subset's columns beyond the base."""
         return float(len(self.columns(members)) * np.log(self.rows))
 
-    def value(self, members: Mask) -> float:
-        """BIC of a subset, its columns counted; remembered."""
+    def bic(self, members: Mask) -> float:
+        """Compute BIC of a subset, all its columns counted; remembered."""
         key = members.tobytes()
-        if key not in self.known:
-            self.known[key] = float(
-                bic(
-                    self.rss(members), self.rows, self.rank + len(self.columns(members)), self.sigma
-                )
-            )
-        return self.known[key]
+        if key not in self.bic_of:
+            rank = self.rank + len(self.columns(members))
+            self.bic_of[key] = float(bic(self.rss(members), self.rows, rank, self.sigma))
+        return self.bic_of[key]
 
 
-def _problem(
-    total: Reduction, base: Sequence[int], groups: Sequence[Sequence[int]], sigma: float | None
-) -> _Bounding:
-    """Beyond the base; a group's columns that its other columns or the base span are left out, and
-    a group that moves the target as an earlier one does is left to that."""
-    b = len(base)
-    rest = [c for g in groups for c in g]
-    R = total.select([*base, *rest]).R
-    size = np.linalg.norm(R, axis=0)
-    inner = R[b:, b:]
-    bases: list[Array] = []
-    of: list[int] = []
-    start = 0
-    for g, columns in enumerate(groups):
-        X = inner[:, start : start + len(columns)] / np.maximum(
-            size[b + start : b + start + len(columns)], 1e-300
-        )
-        start += len(columns)
-        X = X[:, np.linalg.norm(X, axis=0) > 1e-8]
-        kept, norm = independent(X)
-        Q = np.linalg.qr(X[:, kept] / norm[kept])[0] if kept else X[:, :0]
-        alike = [own for own in bases if own.shape == Q.shape and Q.size]
-        twin = any(np.linalg.svd(own.T @ Q, compute_uv=False).min() > 1 - ROUNDING for own in alike)
-        bases.append(Q[:, :0] if twin else Q)
-        of += [g] * bases[-1].shape[1]
-    Q, y = np.concatenate([*bases, np.zeros((len(inner), 0))], axis=1), inner[:, -1]
-    return _Bounding(
-        Q.T @ Q,
-        Q.T @ y,
-        float(y @ y),
-        np.array(of, dtype=np.intp),
-        len(groups),
-        b,
-        total.rows,
-        sigma,
-    )
+def find_best_subset(
+    total: Reduction,
+    base: Sequence[int],
+    groups: Sequence[Sequence[int]],
+    options: SearchOptions = DEFAULT_SEARCH,
+    *,
+    sigma: float | None = None,
+) -> Certified:
+    """Find the subset of `groups` (lists of column indices) with the lowest BIC on top of the
+    independent base columns.
 
-
-def _stepwise(problem: _Bounding, members: Mask) -> Mask:
-    """A subset that no group added, dropped or exchanged makes better, from a given one (splicing;
-    Zhu et al. 2020)."""
-    real = np.flatnonzero(np.bincount(problem.of, minlength=problem.groups)).tolist()
-    while True:
-        trials = [_flipped(members, [g]) for g in real]
-        best = min(trials, key=problem.value, default=members)
-        if problem.value(best) >= problem.value(members):
-            inside, outside = [g for g in real if members[g]], [g for g in real if not members[g]]
-            best = min(
-                (_flipped(members, [g, h]) for g in inside for h in outside),
-                key=problem.value,
-                default=members,
-            )
-        if problem.value(best) >= problem.value(members) - ROUNDING:
-            return members
-        members = best
-
-
-def _flipped(members: Mask, which: Sequence[int]) -> Mask:
-    out = members.copy()
-    out[which] = ~out[which]
-    return out
-
-
-def _diagonal(A: Array, of: NDArray[np.intp]) -> Array:
-    """(p,) D with A − diag(D) positive, alike within a group: each as large as it could be alone,
-    all scaled to fit."""
-    value, vector = np.linalg.eigh(A)
-    inverse = (vector / np.maximum(value, ROUNDING)) @ vector.T
-    D = np.empty(len(A))
-    for g in np.unique(of):
-        at = np.flatnonzero(of == g)
-        D[at] = 1 / np.linalg.eigvalsh(inverse[np.ix_(at, at)])[-1]
-    root = np.sqrt(D)
-    return np.asarray(
-        D * max(float(np.linalg.eigvalsh(A / root[:, None] / root)[0]), 0.0) * (1 - 1e-10)
-    )
-
-
-def _relaxed(
-    A: Array, b: Array, of: NDArray[np.intp], weight: Array, first: Array
-) -> tuple[float, NDArray[np.intp], Array]:
-    """(a bound from below on βᵀAβ − 2bᵀβ + Σ weight of the groups that are in, the groups that are
-    in there, (p,) how far each column's group is in): the best of some tangents from u =
-    `first`."""
-    D = _diagonal(A, of)
-    if not len(A) or D.min() <= ROUNDING:
-        value = 0.0 if not len(A) else -float(b @ np.linalg.lstsq(A, b, rcond=ROUNDING)[0])
-        return value, np.unique(of), np.ones(len(A))
-    M, best, u, found = A - np.diag(D), -np.inf, first, (of[:0], np.ones(len(A)))
-    at, toward, step = first, np.zeros(len(A)), 0.7  # the best point so far, and the way up from it
-    groups, inverse = np.unique(of, return_inverse=True)
-    for _ in range(TANGENTS):
-        c = b - M @ u
-        gain = np.bincount(inverse, np.square(c) / D) - weight[groups]
-        bound = -float(u @ M @ u) - float(np.maximum(gain, 0).sum())
-        if bound > best:
-            best, found = bound, (groups[gain > 0], np.abs(gain / weight[groups])[inverse])
-            at, toward = u, np.where((gain > 0)[inverse], c / D, 0.0) - u
-        else:  # too far: where columns are nearly alike D is small and c / D huge
-            step /= 2
-        u = at + step * toward
-    return best, *found
+    `total`: triangle of all rows; `sigma`: their standard deviation, where it is known. After
+    `options.max_nodes` nodes the search stops, and says by how much its best may be beaten."""
+    problem = _project(total, base, groups, sigma)
+    search = _Search(problem, options)
+    search.visit(_Node(np.zeros(problem.groups, bool), problem.real))
+    while search.promising() and search.visited < options.max_nodes:
+        _, _, node, g = heapq.heappop(search.waiting)
+        rest = _flip(node.open, [g])
+        search.visit(_Node(_flip(node.inside, [g]), rest))
+        search.visit(_Node(node.inside, rest))
+    value = problem.bic(search.best)
+    gap = max(0.0, value - search.waiting[0][0]) if search.waiting else 0.0
+    if gap <= ROUNDING * abs(value):
+        gap = 0.0
+    return Certified(search.best, value, gap, search.visited)
 
 
 @dataclass(frozen=True, eq=False)
 class _Node:
-    """Groups that are in, and those still open."""
+    """Groups that are in, and those that are still open."""
 
     inside: Mask
     open: Mask
 
 
-def _bounded(problem: _Bounding, node: _Node, best: Mask) -> tuple[float, Mask, int]:
-    """(a bound from below on the BIC of every subset of a node, a subset worth trying, the group to
-    branch on or −1)."""
-    n, everything = problem.rows, node.inside | node.open
-    least, c_best, paid = problem.rss(everything), problem.value(best), problem.price(node.inside)
-    floor = float(bic(least, n, problem.rank, problem.sigma)) + paid
-    if floor >= c_best or not node.open.any():
+class _Search:
+    """State of a search: the best subset so far, and the nodes that may hold a better one, lowest
+    bound first, each with the group to branch on."""
+
+    def __init__(self, problem: _Regression, options: SearchOptions):
+        self.problem = problem
+        self.options = options
+        self.visited = 0
+        self.waiting: list[tuple[float, int, _Node, int]] = []
+        starts = (np.zeros(problem.groups, bool), problem.real)
+        self.best = min((_improve(problem, start) for start in starts), key=problem.bic)
+
+    def beats(self, bound: float) -> bool:
+        """Whether a subset of that BIC would be better than the best, beyond rounding."""
+        value = self.problem.bic(self.best)
+        return bound < value - ROUNDING * abs(value)
+
+    def promising(self) -> bool:
+        """Whether a waiting node may hold a better subset."""
+        return bool(self.waiting) and self.beats(self.waiting[0][0])
+
+    def visit(self, node: _Node) -> None:
+        """Bound a node; keep it where it may hold a better subset."""
+        self.visited += 1
+        bound, trial, branch = _bound_node(self.problem, node, self.best, self.options.tangents)
+        if self.problem.bic(trial) < self.problem.bic(self.best):
+            self.best = _improve(self.problem, trial)
+        if branch >= 0 and self.beats(bound):
+            heapq.heappush(self.waiting, (bound, self.visited, node, branch))
+
+
+def _project(
+    total: Reduction, base: Sequence[int], groups: Sequence[Sequence[int]], sigma: float | None
+) -> _Regression:
+    """Project the base out and make every group's columns orthonormal.
+
+    Columns that the base or the group's other columns span are left out, and so is a group that
+    spans the same space as an earlier one."""
+    count = len(base)
+    rest = [c for g in groups for c in g]
+    R = total.select([*base, *rest]).R
+    size = np.linalg.norm(R, axis=0)
+    beyond = R[count:, count:]
+    bases: list[Array] = []
+    group: list[int] = []
+    start = 0
+    for g, columns in enumerate(groups):
+        place = slice(start, start + len(columns))
+        start += len(columns)
+        unit = beyond[:, place] / np.maximum(size[count:][place], TINY)
+        basis = _orthonormalise(unit)
+        if any(_spans_same(other, basis) for other in bases):
+            basis = basis[:, :0]
+        bases.append(basis)
+        group += [g] * basis.shape[1]
+    Q = np.concatenate([*bases, np.zeros((len(beyond), 0))], axis=1)
+    y = beyond[:, -1]
+    return _Regression(
+        Q.T @ Q,
+        Q.T @ y,
+        float(y @ y),
+        np.array(group, dtype=np.intp),
+        len(groups),
+        count,
+        total.rows,
+        sigma,
+    )
+
+
+def _orthonormalise(columns: Array) -> Array:
+    """Orthonormal basis of columns that had unit length before the base was projected out."""
+    columns = columns[:, np.linalg.norm(columns, axis=0) > MIN_COLUMN]
+    kept, norm = independent(columns)
+    if not kept:
+        return columns[:, :0]
+    return np.linalg.qr(columns[:, kept] / norm[kept])[0]
+
+
+def _spans_same(basis: Array, other: Array) -> bool:
+    """Whether two orthonormal bases span the same space."""
+    if basis.shape != other.shape or not other.size:
+        return False
+    cosines = np.linalg.svd(basis.T @ other, compute_uv=False)
+    return bool(cosines.min() > 1 - ROUNDING)
+
+
+def _improve(problem: _Regression, members: Mask) -> Mask:
+    """Add, drop or exchange groups as long as BIC falls (splicing; Zhu et al. 2020)."""
+    real = np.flatnonzero(problem.real).tolist()
+    while True:
+        trials = [_flip(members, [g]) for g in real]
+        best = min(trials, key=problem.bic, default=members)
+        if problem.bic(best) >= problem.bic(members):
+            inside = [g for g in real if members[g]]
+            outside = [g for g in real if not members[g]]
+            trials = [_flip(members, [g, h]) for g in inside for h in outside]
+            best = min(trials, key=problem.bic, default=members)
+        if problem.bic(best) >= problem.bic(members) - ROUNDING:
+            return members
+        members = best
+
+
+def _flip(members: Mask, which: Sequence[int]) -> Mask:
+    changed = members.copy()
+    changed[which] = ~changed[which]
+    return changed
+
+
+def _bound_node(
+    problem: _Regression, node: _Node, best: Mask, tangents: int
+) -> tuple[float, Mask, int]:
+    """Bound the BIC of every subset of a node: (bound, a subset worth trying, the group to branch on
+    or −1).
+
+    The floor is BIC with the residual of all open groups and the price of those inside alone."""
+    rss = problem.rss(node.inside | node.open)
+    bare = float(bic(rss, problem.rows, problem.rank, problem.sigma))
+    floor = bare + problem.price(node.inside)
+    excess = problem.bic(best) - floor
+    if excess <= 0 or not node.open.any():
         return floor, node.inside, -1
-    if problem.sigma is None:
-        most = least * np.exp((c_best - floor) / n)  # RSS with which a subset would be as good
-        slope = n * np.log(most / least) / (most - least)
-    else:
-        slope = 1 / problem.sigma**2
-    inner, outer = problem.columns(node.inside), problem.columns(node.open)
-    cross = problem.A[np.ix_(inner, outer)]
-    value, vector = np.linalg.eigh(problem.A[np.ix_(inner, inner)])
-    half = (vector / np.sqrt(np.maximum(value, ROUNDING))).T
-    A = problem.A[np.ix_(outer, outer)] - (half @ cross).T @ (half @ cross)
-    b = problem.b[outer] - (half @ cross).T @ (half @ problem.b[inner])
-    of = problem.of[outer]
-    weight = np.bincount(problem.of, minlength=problem.groups) * np.log(n) / slope
-    own = np.flatnonzero((best & node.open)[of])
-    first = np.zeros(len(outer))
-    first[own] = (
-        np.linalg.lstsq(A[np.ix_(own, own)], b[own], rcond=ROUNDING)[0] if len(own) else 0.0
-    )
-    bound, taken, clear = _relaxed(A, b, of, weight, first)
-    low = floor + slope * (problem.rss(node.inside) + bound - least)
+    slope = _chord_slope(problem, rss, excess)
+    columns = problem.columns(node.open)
+    A, b = _eliminate(problem, problem.columns(node.inside), columns)
+    group = problem.group[columns]
+    count = np.bincount(problem.group, minlength=problem.groups)
+    weight = count * np.log(problem.rows) / slope
+    start = _solve_members(A, b, np.flatnonzero((best & node.open)[group]))
+    relaxed, chosen, clear = _relax(A, b, group, weight, start, tangents)
+    bound = floor + slope * (problem.rss(node.inside) + relaxed - rss)
     trial = node.inside.copy()
-    trial[taken] = True
-    return max(floor, low), trial, int(of[np.argmin(np.abs(np.log(np.maximum(clear, 1e-300))))])
+    trial[chosen] = True
+    doubt = np.abs(np.log(np.maximum(clear, TINY)))
+    return max(floor, bound), trial, int(group[np.argmin(doubt)])
 
 
-def best_subset(
-    total: Reduction,
-    base: Sequence[int],
-    groups: Sequence[Sequence[int]],
-    nodes: int = NODES,
-    *,
-    sigma: float | None = None,
-) -> Certified:
-    """The subset of `groups` (lists of column indices) with the lowest BIC on top of the
-    independent base columns, from the triangle of all rows; `sigma`: the standard deviation of
-    these, where it is known. After `nodes` nodes the search stops, and says by how much its best
-    may be beaten."""
-    problem = _problem(total, base, groups, sigma)
-    real = np.bincount(problem.of, minlength=problem.groups) > 0
-    best = min(
-        (_stepwise(problem, start) for start in (np.zeros(problem.groups, bool), real.copy())),
-        key=problem.value,
-    )
-    root = _Node(np.zeros(problem.groups, bool), real)
-    waiting: list[tuple[float, int, _Node, int]] = []
-    done = 0
+def _chord_slope(problem: _Regression, rss: float, excess: float) -> float:
+    """Slope of BIC over RSS: 1/σ², or that of the chord of n ln RSS from `rss` to the RSS at which
+    BIC has risen by `excess`."""
+    if problem.sigma is not None:
+        return 1 / problem.sigma**2
+    largest = rss * np.exp(excess / problem.rows)
+    return float(problem.rows * np.log(largest / rss) / (largest - rss))
 
-    def look(node: _Node) -> None:
-        nonlocal best, done
-        done += 1
-        low, trial, branch = _bounded(problem, node, best)
-        if problem.value(trial) < problem.value(best):
-            best = _stepwise(problem, trial)
-        if low < problem.value(best) - ROUNDING * abs(problem.value(best)) and branch >= 0:
-            heapq.heappush(waiting, (low, done, node, branch))
 
-    look(root)
-    while (
-        waiting
-        and waiting[0][0] < problem.value(best) - ROUNDING * abs(problem.value(best))
-        and done < nodes
-    ):
-        _, _, node, g = heapq.heappop(waiting)
-        left = _flipped(node.open, [g])
-        look(_Node(_flipped(node.inside, [g]), left))
-        look(_Node(node.inside, left))
-    value = problem.value(best)
-    gap = max(0.0, value - waiting[0][0]) if waiting else 0.0
-    return Certified(best, value, gap if gap > ROUNDING * abs(value) else 0.0, done)
+def _eliminate(problem: _Regression, inside: Index, columns: Index) -> tuple[Array, Array]:
+    """Gram and products of `columns` with the columns `inside` projected out."""
+    value, vector = np.linalg.eigh(problem.gram[np.ix_(inside, inside)])
+    half = (vector / np.sqrt(np.maximum(value, ROUNDING))).T
+    cross = half @ problem.gram[np.ix_(inside, columns)]
+    A = problem.gram[np.ix_(columns, columns)] - cross.T @ cross
+    b = problem.products[columns] - cross.T @ (half @ problem.products[inside])
+    return A, b
+
+
+def _solve_members(A: Array, b: Array, members: Index) -> Array:
+    """Least squares (p,) of some columns, zero elsewhere."""
+    coefficients = np.zeros(len(b))
+    if len(members):
+        gram = A[np.ix_(members, members)]
+        coefficients[members] = np.linalg.lstsq(gram, b[members], rcond=ROUNDING)[0]
+    return coefficients
+
+
+def _relax(
+    A: Array, b: Array, group: Index, weight: Array, start: Array, tangents: int
+) -> tuple[float, Index, Array]:
+    """Bound βᵀAβ − 2bᵀβ + Σ weight of the groups that are in from below.
+
+    Returns the bound, the groups that are in there, and (p,) how far each column's group is in;
+    the best of some tangents from u = `start`."""
+    if not len(A):
+        return 0.0, np.unique(group), np.ones(0)
+    D = _diagonalise(A, group)
+    if D.min() <= ROUNDING:
+        least = -float(b @ np.linalg.lstsq(A, b, rcond=ROUNDING)[0])
+        return least, np.unique(group), np.ones(len(A))
+    M = A - np.diag(D)
+    groups, column_group = np.unique(group, return_inverse=True)
+    best, best_gain = -np.inf, np.zeros(len(groups))
+    point, direction, step = start, np.zeros(len(A)), FIRST_STEP
+    u = start
+    for _ in range(tangents):
+        c = b - M @ u
+        gain = np.bincount(column_group, np.square(c) / D) - weight[groups]
+        bound = -float(u @ M @ u) - float(np.maximum(gain, 0).sum())
+        if bound > best:
+            best, best_gain, point = bound, gain, u
+            direction = np.where((gain > 0)[column_group], c / D, 0.0) - u
+        else:  # too far: where columns are nearly alike D is small and c / D huge
+            step /= 2
+        u = point + step * direction
+    share = np.abs(best_gain / weight[groups])
+    return best, groups[best_gain > 0], share[column_group]
+
+
+def _diagonalise(A: Array, group: Index) -> Array:
+    """Diagonal D (p,), alike within a group, with A − diag(D) positive: each as large as it could
+    be alone, all scaled to fit."""
+    value, vector = np.linalg.eigh(A)
+    inverse = (vector / np.maximum(value, ROUNDING)) @ vector.T
+    D = np.empty(len(A))
+    for g in np.unique(group):
+        columns = np.flatnonzero(group == g)
+        D[columns] = 1 / np.linalg.eigvalsh(inverse[np.ix_(columns, columns)])[-1]
+    root = np.sqrt(D)
+    smallest = float(np.linalg.eigvalsh(A / root[:, None] / root)[0])
+    return np.asarray(D * max(smallest, 0.0) * (1 - 1e-10))

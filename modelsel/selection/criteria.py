@@ -1,5 +1,5 @@
-"""Information criteria and evidence as plain functions of rss, rows and rank (methods.md A.3,
-A.5)."""
+"""Information criteria and evidence, as functions of the residual sum of squares `rss`, the number
+of rows `n` and the rank `r` (methods.md A.3, A.5); `sigma` where the noise is known."""
 
 from __future__ import annotations
 
@@ -14,38 +14,37 @@ def _deviance(rss: Array, n: int, sigma: float | None) -> Array:
 
 
 def aic(rss: ArrayLike, n: int, rank: ArrayLike, sigma: float | None = None) -> Array:
-    """n ln(RSS/n) + 2(r+1); RSS/σ² + 2r with σ known. Akaike 1974."""
-    return np.asarray(
-        _deviance(np.asarray(rss), n, sigma) + 2 * (np.asarray(rank) + (sigma is None))
-    )
+    """Compute AIC: n ln(RSS/n) + 2(r+1); RSS/σ² + 2r with σ known. Akaike 1974."""
+    parameters = np.asarray(rank) + (sigma is None)
+    return np.asarray(_deviance(np.asarray(rss), n, sigma) + 2 * parameters)
 
 
 def aicc(rss: ArrayLike, n: int, rank: ArrayLike, sigma: float | None = None) -> Array:
-    """AIC + 2K(K+1)/(n−K−1), K = r+1; infinite ("saturated") where the rank leaves no room. Hurvich
-    & Tsai 1989."""
+    """Compute AICc: AIC + 2K(K+1)/(n−K−1), K = r+1. Hurvich & Tsai 1989.
+
+    Infinite ("saturated") where the rank leaves no room; equal to AIC with σ known."""
     K = np.asarray(rank) + 1
     room = n - K - 1.0
     extra = np.where(room > 0, 2 * K * (K + 1) / np.where(room > 0, room, 1), np.inf)
-    return np.asarray(aic(rss, n, rank, sigma) + (extra if sigma is None else 0))
+    plain = aic(rss, n, rank, sigma)
+    return np.asarray(plain + extra) if sigma is None else plain
 
 
 def bic(
     rss: ArrayLike, n: int, rank: ArrayLike, sigma: float | None = None, count: int | None = None
 ) -> Array:
-    """n ln(RSS/n) + (r+1) ln count; count: independent units (configurations where coordinates
-    correlate). Schwarz 1978."""
-    return np.asarray(
-        _deviance(np.asarray(rss), n, sigma)
-        + (np.asarray(rank) + (sigma is None)) * np.log(count or n)
-    )
+    """Compute BIC: n ln(RSS/n) + (r+1) ln count; RSS/σ² + r ln count with σ known. Schwarz 1978.
+
+    `count`: independent units (configurations, where coordinates correlate); default n."""
+    parameters = np.asarray(rank) + (sigma is None)
+    return np.asarray(_deviance(np.asarray(rss), n, sigma) + parameters * np.log(count or n))
 
 
 def gcv(rss: ArrayLike, n: int, rank: ArrayLike) -> Array:
-    """n RSS/(n−r)²; infinite where saturated. Golub, Heath & Wahba 1979."""
+    """Compute GCV: n RSS/(n−r)²; infinite where saturated. Golub, Heath & Wahba 1979."""
     room = n - np.asarray(rank, float)
-    return np.asarray(
-        np.where(room > 0, n * np.asarray(rss) / np.where(room > 0, room, 1) ** 2, np.inf)
-    )
+    value = n * np.asarray(rss) / np.where(room > 0, room, 1) ** 2
+    return np.where(room > 0, value, np.inf)
 
 
 def ebic(
@@ -57,17 +56,17 @@ def ebic(
     gamma: float = 1.0,
     sigma: float | None = None,
 ) -> Array:
-    """BIC + 2γ ln C(groups, chosen). Chen & Chen 2008."""
+    """Compute EBIC: BIC + 2γ ln C(groups, chosen). Chen & Chen 2008."""
     return np.asarray(bic(rss, n, rank, sigma) + gamma * scan_price(chosen, groups))
 
 
 def scan_price(chosen: ArrayLike, groups: int) -> Array:
-    """2 ln C(groups, chosen): what EBIC charges beyond BIC for having chosen among so many
-    groups."""
+    """Compute 2 ln C(groups, chosen), the price of EBIC beyond BIC for choosing among the groups."""
     from scipy.special import gammaln
 
     s = np.asarray(chosen)
-    return np.asarray(2 * (gammaln(groups + 1) - gammaln(s + 1) - gammaln(groups - s + 1)))
+    log_count = gammaln(groups + 1) - gammaln(s + 1) - gammaln(groups - s + 1)
+    return np.asarray(2 * log_count)
 
 
 def log_evidence(
@@ -78,24 +77,28 @@ def log_evidence(
     extra: ArrayLike,
     sigma: float | None = None,
 ) -> Array:
-    """ln Bayes factor against the base, unit-information g-prior (g = n) on the extra columns; σ
-    integrated out, or known. Zellner 1986; Liang 2008."""
+    """Compute the ln Bayes factor against the base, with a unit-information g-prior (g = n) on the
+    extra columns; σ integrated out, or known. Zellner 1986; Liang et al. 2008."""
     p = np.asarray(extra)
     if sigma is not None:
-        return np.asarray(
-            n / (1 + n) * (rss_base - np.asarray(rss)) / (2 * sigma**2) - p / 2 * np.log1p(n)
-        )
+        explained = n / (1 + n) * (rss_base - np.asarray(rss)) / (2 * sigma**2)
+        return np.asarray(explained - p / 2 * np.log1p(n))
     unexplained = np.asarray(rss) / rss_base
-    return np.asarray(
-        (n - rank_base - p) / 2 * np.log1p(n) - (n - rank_base) / 2 * np.log1p(n * unexplained)
-    )
+    freedom = n - rank_base
+    price = (freedom - p) / 2 * np.log1p(n)
+    return np.asarray(price - freedom / 2 * np.log1p(n * unexplained))
 
 
-def weights(criterion: ArrayLike) -> Array:
-    """exp(−Δ/2), normalised: Akaike weights, or posterior weights from BIC."""
+def normalise_weights(criterion: ArrayLike) -> Array:
+    """Compute exp(−Δ/2), normalised: Akaike weights, or posterior weights from BIC.
+
+    Infinite values get no weight; where none is finite, all weights are alike."""
+    from scipy.special import softmax
+
     values = np.asarray(criterion, float)
     finite = np.isfinite(values)
     if not finite.any():
         return np.full(len(values), 1 / max(len(values), 1))
-    out = np.where(finite, np.exp(-np.where(finite, values - values[finite].min(), 0) / 2), 0)
-    return np.asarray(out / out.sum())
+    weights = np.zeros(len(values))
+    weights[finite] = softmax(-values[finite] / 2)
+    return weights

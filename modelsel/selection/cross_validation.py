@@ -1,10 +1,9 @@
-"""Folds by configuration or group, and exact K-fold and leave-one-out from one factorisation: no
-refit.
+"""Exact K-fold and leave-one-out cross-validation from one factorisation, without a refit.
 
 With Q an orthonormal basis of the design, Q_k its rows in fold k and e the residual,
     beta(-k) = beta − R⁻¹ (I − Q_kᵀQ_k)⁻¹ Q_kᵀ e_k                 (Cook & Weisberg 1982; methods.md A.1).
-Each fold enters reduced to a small block [columns | response], so any number of rows costs the
-same."""
+Each fold is reduced to a small block [columns | response], so the cost does not depend on the
+number of rows."""
 
 from __future__ import annotations
 
@@ -13,8 +12,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .._linalg import TINY
 from .._typing import Array, Index
 from ..exceptions import NotEstimable
 from ..fitting.design import assemble, blocks, whiten
@@ -23,53 +22,54 @@ from ..fitting.linearisation import Linearisation
 from ..fitting.problem import BLOCK, Problem
 from ..fitting.reduction import STREAM, Reduction, scatter_columns
 from ..mechanisms.terms import Term
-from ..robot._kernels import Space
+from ..robot._kernels import Workspace
 
-DEPENDENT = (
-    1e-9  # 1 − largest eigenvalue of Q_kᵀQ_k: below it the model is not estimable without the fold
-)
+# 1 − largest eigenvalue of Q_kᵀQ_k below which the model is not estimable without the fold
+DEPENDENT = 1e-9
+
+# terms, point of linearisation, positions of the terms that are wanted
+Point = tuple[Sequence[Term], Linearisation | None, Sequence[int] | None]
 
 
 @dataclass(frozen=True, eq=False)
-class Folded:
-    """K blocks (K, h, p+1) of [columns | response], zero-padded, and the whitened coordinates (K,)
-    behind each; the `prior`'s rows are in every fit."""
+class FoldedData:
+    """Linearised data, reduced fold by fold.
+
+    blocks: (K, h, p+1) of [columns | response], zero-padded.
+    rows: (K,) whitened coordinates behind each block.
+    prior: rows (k, p+1) that belong to no fold and are in every fit.
+    """
 
     blocks: Array
     rows: Index
-    prior: Array | None = field(default=None, repr=False)  # rows (k, p+1) that belong to no fold
+    prior: Array | None = field(default=None, repr=False)
 
-    def select(self, columns: Sequence[int] | Index) -> Folded:
-        """Of some columns; the response stays last."""
-        return Folded(
-            self.blocks[:, :, [*columns, -1]],
-            self.rows,
-            None if self.prior is None else self.prior[:, [*columns, -1]],
-        )
+    def select(self, columns: Sequence[int] | Index) -> FoldedData:
+        """Select columns; the response stays last."""
+        chosen = [*columns, -1]
+        prior = None if self.prior is None else self.prior[:, chosen]
+        return FoldedData(self.blocks[:, :, chosen], self.rows, prior)
 
     @cached_property
     def total(self) -> Reduction:
         """All folds as one triangle."""
-        p1 = self.blocks.shape[2]
-        data = Reduction.empty(p1 - 1).add(self.blocks.reshape(-1, p1))
-        return Reduction(
-            (data if self.prior is None else data.add(self.prior)).R, int(self.rows.sum())
-        )
+        width = self.blocks.shape[2]
+        data = Reduction.empty(width - 1).add(self.blocks.reshape(-1, width))
+        if self.prior is not None:
+            data = data.add(self.prior)
+        return Reduction(data.R, int(self.rows.sum()))
 
 
-def pad(parts: Sequence[Array], rows: Sequence[int] | Index) -> Folded:
-    """Blocks of different heights as one array; the taller ones are folded into triangles first."""
-    p1 = parts[0].shape[1]
-    parts = [part if len(part) <= p1 else Reduction.empty(p1 - 1).add(part).R for part in parts]
-    out = np.zeros((len(parts), max(map(len, parts)), p1))
-    for block, part in zip(out, parts, strict=True):
+def pad_blocks(parts: Sequence[Array], rows: Sequence[int] | Index) -> FoldedData:
+    """Pad blocks of different heights to one array; tall ones are reduced to triangles first."""
+    width = parts[0].shape[1]
+    short = [
+        part if len(part) <= width else Reduction.empty(width - 1).add(part).R for part in parts
+    ]
+    blocks = np.zeros((len(short), max(map(len, short)), width))
+    for block, part in zip(blocks, short, strict=True):
         block[: len(part)] = part
-    return Folded(out, np.array(rows, dtype=np.intp))
-
-
-Point = tuple[
-    Sequence[Term], Linearisation | None, Sequence[int] | None
-]  # terms, where linearised, which
+    return FoldedData(blocks, np.array(rows, dtype=np.intp))
 
 
 def fold(
@@ -78,88 +78,133 @@ def fold(
     fold_of: Index,
     at: Linearisation | None = None,
     only: Sequence[int] | None = None,
-) -> Folded:
-    """A problem's whitened design and residual, reduced fold by fold, block of rows by block of rows.
-    `only`: the terms that are asked for; of many rows the other columns are nought."""
-    return folds(problem, [(terms, at, only)], fold_of)[0]
+) -> FoldedData:
+    """Reduce a problem's whitened design and residual fold by fold.
+
+    `fold_of` (m,): the rows' folds; `at`: where the model is linearised; `only`: the terms that are
+    wanted, the other columns are zero where there are many rows."""
+    return fold_models(problem, [(terms, at, only)], fold_of)[0]
 
 
-def folds(problem: Problem, points: Sequence[Point], fold_of: Index) -> list[Folded]:
-    """`fold` of several models, each at its own point, in one pass: a block's causes are evaluated
-    once for all of them."""
-    count = int(fold_of.max()) + 1
-    rows_of = problem.counted(fold_of, count)
-    if len(problem) <= BLOCK:
-        out = []
-        for terms, at, _ in points:
-            stacked = whiten(problem, assemble(problem, terms, at)).transpose(
-                2, 1, 0
-            )  # (rows, c, p+1)
-            out.append(
-                pad(
-                    [stacked[fold_of == k].reshape(-1, len(terms) + 1) for k in range(count)],
-                    rows_of,
-                )
-            )
-        return out
-    picked = [
-        [*(range(len(terms)) if only is None else only), len(terms)] for terms, _, only in points
-    ]
-    found = [[Reduction.empty(len(some) - 1)] * count for some in picked]
-    spaces = [Space() for _ in points]
+def fold_models(problem: Problem, points: Sequence[Point], fold_of: Index) -> list[FoldedData]:
+    """Reduce the designs of several models fold by fold (`fold`), in one pass over the rows.
+
+    A block's causes are evaluated once for all models."""
+    rows_of = problem.counted(fold_of, int(fold_of.max()) + 1)
+    if len(problem) > BLOCK:
+        return _fold_blockwise(problem, points, fold_of, rows_of)
+    return [_fold_at_once(problem, terms, at, fold_of, rows_of) for terms, at, _ in points]
+
+
+def _fold_at_once(
+    problem: Problem,
+    terms: Sequence[Term],
+    at: Linearisation | None,
+    fold_of: Index,
+    rows_of: Index,
+) -> FoldedData:
+    """Reduce one design that fits in memory; `rows_of` (K,) coordinates in every fold."""
+    design = whiten(problem, assemble(problem, terms, at))
+    rows = design.transpose(2, 1, 0)  # (m, c, p+1)
+    width = len(terms) + 1
+    parts = [rows[fold_of == k].reshape(-1, width) for k in range(len(rows_of))]
+    return pad_blocks(parts, rows_of)
+
+
+def _fold_blockwise(
+    problem: Problem, points: Sequence[Point], fold_of: Index, rows_of: Index
+) -> list[FoldedData]:
+    """Reduce several designs block of rows by block of rows, the wanted columns only."""
+    wanted = []
+    for terms, _, only in points:
+        columns = range(len(terms)) if only is None else only
+        wanted.append([*columns, len(terms)])
+    reductions = [[Reduction.empty(len(columns) - 1)] * len(rows_of) for columns in wanted]
+    spaces = [Workspace() for _ in points]
     order = np.argsort(fold_of, kind="stable")
-    for rows in (order[start : start + STREAM] for start in range(0, len(problem), STREAM)):
-        part, (own, first) = problem.take(rows), np.unique(fold_of[rows], return_index=True)
-        for (terms, at, _), some, into, space in zip(points, picked, found, spaces, strict=True):
-            block = whiten(part, assemble(part, terms, at, space=space))[some]
-            for k, start, stop in zip(own, first, [*first[1:], len(rows)], strict=True):
-                into[k] = into[k].add(block[:, :, start:stop].reshape(len(some), -1).T)
-    return [
-        pad([scatter_columns(r.R, some, len(terms) + 1) for r in into], rows_of)
-        for (terms, _, _), some, into in zip(points, picked, found, strict=True)
-    ]
+    for start in range(0, len(problem), STREAM):
+        rows = order[start : start + STREAM]
+        part = problem.take(rows)
+        for k, (terms, at, _) in enumerate(points):
+            design = whiten(part, assemble(part, terms, at, space=spaces[k]))[wanted[k]]
+            _add_to_folds(reductions[k], design, fold_of[rows])
+    folded = []
+    for (terms, _, _), columns, folds in zip(points, wanted, reductions, strict=True):
+        parts = [scatter_columns(reduction.R, columns, len(terms) + 1) for reduction in folds]
+        folded.append(pad_blocks(parts, rows_of))
+    return folded
 
 
-def by_unit(
+def _add_to_folds(reductions: list[Reduction], design: Array, fold_of: Index) -> None:
+    """Add a design (columns, c, rows), its rows sorted by fold, to the folds' reductions."""
+    folds, starts = np.unique(fold_of, return_index=True)
+    stops = [*starts[1:], len(fold_of)]
+    for k, start, stop in zip(folds, starts, stops, strict=True):
+        rows = design[:, :, start:stop].reshape(len(design), -1).T
+        reductions[k] = reductions[k].add(rows)
+
+
+def fold_by_unit(
     problem: Problem,
     terms: Sequence[Term],
     unit: Index,
     at: Linearisation | None = None,
-) -> Iterator[Folded]:
-    """A fold per unit (m,), a configuration or a group, in order, a block of rows at a time: of any
-    number of rows only one block is held."""
+) -> Iterator[FoldedData]:
+    """Reduce a design with a fold per unit (m,), a configuration or a group, in order.
+
+    Yields some units at a time, so that only one block of rows is held in memory."""
     unit = np.unique(unit, return_inverse=True)[1].reshape(-1)
     order = np.argsort(unit, kind="stable")
     edges = np.append(np.flatnonzero(np.diff(unit[order], prepend=-1)), len(problem))
-    c, p1, k = problem.components, len(terms) + 1, 0
-    while k < len(edges) - 1:
-        end = max(int(np.searchsorted(edges, edges[k] + BLOCK, side="right")) - 1, k + 1)
-        rows, height = order[edges[k] : edges[end]], np.diff(edges[k : end + 1])
+    count = len(edges) - 1
+    first = 0
+    while first < count:
+        last = int(np.searchsorted(edges, edges[first] + BLOCK, side="right")) - 1
+        last = max(last, first + 1)
+        rows = order[edges[first] : edges[last]]
         if len(rows) == len(problem):
-            block = whiten(problem, assemble(problem, terms, at))[:, :, rows]
+            design = whiten(problem, assemble(problem, terms, at))[:, :, rows]
         else:
             part = problem.take(rows)
-            block = whiten(part, assemble(part, terms, at))
-        out = np.zeros((end - k, height.max(), c, p1))
-        which = unit[rows] - k
-        out[which, np.arange(len(rows)) - (edges[k:end] - edges[k])[which]] = block.transpose(
-            2, 1, 0
-        )
-        out = out.reshape(end - k, -1, p1)
-        tall = [b[: h * c] for b, h in zip(out, height, strict=True)] if out.shape[1] > p1 else None
-        seen = (
-            height * c if problem.measured is None else problem.take(rows).counted(which, end - k)
-        )
-        yield Folded(out, seen) if tall is None else pad(tall, seen)
-        k = end
+            design = whiten(part, assemble(part, terms, at))
+        yield _fold_units(problem, design, rows, unit[rows] - first, edges[first : last + 1])
+        first = last
+
+
+def _fold_units(
+    problem: Problem, design: Array, rows: Index, unit: Index, edges: Index
+) -> FoldedData:
+    """Reduce a design (p+1, c, rows), its rows sorted by unit, to a block per unit.
+
+    `edges` (K+1,) are the units' first rows."""
+    width, c, _ = design.shape
+    height = np.diff(edges)
+    place = np.arange(len(rows)) - (edges[:-1] - edges[0])[unit]
+    blocks = np.zeros((len(height), height.max(), c, width))
+    blocks[unit, place] = design.transpose(2, 1, 0)
+    blocks = blocks.reshape(len(height), -1, width)
+    if problem.measured is None:
+        counts = height * c
+    else:
+        counts = problem.take(rows).counted(unit, len(height))
+    if blocks.shape[1] <= width:
+        return FoldedData(blocks, counts)
+    tall = [block[: h * c] for block, h in zip(blocks, height, strict=True)]
+    return pad_blocks(tall, counts)
 
 
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
-    """Of one model: beta (K, p) fitted without each fold, held-out sums of squares (K,) in whitened
-    coordinates, the residual sum of squares of all rows, and the log predictive density (K,) of
-    every fold (Jeffreys prior, multivariate t; methods.md A.4) from the folds' QᵀQ (K, r, r) and
-    eᵀ(I − H)⁻¹e (K,)."""
+    """Exact cross-validation of one model over K folds.
+
+    without: (K, p) coefficients fitted without each fold.
+    held_out: (K,) held-out sums of squares, in whitened coordinates.
+    rows: (K,) whitened coordinates of each fold.
+    rss: residual sum of squares of all rows.
+    gram: (K, r, r) the folds' QᵀQ.
+    quadratic: (K,) eᵀ(I − H)⁻¹e of each fold.
+    by_prior: number of rows of the prior.
+    """
 
     without: Array
     held_out: Array
@@ -171,10 +216,10 @@ class CrossValidation:
 
     @cached_property
     def density(self) -> Array:
-        """(K,) log predictive density of every fold given the others."""
-        return _density(
-            self.gram, self.quadratic, self.rss, self.rows, self.gram.shape[1] - self.by_prior
-        )
+        """(K,) log predictive density of every fold given the others (Jeffreys prior, multivariate
+        t; methods.md A.4)."""
+        rank = self.gram.shape[1] - self.by_prior
+        return _log_density(self.gram, self.quadratic, self.rss, self.rows, rank)
 
     @property
     def rms(self) -> float:
@@ -183,60 +228,71 @@ class CrossValidation:
 
 
 def cross_validate(
-    folded: Folded, kept: Sequence[int] | None = None, prior: Array | None = None
+    folded: FoldedData, kept: Sequence[int] | None = None, prior: Array | None = None
 ) -> CrossValidation:
-    """Exact, from one factorisation. `kept`: the columns to fit (default: those `identify` keeps);
-    `prior`: rows (k, p+1) of [columns | response] that belong to no fold. Raises NotEstimable where
-    the model is not estimable without some fold."""
+    """Cross-validate a model exactly, from one factorisation.
+
+    `kept`: the columns to fit (default: those `identify` keeps); `prior`: rows (k, p+1) of
+    [columns | response] that belong to no fold. Raises NotEstimable where the model is not
+    estimable without some fold."""
     total = folded.total
     if prior is not None:
         total = Reduction(total.add(prior).R, total.rows)
     kept = list(identify(total).kept if kept is None else kept)
     beta, factor, rss = solve(total, kept)
     X, y = folded.blocks[:, :, kept], folded.blocks[:, :, -1]
-    Q, e = X @ factor, y - X @ beta
-    gram = Q.transpose(0, 2, 1) @ Q
-    gap = 1 - np.linalg.eigvalsh(gram)[:, -1] if kept else np.ones(len(X))
-    if gap.min() < DEPENDENT:
-        worst = int(gap.argmin())
-        raise NotEstimable(
-            f"without fold {worst + 1} of {len(X)} the model is not estimable: some parameter rests on that "
-            "fold alone. Use more folds or measure more configurations."
-        )
-    v = np.linalg.solve(np.eye(len(kept)) - gram, (Q.transpose(0, 2, 1) @ e[:, :, None]))[:, :, 0]
+    Q = X @ factor
+    residual = y - X @ beta
+    Qt = Q.transpose(0, 2, 1)
+    gram = Qt @ Q
+    _check_estimable(gram)
+    shift = np.linalg.solve(np.eye(len(kept)) - gram, Qt @ residual[:, :, None])[:, :, 0]
     without = np.zeros((len(X), folded.blocks.shape[2] - 1))
-    without[:, kept] = beta - v @ factor.T
-    left = e + np.einsum("khr,kr->kh", Q, v)
+    without[:, kept] = beta - shift @ factor.T
+    held_out = residual + np.einsum("khr,kr->kh", Q, shift)
     return CrossValidation(
         without,
-        np.square(left).sum(1),
+        np.square(held_out).sum(1),
         folded.rows,
         rss,
         gram,
-        np.einsum("kh,kh->k", e, left),
+        np.einsum("kh,kh->k", residual, held_out),
         0 if prior is None else len(prior),
     )
 
 
-def _density(gram: Array, quadratic: Array, rss: float, rows: Index, rank: int) -> Array:
-    """log t_{n_k}(y_k | the other folds); −inf where the others leave no degree of freedom."""
+def _check_estimable(gram: Array) -> None:
+    """Raise NotEstimable where a fold's QᵀQ (K, r, r) has an eigenvalue of one: a direction that
+    rests on that fold alone."""
+    if not gram.shape[1]:
+        return
+    gap = 1 - np.linalg.eigvalsh(gram)[:, -1]
+    if gap.min() < DEPENDENT:
+        worst = int(gap.argmin())
+        raise NotEstimable(
+            f"without fold {worst + 1} of {len(gram)} the model is not estimable: some parameter "
+            "rests on that fold alone. Use more folds or measure more configurations."
+        )
+
+
+def _log_density(gram: Array, quadratic: Array, rss: float, rows: Index, rank: int) -> Array:
+    """Log (K,) of t_{n_k}(y_k | the other folds); −inf where the others leave no degree of freedom.
+
+    With ν = n − n_k − rank and ν s² = RSS − eᵀ(I − H)⁻¹e, the RSS without the fold,
+    ln Γ((ν+n_k)/2) − ln Γ(ν/2) − n_k/2 ln(ν π s²) + ½ ln|I − H| − (ν+n_k)/2 ln(1 + eᵀ(I − H)⁻¹e/(ν s²))."""
     from scipy.special import gammaln
 
     nu = rows.sum() - rows - rank
     good = nu > 0
     nu = np.where(good, nu, 1).astype(float)
-    scale = np.maximum(rss - quadratic, 1e-300) / nu  # s²(-k): RSS(-k) = RSS − e_kᵀ(I−H_kk)⁻¹e_k
-    logdet = (
-        np.linalg.slogdet(np.eye(gram.shape[1]) - gram)[1] if gram.shape[1] else np.zeros(len(gram))
-    )
-    out = (
-        gammaln((nu + rows) / 2)
-        - gammaln(nu / 2)
-        - rows / 2 * np.log(nu * np.pi * scale)
-        + logdet / 2
-        - (nu + rows) / 2 * np.log1p(quadratic / (nu * scale))
-    )
-    return np.where(good, out, -np.inf)
+    scale = np.maximum(rss - quadratic, TINY) / nu
+    logdet = np.zeros(len(gram))
+    if gram.shape[1]:
+        logdet = np.linalg.slogdet(np.eye(gram.shape[1]) - gram)[1]
+    power = (nu + rows) / 2
+    constant = gammaln(power) - gammaln(nu / 2) - rows / 2 * np.log(nu * np.pi * scale)
+    density = constant + logdet / 2 - power * np.log1p(quadratic / (nu * scale))
+    return np.where(good, density, -np.inf)
 
 
 def held_out_residuals(
@@ -246,10 +302,11 @@ def held_out_residuals(
     without: Array,
     at: Linearisation | None = None,
 ) -> Array:
-    """(m, 3) mm: every row's residual under the fit that has not seen its fold (linear about `at`),
-    not whitened."""
-    out = np.empty((len(problem), 3))
+    """Compute every row's residual (m, 3) [mm] under the fit without its fold.
+
+    `without` (K, p): the coefficients fitted without each fold. Linear about `at`; not whitened."""
+    held_out = np.empty((len(problem), 3))
     for rows, columns, residual in blocks(problem.unweighted(), terms, at):
-        delta: NDArray[np.float64] = without[fold_of[rows]]
-        out[rows] = (residual[:3] - np.einsum("pcm,mp->cm", columns[:, :3], delta)).T
-    return out
+        delta: Array = without[fold_of[rows]]
+        held_out[rows] = (residual[:3] - np.einsum("pcm,mp->cm", columns[:, :3], delta)).T
+    return held_out

@@ -23,11 +23,11 @@ from ..robot.rigid import align_z
 
 # least over largest spread of positions below which an anchor could stand on either side of them
 FLAT = 1e-2
-SCALE_MM = 5.0  # what a nominal arm is off by: residuals beyond count less
+ARM_ERROR_MM = 5.0  # what a nominal arm is off by: residuals beyond count less
 LEAST = {"wire": 4, "ball-bar": 4, "plane": 4, "same-point": 1, "distance": 1}
 
 
-def place(problem: Problem, use: NDArray[np.bool_]) -> Problem:
+def place_features(problem: Problem, use: NDArray[np.bool_]) -> Problem:
     """The problem with its features placed from the rows `use` (mask), those that are known as they
     are known. Raises DataError where the rows do not say where one is."""
     gauges = problem.data.gauges
@@ -47,7 +47,7 @@ def place(problem: Problem, use: NDArray[np.bool_]) -> Problem:
     return replace(problem, fixtures=found)
 
 
-def unseen(data: Measurements, use: NDArray[np.bool_]) -> Index:
+def find_unmeasured_features(data: Measurements, use: NDArray[np.bool_]) -> Index:
     """Features that are not known and that no row of `use` (mask) measures."""
     gauges = data.gauges
     some = () if gauges is None else gauges.features
@@ -128,7 +128,7 @@ def _anchor(
         gap,
         np.append(position, [start] if open_ else []),
         loss="soft_l1",
-        f_scale=SCALE_MM,
+        f_scale=ARM_ERROR_MM,
         x_scale="jac",
     ).x
     return found[:3], np.eye(3), float(found[3]) if open_ else known

@@ -19,8 +19,18 @@ from ..exceptions import sentence_list
 from ..fitting.problem import Problem
 from ..robot.kinematics import Pose, Robot, pose
 from ..robot.rigid import nearest_rotation, transform
-from .placement import COARSE, LOSS, NORMAL, ROUNDS, STATED_MM, USUAL_MM, cross, descend, kabsch
-from .simple_mistakes import Mistake, linear
+from .placement import (
+    COARSE,
+    LOSS,
+    MEDIAN_3,
+    ROUNDS,
+    STATED_MM,
+    USUAL_MM,
+    cross_matrices,
+    descend,
+    fit_rigid_transform,
+)
+from .simple_mistakes import Mistake, list_joint_mistakes
 
 STEP = np.pi / 18  # of the angles that are tried of a joint's zero
 PEAKS = 2  # angles of each joint from which it is descended
@@ -31,8 +41,8 @@ DEGREES, LINK_MM = (
 ZERO, LENGTH_MM = 1.0, 200.0  # prior standard deviations: rad (mm of a slide: the next), mm
 RIGHT = np.radians(5)  # nearness to a right angle, which has a sentence of its own
 FALL = 0.8  # to which each more of them must bring what is left for a next to be looked for
-PARTS, FRAMES = 4, 2  # numbers of the arm that are wrong at once: zeros, links
-TIMES = 4  # that the scale of the loss is taken anew
+MAX_PARTS, FRAMES = 4, 2  # numbers of the arm that are wrong at once: zeros, links
+SCALE_ROUNDS = 4  # that the scale of the loss is taken anew
 RESTS = 2e-3  # rad or mm of motion below which a joint rests
 MOST_REST = 3  # such joints whose angles are looked for together,
 THIRDS = (-2 * np.pi / 3, 0.0, 2 * np.pi / 3)  # from these
@@ -92,7 +102,7 @@ class Arm:
         )
 
 
-def start(problem: Problem) -> Arm:
+def build_nominal_arm(problem: Problem) -> Arm:
     """The set-up of a problem of one target and one placement, the nominal arm."""
     n = problem.robot.n
     R, t = problem.placement
@@ -111,7 +121,7 @@ def _columns(problem: Problem, arm: Arm, at: Pose) -> Array:
     own = np.concatenate(
         [at.axes[n, :3], zeros, at.axes[:n, :3].reshape(3 * n, 3, -1)]
     )  # (3 + 4 n, 3, m)
-    turn = -cross(y - np.median(y, axis=0))
+    turn = -cross_matrices(y - np.median(y, axis=0))
     return np.concatenate(
         [turn, np.tile(np.eye(3), (len(y), 1, 1)), np.einsum("ij,kjm->mik", arm.R, own)], axis=2
     )
@@ -145,14 +155,14 @@ def adjusted(problem: Problem, arm: Arm, free: Sequence[int], set_up: bool) -> A
         ]
     )
     before = np.inf
-    for _ in range(TIMES):
+    for _ in range(SCALE_ROUNDS):
         median = max(arm.left(problem), 1e-6)
         if median > 0.95 * before:
             break
         before, scale, weight = (
             median,
             LOSS * median,
-            np.concatenate([np.zeros(6), (median / NORMAL / sd) ** 2]),
+            np.concatenate([np.zeros(6), (median / MEDIAN_3 / sd) ** 2]),
         )
 
         def away(a: Arm) -> Array:
@@ -183,7 +193,7 @@ def _placed(problem: Problem, arm: Arm) -> Arm:
     y = arm.walked(problem)[0].target.T
     weight = np.ones(len(y))
     for _ in range(ROUNDS):
-        R, t = kabsch(problem.data.position, y, weight)
+        R, t = fit_rigid_transform(problem.data.position, y, weight)
         size = np.linalg.norm(problem.data.position - y @ R.T - t, axis=1)
         weight = 1 / (1 + (size / max(LOSS * float(np.median(size)), 1e-6)) ** 2) ** 2
     return replace(arm, R=R, t=t)
@@ -191,14 +201,14 @@ def _placed(problem: Problem, arm: Arm) -> Arm:
 
 def of_joint(problem: Problem, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
     """Every turning joint's zero off by any angle, as it fits best."""
-    nominal, angles = start(problem), np.arange(1, 36) * STEP
+    nominal, angles = build_nominal_arm(problem), np.arange(1, 36) * STEP
     for j, slides in enumerate(problem.robot.prismatic):
         if slides:
             yield from _named(problem, adjusted(problem, nominal, [j], set_up))
             continue
         tried = [replace(nominal, zeros=angle * np.eye(problem.robot.n)[j]) for angle in angles]
         if set_up:
-            score = linear(
+            score = list_joint_mistakes(
                 problem,
                 [Mistake("", "", np.eye(problem.robot.n), a.zeros, np.eye(3)) for a in tried],
             )[0]
@@ -214,14 +224,14 @@ def of_joint(problem: Problem, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
 
 def of_links(problem: Problem, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
     """Every link's a b c off by any length."""
-    n, nominal = problem.robot.n, start(problem)
+    n, nominal = problem.robot.n, build_nominal_arm(problem)
     for j in range(1 if set_up else 0, n):
         yield from _named(
             problem, adjusted(problem, nominal, [n + 3 * j + a for a in range(3)], set_up)
         )
 
 
-def several(
+def fit_several(
     problem: Problem, good: float, first: Sequence[Arm], links: bool = True
 ) -> Iterator[tuple[Mistake, Arm]]:
     """Several of them at once that leave no more than `good` [mm]: zeros, those of joints that
@@ -233,7 +243,9 @@ def several(
         [[n + 3 * j + a for a in range(3)] for j in range(1, n)],
     )
     for groups in (zeros, [*zeros, *frames]) if links else (zeros,):
-        begun = [a for a in first if groups is not zeros or not a.links.any()] or [start(problem)]
+        begun = [a for a in first if groups is not zeros or not a.links.any()] or [
+            build_nominal_arm(problem)
+        ]
         ends = [
             _extended(problem, good, arm, groups)
             for arm in sorted(begun, key=lambda a: a.left(problem))[:PEAKS]
@@ -250,7 +262,7 @@ def _extended(problem: Problem, good: float, arm: Arm, groups: Sequence[list[int
     wrong = np.concatenate([arm.zeros, arm.links.ravel()])
     taken = [g for g in groups if wrong[g].any()]
     before = np.inf
-    while len(taken) < PARTS and good < arm.left(problem) < FALL * before:
+    while len(taken) < MAX_PARTS and good < arm.left(problem) < FALL * before:
         before = arm.left(problem)
         more = [
             (adjusted(problem, arm, [k for each in [*taken, g] for k in each], True), g)
@@ -273,7 +285,7 @@ def _resting(problem: Problem) -> list[Arm]:
     )
     if not 2 <= len(rest) <= MOST_REST:
         return []
-    n, nominal = problem.robot.n, start(problem)
+    n, nominal = problem.robot.n, build_nominal_arm(problem)
     turns = [
         replace(nominal, zeros=np.eye(n)[rest].T @ np.array(angles))
         for angles in product(THIRDS, repeat=len(rest))

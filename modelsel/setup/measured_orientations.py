@@ -26,7 +26,9 @@ INVERTED = "inverted (the turn from target to tracker, not from tracker to targe
 ORDERS = (((3, 0, 1, 2), "x, y, z, w", "qx qy qz qw"), ((1, 2, 3, 0), "z, w, x, y", "qz qw qx qy"))
 
 
-def orientation_mistake(problem: Problem, use: NDArray[np.bool_], registered: bool) -> str | None:
+def describe_orientation_mistake(
+    problem: Problem, use: NDArray[np.bool_], registered: bool
+) -> str | None:
     """A sentence that says which mistake in the quaternions explains what the orientations of the
     rows `use` (mask) leave, with the median angle before and after; None where they leave little,
     or no mistake explains it. The orientation of the target on the flange is free, and the

@@ -21,18 +21,18 @@ from ..exceptions import DataError, NotEstimable
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
 from ..robot.kinematics import pose
-from .joint_offsets import Arm, of_joint, of_links, several
-from .other_robots import better
-from .registration import register, undetermined
+from .joint_offsets import Arm, fit_several, of_joint, of_links
+from .other_robots import describe_improvement
+from .registration import note_undetermined, register
 from .simple_mistakes import (
     NOTHING,
     REGISTER,
     SCALES,
     Mistake,
-    linear,
-    of_joints,
-    of_positions,
-    senses,
+    list_joint_mistakes,
+    list_position_mistakes,
+    list_reversed_joints,
+    score_linearly,
 )
 
 ROWS = 120  # that are looked at, spread over the file
@@ -49,12 +49,12 @@ FACTOR = 4.0  # a mistake explains the positions if without it they fit so much 
 GOOD = 0.05  # and to this share of what they spread (median)
 ALIKE = 1.5  # mistakes that fit as well as the best, within this factor, are told with it
 TWICE = 2.0  # a right angle is said as such unless an angle near it fits so much better
-TOLD = 2  # mistakes in a sentence
+MAX_NAMED = 2  # mistakes in a sentence
 TRIED = 8  # of the linear solutions that are registered
 NEAR = 0.1  # of the logarithm of a scale, for a unit to be tried
 
 
-def mistake(
+def describe_setup_mistake(
     problem: Problem,
     use: NDArray[np.bool_],
     registered: bool,
@@ -69,7 +69,7 @@ def mistake(
     reach = problem.reach_mm
     if some is None or (before := _left(some)) < BAD * reach:
         return None
-    singles, also = tuple(of_joints(problem.robot)), ""
+    singles, also = tuple(list_position_mistakes(problem.robot)), ""
     if registered:
         some = _registered(some, False) or some
         before = _left(some)
@@ -94,7 +94,7 @@ def mistake(
         tried += _tried(some, singles, 2)
         best = _best(tried, limit)
         if min((left for _, left in best), default=np.inf) > FAR * reach:
-            more = several(some, min(limit, BAD * reach), [arm for _, arm in offsets], links)
+            more = fit_several(some, min(limit, BAD * reach), [arm for _, arm in offsets], links)
             best = _best([*tried, *((m, _sure(some, arm)) for m, arm in more)], limit)
     return _sentence(before, best, also) if best else None
 
@@ -105,7 +105,7 @@ def _stated(
     """What explains the positions where the study says the frame and the target."""
     simple = [
         (m, _explained(_changed(problem, m)))
-        for m in (*singles, *of_positions(problem.robot.n, True))
+        for m in (*singles, *list_reversed_joints(problem.robot.n, True))
     ]
     found = _best([*(_tool(problem) if far else []), *simple], limit)
     found = found or _best(
@@ -130,7 +130,7 @@ def _sentence(before: float, found: Sequence[tuple[Mistake, float]], also: str =
     after = min(left for _, left in found)
     looks = list(dict.fromkeys(m.look for m, _ in found))
     return (
-        f"The positions fit {better(before, after)} ({_mm(after)} in place of {_mm(before)}, median) if {also}"
+        f"The positions fit {describe_improvement(before, after)} ({_mm(after)} in place of {_mm(before)}, median) if {also}"
         f"{', or if '.join(m.words for m, _ in found)}: {', or '.join(looks)}."
     )
 
@@ -183,7 +183,8 @@ def _registered(problem: Problem, sure: bool = True) -> Problem | None:
     return (
         None
         if sure
-        and "registration-weak" in {n.code for n in undetermined(found, use, False, bare.tools)}
+        and "registration-weak"
+        in {n.code for n in note_undetermined(found, use, False, bare.tools)}
         else found
     )
 
@@ -192,7 +193,7 @@ def _sure(problem: Problem, arm: Arm) -> float:
     """`_explained` of an arm that is not nominal, infinite where the rows do not tell its
     set-up."""
     at = arm.problem(problem)
-    weak = undetermined(at, np.ones(len(at), bool), False, np.zeros_like(at.tools))
+    weak = note_undetermined(at, np.ones(len(at), bool), False, np.zeros_like(at.tools))
     return np.inf if "registration-weak" in {n.code for n in weak} else _explained(at)
 
 
@@ -210,7 +211,7 @@ def _best(tried: Sequence[tuple[Mistake, float]], limit: float) -> list[tuple[Mi
     good = [(m, left) for m, left in tried if left <= min(limit, ALIKE * least)]
     fewest = min((m.parts for m, _ in good), default=0)
     return sorted((each for each in good if each[0].parts == fewest), key=lambda each: each[1])[
-        :TOLD
+        :MAX_NAMED
     ]
 
 
@@ -237,9 +238,9 @@ def _tried(problem: Problem, singles: Sequence[Mistake], count: int) -> list[tup
     joints = (
         [nothing, *singles]
         if count == 1
-        else [*singles, *(a.then(b) for a, b in combinations(singles, 2)), *senses(n)]
+        else [*singles, *(a.then(b) for a, b in combinations(singles, 2)), *score_linearly(n)]
     )
-    score, factor = linear(problem, joints)
+    score, factor = list_joint_mistakes(problem, joints)
     order = np.lexsort(
         (score, np.where(score <= ALIKE * score.min(), [m.parts for m in joints], np.inf))
     )
@@ -251,7 +252,9 @@ def _tried(problem: Problem, singles: Sequence[Mistake], count: int) -> list[tup
             more += [
                 joint.then(m) if joint.parts else m
                 for m, scale in zip(
-                    of_positions(n, False), (*(unit.scale for unit in SCALES), -1.0), strict=True
+                    list_reversed_joints(n, False),
+                    (*(unit.scale for unit in SCALES), -1.0),
+                    strict=True,
                 )
                 if factor[k] * scale > 0 and abs(np.log(factor[k] / scale)) < NEAR
             ]

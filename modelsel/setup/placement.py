@@ -26,7 +26,7 @@ LOSS = 3.0  # medians beyond which a row counts less and less
 GROSS = 6.0  # medians beyond which a row is left out of the last fit
 LEVER_MM = 1.0  # that a radian of orientation counts for
 LEAST_MM = 1e-6  # smallest median that is believed
-NORMAL = 1.538  # median length of three standard normal coordinates
+MEDIAN_3 = 1.538  # median length of three standard normal coordinates
 ROUNDS, STEPS = 6, 40
 SUBSETS = 48  # of four rows each, of which rigid fits start
 USUAL = 2e-3  # error of an arm as a share of how far it moves,
@@ -34,7 +34,7 @@ MISFIT = (
     0.01  # share of how far it moves above which what is left says nothing of how well it is known
 )
 INDEPENDENT = 6  # and of how many rows it is alike
-NULL = 1e-14  # least eigenvalue of scaled normal equations: what nothing tells stays finite
+USUAL_ERROR = 1e-14  # least eigenvalue of scaled normal equations: what nothing tells stays finite
 STILL, COARSE = (
     1e-12,
     1e-5,
@@ -110,12 +110,12 @@ def left(sight: Sight, at: Placed) -> Array:
     return np.concatenate([position, LEVER_MM * rotation], axis=1)
 
 
-def lengths(sight: Sight, at: Placed) -> Array:
+def compute_misfits(sight: Sight, at: Placed) -> Array:
     """(m,) norms of `left`."""
     return np.asarray(np.linalg.norm(left(sight, at), axis=1))
 
 
-def middle(size: Array, unknowns: int) -> Array:
+def compute_trimmed_median(size: Array, unknowns: int) -> Array:
     """(...) the length of (..., m) that more than half are below, beyond the rows that `unknowns`
     can fit exactly (Rousseeuw
     1984); LEAST_MM at the least."""
@@ -124,7 +124,7 @@ def middle(size: Array, unknowns: int) -> Array:
     return np.asarray(np.maximum(np.partition(size, k, axis=-1)[..., k], LEAST_MM))
 
 
-def kabsch(x: Array, y: Array, weight: Array) -> tuple[Array, Array]:
+def fit_rigid_transform(x: Array, y: Array, weight: Array) -> tuple[Array, Array]:
     """Rigid fits x ≈ R y + t of (..., k, 3) points with weights (..., k): R (..., 3, 3), t (...,
     3)."""
     w = weight / np.maximum(weight.sum(-1, keepdims=True), 1e-300)
@@ -138,7 +138,7 @@ def kabsch(x: Array, y: Array, weight: Array) -> tuple[Array, Array]:
     return R, mx - np.einsum("...ij,...j->...i", R, my)
 
 
-def rigid(sight: Sight, tools: Array) -> Placed:
+def fit_placements(sight: Sight, tools: Array) -> Placed:
     """Placements for known targets: the best of rigid fits to all rows and to fours of them by the
     median, then reweighted."""
     y = sight.o + np.einsum("mij,mj->mi", sight.F, tools[sight.target])
@@ -150,16 +150,16 @@ def rigid(sight: Sight, tools: Array) -> Placed:
             int
         )
         many = [
-            kabsch(xs[None], ys[None], np.ones((1, m))),
-            kabsch(xs[some], ys[some], np.ones(some.shape)),
+            fit_rigid_transform(xs[None], ys[None], np.ones((1, m))),
+            fit_rigid_transform(xs[some], ys[some], np.ones(some.shape)),
         ]
         Rs, ts = (np.concatenate([pair[k] for pair in many]) for k in (0, 1))
         size = np.linalg.norm(xs - ys @ Rs.transpose(0, 2, 1) - ts[:, None], axis=2)
-        best = int(middle(size, 6).argmin())
+        best = int(compute_trimmed_median(size, 6).argmin())
         R[g], t[g], near = Rs[best], ts[best], size[best]
         for _ in range(ROUNDS):
-            weight = 1 / (1 + (near / (LOSS * middle(near, 6))) ** 2) ** 2
-            R[g], t[g] = kabsch(xs, ys, weight)
+            weight = 1 / (1 + (near / (LOSS * compute_trimmed_median(near, 6))) ** 2) ** 2
+            R[g], t[g] = fit_rigid_transform(xs, ys, weight)
             near = np.linalg.norm(xs - ys @ R[g].T - t[g], axis=1)
     return Placed(R, t, tools)
 
@@ -178,7 +178,9 @@ def normal_equations(sight: Sight, at: Placed, weight: Array) -> tuple[Array, Ar
         RF = at.R[group] @ sight.F[rows]
         arm = RF @ at.tools[target] + sight.o[rows] @ at.R[group].T
         J = np.zeros((len(rows), rest.shape[1], 12 if turns else 9))
-        J[:, :3, :3] = -cross(arm - centre(sight, at, group))  # change of what is predicted
+        J[:, :3, :3] = -cross_matrices(
+            arm - compute_turning_point(sight, at, group)
+        )  # change of what is predicted
         J[:, :3, 3:6], J[:, :3, 6:9] = np.eye(3), RF
         if turns:
             J[:, 3:, :3], J[:, 3:, 9:] = LEVER_MM * np.eye(3), LEVER_MM * RF
@@ -196,13 +198,13 @@ def normal_equations(sight: Sight, at: Placed, weight: Array) -> tuple[Array, Ar
     return H, g
 
 
-def centre(sight: Sight, at: Placed, group: int) -> Array:
+def compute_turning_point(sight: Sight, at: Placed, group: int) -> Array:
     """(3,) the middle of a group's points about which it is turned, from its placement's shift, in
     the tracker's axes [mm]."""
     return np.asarray(np.median(sight.x[sight.group == group], axis=0) - at.t[group])
 
 
-def cross(v: Array) -> Array:
+def cross_matrices(v: Array) -> Array:
     """(m, 3, 3) with cross(v) w = v x w."""
     out = np.zeros((len(v), 3, 3))
     out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
@@ -215,7 +217,7 @@ def _moved(sight: Sight, at: Placed, step: Array) -> Placed:
     G, T = sight.groups, len(at.tools)
     by = step[: 6 * G].reshape(G, 6)
     W = Rotation.from_rotvec(by[:, :3]).as_matrix()
-    middle = np.array([centre(sight, at, g) for g in range(G)])
+    middle = np.array([compute_turning_point(sight, at, g) for g in range(G)])
     t = at.t + by[:, 3:] + middle - np.einsum("gij,gj->gi", W, middle)
     tools = at.tools + step[6 * G : 6 * G + 3 * T].reshape(T, 3)
     turned = at.turned
@@ -291,29 +293,29 @@ def descend(
     return at
 
 
-def robust(sight: Sight, at: Placed) -> Placed:
+def refine_robustly(sight: Sight, at: Placed) -> Placed:
     """From a start to the nearest minimum of the redescending loss, its scale taken anew from the
     median."""
     before = np.inf
     for _ in range(ROUNDS):
-        median = float(middle(lengths(sight, at), sight.open))
+        median = float(compute_trimmed_median(compute_misfits(sight, at), sight.open))
         if median > 0.99 * before:
             break
         before, at = (
             median,
-            _descended(sight, at, LOSS * median, np.ones(len(sight.x)), median / NORMAL, COARSE),
+            _descended(sight, at, LOSS * median, np.ones(len(sight.x)), median / MEDIAN_3, COARSE),
         )
     return at
 
 
-def settled(sight: Sight, at: Placed) -> tuple[Placed, NDArray[np.bool_]]:
+def refine_without_gross_rows(sight: Sight, at: Placed) -> tuple[Placed, NDArray[np.bool_]]:
     """(least squares of the rows that are not gross, their mask)."""
     good = np.ones(len(sight.x), bool)
     for _ in range(3):
-        size = lengths(sight, at)
-        median = float(middle(size, sight.open))
+        size = compute_misfits(sight, at)
+        median = float(compute_trimmed_median(size, sight.open))
         good = size <= GROSS * median
-        at = _descended(sight, at, None, good.astype(float), median / NORMAL)
+        at = _descended(sight, at, None, good.astype(float), median / MEDIAN_3)
     return at, good
 
 
@@ -338,7 +340,7 @@ def spread(sight: Sight, at: Placed, good: NDArray[np.bool_]) -> tuple[Array, Ar
     H[tool, tool] += np.repeat(1 / sight.trust**2, 3)
     size = np.sqrt(np.maximum(np.diag(H), 1e-300))
     value, vector = np.linalg.eigh(H / np.outer(size, size))
-    inner = vector / np.sqrt(np.maximum(value, NULL)) / size[:, None]
+    inner = vector / np.sqrt(np.maximum(value, USUAL_ERROR)) / size[:, None]
     covariance = inner @ inner.T
 
     def least(at_: int) -> float:

@@ -21,16 +21,28 @@ from .._typing import Array, Index
 from ..exceptions import DataError, NotEstimable, sentence_list
 from ..fitting.problem import Problem
 from ..notices import Note
-from .placement import GROSS, NORMAL, Placed, Sight, lengths, middle, robust, settled, spread
+from .placement import (
+    GROSS,
+    MEDIAN_3,
+    Placed,
+    Sight,
+    compute_misfits,
+    compute_trimmed_median,
+    refine_robustly,
+    refine_without_gross_rows,
+    spread,
+)
 from .starting_values import THIN, about_lines, starts
 
 LEAST = 4  # configurations per placement
 # rows on which starts are tried, spread over the data, or LEAST_ROWS of every group and target
 ROWS = 300
-LEAST_ROWS = 30
+MIN_PAIR_ROWS = 30
 ALIKE = 1e-3  # relative difference of misfits that are one minimum
-WELL = 0.01  # share of the points' spread below which agreement of two starts ends the search
-LOST = 1.0  # rad: standard deviation of a placement's turn at which registration is refused,
+SAME_MINIMUM = (
+    0.01  # share of the points' spread below which agreement of two starts ends the search
+)
+GOOD_SHARE = 1.0  # rad: standard deviation of a placement's turn at which registration is refused,
 DOUBT = 0.035  # from which it is said,
 OPEN_MM = 100.0  # and that of a target's place from which it is
 
@@ -59,7 +71,7 @@ def register(problem: Problem, use: NDArray[np.bool_], per_group: bool) -> Probl
     for part, groups, targets in _parts(sight):
         at, good = _found(part)
         sure = spread(part, at, good)[0]
-        if sure.max() > LOST:
+        if sure.max() > GOOD_SHARE:
             raise _lost(
                 part,
                 at,
@@ -74,7 +86,7 @@ def register(problem: Problem, use: NDArray[np.bool_], per_group: bool) -> Probl
     return replace(problem, placement=(R[rows], t[rows]), tools=tools, tool_rotations=turned)
 
 
-def undetermined(
+def note_undetermined(
     problem: Problem, use: NDArray[np.bool_], per_group: bool, usual: Array
 ) -> tuple[Note, ...]:
     """What the rows `use` (mask) of a registered problem tell poorly: a placement's turn, a target's
@@ -93,8 +105,8 @@ def undetermined(
             some.tools[targets],
             None if some.tool_rotations is None else some.tool_rotations[targets],
         )
-        size = lengths(part, at)
-        turn, place = spread(part, at, size <= GROSS * middle(size, part.open))
+        size = compute_misfits(part, at)
+        turn, place = spread(part, at, size <= GROSS * compute_trimmed_median(size, part.open))
         notes += [
             _weak(part, at, int(g), float(turn[g]), _where(some, int(groups[g]), per_group))
             for g in np.flatnonzero(turn > DOUBT)
@@ -192,7 +204,7 @@ def _parts(sight: Sight) -> Iterator[tuple[Sight, Index, Index]]:
 def _found(sight: Sight) -> tuple[Placed, NDArray[np.bool_]]:
     """(the placement with the least robust misfit over all starts, the rows that are not gross)."""
     pairs = [rows for *_, rows in sight.pairs()]
-    most = max(ROWS // len(pairs), LEAST_ROWS)
+    most = max(ROWS // len(pairs), MIN_PAIR_ROWS)
     some = sight.take(
         np.sort(
             np.concatenate(
@@ -215,21 +227,21 @@ def _found(sight: Sight) -> tuple[Placed, NDArray[np.bool_]]:
     )
     tried: list[Placed] = []
     for start in starts(some):
-        tried.append(robust(some, start))
-        if len(tried) > 1 and _agreed(some, tried, WELL * extent):
+        tried.append(refine_robustly(some, start))
+        if len(tried) > 1 and _agreed(some, tried, SAME_MINIMUM * extent):
             break
     best = tried[_least(some, tried)]
-    tried = [best, *(robust(some, start) for start in about_lines(some, best))]
-    return settled(sight, robust(sight, tried[_least(some, tried)]))
+    tried = [best, *(refine_robustly(some, start) for start in about_lines(some, best))]
+    return refine_without_gross_rows(sight, refine_robustly(sight, tried[_least(some, tried)]))
 
 
 def _misfits(sight: Sight, tried: list[Placed]) -> Array:
     """Squares cut off at a common length, and how far targets are from where they are expected."""
-    size = np.array([lengths(sight, at) for at in tried])
-    scale = float(middle(size, sight.open).min())
+    size = np.array([compute_misfits(sight, at) for at in tried])
+    scale = float(compute_trimmed_median(size, sight.open).min())
     away = (
         np.array([np.square((at.tools - sight.usual) / sight.trust).sum() for at in tried])
-        * (scale / NORMAL) ** 2
+        * (scale / MEDIAN_3) ** 2
     )
     return np.asarray(np.minimum(np.square(size), (GROSS * scale) ** 2).sum(1) + away)
 
@@ -244,7 +256,7 @@ def _agreed(sight: Sight, tried: list[Placed], well: float) -> bool:
     best = int(misfit.argmin())
     return (
         int((misfit <= misfit[best] * (1 + ALIKE)).sum()) > 1
-        and float(np.median(lengths(sight, tried[best]))) < well
+        and float(np.median(compute_misfits(sight, tried[best]))) < well
     )
 
 
@@ -252,7 +264,7 @@ def _shape(sight: Sight, at: Placed, g: int) -> str:
     """What keeps a placement from being told, of its points' extents."""
     x = sight.x[sight.group == g]
     extent = np.linalg.svd(x - np.median(x, axis=0), compute_uv=False) / np.sqrt(len(x))
-    off = float(np.median(lengths(sight, at)[sight.group == g]))
+    off = float(np.median(compute_misfits(sight, at)[sight.group == g]))
     if extent[1] < THIN * extent[0]:
         return f"the points lie along a line, {extent[1]:.2g} mm off it where {off:.2g} mm are left (rms, median)"
     return f"the points lie within {extent[0]:.2g} mm of their middle where {off:.2g} mm are left (rms, median)"

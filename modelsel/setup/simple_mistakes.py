@@ -14,8 +14,8 @@ from ..fitting.problem import Problem
 from ..robot.kinematics import Robot, pose
 
 REWEIGHT = 8
-TOGETHER = 64  # in one block of the linear solution
-RAD = np.pi / 180
+BLOCK = 64  # in one block of the linear solution
+DEGREE = np.pi / 180
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ REGISTER = replace(
 )
 
 
-def of_joints(robot: Robot) -> Iterator[Mistake]:
+def list_position_mistakes(robot: Robot) -> Iterator[Mistake]:
     """One joint's sense, zero, unit, or what it counts from; two joints' columns; all units, all
     columns."""
     n, eye, turns = robot.n, np.eye(robot.n), [not slides for slides in robot.prismatic]
@@ -102,7 +102,7 @@ def of_joints(robot: Robot) -> Iterator[Mistake]:
                 yield one(
                     f"{abs(degrees)}° is {'added to' if degrees > 0 else 'taken from'} q{j + 1}",
                     f"check where {name} is zero in the controller and in the robot file",
-                    c=eye[j] * degrees * RAD,
+                    c=eye[j] * degrees * DEGREE,
                 )
         for k in range(j + 1, n):
             if turns[j] == turns[k]:
@@ -122,7 +122,7 @@ def of_joints(robot: Robot) -> Iterator[Mistake]:
                     f"check whether the controller counts joint {j + 1} from the link before it or from the base",
                     coupled,
                 )
-    for factor, words in ((1 / RAD, "radians, not degrees"), (RAD, "degrees, not radians")):
+    for factor, words in ((1 / DEGREE, "radians, not degrees"), (DEGREE, "degrees, not radians")):
         unit = "_deg" if factor < 1 else "_rad"
         for j in (j for j in range(n) if turns[j]):
             scaled = eye.copy()
@@ -141,7 +141,7 @@ def of_joints(robot: Robot) -> Iterator[Mistake]:
         )
 
 
-def of_positions(n: int, framed: bool) -> Iterator[Mistake]:
+def list_reversed_joints(n: int, framed: bool) -> Iterator[Mistake]:
     """Units and handedness; axis by axis where the positions are said to stand in the robot's own
     frame."""
 
@@ -153,7 +153,7 @@ def of_positions(n: int, framed: bool) -> Iterator[Mistake]:
     if not framed:
         yield one(f"the positions {MIRRORED[0]}", MIRRORED[1], -np.eye(3))
         return
-    for axis, other, B in axis_changes():
+    for axis, other, B in list_axis_changes():
         yield (
             one(f"{axis} and {other} change places", "check the columns of the positions", B)
             if other
@@ -161,7 +161,7 @@ def of_positions(n: int, framed: bool) -> Iterator[Mistake]:
         )
 
 
-def axis_changes() -> Iterator[tuple[str, str, Array]]:
+def list_axis_changes() -> Iterator[tuple[str, str, Array]]:
     """(an axis, the one that it changes places with, the positions' change B (3, 3)); "" where its
     sign changes."""
     for a, axis in enumerate("xyz"):
@@ -172,7 +172,7 @@ def axis_changes() -> Iterator[tuple[str, str, Array]]:
             yield axis, "xyz"[b], np.eye(3)[order]
 
 
-def senses(n: int) -> Iterator[Mistake]:
+def score_linearly(n: int) -> Iterator[Mistake]:
     """Three joints and more that turn the other way."""
     for size in range(3, n + 1 if n <= 8 else 0):
         for some in combinations(range(n), size):
@@ -189,7 +189,7 @@ def senses(n: int) -> Iterator[Mistake]:
             )
 
 
-def linear(problem: Problem, joints: Sequence[Mistake]) -> tuple[Array, Array]:
+def list_joint_mistakes(problem: Problem, joints: Sequence[Mistake]) -> tuple[Array, Array]:
     """((H,) median distance that the best affine map from the tracker to frame 0 and the best
     target leave of the readings as each of H mistakes has them, over the mapped positions' own: a
     map may shrink the world; (H,) the map's scale, negative where it mirrors). Cauchy weights."""
@@ -197,8 +197,8 @@ def linear(problem: Problem, joints: Sequence[Mistake]) -> tuple[Array, Array]:
     span, m = max(float(np.abs(x).max()), 1e-6), len(problem)
     row = np.concatenate([x / span, np.ones((m, 1))], 1)
     left, scale = np.empty(len(joints)), np.empty(len(joints))
-    for start in range(0, len(joints), TOGETHER):
-        part = joints[start : start + TOGETHER]
+    for start in range(0, len(joints), BLOCK):
+        part = joints[start : start + BLOCK]
         at = pose(
             problem.robot, np.concatenate([problem.data.q @ k.A.T + k.c for k in part]), np.zeros(3)
         )

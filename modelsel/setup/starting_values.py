@@ -14,7 +14,7 @@ import numpy as np
 
 from .._typing import Array
 from ..robot.rigid import nearest_rotation, rotation_vector
-from .placement import Placed, Sight, rigid
+from .placement import Placed, Sight, fit_placements
 
 REWEIGHT = 12
 FAR = 2.8  # rad between two orientations, beyond which the axis of their turn is not trusted
@@ -26,7 +26,7 @@ def starts(sight: Sight) -> Iterator[Placed]:
     """Start values, likeliest first."""
 
     def placed(tools: Array) -> Placed:
-        return _turned(sight, rigid(sight, tools))
+        return _turned(sight, fit_placements(sight, tools))
 
     if sight.seen is not None and (start := _oriented(sight)) is not None:
         yield _turned(sight, start)

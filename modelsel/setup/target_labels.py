@@ -12,7 +12,7 @@ from .._typing import Array, Index
 from ..exceptions import DataError, NotEstimable, sentence_list
 from ..fitting.problem import Problem
 from ..robot.kinematics import pose
-from .other_robots import better
+from .other_robots import describe_improvement
 from .registration import register
 
 ROUNDS = 8
@@ -23,7 +23,7 @@ FACTOR = 4.0  # other names explain the positions if with them they fit so much 
 BAD = 3e-3
 
 
-def labels_mistake(
+def describe_swapped_labels(
     problem: Problem, use: NDArray[np.bool_], registered: bool, per_group: bool = False
 ) -> str | None:
     """A sentence that says in which of the rows `use` (mask) targets have each other's names, with
@@ -54,7 +54,7 @@ def labels_mistake(
     return (
         f"In {int(other.sum())} of {len(given)} rows targets have each other's names "
         f"({some.data.where.spans(some.data.row[other])}): {words}"
-        f" there. With the names changed the positions fit {better(before, found[0])} ({found[0]:.2g} mm in place of "
+        f" there. With the names changed the positions fit {describe_improvement(before, found[0])} ({found[0]:.2g} mm in place of "
         f"{before:.3g} mm, mean): correct the column target."
     )
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._files import HIDDEN, write_beside
+from .._files import HIDDEN, write_atomically
 from ..exceptions import StudyError
 from ..uncertainty.sampler import State
 
@@ -71,7 +71,7 @@ class Checkpoint:
             random_key=key,
             random_rest=np.array([position, has_gauss, gauss], float),
         )
-        write_beside(self.path, out.getvalue())
+        write_atomically(self.path, out.getvalue())
         self.last = time.monotonic()
 
     def clear(self) -> None:

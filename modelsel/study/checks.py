@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..diagnosis.mistaken_rows import slipped, slipped_before
+from ..diagnosis.mistaken_rows import describe_slip_before_fit, describe_slips
 from ..diagnosis.outliers import Fault
 from ..exceptions import NotEstimable, sentence_list
 from ..fitting.design import whitened
@@ -19,16 +19,26 @@ from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
 from ..fitting.noise_check import Lack, describe_lack, lack, name_likeliest_mistake
 from ..fitting.problem import Problem
-from ..measurements.columns import SMALLEST
+from ..measurements.columns import MIN_UNCERTAINTY
 from ..mechanisms.causes import ONE
-from ..notices import ALARMS, HOPELESS, MISTAKEN, NOISE, OTHER, ROWS, SAME_ROWS, Note, alarms
+from ..notices import (
+    ALARM_OF_FAULT,
+    ALARMS,
+    HOPELESS_FIT,
+    NOISE_CODES,
+    OTHER_ROBOT,
+    ROWS_MISTAKEN,
+    SETUP_MISTAKE,
+    Note,
+    list_alarms,
+)
 from ..robot.files import builtin_names, load
 from ..robot.kinematics import Robot
-from ..selection.evaluation import Evaluation, Split, turned
-from ..setup.measured_orientations import orientation_mistake
-from ..setup.mistakes import mistake
-from ..setup.other_robots import other_robot, shifted_rows
-from ..setup.target_labels import labels_mistake
+from ..selection.evaluation import Evaluation, Split, measure_orientation
+from ..setup.measured_orientations import describe_orientation_mistake
+from ..setup.mistakes import describe_setup_mistake
+from ..setup.other_robots import describe_other_robot, describe_shifted_rows
+from ..setup.target_labels import describe_swapped_labels
 
 TOLERANCE = {"mm": 5.0, "rad": np.pi / 180}  # what makers allow a link or an axis at most
 SURE = 10.0  # standard errors beyond it, before it is said: those of a misfit are too small
@@ -48,19 +58,25 @@ def setup_notes(
 ) -> tuple[Note, ...]:
     """What simple mistake explains how the positions of the rows `use` (mask) lie, of a problem at
     its placement and tools."""
-    other = other_robot(
+    other = describe_other_robot(
         bound, use, builtin
     )  # asked first: another robot's links are no mistake in this one's
     found = [
-        (MISTAKEN, mistake(bound, use, registered, per_group, links=other is None)),
-        ("orientation-mistake", orientation_mistake(bound, use, registered)),
-        ("labels-swapped", labels_mistake(bound, np.ones(len(bound), bool), registered, per_group)),
-        (OTHER, other),
+        (
+            SETUP_MISTAKE,
+            describe_setup_mistake(bound, use, registered, per_group, links=other is None),
+        ),
+        ("orientation-mistake", describe_orientation_mistake(bound, use, registered)),
+        (
+            "labels-swapped",
+            describe_swapped_labels(bound, np.ones(len(bound), bool), registered, per_group),
+        ),
+        (OTHER_ROBOT, other),
     ]
     if not any(said for _, said in found):
         found += [
-            (ROWS, slipped_before(bound, registered, per_group)),
-            ("rows-shifted", shifted_rows(bound, np.ones(len(bound), bool))),
+            (ROWS_MISTAKEN, describe_slip_before_fit(bound, registered, per_group)),
+            ("rows-shifted", describe_shifted_rows(bound, np.ones(len(bound), bool))),
         ]
     return tuple(Note(code, said) for code, said in found if said)
 
@@ -72,7 +88,7 @@ def told_with(notes: Sequence[Note]) -> Iterator[None]:
     try:
         yield
     except NotEstimable as error:
-        said = alarms(notes)
+        said = list_alarms(notes)
         if not said:
             raise
         raise NotEstimable(f"{error} {' '.join(said)}", parameters=error.parameters) from None
@@ -143,7 +159,7 @@ def _lack(
     if floor is None or freedom < 1:
         return None
     left = float(np.sqrt(np.where(seen, np.square(residual), 0.0)[:, part].sum() / freedom))
-    factor = left / max(floor.coordinate_mm, SMALLEST)
+    factor = left / max(floor.coordinate_mm, MIN_UNCERTAINTY)
     if np.isinf(floor.freedom):  # stated, row by row
         factor = float(
             np.sqrt(
@@ -197,7 +213,7 @@ def _unlike(floor: Floor, asked: Lack, left: float) -> Note:
 
 def unsaid(faults: Sequence[Fault], notes: Sequence[Note]) -> tuple[Fault, ...]:
     """The faults of the data but those that an alarm has said of the same rows."""
-    return tuple(f for f in faults if SAME_ROWS.get(f.name) not in {n.code for n in notes})
+    return tuple(f for f in faults if ALARM_OF_FAULT.get(f.name) not in {n.code for n in notes})
 
 
 def outcome(
@@ -217,15 +233,20 @@ def outcome(
     codes = {n.code for n in notes}
     more = list(notes)
     named = np.isin(split.problem.data.row, [row for f in faults for row in f.rows])
-    if ROWS not in codes and (split.outlying & split.estimation).mean() < 1:
+    if ROWS_MISTAKEN not in codes and (split.outlying & split.estimation).mean() < 1:
         more += [
-            Note(ROWS, said)
-            for said in slipped(split.problem, chosen.fit.residuals, split.outlying, named=named)
+            Note(ROWS_MISTAKEN, said)
+            for said in describe_slips(
+                split.problem, chosen.fit.residuals, split.outlying, named=named
+            )
         ]
-    if not codes & {MISTAKEN, OTHER} and (said := _beyond(split, chosen.fit)) is not None:
+    if (
+        not codes & {SETUP_MISTAKE, OTHER_ROBOT}
+        and (said := _beyond(split, chosen.fit)) is not None
+    ):
         more.append(Note("beyond-tolerance", said))
     if (said := _hopeless(split, chosen, floor, more, per_group)) is not None:
-        return (*more, Note(HOPELESS, said))
+        return (*more, Note(HOPELESS_FIT, said))
     left, noise = (
         chosen.estimation.rms_mm or 0.0,
         floor.coordinate_mm * float(np.sqrt(floor.coordinates)),
@@ -267,7 +288,7 @@ def _beyond(split: Split, fitted: Fit) -> str | None:
         for _, symbol, value, error, unit in some[:LISTED]
     ]
     more = f" and {len(some) - LISTED} more" if len(some) > LISTED else ""
-    other = other_robot(split.problem, split.used, builtin, always=True)
+    other = describe_other_robot(split.problem, split.used, builtin, always=True)
     return f"{', '.join(words)}{more}: beyond what makers' tolerances allow (1 to 5 mm, 1°). " + (
         other or "Check the robot's name or file, and where the joints' zeros are."
     )
@@ -289,7 +310,7 @@ def _hopeless(
     left = max(chosen.estimation.rms_mm or 0.0, chosen.held_out.rms_mm or 0.0)
     noise = floor.coordinate_mm * float(np.sqrt(floor.coordinates))
     known = floor.source != "estimated"
-    angle = (turned(split, chosen, chosen) or (0.0, 0.0))[1]
+    angle = (measure_orientation(split, chosen, chosen) or (0.0, 0.0))[1]
     far = (
         left > HOPELESS_TIMES * THOUSANDTH * reach
         or known
@@ -307,7 +328,7 @@ def _hopeless(
     leads = [
         lead.removeprefix("Check ")
         for code, lead in ALARMS.items()
-        if code in {n.code for n in notes} - NOISE
+        if code in {n.code for n in notes} - NOISE_CODES
     ]
     reasons = (
         f"Likeliest reason: what the warnings say of {sentence_list(list(dict.fromkeys(leads)))}"

@@ -16,9 +16,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .._files import claimed, csv_bytes, write_beside
-from .._json import dumps
-from ..config.fleet_file import Fleet, PartsTable, Task, matching
+from .._files import claim_folder, csv_bytes, write_atomically
+from .._json import to_json
+from ..config.fleet_file import Fleet, PartsTable, Task, find_files
 from ..config.study_file import find_data
 from ..exceptions import CHECK_FAILED, DataError, ModelselError, StudyError
 from ..fitting.design import Model
@@ -27,7 +27,7 @@ from ..report.drawing import draw
 from ..report.pages.fleet_summary import write_summary
 from ..results.storage import WRITES
 from ..robot.files import builtin_names, load, read_robot
-from ..selection.streaming import Parts, fit_parts, parts_of
+from ..selection.streaming import Parts, fit_parts, list_parts
 from .pipeline import provenance
 from .runner import run
 
@@ -126,7 +126,7 @@ def run_fleet(
 def _one(task: Task, out: str, sampling: bool, reports: bool) -> Row:
     """On a worker: one study, from its file to all it writes."""
     try:
-        with claimed(Path(out)):
+        with claim_folder(Path(out)):
             result = run(task.study, task.folder, registry=with_plugins()[0], sampling=sampling)
             result.save(Path(out))
             if reports:
@@ -217,7 +217,7 @@ def _whole_set(table: PartsTable, folder: Path, out: Path, client: Any) -> Row:
     """A measurement set in pieces: fitted on the workers, parts.json written."""
     try:
         problems: list[str] = []
-        files = [path for pattern in table.files for path in matching(folder, pattern, problems)]
+        files = [path for pattern in table.files for path in find_files(folder, pattern, problems)]
         if not files:
             raise DataError(
                 f"no file matches {', '.join(table.files)}.",
@@ -233,7 +233,7 @@ def _whole_set(table: PartsTable, folder: Path, out: Path, client: Any) -> Row:
         source = Parts(
             robot,
             (x, y, z),
-            parts_of([path.resolve() for path in files]),
+            list_parts([path.resolve() for path in files]),
             partial(_on_workers, client),
         )
         fitted, cv = fit_parts(source, model, table.folds)
@@ -254,7 +254,7 @@ def _whole_set(table: PartsTable, folder: Path, out: Path, client: Any) -> Row:
             for t, v, s in zip(model.terms, fitted.theta, fitted.standard_errors, strict=True)
         ],
     }
-    write_beside(out / "parts.json", dumps(found).encode())
+    write_atomically(out / "parts.json", to_json(found).encode())
     return _failed(table.name, "", 0) | {
         "state": "done",
         "robot": robot.name,
@@ -281,11 +281,11 @@ def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> lis
     buffer = io.BytesIO()
     frame.to_parquet(buffer, index=False)
     paths = [out / "summary.csv", out / "summary.parquet"]
-    write_beside(paths[0], csv_bytes(frame, "%.10g"))
-    write_beside(paths[1], buffer.getvalue())
+    write_atomically(paths[0], csv_bytes(frame, "%.10g"))
+    write_atomically(paths[1], buffer.getvalue())
     if name is not None:
         paths.append(out / "summary.pdf")
-        write_beside(paths[2], write_summary(name, rows, out))
+        write_atomically(paths[2], write_summary(name, rows, out))
     return paths
 
 

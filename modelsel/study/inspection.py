@@ -16,45 +16,17 @@ from ..fitting.reduction import reduce_problem
 from ..fitting.undetermined import describe_unidentifiable
 from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
-from ..mechanisms.geometry import geometric, setup
-from ..notices import MISTAKEN, alarms
+from ..mechanisms.geometry import build_setup, geometric
+from ..notices import SETUP_MISTAKE, list_alarms
 from ..results.placements import describe_placements, locate_placements
 from ..results.schema import RegistrationRecord
 from ..robot.kinematics import Robot
-from ..setup.feature_positions import place
+from ..setup.feature_positions import place_features
 from ..setup.mistakes import LEAST
 from ..setup.registration import register
 from .checks import setup_notes
 
 MOST = 2000  # points that are registered
-
-
-def robot_card(robot: Robot) -> dict[str, Any]:
-    """A robot as plain values."""
-
-    def limits(joint: Any) -> str:
-        if joint.limits is None:
-            return "not known"
-        low, high = joint.limits if joint.prismatic else np.degrees(joint.limits)
-        return f"{low:.4g} to {high:.4g} {'mm' if joint.prismatic else 'deg'}"
-
-    return {
-        "name": robot.name,
-        "source": robot.source,
-        "joints": robot.n,
-        "reach_mm": robot.reach,
-        "gravity": robot.gravity,
-        "chain": [
-            {
-                "kind": "prismatic" if j.prismatic else "revolute",
-                "limits": limits(j),
-                "mass_kg": j.mass,
-                "transform_mm": j.before[:3].tolist(),
-            }
-            for j in robot.joints
-        ],
-        "last_mm": robot.last[:3].tolist(),
-    }
 
 
 def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
@@ -63,9 +35,9 @@ def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
     orientation = data.rotation is not None
     bound = Problem(robot, data, np.tile([0.0, 0.0, 100.0], (len(data.targets), 1)))
     features, gauges = data.gauges.features if data.gauges is not None else (), data.gauges
-    bound = place(bound, np.ones(len(data), bool))
+    bound = place_features(bound, np.ones(len(data), bool))
     model = Model(
-        (setup(robot, len(data.targets), 1, False, orientation, features), geometric(robot))
+        (build_setup(robot, len(data.targets), 1, False, orientation, features), geometric(robot))
     )
     found = as_drawn(identify(reduce_problem(bound, model.terms)), bound, model.terms)
     rank, condition = found.rank, found.condition
@@ -141,8 +113,8 @@ def _registered(robot: Robot, data: Measurements) -> dict[str, Any]:
         "registered": {
             "median_mm": left,
             **locate_placements(bound, False),
-            "mistake": next((n.sentence for n in doubts if n.code == MISTAKEN), None),
-            "alarms": alarms(doubts),
+            "mistake": next((n.sentence for n in doubts if n.code == SETUP_MISTAKE), None),
+            "alarms": list_alarms(doubts),
         }
     }
 

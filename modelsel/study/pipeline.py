@@ -13,24 +13,24 @@ from .._random import generator
 from .._typing import Say
 from .._version import VERSION
 from ..config.study_file import Study
-from ..diagnosis.candidates import Candidate, strongest
-from ..diagnosis.error_map import error_map
-from ..diagnosis.outliers import GROSS, far_off, misplaced
-from ..diagnosis.procedure import explain, nested
-from ..diagnosis.state import models
+from ..diagnosis.candidates import Candidate, choose_strongest
+from ..diagnosis.error_map import build_error_map
+from ..diagnosis.outliers import GROSS_THRESHOLD, find_far_rows, misplaced
+from ..diagnosis.procedure import diagnose_split, run_nested_folds
+from ..diagnosis.state import extend_model
 from ..diagnosis.stepwise import Diagnosis
 from ..diagnosis.unexplained import (
-    estimated_floor,
-    nothing_else,
-    predictable_left,
-    rows_seen,
-    thinned,
+    count_rows_seen,
+    describe_unexplained,
+    estimate_floor,
+    is_subsampled,
+    predict_remainder,
 )
 from ..fitting.design import Model, whitened
 from ..fitting.noise import Floor
 from ..fitting.undetermined import describe_unidentifiable
 from ..measurements.measurements import Measurements
-from ..mechanisms.geometry import setup
+from ..mechanisms.geometry import build_setup
 from ..mechanisms.registry import Registry, mechanism
 from ..mechanisms.terms import Mechanism, TermKey
 from ..notices import Note
@@ -45,10 +45,18 @@ from ..results.finding_records import Finding
 from ..results.goodness_of_fit import lack_of_fit_notes, measure_lack_of_fit
 from ..results.study_run import Explanation, ModelSearch, StudyRun
 from ..robot.kinematics import Robot
-from ..selection.comparison import MOST, Comparison, compare
-from ..selection.evaluation import Evaluation, Gain, Resampled, Split, errors, evaluate, paired
+from ..selection.comparison import MAX_CANDIDATES, SubsetComparison, compare_subsets
+from ..selection.evaluation import (
+    Evaluation,
+    Gain,
+    RowResampling,
+    Split,
+    bootstrap_gain,
+    evaluate,
+    summarise_errors,
+)
 from ..uncertainty.sampler import Keeper
-from ..uncertainty.summary import Request, confidence, sampled
+from ..uncertainty.summary import assess_confidence, build_log_posterior, sample_confidence
 from .checks import believed, outcome, told_with, turns_believed, unsaid
 from .preparation import Plan, prepare, reweigh_rotation
 from .result import Result
@@ -75,7 +83,7 @@ class Question:
         scanned name stands for."""
         groups = len(measured.groups) if self.plan.per_group else 1
         features = () if measured.gauges is None else measured.gauges.features
-        placement = setup(
+        placement = build_setup(
             self.robot,
             len(measured.targets),
             groups,
@@ -127,7 +135,7 @@ def _analysed(
     base, base_names = question.model(study.model.base, measured), tuple(study.model.base)
     split = _weighed(question, split, base)
     say("looking for outliers")
-    split, extension, found = explain(
+    split, extension, found = diagnose_split(
         split, base, question.everything, study.seed, question.cells, say
     )
     split, floor, doubts = believed(split, floor, extension.fit)
@@ -135,12 +143,12 @@ def _analysed(
         evaluate(split, question.model((), measured), ("nominal",)),
         evaluate(split, base, base_names),
     )
-    if thinned(extension, split):
+    if is_subsampled(extension, split):
         notes = (
             *notes,
             Note(
                 "scan-of-some",
-                f"What is wrong was looked for in {rows_seen(extension, split)} of "
+                f"What is wrong was looked for in {count_rows_seen(extension, split)} of "
                 f"the {int(split.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
                 "all rows.",
             ),
@@ -154,14 +162,14 @@ def _analysed(
         *(partial_map_notes(split.problem) if question.cells else ()),
     )
     say("comparing all subsets of the candidates")
-    offered, aside = strongest(
+    offered, aside = choose_strongest(
         found,
         extension.single_f,
         [e.candidate for e in extension.effects],
-        study.comparison.mechanisms or MOST,
+        study.comparison.mechanisms or MAX_CANDIDATES,
     )
     comparison = (
-        compare(split, base, base_rung.fit, offered, base_names, aside, len(found))
+        compare_subsets(split, base_rung.fit, offered, base_names, aside, len(found))
         if offered
         else None
     )
@@ -190,10 +198,10 @@ def _analysed(
         misplaced(split.problem, split.outlying, chosen.fit, generator(study.seed, "null")), notes
     )
     held = ~split.estimation & ~split.outlying
-    drawn = Resampled.of(measured.block[held], generator(study.seed, "gain"))
+    drawn = RowResampling.prepare(measured.block[held], generator(study.seed, "gain"))
 
     def gained(before: Evaluation, after: Evaluation) -> Gain:
-        return paired(before.residual[held][:, :3], after.residual[held][:, :3], drawn)
+        return bootstrap_gain(before.residual[held][:, :3], after.residual[held][:, :3], drawn)
 
     findings = tuple(
         Finding(e, gained(a, b))
@@ -217,7 +225,7 @@ def _analysed(
     within = None
     if study.split.nested_folds:
         say(f"the whole procedure again in {study.split.nested_folds} folds")
-        within = nested(
+        within = run_nested_folds(
             split, base, question.everything, study.seed, question.cells, study.split.nested_folds
         )
     ladder = tuple(remeasured(r, split) for r in rungs)
@@ -233,10 +241,10 @@ def _analysed(
             ),
         )
     say("weighing every mechanism of the chosen model")
-    sure = confidence(split, chosen.fit, chosen.names, study.seed)
+    sure = assess_confidence(split, chosen.fit, chosen.names, study.seed)
     noise, nothing = (
-        per_row(floor or estimated_floor(chosen, split), split),
-        nothing_else(extension, found, split, steps[-1]),
+        per_row(floor or estimate_floor(chosen, split), split),
+        describe_unexplained(extension, found, split, steps[-1]),
     )
     notes = outcome(
         split,
@@ -254,9 +262,9 @@ def _analysed(
         findings,
         faults,
         extension,
-        error_map(extension, found),
+        build_error_map(extension, found),
         nothing,
-        predictable_left(split, steps[-1], generator(study.seed, "flips")),
+        predict_remainder(split, steps[-1], generator(study.seed, "flips")),
     )
     run = StudyRun(
         study,
@@ -272,7 +280,7 @@ def _analysed(
     return Result(run)
 
 
-def _of_table(comparison: Comparison | None, chosen: Evaluation) -> tuple[Note, ...]:
+def _of_table(comparison: SubsetComparison | None, chosen: Evaluation) -> tuple[Note, ...]:
     """Where the table of subsets chooses otherwise, and where its best is not proven."""
     out: list[Note] = []
     if comparison is not None and set(comparison.choice) != set(chosen.names):
@@ -303,23 +311,19 @@ def with_sampling(
 ) -> Result:
     """A result with its chosen model's posterior sampled."""
     plan, study, measured = question.plan, question.study, result.problem.data
-    request = Request(
-        question.model(study.model.base, measured),
-        study.sampling.over,
-        plan.instrument,
-        plan.stated_mm is not None and result.split.known_sigma,
-        question.registry,
-    )
-    found = sampled(
-        result.uncertainty,
+    stated = plan.stated_mm is not None and result.split.known_sigma
+    log_posterior = build_log_posterior(
         result.split,
         result.models.chosen.fit,
-        request,
-        study.seed,
-        say,
-        keeper,
+        question.model(study.model.base, measured),
+        question.registry,
+        over=study.sampling.over,
+        instrument=None if stated else plan.instrument,
     )
-    return result.with_uncertainty(found)
+    confidence = sample_confidence(
+        result.uncertainty, result.split, log_posterior, study.seed, say, keeper
+    )
+    return result.with_uncertainty(confidence)
 
 
 def _weighed(question: Question, split: Split, base: Model) -> Split:
@@ -375,10 +379,12 @@ def _steps(split: Split, base_rung: Evaluation, diagnosis: Diagnosis) -> list[Ev
         so_far = [e.candidate for e in diagnosis.effects[:k]]
         names = (*base_rung.names, *(c.label for c in so_far))
         last = (
-            diagnosis.fit if k == len(diagnosis.effects) and not thinned(diagnosis, split) else None
+            diagnosis.fit
+            if k == len(diagnosis.effects) and not is_subsampled(diagnosis, split)
+            else None
         )
         steps.append(
-            evaluate(split, models(diagnosis.base, so_far), names, last, start=steps[-1].fit)
+            evaluate(split, extend_model(diagnosis.base, so_far), names, last, start=steps[-1].fit)
         )
     return steps
 
@@ -402,10 +408,10 @@ def held_out_outliers(split: Split, rungs: Sequence[Evaluation]) -> NDArray[np.b
     out = ~split.estimation
     for r in rungs:
         size = whitened(split.problem, r.residual)
-        out = out & far_off(
+        out = out & find_far_rows(
             size,
             size[split.used],
-            GROSS,
+            GROSS_THRESHOLD,
             None if split.problem.measured is None else split.problem.measured[split.used],
         )
     return np.asarray(out)
@@ -415,8 +421,8 @@ def remeasured(r: Evaluation, split: Split) -> Evaluation:
     """A rung with its errors taken again, the outlying rows left out."""
     return replace(
         r,
-        estimation=errors(r.residual[split.estimation], split.outlying[split.estimation]),
-        held_out=errors(r.residual[~split.estimation], split.outlying[~split.estimation]),
+        estimation=summarise_errors(r.residual[split.estimation], split.outlying[split.estimation]),
+        held_out=summarise_errors(r.residual[~split.estimation], split.outlying[~split.estimation]),
     )
 
 

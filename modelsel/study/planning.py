@@ -25,8 +25,8 @@ from ..calibration.experiment_design import (
 )
 from ..diagnosis.stepwise import Effect
 from ..exceptions import StudyError, suggest
-from ..measurements.columns import READINGS, UNITS
-from ..measurements.measurements import Measurements, measurements
+from ..measurements.columns import READING_UNITS, UNITS
+from ..measurements.measurements import Measurements, build_measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import Source
 from ..mechanisms.terms import Term
@@ -124,7 +124,7 @@ def ranges_of(
     known = {
         f"q{k + 1}_{u}": (k, UNITS[u])
         for k, slides in enumerate(robot.prismatic)
-        for u in READINGS[slides]
+        for u in READING_UNITS[slides]
     }
     for name, (low, high) in joints.items():
         if name not in known:
@@ -145,7 +145,7 @@ def drawn_pool(c: Calibration, seed: int, data: Measurements, ranges: Array) -> 
     low, high = ranges.T
     q = rng.uniform(low, high, (DRAWN, c.robot.n))
     met = rng.integers(len(data), size=DRAWN)
-    return measurements(
+    return build_measurements(
         q,
         np.zeros((DRAWN, 3)),
         approach=rng.choice([-1.0, 1.0], q.shape),

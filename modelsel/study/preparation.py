@@ -19,9 +19,9 @@ from ..measurements.measurements import Measurements
 from ..notices import Note
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
-from ..selection.splits import assign, choose
-from ..setup.feature_positions import place, unseen
-from ..setup.registration import register, undetermined
+from ..selection.splits import assign_folds, split_configurations
+from ..setup.feature_positions import find_unmeasured_features, place_features
+from ..setup.registration import note_undetermined, register
 from .checks import setup_notes
 
 
@@ -103,7 +103,7 @@ def split(
         raise StudyError(
             f"split.estimation = {wanted}, but the file has {count} configurations: ask for fewer."
         )
-    return choose(data, wanted, prismatic, generator(plan.seed, "split"))
+    return split_configurations(data, wanted, prismatic, generator(plan.seed, "split"))
 
 
 def prepare(
@@ -131,11 +131,11 @@ def prepare(
     if plan.register:
         expected = bound.tools
         bound = register(bound, estimation, plan.per_group)
-        notes += undetermined(bound, estimation, plan.per_group, expected)
+        notes += note_undetermined(bound, estimation, plan.per_group, expected)
     doubts = setup_notes(bound, estimation, plan.register, plan.per_group)
     notes[:0] = doubts
     why = " ".join(n.sentence for n in doubts)
-    bound = place(bound, estimation)
+    bound = place_features(bound, estimation)
     size, reach = np.linalg.norm(residuals(bound)[:, :3], axis=1), bound.reach_mm
     if np.median(size) > reach / 4:
         hint = (
@@ -182,7 +182,7 @@ def prepare(
             "split: the estimation rows have one set of joint readings: nothing can be compared or cross-validated."
         )
     fold = np.full(len(data), -1, dtype=np.intp)
-    fold[estimation] = assign(
+    fold[estimation] = assign_folds(
         data.take(estimation), plan.folds, generator(plan.seed, "folds"), plan.by
     )
     if not (~estimation).any():
@@ -253,7 +253,7 @@ def _seen(
                 f'robot.register = "per group": feature "{feature.name}" stands in several groups, whose trackers '
                 "stand apart; give it a name in each."
             )
-    lost = unseen(data, estimation)
+    lost = find_unmeasured_features(data, estimation)
     gone = np.isin(gauges.feature, lost)
     if gone.any():
         names = ", ".join(gauges.features[k].name for k in lost)

@@ -11,16 +11,24 @@ from numpy.typing import NDArray
 
 from .._random import generator
 from .._typing import Say
-from ..config.study_file import Study, data_of, read_study
+from ..config.study_file import Study, find_source, read_study
 from ..exceptions import DataError, StudyError
 from ..fitting.noise import Instrument
 from ..fitting.problem import Problem
-from ..measurements.measurements import Measurements, measurements
-from ..measurements.observation_columns import Known, with_known
+from ..measurements.measurements import Measurements, build_measurements
+from ..measurements.observation_columns import KnownFeature, apply_known_features
 from ..measurements.reader import read_labels, read_measurements
-from ..measurements.table import Source, digest
+from ..measurements.table import Source, hash_source
 from ..mechanisms.causes import parse
-from ..mechanisms.registry import BUILTIN, Registry, counted_from, every, faults, mechanism, parts
+from ..mechanisms.registry import (
+    BUILTIN,
+    Registry,
+    build_faults,
+    build_mechanisms,
+    every,
+    mechanism,
+    set_reference,
+)
 from ..mechanisms.terms import Mechanism, Screw, unstorable
 from ..robot.files import load, read_robot
 from ..robot.kinematics import Robot
@@ -73,14 +81,14 @@ def plan_of(study: Study) -> Plan:
     )
 
 
-def known_features(study: Study) -> dict[str, Known]:
+def known_features(study: Study) -> dict[str, KnownFeature]:
     """What a study says of its features, as plain values."""
 
     def vector(value: list[float] | None) -> tuple[float, float, float] | None:
         return None if value is None else (value[0], value[1], value[2])
 
     return {
-        name: Known(
+        name: KnownFeature(
             vector(f.position_mm), vector(f.normal), f.length_mm, f.estimate, f.zero == "unknown"
         )
         for name, f in study.measurements.features.items()
@@ -118,10 +126,12 @@ def check_names(study: Study, robot: Robot, registry: Registry) -> None:
 def candidates_of(study: Study, robot: Robot, registry: Registry) -> tuple[Mechanism, ...]:
     """The mechanisms that may extend the base, one a joint."""
     if study.model.candidates in ("all", []):
-        return (*faults(robot), *every(robot, registry))  # of exact twins the first is named
+        return (*build_faults(robot), *every(robot, registry))  # of exact twins the first is named
     return tuple(
         dict.fromkeys(
-            part for name in study.model.candidates for part in parts(name, robot, registry)
+            part
+            for name in study.model.candidates
+            for part in build_mechanisms(name, robot, registry)
         )
     )
 
@@ -144,10 +154,10 @@ def asked(
     StudyError or DataError."""
     robot = robot_of(study, folder)
     check_names(study, robot, registry)
-    source = data_of(study, folder)
+    source = find_source(study, folder)
     measured = read_measurements(source, robot.prismatic, study.measurements.columns)
-    measured = with_known(measured, known_features(study))
-    registry = counted_from(registry, measured.reference_celsius)
+    measured = apply_known_features(measured, known_features(study))
+    registry = set_reference(registry, measured.reference_celsius)
     labels = None
     if study.split.column is not None:
         labels = read_labels(source, study.split.column)[measured.row]
@@ -183,9 +193,9 @@ def run(
     without it nothing is written. Raises StudyError, DataError or NotEstimable."""
     study, folder = opened(study, folder)
     say(f"reading {study.measurements.file}")
-    before = _state(data_of(study, folder))
+    before = _state(find_source(study, folder))
     question, measured, labels, source = asked(study, folder, registry)
-    data_sha256 = digest(source)
+    data_sha256 = hash_source(source)
     if before is not None and before != _state(source):
         raise DataError(
             "the file changed while it was read.",
@@ -230,18 +240,22 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
     are any, else drawn."""
     study, folder = opened(study, folder)
     robot, rng = robot_of(study, folder), generator(study.seed, "simulate")
-    source = data_of(study, folder)
+    source = find_source(study, folder)
     rows: Measurements | None = None
     if not isinstance(source, Path) or source.is_file():
         measured = read_measurements(
             source, robot.prismatic, study.measurements.columns, positions=False
         )
-        rows = None if measured.gauges is None else with_known(measured, known_features(study))
+        rows = (
+            None
+            if measured.gauges is None
+            else apply_known_features(measured, known_features(study))
+        )
         at = measured.take(np.unique(measured.configuration, return_index=True)[1])
         at = replace(at, target=np.zeros(len(at), np.intp), targets=("target",), gauges=None)
     else:
         q = robot.draw(rng, study.simulate.configurations)
-        at = measurements(q, np.zeros((len(q), 3)))
+        at = build_measurements(q, np.zeros((len(q), 3)))
     units = Problem(robot, at, np.zeros((1, 3))).names()
     effects = []
     for k, effect in enumerate(study.simulate.effect, 1):

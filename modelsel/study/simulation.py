@@ -12,10 +12,10 @@ from .._typing import Array
 from ..exceptions import StudyError
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
-from ..measurements.measurements import Measurements, measurements
+from ..measurements.measurements import Measurements, build_measurements
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
-from ..setup.feature_positions import place
+from ..setup.feature_positions import place_features
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,7 +64,7 @@ def _known(at: Measurements) -> dict[str, Any]:
         out["order"] = at.order
     if all(note.code != "approach-from-order" for note in at.notes):
         out |= {f"approach{j + 1}": at.approach[:, j].astype(int) for j in range(at.q.shape[1])}
-    if measurements(at.q, at.position, group=at.group.tolist()).configurations != len(at):
+    if build_measurements(at.q, at.position, group=at.group.tolist()).configurations != len(at):
         out["configuration"] = np.arange(
             len(at)
         )  # visits one after the other with the same readings
@@ -99,7 +99,7 @@ def simulate_rows(
             f"simulate: rows of kind {' and '.join(fixed)} hold the arm to a place: the readings of the joints, "
             "not a measured value, would have to be made; leave them out."
         )
-    bound = place(Problem(robot, data, tools), np.ones(len(data), bool))
+    bound = place_features(Problem(robot, data, tools), np.ones(len(data), bool))
     terms = tuple(Term(f"p{k}", (screw,)) for k, (screw, _) in enumerate(effects))
     with np.errstate(all="ignore"):
         read = (

@@ -1,9 +1,9 @@
-"""Coefficients that a sampled constant bears on: their prior, and what they are at every value of
-the constant.
+"""Prior of the coefficients that a sampled constant affects, and their distribution at every value
+of the constant.
 
 At some values such coefficients cannot be estimated at all: a step before the first configuration
 moves nothing. Flat priors would make their posterior improper there, so they get the normal prior
-of the scan (`why.evidence`): covariance v · S⁻¹, S the information about them beyond all other
+of the scan (`diagnosis.evidence`): covariance v · S⁻¹, S the information about them beyond all other
 coefficients, here averaged over the constant's range; v/s² as the data find it most probable, over
 the same ratios. Given the constant, the coefficients are normal up to the chain's curvature;
 walkers live in units of that distribution, so that a walker may change the constant alone and take
@@ -17,6 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .._linalg import project_out
 from .._typing import Array, Index
 from ..diagnosis.evidence import RATIOS
 from ..fitting.design import compute_design
@@ -26,20 +27,26 @@ from ..mechanisms.terms import Screw, Term
 from ..robot.rigid import AXES
 from .nuisance import GRID, Constant
 
-POINTS = 20_000  # walkers that are worked out together
+# walkers that are transformed together
+BATCH = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class Conditional:
-    """For one constant: `own` (k,) and `other` (o,) positions among the sampled coefficients. At
-    GRID values over its range: `mean` (GRID, k) of the own where the others are at the optimum,
-    minus `slope` (GRID, k, o) per unit of those; `root` (GRID, k, k) upper root of their covariance
-    in units of the noise. `prior` (k, k): prior · own ~ N(0, 1) times the noise; `ratio`: the
-    prior's variance over that of the estimate at a typical value."""
+class ConditionalPrior:
+    """Distribution of the k coefficients that a constant affects, at GRID values over its range.
+
+    affected: (k,) their positions among the sampled coefficients.
+    plain: (o,) positions of the coefficients that no constant affects.
+    mean: (GRID, k) where the plain coefficients are at the optimum.
+    slope: (GRID, k, o) minus the change of the mean per unit of the plain ones.
+    root: (GRID, k, k) upper root of the covariance, in units of the noise.
+    prior: (k, k); prior · affected ~ N(0, 1) times the noise.
+    ratio: the prior's variance over that of the estimate at a typical value.
+    """
 
     constant: Constant
-    own: Index
-    other: Index
+    affected: Index
+    plain: Index
     mean: Array = field(repr=False)
     slope: Array = field(repr=False)
     root: Array = field(repr=False)
@@ -47,46 +54,46 @@ class Conditional:
     ratio: float
 
     def place(self, points: Array, value: Array, origin: Array, scale: float) -> None:
-        """Turn the own coefficients of points (W, d), in place, from their own units into natural
-        ones; the others (from `origin` (o,)) and the constant's values (W,) are natural already."""
-        for start in range(0, len(points), POINTS):
-            part = slice(start, start + POINTS)
-            below, share = self.constant.between(value[part])
-            mean, slope, root = (
-                table[below] * (1 - w) + table[below + 1] * w
-                for table, w in (
-                    (self.mean, share[:, None]),
-                    (self.slope, share[:, None, None]),
-                    (self.root, share[:, None, None]),
-                )
-            )
-            there = points[part]
-            there[:, self.own] = (
-                mean
-                - np.einsum("wko,wo->wk", slope, there[:, self.other] - origin)
-                + scale * np.einsum("wkl,wl->wk", root, there[:, self.own])
-            )
+        """Convert the affected coefficients of points (W, d) to natural units, in place.
+
+        The plain ones, counted from `origin` (o,), and the constant's values (W,) are natural
+        already; `scale` is the noise."""
+        for start in range(0, len(points), BATCH):
+            part = slice(start, start + BATCH)
+            batch = points[part]
+            below, share = self.constant.interpolate(value[part])
+            mean = _interpolate(self.mean, below, share[:, None])
+            slope = _interpolate(self.slope, below, share[:, None, None])
+            root = _interpolate(self.root, below, share[:, None, None])
+            shift = np.einsum("wko,wo->wk", slope, batch[:, self.plain] - origin)
+            spread = scale * np.einsum("wkl,wl->wk", root, batch[:, self.affected])
+            batch[:, self.affected] = mean - shift + spread
 
     @cached_property
     def _diagonal(self) -> Array:
         return np.diagonal(self.root, 0, 1, 2)
 
     def log_volume(self, value: Array) -> Array:
-        """(W,) logarithm of the determinant of that change of units, up to a constant."""
-        below, share = self.constant.between(value)
-        diagonal = (
-            self._diagonal[below] * (1 - share[:, None])
-            + self._diagonal[below + 1] * share[:, None]
-        )
+        """Compute the logarithm (W,) of the determinant of that change of units, up to a constant,
+        at values (W,) of the inner constant."""
+        below, share = self.constant.interpolate(value)
+        diagonal = _interpolate(self._diagonal, below, share[:, None])
         return np.asarray(np.log(diagonal).sum(1))
 
     def log_prior(self, points: Array, log_scale: Array) -> Array:
-        """(W,) of the own coefficients of natural points (W, d), up to a constant."""
-        cost = np.square(points[:, self.own] @ self.prior.T).sum(1)
-        return np.asarray(-len(self.own) * log_scale - 0.5 * cost * np.exp(-2 * log_scale))
+        """Compute the log prior (W,) of the affected coefficients of natural points (W, d), up to a
+        constant; `log_scale` (W,) of the noise."""
+        cost = np.square(points[:, self.affected] @ self.prior.T).sum(1)
+        precision = np.exp(-2 * log_scale)
+        return np.asarray(-len(self.affected) * log_scale - 0.5 * cost * precision)
 
 
-def conditionals(
+def _interpolate(table: Array, below: Index, share: Array) -> Array:
+    """Interpolate a table (GRID, ...) between the grid points `below` and the next ones."""
+    return np.asarray(table[below] * (1 - share) + table[below + 1] * share)
+
+
+def build_conditionals(
     problem: Problem,
     at: Linearisation,
     sampled: Sequence[int],
@@ -94,58 +101,51 @@ def conditionals(
     Q: Array,
     tangent: tuple[Array, Array],
     freedom: float,
-) -> tuple[Conditional, ...]:
-    """What each constant makes of the sampled coefficients it bears on. `Q` (N, r): basis of the
-    coefficients that are integrated out; `tangent`: all columns (N, p) and what the optimum `at`
-    leaves (N,), with the rows of a prior below the data's; `freedom` of that fit."""
+) -> tuple[ConditionalPrior, ...]:
+    """Build the conditional prior of every constant that affects a sampled coefficient.
 
-    def beyond(values: Array) -> Array:
-        return np.asarray(values - Q @ (Q.T @ values))
-
-    X, left = tangent
+    at: the optimum, as (terms, theta).
+    sampled: term indices of the sampled coefficients.
+    Q: (N, r) basis of the coefficients that are integrated out.
+    tangent: all columns (N, p) and the residual (N,) at the optimum, with the rows of a prior below
+        the data's.
+    freedom: degrees of freedom of that fit."""
+    X, residual = tangent
     place = {k: i for i, k in enumerate(sampled)}
-    owns = [sorted({place[k] for _, k, _ in c.tables if k in place}) for c in constants]
-    theirs = {i for own in owns for i in own}
-    plain = [i for i in range(len(sampled)) if i not in theirs]
-    out = []
-    for constant, own in zip(constants, owns, strict=True):
-        if not own:
+    affected = [sorted({place[k] for _, k, _ in c.tables if k in place}) for c in constants]
+    every = set().union(*affected)
+    plain = [i for i in range(len(sampled)) if i not in every]
+    conditionals = []
+    for constant, positions in zip(constants, affected, strict=True):
+        if not positions:
             continue
-        rest = [i for i in range(len(sampled)) if i not in own]
-        index = [sampled[i] for i in own]
-        before = beyond(X[:, index])
-        response = beyond(left) + before @ at.theta[index]
-        grid = np.stack(
-            [
-                before + beyond(change)
-                for change in _changes(problem, at, constant, index, X.shape[0])
-            ]
-        )
-        others = beyond(X[:, [sampled[i] for i in rest]])
-        prior, ratio = _prior(
-            np.concatenate([grid, before[None]]),
-            response,
-            np.linalg.qr(others)[0] if rest else others,
-            freedom + len(own),
-        )
+        index = [sampled[i] for i in positions]
+        others = [k for i, k in enumerate(sampled) if i not in positions]
+        held = X[:, index]
+        # columns at every value of the constant, and the response to them
+        beyond = project_out(held, Q)
+        changes = _changes(problem, at, constant, index, len(X))
+        grid = np.stack([beyond + project_out(change, Q) for change in changes])
+        response = project_out(residual, Q) + beyond @ at.theta[index]
+        rest = project_out(X[:, others], Q)
+        basis = np.linalg.qr(rest)[0] if others else rest
+        columns = np.concatenate([grid, beyond[None]])
+        prior, ratio = _fit_prior(columns, response, basis, freedom + len(positions))
         gram = np.einsum("gnk,gnl->gkl", grid, grid) + prior.T @ prior
-        mean = np.linalg.solve(gram, (response @ grid)[:, :, None])[:, :, 0]
-        known = beyond(X[:, [sampled[i] for i in plain]])
-        slope = np.linalg.solve(gram, grid.transpose(0, 2, 1) @ known)
-        root = np.linalg.inv(np.linalg.cholesky(gram)).transpose(0, 2, 1)
-        out.append(
-            Conditional(
+        known = project_out(X[:, [sampled[i] for i in plain]], Q)
+        conditionals.append(
+            ConditionalPrior(
                 constant,
-                np.array(own, dtype=np.intp),
+                np.array(positions, dtype=np.intp),
                 np.array(plain, dtype=np.intp),
-                mean,
-                slope,
-                root,
+                np.linalg.solve(gram, (response @ grid)[:, :, None])[:, :, 0],
+                np.linalg.solve(gram, grid.transpose(0, 2, 1) @ known),
+                np.linalg.inv(np.linalg.cholesky(gram)).transpose(0, 2, 1),
                 prior,
                 ratio,
             )
         )
-    return tuple(out)
+    return tuple(conditionals)
 
 
 def _changes(
@@ -155,36 +155,41 @@ def _changes(
     index: Sequence[int],
     rows: int,
 ) -> Iterator[Array]:
-    """At every grid point, how the columns (rows, k) of the terms `index` depart from the
+    """Yield, at every grid point, how the columns (rows, k) of the terms `index` depart from the
     model's."""
-    places = sorted({place for place, k, _ in constant.tables if k in index})
+    tables = [table for table in constant.tables if table[1] in index]
+    places = sorted({place for place, _, _ in tables})
     terms = [Term(AXES[axis], (Screw(frame + 1, AXES[axis]),)) for frame, axis in places]
     unit = compute_design(problem, terms, at)[0].transpose(2, 1, 0)  # (places, c, m)
     for n in range(GRID):
-        out = np.zeros((rows, len(index)))
-        for place, k, table in constant.tables:
-            if k in index:
-                product = (unit[places.index(place)] * table[n]).reshape(-1)
-                column = problem.select_measured(product)
-                out[: len(column), index.index(k)] += column
-        yield out
+        change = np.zeros((rows, len(index)))
+        for place, k, table in tables:
+            product = (unit[places.index(place)] * table[n]).reshape(-1)
+            column = problem.select_measured(product)
+            change[: len(column), index.index(k)] += column
+        yield change
 
 
-def _prior(grid: Array, response: Array, others: Array, freedom: float) -> tuple[Array, float]:
-    """(upper root (k, k) of the prior's precision in units of the noise, ratio v/s²) from the
-    columns (G, N, k) at all values of the constant, beyond the basis of the other coefficients
-    `others` (N, o): the ratio at which the evidence, summed over the values, is greatest."""
+def _fit_prior(grid: Array, response: Array, others: Array, freedom: float) -> tuple[Array, float]:
+    """Fit the prior's variance by the evidence, summed over the values of the constant.
+
+    grid: (G, N, k) columns at all values; response: (N,); others: (N, o) basis of the other
+    coefficients. Returns the upper root (k, k) of the prior's precision in units of the noise, and
+    the ratio v/s²."""
     alone = grid - others @ (others.T @ grid)
-    rest = response - others @ (others.T @ response)
+    rest = project_out(response, others)
     gram = np.einsum("gnk,gnl->gkl", alone, alone)
-    cross, total = rest @ alone, float(rest @ rest)
-    typical, best = gram.mean(0), (-np.inf, 0.0)
+    cross = rest @ alone
+    total = float(rest @ rest)
+    typical = gram.mean(0)
+    best = (-np.inf, 0.0)
     for ratio in map(float, RATIOS):
         precision = typical / ratio
-        explained = np.einsum(
-            "gk,gk->g", cross, np.linalg.solve(gram + precision, cross[:, :, None])[:, :, 0]
-        )
-        each = 0.5 * (np.linalg.slogdet(precision)[1] - np.linalg.slogdet(gram + precision)[1])
-        each -= 0.5 * freedom * np.log1p(-np.minimum(explained / total, 1 - 1e-12))
-        best = max(best, (float(np.logaddexp.reduce(each)), ratio))
+        posterior = gram + precision
+        solution = np.linalg.solve(posterior, cross[:, :, None])[:, :, 0]
+        explained = np.einsum("gk,gk->g", cross, solution)
+        shrinkage = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(posterior)[1]
+        share = np.minimum(explained / total, 1 - 1e-12)
+        evidence = 0.5 * shrinkage - 0.5 * freedom * np.log1p(-share)
+        best = max(best, (float(np.logaddexp.reduce(evidence)), ratio))
     return np.linalg.cholesky(typical / best[1]).T, best[1]

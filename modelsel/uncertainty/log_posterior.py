@@ -1,51 +1,63 @@
-"""What emcee samples: the logarithm of a posterior density, vectorised over walkers.
+"""Log density of the posterior that emcee samples, vectorised over walkers.
 
 Sampled: some coefficients ψ (those of the named effects, or all), the logarithm of every noise
 scale, the tail 1/ν of a Student-t per measured point, the inner constants of scanned mechanisms.
 Integrated out: all other coefficients β. At each point the exact chain is evaluated at (ψ, β*(ψ)),
-β* the linear answer of β to ψ; what is left is minimised over β in the columns J_β at the optimum
-(one projection, or expectation-maximisation under a Student-t: Lange, Little & Taylor 1989), and
-the normal integral about that minimum is taken (Laplace; exact for normal noise up to the curvature
-of the chain in β). Under a Student-t the information of a row, w (1 − 2 w d² / (ν + c) c) in units
-of s⁻² with w = (ν + c) / (ν + d²), is averaged over the rows; with 12 coefficients integrated out
-of 25 points, tails of ν < 4 come out up to 0.4 too unlikely in ln p, and the noise scale too sure
-(89 % intervals for 95 %, benchmarks/calibration.py). With normal noise of one scale,
-    ln p(ψ, s | y) = −(rows + k − r_β) ln s − |(I − QQᵀ) ρ(ψ, β*)|² / 2s²,   Q an orthonormal basis of J_β, k held by a prior,
-and with several scales ½ ln |Σ_t s_t⁻² Q_tᵀQ_t| stands in place of −r_β ln s (restricted
-likelihood; Patterson & Thompson 1971). Priors: flat on coefficients and constants, 1/s on every
-scale (within a factor of 1,000), 1/ν uniform below ½. Shrunk coefficients keep their normal prior,
-its variance held at the most probable one; those that a constant bears on have the scan's
-(`conditional`). Constants of mechanisms of one name keep their order."""
+β* the linear answer of β to ψ; what is left is minimised over β in the columns J_β at the optimum,
+and the integral about that minimum is taken (`marginal_likelihood`; exact for normal noise up to
+the curvature of the chain in β). With 12 coefficients integrated out of 25 points, tails of ν < 4
+come out up to 0.4 too unlikely in ln p, and the noise scale too certain (89 % intervals for 95 %,
+benchmarks/calibration.py).
+
+Priors: flat on coefficients and constants, 1/s on every scale (within a factor of 1,000), 1/ν
+uniform below ½. Shrunk coefficients keep their normal prior, its variance held at the most probable
+one; those that a constant affects have the scan's (`conditional_priors`). Constants of mechanisms
+of one name keep their order."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .._typing import Array
+from .._typing import Array, Index, Mask
 from ..fitting.batch import Ensemble
+from ..fitting.design import compute_design
 from ..fitting.least_squares import Fit
-from .conditional_priors import Conditional, conditionals
+from ..fitting.reduction import Reduction
+from .conditional_priors import ConditionalPrior, build_conditionals
+from .marginal_likelihood import MarginalLikelihood
 from .nuisance import Components, Constant
-from .posterior import posterior
+from .posterior import Posterior, linear_posterior
 
 TAIL = "tail 1/ν"
-HEAVIEST, LIGHTEST = 0.5, 1e-6
-FARTHEST = np.log(1000)
+# range of the tail 1/ν
+MIN_TAIL, MAX_TAIL = 1e-6, 0.5
+# largest departure of a log scale from the closed form's
+MAX_LOG_RATIO = np.log(1000)
 # spread of the first walkers over the closed form's: walkers that start together cannot show that
 # they differ
-APART = 2.0
-SCORING = 5  # steps of expectation-maximisation; each leaves about 2/(ν + 5) of the distance
+START_SPREAD = 2.0
+# spread of the tail, and of a constant as a share of its range, that is one in walkers' units
+TAIL_SPREAD, CONSTANT_SPREAD = 0.05, 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class LogPosterior:
-    """A density of d numbers: coefficients (term indices `sampled`), log scales, tail (if `tail`),
-    constants; `exact` tells whether the chain is evaluated, or its QR-reduced linear form."""
+    """Log posterior density of d numbers: coefficients, log scales, tail (if `tail`), constants.
+
+    Walkers live in units of the closed form (`natural` converts them).
+
+    fitted: the model at its optimum.
+    noise: components of the noise, T scales.
+    sampled: term indices of the sampled coefficients.
+    names, units: of the d numbers.
+    tail: whether points have Student-t noise.
+    constants: inner constants that are sampled.
+    exact: whether the chain is evaluated, or its QR-reduced linear form.
+    """
 
     fitted: Fit
     noise: Components
@@ -55,19 +67,44 @@ class LogPosterior:
     tail: bool = False
     constants: tuple[Constant, ...] = ()
     exact: bool = True
-    _split: tuple[int, int] = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        k = len(self.sampled)
-        object.__setattr__(self, "_split", (k, k + self.noise.count))
 
     @property
     def size(self) -> int:
-        """Number of sampled numbers."""
+        """Number d of sampled numbers."""
         return len(self.names)
+
+    # -- layout of the d numbers
+
+    @cached_property
+    def _scales(self) -> slice:
+        """Positions of the log scales."""
+        first = len(self.sampled)
+        return slice(first, first + self.noise.count)
+
+    @property
+    def _tail(self) -> int:
+        """Position of the tail, where there is one."""
+        return len(self.sampled) + self.noise.count
+
+    def _position(self, constant: Constant) -> int:
+        """Position of a constant."""
+        order = [c is constant for c in self.constants].index(True)
+        return self._tail + self.tail + order
+
+    def _values(self, points: Array, constant: Constant) -> Array:
+        """Values (W,) of a constant at natural points (W, d)."""
+        return np.asarray(points[:, self._position(constant)])
+
+    # -- the linear problem at the optimum
+
+    @cached_property
+    def _known(self) -> Posterior:
+        """The posterior in closed form."""
+        return linear_posterior(self.fitted)
 
     @cached_property
     def _integrated(self) -> list[int]:
+        """Term indices of the coefficients β that are integrated out."""
         return [k for k in self.fitted.found.kept if k not in self.sampled]
 
     @cached_property
@@ -75,287 +112,251 @@ class LogPosterior:
         return Ensemble(self.noise.problem, self.fitted.terms)
 
     @cached_property
-    def _tangent(self) -> tuple[Array, Array]:
-        """(columns (N + k, p), what is left (N + k,)) at the optimum; the N data rows in the order
-        (coordinate, configuration), then a row per shrunk coefficient."""
-        from ..fitting.design import compute_design
+    def _rows(self) -> Mask | slice:
+        """Which of the rows (coordinate, configuration) are measured."""
+        measured = self.noise.problem.measured
+        return slice(None) if measured is None else measured.T.reshape(-1)
 
+    @cached_property
+    def _component(self) -> Index:
+        """(N,) noise component of every measured row."""
+        return np.repeat(self.noise.component, len(self.noise.problem))[self._rows]
+
+    @cached_property
+    def _tangent(self) -> tuple[Array, Array]:
+        """Columns (N + k, p) and residual (N + k,) at the optimum: the N data rows in the order
+        (coordinate, configuration), then a row per shrunk coefficient."""
         fitted = self.fitted
-        X, left = compute_design(self.noise.problem, fitted.terms, fitted.at())
+        X, residual = compute_design(self.noise.problem, fitted.terms, fitted.at())
+        columns = X.transpose(1, 0, 2).reshape(-1, len(fitted.theta))[self._rows]
+        response = residual.T.reshape(-1)[self._rows]
         return (
-            np.vstack(
-                [X.transpose(1, 0, 2).reshape(-1, len(fitted.theta))[self._rows], fitted.root]
-            ),
-            np.concatenate([left.T.reshape(-1)[self._rows], -fitted.root @ fitted.theta]),
+            np.vstack([columns, fitted.root]),
+            np.concatenate([response, -fitted.root @ fitted.theta]),
         )
 
     @cached_property
     def _basis(self) -> tuple[Array, Array, Array]:
-        """(Q (N + k, r_β) turned so that the data's part of QᵀQ is diagonal, that diagonal h
-        (r_β,), response B (r_β, ψ) of β to ψ), with the rows of `_tangent`."""
+        """Basis Q (N + k, r) of β's columns, turned so that the data's part of QᵀQ is diagonal; that
+        diagonal h (r,); and the response B (r, ψ) of β to ψ."""
         beta, psi = self._integrated, list(self.sampled)
-        X, N = self._tangent[0], len(self._of)
+        X = self._tangent[0]
+        N = len(self._component)
         Q, R = np.linalg.qr(X[:, beta])
-        B = np.linalg.solve(R, Q.T @ X[:, psi]) if beta else np.zeros((0, len(psi)))
+        if not beta:
+            return Q, np.ones(0), np.zeros((0, len(psi)))
+        B = np.linalg.solve(R, Q.T @ X[:, psi])
         h = np.ones(len(beta))
-        if len(X) > N and beta:
+        if len(X) > N:
             h, V = np.linalg.eigh(Q[:N].T @ Q[:N])
             Q = Q @ V
         return Q, h.clip(0, 1), B
 
     @cached_property
-    def _rows(self) -> NDArray[np.bool_] | slice:
-        """Which of the rows (coordinate, configuration) are measured."""
-        seen = self.noise.problem.measured
-        return slice(None) if seen is None else seen.T.reshape(-1)
-
-    @cached_property
-    def _of(self) -> NDArray[np.intp]:
-        """(N,) component of every measured row."""
-        return np.repeat(self.noise.of, len(self.noise.problem))[self._rows]
-
-    @cached_property
     def _grams(self) -> Array:
-        """(T + 1, r_β, r_β) QᵀQ of each component's rows, and of the prior's."""
-        Q, m = self._basis[0], len(self.noise.problem)
-        N = len(self._of)
+        """(T + 1, r, r) QᵀQ of each component's rows, and of the prior's."""
+        Q = self._basis[0]
+        N = len(self._component)
+        prior = Q[N:].T @ Q[N:]
         if self.noise.problem.measured is not None:
-            own = [Q[:N][self._of == t] for t in range(self.noise.count)]
-            return np.stack([*(part.T @ part for part in own), Q[N:].T @ Q[N:]])
-        part = Q[:N].reshape(len(self.noise.of), m, -1)
-        return np.stack(
-            [
-                *(
-                    np.einsum("cmi,cmj->ij", part[self.noise.of == t], part[self.noise.of == t])
-                    for t in range(self.noise.count)
-                ),
-                Q[N:].T @ Q[N:],
-            ]
+            parts = [Q[:N][self._component == t] for t in range(self.noise.count)]
+            return np.stack([*(part.T @ part for part in parts), prior])
+        by_coordinate = Q[:N].reshape(len(self.noise.component), len(self.noise.problem), -1)
+        parts = [by_coordinate[self.noise.component == t] for t in range(self.noise.count)]
+        return np.stack([*(np.einsum("cmi,cmj->ij", part, part) for part in parts), prior])
+
+    @cached_property
+    def _likelihood(self) -> MarginalLikelihood:
+        Q, h, _ = self._basis
+        return MarginalLikelihood(
+            Q,
+            h,
+            self._component,
+            self._grams,
+            len(self.noise.component),
+            len(self.noise.problem),
+            self.fitted.by_prior,
         )
 
     @cached_property
     def _reduced(self) -> Array:
-        """(ψ, ψ) triangle of the linear problem with β projected out; the prior's rows are in."""
-        from ..fitting.reduction import Reduction
-
+        """(ψ, ψ) triangle of the linear problem with β projected out, the prior's rows included."""
         reduction = self.fitted.reduction
         if self.fitted.prior is not None:
             reduction = Reduction(reduction.add(self.fitted.prior).R, reduction.rows)
-        b = len(self._integrated)
-        return reduction.select([*self._integrated, *self.sampled]).R[b:-1, b:-1]
+        count = len(self._integrated)
+        R = reduction.select([*self._integrated, *self.sampled]).R
+        return R[count:-1, count:-1]
 
     @cached_property
-    def _conditionals(self) -> tuple[Conditional, ...]:
-        """Of the constants that bear on a sampled coefficient."""
-        return conditionals(
+    def _conditionals(self) -> tuple[ConditionalPrior, ...]:
+        """Of the constants that affect a sampled coefficient."""
+        return build_conditionals(
             self.noise.problem,
             self.fitted.at(),
             self.sampled,
             self.constants,
             self._basis[0],
             self._tangent,
-            posterior(self.fitted).freedom,
+            self._known.freedom,
         )
 
     @cached_property
     def _plain(self) -> list[int]:
-        """Positions of the sampled coefficients that no constant bears on."""
-        owned = {i for c in self._conditionals for i in c.own.tolist()}
-        return [i for i in range(len(self.sampled)) if i not in owned]
+        """Positions of the sampled coefficients that no constant affects."""
+        affected = {i for c in self._conditionals for i in c.affected.tolist()}
+        return [i for i in range(len(self.sampled)) if i not in affected]
+
+    # -- units of the walkers
 
     @cached_property
     def _units(self) -> tuple[Array, Array]:
-        """(origin (d,), matrix (d, d)): walkers live in units of the closed form, in which the
-        coefficients are uncorrelated; a snooker's lines have no meaning across millimetres and
-        radians."""
-        known, k = posterior(self.fitted), self._split[0]
-        origin, matrix = np.zeros(self.size), np.eye(self.size)
-        plain = self._plain
+        """Origin (d,) and matrix (d, d): walkers live in units of the closed form, in which the
+        coefficients are uncorrelated; the lines of the snooker have no meaning across millimetres
+        and radians."""
+        known, plain = self._known, self._plain
         index = [self.sampled[i] for i in plain]
+        origin = np.zeros(self.size)
         origin[plain] = known.theta[index]
+        origin[self._scales] = np.log(known.scale)
+        spread = np.ones(self.size)
+        spread[self._scales] = 1 / np.sqrt(2 * known.freedom / self.noise.count)
+        if self.tail:
+            spread[self._tail] = TAIL_SPREAD
+        for constant in self.constants:
+            width = constant.high - constant.low
+            spread[self._position(constant)] = CONSTANT_SPREAD * width
+        matrix = np.diag(spread)
         if plain:
-            matrix[np.ix_(plain, plain)] = np.linalg.qr(known.factor[index].T)[1].T * known.scale
-        scales = slice(*self._split)
-        origin[scales] = np.log(known.scale)
-        wide = [1 / np.sqrt(2 * known.freedom / self.noise.count)] * self.noise.count + [
-            0.05
-        ] * self.tail
-        wide += [0.1 * (constant.high - constant.low) for constant in self.constants]
-        matrix[range(k, self.size), range(k, self.size)] = wide
+            root = np.linalg.qr(known.factor[index].T)[1].T
+            matrix[np.ix_(plain, plain)] = root * known.scale
         return origin, matrix
 
     def natural(self, walkers: Array) -> Array:
-        """(..., d) coefficients, log scales, tail, constants of walkers in their own units. The
-        tail is folded at nought, so that normal noise is no wall to run against."""
+        """Convert walkers (..., d) from their own units to coefficients, log scales, tail and
+        constants.
+
+        The tail is folded at zero, so that normal noise is no wall to run against."""
         origin, matrix = self._units
-        out = np.asarray(origin + walkers @ matrix.T)
+        points = np.asarray(origin + walkers @ matrix.T)
         if self.tail:
-            out[..., self._split[1]] = np.abs(out[..., self._split[1]])
-        flat = out.reshape(-1, self.size)
-        for c in self._conditionals:
-            c.place(
-                flat,
-                self._values(flat, c.constant),
-                origin[self._plain],
-                posterior(self.fitted).scale,
-            )
-        return flat.reshape(out.shape)
-
-    def _at(self, constant: Constant) -> int:
-        """Position of a constant."""
-        return self._split[1] + self.tail + [c is constant for c in self.constants].index(True)
-
-    def _values(self, points: Array, constant: Constant) -> Array:
-        return np.asarray(points[:, self._at(constant)])
+            points[..., self._tail] = np.abs(points[..., self._tail])
+        flat = points.reshape(-1, self.size)
+        for conditional in self._conditionals:
+            value = self._values(flat, conditional.constant)
+            conditional.place(flat, value, origin[self._plain], self._known.scale)
+        return flat.reshape(points.shape)
 
     @cached_property
     def ranges(self) -> tuple[tuple[int, float, float], ...]:
         """(position, lowest, highest) of every constant, in the walkers' own units."""
         origin, matrix = self._units
-        return tuple(
-            (i, (c.low - origin[i]) / matrix[i, i], (c.high - origin[i]) / matrix[i, i])
-            for c in self.constants
-            for i in (self._at(c),)
-        )
+        ranges = []
+        for constant in self.constants:
+            i = self._position(constant)
+            low, high = (np.array([constant.low, constant.high]) - origin[i]) / matrix[i, i]
+            ranges.append((i, low, high))
+        return tuple(ranges)
+
+    # -- the density
 
     def log_density(self, walkers: Array) -> Array:
-        """(W,) up to a constant, at walkers (W, d) in their own units; −inf outside the priors."""
-        points = self.natural(walkers)
-        inside = (
-            np.abs(points[:, slice(*self._split)] - np.log(posterior(self.fitted).scale)) < FARTHEST
-        ).all(1)
+        """Compute the log density (W,) up to a constant at walkers (W, d) in their own units; −inf
+        outside the priors."""
+        every = self.natural(walkers)
+        inside = self._inside(every)
+        density = np.full(len(every), -np.inf)
+        if not inside.any():
+            return density
+        points = every[inside]
+        density[inside] = self._exact(points) if self.exact else self._linear(points)
+        for conditional in self._conditionals:
+            value = self._values(points, conditional.constant)
+            prior = conditional.log_prior(points, points[:, self._scales.start])
+            density[inside] += prior + conditional.log_volume(value)
+        return density
+
+    def _inside(self, points: Array) -> Mask:
+        """Mask (W,) of natural points (W, d) within the priors' bounds."""
+        departure = points[:, self._scales] - np.log(self._known.scale)
+        inside = (np.abs(departure) < MAX_LOG_RATIO).all(1)
         if self.tail:
-            inside &= (points[:, self._split[1]] > LIGHTEST) & (
-                points[:, self._split[1]] < HEAVIEST
-            )
+            tail = points[:, self._tail]
+            inside &= (tail > MIN_TAIL) & (tail < MAX_TAIL)
         for constant in self.constants:
             value = self._values(points, constant)
             inside &= (value > constant.low) & (value < constant.high)
             for other in self.constants:
                 if other.mechanism == constant.mechanism and other.held < constant.held:
                     inside &= self._values(points, other) < value
-        out = np.full(len(points), -np.inf)
-        if inside.any():
-            some = points[inside]
-            out[inside] = self._exact(some) if self.exact else self._linear(some)
-            for c in self._conditionals:
-                out[inside] += c.log_prior(some, some[:, self._split[0]]) + c.log_volume(
-                    self._values(some, c.constant)
-                )
-        return out
+        return np.asarray(inside)
+
+    def _step(self, points: Array) -> Array:
+        """Departure (W, ψ) of the sampled coefficients from the optimum."""
+        return np.asarray(points[:, : len(self.sampled)] - self.fitted.theta[list(self.sampled)])
 
     def _linear(self, points: Array) -> Array:
-        """Normal noise of one scale, linear about the optimum, on the QR-reduced data."""
-        known = posterior(self.fitted)
-        step = (
-            points[:, : self._split[0]] - self.fitted.theta[list(self.sampled)]
-        ) @ self._reduced.T
-        log_s = points[:, self._split[0]]
-        power = known.freedom + len(self.sampled)
-        return np.asarray(
-            -power * log_s - (known.cost + np.square(step).sum(1)) / 2 * np.exp(-2 * log_s)
-        )
+        """Log density of normal noise of one scale, linear about the optimum, on the QR-reduced
+        data."""
+        step = self._step(points) @ self._reduced.T
+        log_s = points[:, self._scales.start]
+        power = self._known.freedom + len(self.sampled)
+        cost = self._known.cost + np.square(step).sum(1)
+        return np.asarray(-power * log_s - cost / 2 * np.exp(-2 * log_s))
+
+    def _exact(self, points: Array) -> Array:
+        """Log density on the exact chain."""
+        theta = self._theta(points)
+        twist: dict[tuple[int, int], Array] = {}
+        for constant in self.constants:
+            constant.add_twist(theta, self._values(points, constant), twist)
+        residual = self._ensemble.residuals(theta, twist)
+        data = residual.reshape(len(points), -1)[:, self._rows]
+        prior = -theta @ self.fitted.root.T
+        nu = 1 / points[:, self._tail] if self.tail else None
+        log_s = points[:, self._scales]
+        return self._likelihood.log_density(np.hstack([data, prior]), log_s, nu)
 
     def _theta(self, points: Array) -> Array:
-        """(W, p) with β at its linear answer."""
+        """Coefficients (W, p), with β at its linear answer to ψ."""
         theta = np.tile(self.fitted.theta, (len(points), 1))
-        step = points[:, : self._split[0]] - self.fitted.theta[list(self.sampled)]
+        step = self._step(points)
         theta[:, list(self.sampled)] += step
         theta[:, self._integrated] -= step @ self._basis[2].T
         return theta
 
-    def _exact(self, points: Array) -> Array:
-        theta, W = self._theta(points), len(points)
-        more: dict[tuple[int, int], Array] = {}
-        for constant in self.constants:
-            constant.twist(theta, self._values(points, constant), more)
-        e = self._ensemble.residuals(theta, more).reshape(W, -1)[:, self._rows]
-        e = np.hstack([e, -theta @ self.fitted.root.T])
-        log_s = points[:, self._split[0] : self._split[1]]
-        nu = 1 / points[:, self._split[1]] if self.tail else None
-        return self._marginal(e, log_s, nu)
-
-    def _marginal(self, e: Array, log_s: Array, nu: Array | None) -> Array:
-        """β integrated out of residuals e (W, N + k) at log scales (W, T) and degrees of freedom
-        (W,)."""
-        noise, m, W = self.noise, len(self.noise.problem), len(e)
-        c, N = len(noise.of), len(self._of)
-        Q, h, _ = self._basis
-        of = np.concatenate([self._of, np.zeros(e.shape[1] - N, dtype=np.intp)])
-        inverse = np.exp(-log_s)[:, of] if noise.count > 1 else np.exp(-log_s)
-        A = None
-        if noise.count > 1:
-            A = np.einsum(
-                "wt,tij->wij", np.exp(-2 * log_s[:, [*range(noise.count), 0]]), self._grams
-            )
-        w: Array | float = 1.0
-        for _ in range(1 if nu is None else 1 + SCORING):
-            b = (w * e if A is None else w * e * inverse**2) @ Q
-            e = e - (b if A is None else np.linalg.solve(A, b[:, :, None])[:, :, 0]) @ Q.T
-            if nu is not None:
-                distance = np.square((e * inverse)[:, :N]).reshape(W, c, m).sum(1)
-                weight = (nu[:, None] + c) / (nu[:, None] + distance)
-                w = np.ones_like(e)
-                w[:, :N] = np.tile(weight, (1, c))
-        rows = np.bincount(self._of, minlength=noise.count) + self.fitted.by_prior * (
-            np.arange(noise.count) == 0
-        )
-        out = -log_s @ rows - 0.5 * np.square((e * inverse)[:, N:]).sum(1)
-        curved = np.ones(W)
-        if nu is None:
-            out = out - 0.5 * np.square((e * inverse)[:, :N]).sum(1)
-        else:
-            from scipy.special import gammaln
-
-            curved = (
-                (weight * (1 - 2 / c * weight * distance / (nu[:, None] + c))).mean(1).clip(0.05)
-            )
-            out = (
-                out
-                + m * (gammaln((nu + c) / 2) - gammaln(nu / 2) - c / 2 * np.log(nu))
-                - (nu + c) / 2 * np.log1p(distance / nu[:, None]).sum(1)
-            )
-        if A is None:
-            return np.asarray(
-                out + len(h) * log_s[:, 0] - 0.5 * np.log(h * curved[:, None] + 1 - h).sum(1)
-            )
-        share = np.concatenate([np.repeat(curved[:, None], noise.count, 1), np.ones((W, 1))], 1)
-        A = np.einsum(
-            "wt,tij->wij", share * np.exp(-2 * log_s[:, [*range(noise.count), 0]]), self._grams
-        )
-        return np.asarray(out - 0.5 * np.linalg.slogdet(A)[1])
+    # -- start and results
 
     def start(self, rng: np.random.Generator, walkers: int) -> Array:
-        """(walkers, d) more widely spread than the posterior: normal coefficients and log scales of
-        APART times the closed form's spread, tails over all that are allowed, constants over their
-        whole range."""
-        out = APART * rng.standard_normal((walkers, self.size))
+        """Draw the first walkers (walkers, d), more widely spread than the posterior.
+
+        Coefficients and log scales are normal with START_SPREAD times the closed form's spread;
+        tails and constants are uniform over their range."""
+        first = START_SPREAD * rng.standard_normal((walkers, self.size))
         if self.tail:
-            out[:, self._split[1]] = (
-                rng.uniform(LIGHTEST, HEAVIEST, walkers)
-                / self._units[1][self._split[1], self._split[1]]
-            )
+            unit = self._units[1][self._tail, self._tail]
+            first[:, self._tail] = rng.uniform(MIN_TAIL, MAX_TAIL, walkers) / unit
         for i, low, high in self.ranges:
-            out[:, i] = rng.uniform(low, high, walkers)
-        for name in {c.mechanism for c in self.constants}:
-            alike = sorted((c for c in self.constants if c.mechanism == name), key=lambda c: c.held)
-            index = [self._at(c) for c in alike]
-            out[:, index] = np.sort(out[:, index], axis=1)
-        return out
+            first[:, i] = rng.uniform(low, high, walkers)
+        for mechanism in {c.mechanism for c in self.constants}:
+            alike = [c for c in self.constants if c.mechanism == mechanism]
+            alike.sort(key=lambda c: c.held)
+            index = [self._position(c) for c in alike]
+            first[:, index] = np.sort(first[:, index], axis=1)
+        return first
 
     def values(self, walkers: Array) -> Array:
-        """Walkers (..., d) in the units of the report: scales not as logarithms."""
-        out = self.natural(walkers)
-        scales = slice(*self._split)
-        out[..., scales] = np.exp(out[..., scales]) * self.noise.factor
-        return out
+        """Convert walkers (..., d) to the units of the report: scales not as logarithms."""
+        values = self.natural(walkers)
+        values[..., self._scales] = np.exp(values[..., self._scales]) * self.noise.factor
+        return values
 
     def closed_form(self, probability: Sequence[float]) -> Array:
-        """(d, k) quantiles of the closed form; NaN where there is none."""
-        known = posterior(self.fitted)
+        """Compute quantiles (d, k) of the closed form; NaN where there is none."""
         p = np.array(probability)
-        out = np.full((self.size, len(p)), np.nan)
-        out[: self._split[0]] = known.quantile(p)[list(self.sampled)]
+        quantiles = np.full((self.size, len(p)), np.nan)
+        quantiles[: len(self.sampled)] = self._known.quantile(p)[list(self.sampled)]
         if self.noise.count == 1:
-            out[self._split[0]] = known.scale_quantile(p) * self.noise.factor[0]
-        return out
+            scale = self._known.scale_quantile(p)
+            quantiles[self._scales.start] = scale * self.noise.factor[0]
+        return quantiles

@@ -1,8 +1,9 @@
-"""Components of the noise: which whitened coordinate shares which noise scale, where the study
-gives reason for several.
+"""Nuisance parameters that sampling adds to a model's coefficients: noise scales and inner constants.
 
-Stated uncertainties set the ratios inside a component; the scale of each component is left open.
-"""
+Noise: which whitened coordinate shares which scale, where the study gives reason for several.
+Stated uncertainties set the ratios inside a component; the scale of each component is free.
+Constants: those of scanned mechanisms that are real numbers, taken as continuous; the moment at
+which a tracker was moved, for one."""
 
 from __future__ import annotations
 
@@ -16,202 +17,212 @@ from ..fitting.design import PLACE, Model
 from ..fitting.noise import Instrument
 from ..fitting.problem import Problem
 from ..mechanisms.registry import Registry, Scanned
-from ..mechanisms.terms import Mechanism, TermKey
+from ..mechanisms.terms import Mechanism, Screw, TermKey
 from ..robot.kinematics import Robot
 
 SINGLE = "noise scale"
+POSITION, ORIENTATION = "noise of position", "noise of orientation"
+# unit of a scale that multiplies stated uncertainties
+STATED = "of the stated"
+# values at which a cause is worked out; between them it is interpolated
+GRID = 401
+
+# what a constant changes: ((frame, axis), term index, change (GRID, m) of the cause)
+Table = tuple[tuple[int, int], int, Array]
 
 
 @dataclass(frozen=True, eq=False)
 class Components:
-    """A problem whose whitened coordinates each belong to one component: `of` (c,) its number per
-    coordinate, names and units of the T scales, `factor` (T,) what a scale of 1 is in that unit."""
+    """Components of the noise of a problem with c whitened coordinates a row.
+
+    problem: its weights turned where the components ask for it (`align_with_beam`).
+    component: component (c,) of every coordinate.
+    names, units: of the T scales.
+    factor: (T,) what a scale of one is in its unit.
+    """
 
     problem: Problem
-    of: Index
+    component: Index
     names: tuple[str, ...]
     units: tuple[str, ...]
     factor: Array
 
     @property
     def count(self) -> int:
-        """How many scales."""
+        """Number of scales."""
         return len(self.names)
 
 
-def components(
-    problem: Problem, instrument: Instrument | None = None, stated: bool = False
-) -> Components:
-    """Of a weighed problem. Per-coordinate uncertainties in the data: a scale per axis of the
-    tracker's frame; an instrument (where no floor is `stated`): one along the beam, one across;
-    orientations: one of their own; else one scale in mm."""
+def assign_components(problem: Problem, instrument: Instrument | None = None) -> Components:
+    """Assign the whitened coordinates of a problem to components of the noise.
+
+    Per-coordinate uncertainties in the data: a scale per axis of the tracker's frame. An instrument
+    (None where a floor is stated): one along the beam, one across. Orientations: one of their own.
+    Rows of several kinds, and all else: one scale for everything that is in mm."""
     six = problem.components == 6
-    if (
-        problem.data.gauges is not None
-    ):  # the coordinates of different kinds are not alike: one scale for all that is in mm
-        six_of = np.array([0, 0, 0, 1, 1, 1] if six else [0, 0, 0], dtype=np.intp)
-        own = ("noise of position", "noise of orientation") if six else (SINGLE,)
-        plain = problem.whitening.uniform and not six
-        return Components(
-            problem,
-            six_of,
-            own,
-            ("mm",) if plain else ("of the stated",) * len(own),
-            np.array([1 / problem.whitening.weight]) if plain else np.ones(len(own)),
-        )
-    rest, rest_names = ([3, 3, 3], ["noise of orientation"]) if six else ([], [])
-    if problem.data.sigma is not None:
-        of, names = [0, 1, 2, *rest], ["noise in x", "noise in y", "noise in z", *rest_names]
-    elif instrument is not None and not stated:
-        problem = along_beam(problem, instrument)
-        of, names = (
-            [0, 1, 1, *(k - 1 for k in rest)],
-            ["noise along the beam", "noise across the beam", *rest_names],
-        )
-    elif six:
-        of, names = [0, 0, 0, 1, 1, 1], ["noise of position", *rest_names]
+    mixed = problem.data.gauges is not None
+    if not mixed and problem.data.sigma is not None:
+        component, names = [0, 1, 2], ["noise in x", "noise in y", "noise in z"]
+    elif not mixed and instrument is not None:
+        problem = align_with_beam(problem, instrument)
+        component, names = [0, 1, 1], ["noise along the beam", "noise across the beam"]
     else:
-        if problem.whitening.uniform:
-            return Components(
-                problem,
-                np.zeros(3, dtype=np.intp),
-                (SINGLE,),
-                ("mm",),
-                np.array([1 / problem.whitening.weight]),
-            )
-        of, names = [0, 0, 0], [SINGLE]
-    return Components(
-        problem,
-        np.array(of, dtype=np.intp),
-        tuple(names),
-        ("of the stated",) * len(names),
-        np.ones(len(names)),
-    )
+        component, names = [0, 0, 0], [POSITION if six else SINGLE]
+    units = [STATED] * len(names)
+    factor = np.ones(len(names))
+    if names == [SINGLE] and problem.whitening.uniform:
+        units = ["mm"]
+        factor = np.array([1 / problem.whitening.weight])
+    if six:
+        component += [len(names)] * 3
+        names.append(ORIENTATION)
+        units.append(STATED)
+        factor = np.append(factor, 1.0)
+    index = np.array(component, dtype=np.intp)
+    return Components(problem, index, tuple(names), tuple(units), factor)
 
 
-def along_beam(problem: Problem, instrument: Instrument) -> Problem:
-    """The same weights, each row's first whitened coordinate along the beam and the others across
-    it: an orthogonal turn of the whitened coordinates, which no least-squares fit feels."""
+def align_with_beam(problem: Problem, instrument: Instrument) -> Problem:
+    """Rotate each row's whitened coordinates so that the first is along the beam, the others across.
+
+    Least-squares estimates are invariant to this orthogonal rotation. Raises TypeError for a
+    problem with one weight for all rows."""
     matrices = problem.whitening.matrices
     if matrices is None:
         raise TypeError("an instrument's weights are a block per row")
-    line = problem.data.position - np.array(instrument.at)
-    u = line / np.linalg.norm(line, axis=1)[:, None]
-    least = np.argmin(np.abs(u), axis=1)
-    v = np.cross(u, np.eye(3)[least])
-    v /= np.linalg.norm(v, axis=1)[:, None]
-    basis = np.stack([u, v, np.cross(u, v)], axis=1)  # rows: along, across, across
-    position = matrices[:, :3, :3]
-    spread = np.linalg.inv(np.einsum("mji,mjk->mik", position, position))  # covariance of a row
-    sigma = np.sqrt(np.einsum("mai,mij,maj->ma", basis, spread, basis))
-    turned = matrices.copy()
-    turned[:, :3, :3] = basis / sigma[:, :, None]
-    return replace(problem, whitening=replace(problem.whitening, matrices=turned))
+    basis = _beam_basis(problem.data.position - np.array(instrument.at))
+    weight = matrices[:, :3, :3]
+    covariance = np.linalg.inv(np.einsum("mji,mjk->mik", weight, weight))
+    sigma = np.sqrt(np.einsum("mai,mij,maj->ma", basis, covariance, basis))
+    aligned = matrices.copy()
+    aligned[:, :3, :3] = basis / sigma[:, :, None]
+    return replace(problem, whitening=replace(problem.whitening, matrices=aligned))
 
 
-def single(of: Components) -> Components:
-    """With one scale for all."""
-    return Components(of.problem, np.zeros_like(of.of), (SINGLE,), of.units[:1], of.factor[:1])
+def _beam_basis(line: Array) -> Array:
+    """Orthonormal bases (m, 3, 3) whose rows are along the lines (m, 3), across, across."""
+    along = line / np.linalg.norm(line, axis=1)[:, None]
+    farthest_axis = np.argmin(np.abs(along), axis=1)
+    across = np.cross(along, np.eye(3)[farthest_axis])
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    return np.stack([along, across, np.cross(along, across)], axis=1)
 
 
-# Inner constants of scanned mechanisms, taken as continuous: the moment at which a tracker was
-# moved, for one.
-
-GRID = 401  # values at which a cause is worked out; between them it is interpolated
+def merge_components(noise: Components) -> Components:
+    """Merge all components into one scale."""
+    component = np.zeros_like(noise.component)
+    return Components(noise.problem, component, (SINGLE,), noise.units[:1], noise.factor[:1])
 
 
 @dataclass(frozen=True, eq=False)
 class Constant:
-    """One constant: its name and its mechanism's, its range, the value the model holds, and, for
-    every screw it bears on, (place, term index, table (GRID, m) of how far the cause departs from
-    the model's)."""
+    """An inner constant of a scanned mechanism.
+
+    name, mechanism: its name and its mechanism's.
+    low, high: its range.
+    held: the value that the model holds.
+    tables: for every screw it changes, how far the cause departs from the model's over the range.
+    """
 
     name: str
     mechanism: str
     low: float
     high: float
     held: float
-    tables: tuple[tuple[tuple[int, int], int, Array], ...] = field(repr=False)
+    tables: tuple[Table, ...] = field(repr=False)
 
-    def twist(self, theta: Array, value: Array, into: dict[tuple[int, int], Array]) -> None:
-        """Add to `into` (place -> (W, m)) what the constant's values (W,) change at parameters
-        theta (W, p)."""
-        below, share = self.between(value)
-        part = share[:, None]
+    def add_twist(self, theta: Array, value: Array, twist: dict[tuple[int, int], Array]) -> None:
+        """Add what the constant's values (W,) change at parameters theta (W, p) to the twists
+        (W, m) of the (frame, axis) places."""
+        below, share = self.interpolate(value)
+        upper = share[:, None]
         for place, k, table in self.tables:
-            change = theta[:, k, None] * (table[below] * (1 - part) + table[below + 1] * part)
-            into[place] = into.get(place, np.zeros((1, 1))) + change
+            cause = table[below] * (1 - upper) + table[below + 1] * upper
+            change = theta[:, k, None] * cause
+            twist[place] = twist.get(place, np.zeros((1, 1))) + change
 
-    def between(self, value: Array) -> tuple[Index, Array]:
-        """(grid point below each value (W,), share of the way to the next one)."""
-        at = (value - self.low) / (self.high - self.low) * (GRID - 1)
-        below = np.clip(at, 0, GRID - 2).astype(np.intp)
-        return below, at - below
+    def interpolate(self, value: Array) -> tuple[Index, Array]:
+        """Return the grid point below each value (W,), and the share of the way to the next one."""
+        position = (value - self.low) / (self.high - self.low) * (GRID - 1)
+        below = np.clip(position, 0, GRID - 2).astype(np.intp)
+        return below, position - below
 
 
-def constants(problem: Problem, model: Model, registry: Registry) -> tuple[Constant, ...]:
-    """One for each mechanism of a model that the registry scans over a range of real numbers;
-    numbered where a mechanism is in the model several times, as the labels of its coefficients
-    are."""
+def list_constants(problem: Problem, model: Model, registry: Registry) -> tuple[Constant, ...]:
+    """List the constants of the mechanisms that the registry scans over a range of real numbers.
+
+    They are numbered where a mechanism is in the model several times, as the labels of its
+    coefficients are."""
     place = {t.key: k for k, t in enumerate(model.terms)}
-    out = []
-    for m in model.mechanisms:
-        stem, *joint = m.name.split(":")
-        entry = registry.get(stem)
+    constants = []
+    for mechanism in model.mechanisms:
+        entry = registry.get(mechanism.stem)
         if isinstance(entry, Scanned) and entry.range is not None:
-            held = _held(entry, problem.robot, joint, m)
-            if held is not None:
-                low, high = entry.range
-                built = [
-                    entry.build(problem.robot, *map(int, joint), float(v))
-                    for v in np.linspace(low, high, GRID)
-                ]
-                out.append(
-                    Constant(
-                        f"constant of {m.name}",
-                        m.name,
-                        low,
-                        high,
-                        held,
-                        _tables(problem, m, built, place),
-                    )
-                )
-    several = [[o for o in out if o.mechanism == c.mechanism] for c in out]
-    return tuple(
-        c if len(alike) == 1 else replace(c, name=f"{c.name} ({alike.index(c) + 1})")
-        for c, alike in zip(out, several, strict=True)
-    )
+            constant = _constant(problem, mechanism, entry, entry.range, place)
+            if constant is not None:
+                constants.append(constant)
+    return _number_names(constants)
 
 
-def _held(entry: Scanned, robot: Robot, joint: Sequence[str], m: Mechanism) -> float | None:
-    """The scanned constant that gives this mechanism."""
-    places = tuple(map(int, joint))
-    return next(
-        (
-            float(c)
-            for c in entry.constants(robot, *places)
-            if entry.build(robot, *places, c).terms == m.terms
-        ),
-        None,
-    )
+def _constant(
+    problem: Problem,
+    mechanism: Mechanism,
+    entry: Scanned,
+    bounds: tuple[float, float],
+    place: dict[TermKey, int],
+) -> Constant | None:
+    """The constant of a mechanism; None where no scanned value gives the mechanism."""
+    joint = [] if mechanism.joint is None else [mechanism.joint]
+    held = _held_value(entry, problem.robot, joint, mechanism)
+    if held is None:
+        return None
+    low, high = bounds
+    values = np.linspace(low, high, GRID)
+    variants = [entry.build(problem.robot, *joint, float(value)) for value in values]
+    tables = _tabulate(problem, mechanism, variants, place)
+    name = f"constant of {mechanism.name}"
+    return Constant(name, mechanism.name, low, high, held, tables)
 
 
-def _tables(
-    problem: Problem, m: Mechanism, built: Sequence[Mechanism], place: dict[TermKey, int]
-) -> tuple[tuple[tuple[int, int], int, Array], ...]:
-    rows = len(problem)
-    out = []
-    for i, term in enumerate(m.terms):
+def _number_names(constants: Sequence[Constant]) -> tuple[Constant, ...]:
+    """Number the constants whose mechanism is in the model several times."""
+    mechanisms = [c.mechanism for c in constants]
+    numbered = []
+    for k, constant in enumerate(constants):
+        name = constant.name
+        if mechanisms.count(constant.mechanism) > 1:
+            name += f" ({mechanisms[: k + 1].count(constant.mechanism)})"
+        numbered.append(replace(constant, name=name))
+    return tuple(numbered)
+
+
+def _held_value(
+    entry: Scanned, robot: Robot, joint: Sequence[int], mechanism: Mechanism
+) -> float | None:
+    """The scanned value that gives this mechanism."""
+    for value in entry.constants(robot, *joint):
+        if entry.build(robot, *joint, value).terms == mechanism.terms:
+            return float(value)
+    return None
+
+
+def _tabulate(
+    problem: Problem,
+    mechanism: Mechanism,
+    variants: Sequence[Mechanism],
+    place: dict[TermKey, int],
+) -> tuple[Table, ...]:
+    """How the causes of every screw of a mechanism change over its variants."""
+    tables = []
+    for i, term in enumerate(mechanism.terms):
         for j, screw in enumerate(term.screws):
-            base = np.broadcast_to(screw.cause.of(problem), (rows,))
-            table = (
-                np.stack(
-                    [
-                        np.broadcast_to(b.terms[i].screws[j].cause.of(problem), (rows,))
-                        for b in built
-                    ]
-                )
-                - base
-            )
-            out.append(((screw.frame - 1, PLACE[screw.axis]), place[term.key], table))
-    return tuple(out)
+            screws = [variant.terms[i].screws[j] for variant in variants]
+            values = np.stack([_evaluate_cause(problem, other) for other in screws])
+            change = values - _evaluate_cause(problem, screw)
+            frame_axis = (screw.frame - 1, PLACE[screw.axis])
+            tables.append((frame_axis, place[term.key], change))
+    return tuple(tables)
+
+
+def _evaluate_cause(problem: Problem, screw: Screw) -> Array:
+    return np.broadcast_to(screw.cause.of(problem), (len(problem),))

@@ -1,5 +1,5 @@
-"""Every estimable parameter with three answers side by side: analytic, posture bootstrap,
-posterior."""
+"""Every estimable parameter with three standard errors, from least squares, the posture bootstrap and
+the posterior; and the correlations of the parameters."""
 
 from __future__ import annotations
 
@@ -8,29 +8,45 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .._typing import Array
-from ..diagnosis.residual_tests import LASTING, together
+from .._linalg import connected_components
+from .._typing import Array, Mask
+from ..diagnosis.residual_tests import GROUP_LEVEL, compute_group_p
 from ..fitting.design import Model, blocks
 from ..fitting.least_squares import Fit
 from ..mechanisms.causes import Bump
 from ..notices import Note
-from ..selection.cross_validation import by_unit
+from ..selection.cross_validation import fold_by_unit
 from ..selection.evaluation import Split
-from .bootstrap import Bootstrap, bootstrap
+from .bootstrap import Bootstrap, run_bootstrap
 from .posterior import Draws
 from .sampler import Sampling
 
-RATIO = 1.5  # between two of the three answers
+# ratio of standard errors beyond which they differ
+MAX_RATIO = 1.5
 # standard deviations of the bootstrap's own uncertainty: among hundreds of parameters none by
 # chance
-CHANCE = 3.5
+MAX_DEVIATION = 3.5
+# quantile of the two-sided 95 % interval
+UPPER = 0.975
+# parameters that a warning names
+MAX_NAMED = 6
+# correlation beyond which the data determine two parameters only together
+STRONG = 0.9
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One estimate: standard errors from least squares, bootstrap and posterior (None: not
-    sampled), its 95 % interval, the displacement it causes (mean and worst over the measured
-    configurations), how many configurations it rests on, and whether the three answers differ."""
+    """One estimate.
+
+    symbol, mechanism, unit: what it is.
+    estimate: its value.
+    standard_error, bootstrap_error, posterior_error: three standard errors; the last is None where
+        nothing was sampled.
+    low, high: 95 % interval.
+    mean_mm, max_mm: displacement it causes over the measured configurations.
+    configurations: how many configurations (or groups) it rests on.
+    differ: whether the standard errors differ.
+    """
 
     symbol: str
     mechanism: str
@@ -47,132 +63,120 @@ class Parameter:
     differ: bool
 
 
-def parameters(split: Split, fitted: Fit, boot: Bootstrap) -> tuple[Parameter, ...]:
-    """Every estimable parameter of a fit, in the model's order; the posterior's answers come later
-    (`with_posterior`).
+def describe_parameters(split: Split, fitted: Fit, boot: Bootstrap) -> tuple[Parameter, ...]:
+    """Describe every estimable parameter of a fit, in the model's order.
 
-    An interval is a t of the larger of least squares' and the bootstrap's standard error, of as
-    many degrees of freedom as postures (groups, where errors last within them) bear the estimate,
-    less one (Carter, Schnepel & Steigerwald 2017): rows of a posture may share an error, and no
-    test of the residual would see it."""
+    The posterior's errors come later (`add_posterior`). An interval is a t of the larger of least
+    squares' and the bootstrap's standard error, of as many degrees of freedom as postures (groups,
+    where errors last within them) determine the estimate, less one (Carter, Schnepel & Steigerwald
+    2017): rows of a posture may share an error, and no test of the residual would see it."""
     from scipy.special import stdtrit
 
-    half = stdtrit(np.maximum(boot.units - 1, 1), 0.975) * np.maximum(
-        boot.errors, fitted.standard_errors
-    )
-    low, high = fitted.theta - half, fitted.theta + half
-    mean, worst = displacement(split, fitted)
-    error, names, owner = fitted.standard_errors, labels(fitted.model), owners(fitted.model)
-    out = []
+    error = fitted.standard_errors
+    quantile = stdtrit(np.maximum(boot.units - 1, 1), UPPER)
+    half_width = quantile * np.maximum(boot.errors, error)
+    mean, largest = compute_displacement(split, fitted)
+    labels = label_terms(fitted.model)
+    owners = list_owners(fitted.model)
+    parameters = []
     for k in fitted.found.kept:
-        analytic, again, rests = float(error[k]), float(boot.errors[k]), float(boot.units[k])
-        out.append(
+        errors = (float(error[k]), float(boot.errors[k]))
+        units = float(boot.units[k])
+        parameters.append(
             Parameter(
-                names[k],
-                owner[k],
-                fitted.terms[k].unit,
-                float(fitted.theta[k]),
-                analytic,
-                again,
-                None,
-                float(low[k]),
-                float(high[k]),
-                float(mean[k]),
-                float(worst[k]),
-                rests,
-                _differ((analytic, again), rests),
+                symbol=labels[k],
+                mechanism=owners[k],
+                unit=fitted.terms[k].unit,
+                estimate=float(fitted.theta[k]),
+                standard_error=errors[0],
+                bootstrap_error=errors[1],
+                posterior_error=None,
+                low=float(fitted.theta[k] - half_width[k]),
+                high=float(fitted.theta[k] + half_width[k]),
+                mean_mm=float(mean[k]),
+                max_mm=float(largest[k]),
+                configurations=units,
+                differ=_differ(errors, units),
             )
         )
-    return tuple(out)
+    return tuple(parameters)
 
 
-def resampled(split: Split, fitted: Fit, rng: np.random.Generator) -> Bootstrap:
-    """The bootstrap of the training rows; whole groups are its units where what is left goes
-    together within them."""
+def bootstrap_parameters(split: Split, fitted: Fit, rng: np.random.Generator) -> Bootstrap:
+    """Bootstrap the training rows; the units are whole groups where the residuals of a group are
+    correlated."""
     training = split.training()
     residual = fitted.residuals(training)
-    grouped = together(training.data, residual[:, :3], rng) <= LASTING
+    grouped = compute_group_p(training.data, residual[:, :3], rng) <= GROUP_LEVEL
     unit = training.data.group if grouped else training.data.block
-    boot = bootstrap(by_unit(training, fitted.terms, unit, fitted.at()), fitted, rng)
-    return replace(boot, grouped=grouped)
+    parts = fold_by_unit(training, fitted.terms, unit, fitted.at())
+    return replace(run_bootstrap(parts, fitted, rng), grouped=grouped)
 
 
 def _differ(errors: Sequence[float], configurations: float) -> bool:
-    """Whether standard errors differ by more than RATIO, and by more than the bootstrap's own
+    """Whether standard errors differ by more than MAX_RATIO, and by more than the bootstrap's own
     chance: the logarithm of one that rests on n configurations has a standard deviation of
     1/√(2n)."""
-    return max(errors) > max(RATIO, float(np.exp(CHANCE / np.sqrt(2 * configurations)))) * min(
-        errors
-    )
+    chance = float(np.exp(MAX_DEVIATION / np.sqrt(2 * configurations)))
+    return max(errors) > max(MAX_RATIO, chance) * min(errors)
 
 
-def displacement(split: Split, fitted: Fit) -> tuple[Array, Array]:
-    """(mean, worst) (p,) displacement [mm] of the target that each parameter causes, over all
-    measured configurations, held out or not: the workspace as it was measured. Linear about the
-    optimum."""
-    problem = split.problem.take(~split.outlying)
-    total, worst = np.zeros(len(fitted.theta)), np.zeros(len(fitted.theta))
-    for _, columns, _ in blocks(problem.unweighted(), fitted.terms, fitted.at()):
-        size = np.linalg.norm(columns[:, :3], axis=1) * np.abs(fitted.theta)[:, None]
+def compute_displacement(split: Split, fitted: Fit) -> tuple[Array, Array]:
+    """Compute the (mean, largest) displacement (p,) [mm] of the target that each parameter causes.
+
+    Over all measured configurations without outliers, held out or not: the workspace as it was
+    measured. Linear about the optimum."""
+    problem = split.problem.take(~split.outlying).unweighted()
+    total = np.zeros(len(fitted.theta))
+    largest = np.zeros(len(fitted.theta))
+    for _, columns, _ in blocks(problem, fitted.terms, fitted.at()):
+        length = np.linalg.norm(columns[:, :3], axis=1)
+        size = length * np.abs(fitted.theta)[:, None]
         total += size.sum(1)
-        worst = np.maximum(worst, size.max(1))
-    return total / len(problem), worst
+        largest = np.maximum(largest, size.max(1))
+    return total / len(problem), largest
 
 
-def with_posterior(
-    found: Sequence[Parameter], fitted: Fit, draws: Draws, sampling: Sampling
+def add_posterior(
+    parameters: Sequence[Parameter], fitted: Fit, draws: Draws, sampling: Sampling
 ) -> tuple[Parameter, ...]:
-    """With the posterior's standard deviations: emcee's where it sampled the parameter and
-    converged, else of the closed-form draws weighted on the exact chain."""
-    spread = dict(
-        zip(
-            [labels(fitted.model)[k] for k in fitted.found.kept],
-            draws.spread[list(fitted.found.kept)],
-            strict=True,
-        )
-    )
+    """Add the posterior's standard deviations: emcee's where it sampled the parameter and converged,
+    else those of the closed-form draws weighted on the exact chain."""
+    labels = label_terms(fitted.model)
+    spread = {labels[k]: float(draws.spread[k]) for k in fitted.found.kept}
     if sampling.converged:
-        spread |= {
-            n: s for n, s in zip(sampling.names, sampling.spread, strict=True) if n in spread
-        }
-    return tuple(
-        replace(
-            one,
-            posterior_error=float(spread[one.symbol]),
-            differ=_differ(
-                (one.standard_error, one.bootstrap_error, float(spread[one.symbol])),
-                one.configurations,
-            ),
-        )
-        for one in found
-    )
+        chain = zip(sampling.names, sampling.spread, strict=True)
+        spread |= {name: float(value) for name, value in chain if name in spread}
+    described = []
+    for parameter in parameters:
+        error = spread[parameter.symbol]
+        errors = (parameter.standard_error, parameter.bootstrap_error, error)
+        differ = _differ(errors, parameter.configurations)
+        described.append(replace(parameter, posterior_error=error, differ=differ))
+    return tuple(described)
 
 
-def difference_notes(found: Sequence[Parameter]) -> tuple[Note, ...]:
-    """A warning that names the parameters whose answers differ."""
-    named = [f"{p.symbol} ({p.mechanism})" for p in found if p.differ]
+def note_differences(parameters: Sequence[Parameter]) -> tuple[Note, ...]:
+    """Warn of the parameters whose standard errors differ."""
+    named = [f"{p.symbol} ({p.mechanism})" for p in parameters if p.differ]
     if not named:
         return ()
-    shown = ", ".join(named[:6]) + (f" and {len(named) - 6} more" if len(named) > 6 else "")
+    shown = ", ".join(named[:MAX_NAMED])
+    if len(named) > MAX_NAMED:
+        shown += f" and {len(named) - MAX_NAMED} more"
     return (
         Note(
             "errors-differ",
-            f"The standard errors of {shown} differ between least squares, configuration bootstrap and "
-            "posterior: the noise is not the same everywhere, or something systematic is left; believe the "
-            "largest.",
+            f"The standard errors of {shown} differ between least squares, configuration bootstrap "
+            "and posterior: the noise is not the same everywhere, or a systematic error remains; "
+            "believe the largest.",
         ),
     )
 
 
-# Which parameters the data tell only together: the correlation matrix, clusters, and the worst
-# pairs in words.
-
-STRONG = 0.9
-
-
 @dataclass(frozen=True)
 class Pair:
-    """Two parameters of strong correlation r."""
+    """Two parameters of strong correlation r, and what that means."""
 
     a: str
     b: str
@@ -182,8 +186,13 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class Correlation:
-    """Of the estimable parameters (the coefficients of free functions apart): names, matrix, pairs
-    above 0.9, strongest first, and the clusters that such pairs join."""
+    """Correlation of the estimable parameters, without the coefficients of free functions.
+
+    symbols: names of the parameters.
+    matrix: correlation matrix.
+    pairs: pairs with |r| above 0.9, strongest first.
+    clusters: groups of parameters that such pairs connect.
+    """
 
     symbols: tuple[str, ...]
     matrix: Array = field(repr=False)
@@ -191,87 +200,79 @@ class Correlation:
     clusters: tuple[tuple[str, ...], ...]
 
 
-def labels(model: Model) -> tuple[str, ...]:
-    """A name of its own for every term: its symbol; where two terms share one, the mechanism is
-    added, and a number where a mechanism is in the model with several constants."""
+def label_terms(model: Model) -> tuple[str, ...]:
+    """Label every term uniquely: by its symbol; where two terms share one, with the mechanism, and
+    with a number where a mechanism is in the model with several constants."""
     symbols = [t.symbol for t in model.terms]
-    longer = [
-        s if symbols.count(s) == 1 else f"{s} of {owner}"
-        for s, owner in zip(symbols, owners(model), strict=True)
-    ]
-    return tuple(
-        s if longer.count(s) == 1 else f"{s} ({longer[:k].count(s) + 1})"
-        for k, s in enumerate(longer)
-    )
+    labels = []
+    for symbol, owner in zip(symbols, list_owners(model), strict=True):
+        labels.append(symbol if symbols.count(symbol) == 1 else f"{symbol} of {owner}")
+    numbered = []
+    for k, label in enumerate(labels):
+        if labels.count(label) == 1:
+            numbered.append(label)
+        else:
+            numbered.append(f"{label} ({labels[:k].count(label) + 1})")
+    return tuple(numbered)
 
 
-def owners(model: Model) -> tuple[str, ...]:
-    """The name of the mechanism that brings each term first."""
+def list_owners(model: Model) -> tuple[str, ...]:
+    """Return, for every term, the name of the mechanism that brings it first."""
     first: dict[object, str] = {}
-    for m in model.mechanisms:
-        for t in m.terms:
-            first.setdefault(t.key, m.name)
-    return tuple(first[t.key] for t in model.terms)
+    for mechanism in model.mechanisms:
+        for term in mechanism.terms:
+            first.setdefault(term.key, mechanism.name)
+    return tuple(first[term.key] for term in model.terms)
 
 
-def free(model: Model) -> Array:
-    """(p,) mask of the coefficients of free functions."""
+def mask_free_functions(model: Model) -> Mask:
+    """Mask (p,) of the coefficients of free functions."""
     return np.array(
-        [
-            bool(t.screws) and bool(t.screws) and isinstance(t.screws[0].cause, Bump)
-            for t in model.terms
-        ],
-        dtype=bool,
+        [bool(t.screws) and isinstance(t.screws[0].cause, Bump) for t in model.terms], dtype=bool
     )
 
 
-def correlation(fitted: Fit) -> Correlation:
-    """Of a fit."""
-    inside = free(fitted.model)
+def correlate_parameters(fitted: Fit) -> Correlation:
+    """Compute the correlation matrix of the fitted parameters, its strong pairs and clusters."""
+    inside = mask_free_functions(fitted.model)
     index = [k for k in fitted.found.kept if not inside[k]]
     factor = fitted.factor[index]
     unit = factor / np.linalg.norm(factor, axis=1)[:, None]
     matrix = np.clip(unit @ unit.T, -1, 1)
-    every = labels(fitted.model)
-    names = [every[k] for k in index]
-    known = [
-        k not in fitted.leaning for k in index
-    ]  # of the others it is said that the data do not tell them
-    strong = [
-        (i, j)
-        for i in range(len(index))
-        for j in range(i)
-        if known[i] and known[j] and abs(matrix[i, j]) > STRONG
-    ]
-    strong.sort(key=lambda pair: -abs(matrix[pair]))
-    pairs = tuple(
-        Pair(
-            names[j],
-            names[i],
-            float(matrix[i, j]),
-            _sentence(names[j], names[i], float(matrix[i, j])),
-        )
-        for i, j in strong
-    )
-    return Correlation(tuple(names), matrix, pairs, clusters(names, strong))
+    labels = label_terms(fitted.model)
+    names = tuple(labels[k] for k in index)
+    # parameters that rest on their prior are reported as not determined
+    determined = np.array([k not in fitted.leaning for k in index], dtype=bool)
+    joined = _find_strong(matrix, determined)
+    pairs = tuple(_describe_pair(names[j], names[i], float(matrix[i, j])) for i, j in joined)
+    return Correlation(names, matrix, pairs, _cluster(names, joined))
 
 
-def _sentence(a: str, b: str, r: float) -> str:
-    """What a strong correlation means."""
+def _find_strong(matrix: Array, determined: Mask) -> list[tuple[int, int]]:
+    """Pairs (i, j), j < i, of determined parameters with a strong correlation, strongest first."""
+    strong = np.tril(np.abs(matrix) > STRONG, -1) & np.logical_and.outer(determined, determined)
+    pairs = [(int(i), int(j)) for i, j in np.argwhere(strong)]
+    return sorted(pairs, key=lambda pair: -abs(matrix[pair]))
+
+
+def _describe_pair(a: str, b: str, r: float) -> Pair:
+    """Describe what a strong correlation means."""
     if r > 0:
-        return f"{a} and {b} rise and fall together ({r:.3f}): the data tell their difference well, each alone poorly."
-    return f"{a} rises as {b} falls ({r:.3f}): the data tell their sum well, each alone poorly."
+        relation, combination = f"{a} and {b} rise and fall together", "difference"
+    else:
+        relation, combination = f"{a} rises as {b} falls", "sum"
+    sentence = (
+        f"{relation} ({r:.3f}): the data determine their {combination} well, each alone poorly."
+    )
+    return Pair(a, b, r, sentence)
 
 
-def clusters(
+def _cluster(
     names: Sequence[str], joined: Sequence[tuple[int, int]]
 ) -> tuple[tuple[str, ...], ...]:
-    """Groups that the pairs join, each in the names' order."""
-    group = list(range(len(names)))
-    for i, j in joined:
-        old, new = max(group[i], group[j]), min(group[i], group[j])
-        group = [new if g == old else g for g in group]
+    """Groups of names that the pairs connect, each in the names' order."""
+    component = connected_components(len(names), np.array(joined, dtype=np.intp))
     members: dict[int, list[str]] = {}
-    for name, g in zip(names, group, strict=True):
-        members.setdefault(g, []).append(name)
-    return tuple(tuple(m) for m in members.values() if len(m) > 1)
+    for name, label in zip(names, component.tolist(), strict=True):
+        members.setdefault(label, []).append(name)
+    return tuple(tuple(group) for group in members.values() if len(group) > 1)

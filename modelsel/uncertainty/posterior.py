@@ -1,4 +1,4 @@
-"""The posterior in closed form: draws relinearised at the optimum, importance weights from the
+"""Posterior in closed form, linear about the optimum, and importance weights of its draws from the
 exact chain.
 
 Flat prior on the coefficients (a normal one, in units of the noise, on those that are shrunk or
@@ -21,15 +21,25 @@ from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..fitting.reduction import reduce_problem
 
-DRAWS = (400, 4000)  # fewest and most
-WORK = 1_000_000  # draws x configurations to stay within
-CURVED = 20_000  # rows on which the chain's curvature is felt out
+# fewest and most draws
+DRAWS = (400, 4000)
+# draws x configurations to stay within
+MAX_WORK = 1_000_000
+# rows on which the departure of the chain from its tangent is evaluated
+MAX_ROWS = 20_000
+# share of effective draws above which the linear posterior is exact, and useful
+EXACT_SHARE, USEFUL_SHARE = 0.9, 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Student-t at the optimum: theta (p,), `factor` (p, r) with covariance σ² factor factorᵀ,
-    least cost Q₀ and ν."""
+    """Multivariate t about the optimum.
+
+    theta: (p,) estimates.
+    factor: (p, r); σ² factor factorᵀ is the covariance.
+    cost: least cost Q₀.
+    freedom: degrees of freedom ν.
+    """
 
     theta: Array
     factor: Array = field(repr=False)
@@ -43,35 +53,36 @@ class Posterior:
 
     @property
     def spread(self) -> Array:
-        """(p,) scale of the marginal t of every parameter; nought where it is not estimable."""
-        return np.asarray(np.sqrt(np.square(self.factor).sum(1)) * self.scale)
+        """(p,) scale of the marginal t of every parameter; zero where it is not estimable."""
+        length = np.sqrt(np.square(self.factor).sum(1))
+        return np.asarray(length * self.scale)
 
     def quantile(self, probability: Array | float) -> Array:
-        """(p,) of the marginals; (p, k) for k probabilities."""
+        """Compute quantiles (p,) of the marginals; (p, k) for k probabilities."""
         from scipy.special import stdtrit
 
         t = stdtrit(self.freedom, np.asarray(probability))
-        theta = self.theta[(slice(None), *[None] * np.ndim(t))]
+        theta = self.theta.reshape(-1, *[1] * np.ndim(t))
         return np.asarray(theta + np.multiply.outer(self.spread, t))
 
     def scale_quantile(self, probability: Array | float) -> Array:
-        """Quantiles of the noise scale, in whitened units."""
+        """Compute quantiles of the noise scale, in whitened units."""
         from scipy.special import chdtri
 
-        return np.asarray(np.sqrt(self.cost / chdtri(self.freedom, np.asarray(probability))))
+        chi_square = chdtri(self.freedom, np.asarray(probability))
+        return np.asarray(np.sqrt(self.cost / chi_square))
 
     def draw(self, rng: np.random.Generator, count: int) -> Draws:
-        """Independent draws; all weights alike."""
+        """Draw independently, with equal weights."""
         sigma = np.sqrt(self.cost / rng.chisquare(self.freedom, count))
         normal = rng.standard_normal((count, self.factor.shape[1]))
-        return Draws(
-            self.theta + sigma[:, None] * (normal @ self.factor.T), sigma, np.full(count, 1 / count)
-        )
+        theta = self.theta + sigma[:, None] * (normal @ self.factor.T)
+        return Draws(theta, sigma, np.full(count, 1 / count))
 
 
 @dataclass(frozen=True, eq=False)
 class Draws:
-    """theta (n, p), sigma (n,) in whitened units, weights (n,) that sum to one."""
+    """Weighted draws: theta (n, p), sigma (n,) in whitened units, weights (n,) that sum to one."""
 
     theta: Array
     sigma: Array
@@ -86,63 +97,71 @@ class Draws:
     def spread(self) -> Array:
         """(p,) weighted standard deviation of every parameter."""
         mean = self.weight @ self.theta
-        return np.asarray(np.sqrt(np.maximum(self.weight @ np.square(self.theta - mean), 0.0)))
+        variance = self.weight @ np.square(self.theta - mean)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def posterior(fitted: Fit) -> Posterior:
-    """Of a fit at its optimum."""
+def linear_posterior(fitted: Fit) -> Posterior:
+    """Compute the posterior of a fit, linear about its optimum."""
     cost = fitted.rss + float(np.square(fitted.root @ fitted.theta).sum())
-    return Posterior(
-        fitted.theta, fitted.factor, cost, fitted.rows - (fitted.found.rank - fitted.by_prior)
-    )
+    freedom = fitted.rows - (fitted.found.rank - fitted.by_prior)
+    return Posterior(fitted.theta, fitted.factor, cost, freedom)
 
 
-def weighted(problem: Problem, fitted: Fit, draws: Draws) -> Draws:
-    """The draws with importance weights: the exact chain's posterior over the linear one, on the
-    fit's own problem. How far the chain departs from its tangent is worked out on at most CURVED
-    rows, evenly spread, that stand for all: thinning can only make the weights less even. The prior
-    is in both, and alike."""
-    some = (
-        problem
-        if len(problem) <= CURVED
-        else problem.take(np.linspace(0, len(problem) - 1, CURVED).astype(np.intp))
-    )
-    ensemble, cost = Ensemble(some, fitted.terms), np.empty(len(draws.theta))
-    step = max(1, WORK // (10 * len(some)))
-    for start in range(0, len(cost), step):
-        part = slice(start, start + step)
-        cost[part] = np.square(ensemble.residuals(draws.theta[part])).sum((1, 2))
-    R = reduce_problem(some, fitted.terms, fitted.at(), fitted.found.kept).R
-    linear = np.square(R[:, -1] - (draws.theta - fitted.theta) @ R[:, :-1].T).sum(1)
-    log_weight = (linear - cost) / (2 * np.square(draws.sigma)) * (len(problem) / len(some))
+def weight_draws(problem: Problem, fitted: Fit, draws: Draws, max_rows: int = MAX_ROWS) -> Draws:
+    """Weight draws by the exact chain's posterior over the linear one, on the fit's own problem.
+
+    The departure of the chain from its tangent is evaluated on at most `max_rows` rows, evenly
+    spread, that stand for all: thinning can only make the weights less even. The prior is in both,
+    and alike."""
+    part = problem
+    if len(problem) > max_rows:
+        part = problem.take(np.linspace(0, len(problem) - 1, max_rows).astype(np.intp))
+    exact = _exact_cost(part, fitted, draws.theta)
+    R = reduce_problem(part, fitted.terms, fitted.at(), fitted.found.kept).R
+    step = draws.theta - fitted.theta
+    linear = np.square(R[:, -1] - step @ R[:, :-1].T).sum(1)
+    rows_each = len(problem) / len(part)
+    log_weight = (linear - exact) / (2 * np.square(draws.sigma)) * rows_each
     weight = np.exp(log_weight - log_weight.max())
     return Draws(draws.theta, draws.sigma, np.asarray(weight / weight.sum()))
 
 
-def draws_for(problem: Problem) -> int:
-    """How many draws a problem of this size gets: bounded work, whatever its size."""
-    return int(np.clip(WORK // len(problem), *DRAWS))
+def _exact_cost(problem: Problem, fitted: Fit, theta: Array) -> Array:
+    """Sums of squared whitened residuals (n,) of the exact chain at coefficients (n, p)."""
+    ensemble = Ensemble(problem, fitted.terms)
+    cost = np.empty(len(theta))
+    count = max(1, MAX_WORK // (10 * len(problem)))
+    for start in range(0, len(cost), count):
+        part = slice(start, start + count)
+        cost[part] = np.square(ensemble.residuals(theta[part])).sum((1, 2))
+    return cost
+
+
+def choose_draw_count(problem: Problem) -> int:
+    """Choose the number of draws so that the work is bounded, whatever the problem's size."""
+    return int(np.clip(MAX_WORK // len(problem), *DRAWS))
 
 
 @dataclass(frozen=True)
 class Importance:
-    """How good the posterior linear about the optimum is, in numbers and words."""
+    """Quality of the posterior that is linear about the optimum, in numbers and words."""
 
     draws: int
     effective: float
     sentence: str
 
 
-def importance(draws: Draws) -> Importance:
-    """Of weighted draws."""
-    count, effective = len(draws.weight), draws.effective
+def summarise_importance(draws: Draws) -> Importance:
+    """Summarise weighted draws: their effective number, and what it says of the linear posterior."""
+    count = len(draws.weight)
+    effective = draws.effective
     share = effective / count
-    if share > 0.9:
-        what = "the exact chain's posterior is the linear one"
-    elif share > 0.3:
-        what = "the chain's curvature is felt, and the weights account for it"
+    if share > EXACT_SHARE:
+        verdict = "the exact chain's posterior is the linear one"
+    elif share > USEFUL_SHARE:
+        verdict = "the chain's curvature matters, and the weights account for it"
     else:
-        what = "the chain is too curved for the linear posterior; believe the sampled one"
-    return Importance(
-        count, effective, f"Of {count:,} closed-form draws {effective:,.0f} are effective: {what}."
-    )
+        verdict = "the chain is too curved for the linear posterior; believe the sampled one"
+    sentence = f"Of {count:,} closed-form draws {effective:,.0f} are effective: {verdict}."
+    return Importance(count, effective, sentence)

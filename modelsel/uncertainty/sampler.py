@@ -1,45 +1,50 @@
-"""emcee, wrapped: one seed and the same chain again, chunks that can be resumed, and no number from
-an unconverged chain.
+"""Sampling with emcee: reproducible from one seed, resumable in chunks, and no number from an
+unconverged chain.
 
 Moves: differential evolution 0.8, snooker 0.2 (ter Braak 2006; ter Braak & Vrugt 2008), from
-walkers spread more widely than the posterior; a third of them draws an inner constant anew where
-there is one. The chain is done when it is longer than 50 autocorrelation times, these are stable,
-and R-hat is low."""
+walkers spread more widely than the posterior; where there are inner constants, a third of the moves
+draws one of them anew. The chain has converged when it is longer than 50 autocorrelation times,
+these are stable, and R-hat is low (`SamplingOptions`)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from .._typing import Array
 from .log_posterior import LogPosterior
-from .mcmc import autocorrelation_time, moves, r_hat
+from .mcmc import autocorrelation_time, build_moves, r_hat
 from .posterior import Importance
+from .sampling_options import CHUNK, DEFAULT_SAMPLING, SamplingOptions
 
 if TYPE_CHECKING:
     import pandas as pd
 
-LONG = 50  # autocorrelation times
-STABLE = 0.1  # change of the longest time between two checks
-AGREE = 1.05  # largest R-hat; walkers of 50 autocorrelation times come to 1.02 when all is well
-FIRST, GROWTH = 600, 1.5
-MOST_STEPS = 20_000
-THINNED = (1, 2, 4, 5, 10)  # every which step is stored: autocorrelation times grow with the names
-WALKERS, PER_NAME = 48, 3
-SHOWN = 400  # draws kept for pictures
-PICTURED = 6  # names in them
+# every which step may be stored: autocorrelation times grow with the number of names
+THINNINGS = (1, 2, 4, 5, 10)
+# names for each further step that is skipped
+NAMES_PER_STEP = 6
+# draws kept for pictures, and names in them
+MAX_DRAWS = 400
+MAX_PICTURED = 6
 PROBABILITIES = (0.025, 0.5, 0.975)
+QUANTILE_KEYS = ("low", "median", "high")
 
 RandomState = tuple[str, Array, int, int, float]
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """An unfinished chain: stored steps (n, W, d), their log densities (n, W), accepted moves among
-    the stored steps (W,), emcee's random state."""
+    """An unfinished chain.
+
+    chain: stored steps (n, W, d).
+    log_density: (n, W) of the stored steps.
+    accepted: (W,) accepted moves among the stored steps.
+    random: emcee's random state.
+    """
 
     chain: Array
     log_density: Array
@@ -48,22 +53,32 @@ class State:
 
 
 class Keeper(Protocol):
-    """Where unfinished chains are kept."""
+    """Store of unfinished chains."""
 
     def load(self, names: Sequence[str]) -> State | None:
-        """What was kept for these names, if anything."""
+        """Load the chain kept for these names, if there is one."""
         ...
 
     def keep(self, names: Sequence[str], state: State, *, now: bool = False) -> None:
-        """Keep a chain; unless `now`, only when the last time was some seconds ago."""
+        """Keep a chain; unless `now`, only if some seconds have passed since the last time."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Sampling:
-    """A finished chain: `chain` (n, W, d) in the units of the report, every `thin`-th step after
-    `burn` stored ones; times in steps, by name; quantiles (d, 3) at 2.5, 50 and 97.5 % and the
-    closed form's; `what` says what was sampled."""
+    """A finished chain of d numbers.
+
+    names, units: of the d numbers.
+    chain: (n, W, d) in the units of the report, every `thin`-th step without the burn-in.
+    thin, steps: steps per stored step, and steps in all.
+    tau: (d,) autocorrelation times in steps.
+    r_hat: (d,) rank-normalised split R-hat.
+    acceptance: share of accepted moves.
+    converged: whether the chain fulfils the options; if not, none of its numbers are quoted.
+    closed_form: (d, 3) quantiles of the closed form at 2.5, 50 and 97.5 %.
+    importance: quality of the closed form.
+    what: a sentence that says what was sampled.
+    """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
@@ -80,33 +95,27 @@ class Sampling:
 
     @property
     def walkers(self) -> int:
-        """How many."""
+        """Number of walkers W."""
         return int(self.chain.shape[1])
 
     @property
     def effective(self) -> Array:
-        """(d,) effective samples of emcee itself."""
-        return np.asarray(self.chain.shape[0] * self.thin * self.walkers / self.tau)
+        """(d,) effective number of independent samples: all steps of all walkers over tau."""
+        steps = self.chain.shape[0] * self.thin
+        return np.asarray(steps * self.walkers / self.tau)
 
     @property
     def quantiles(self) -> Array:
-        """(d, 3) of the chain."""
+        """(d, 3) quantiles of the chain at 2.5, 50 and 97.5 %."""
         return np.asarray(np.quantile(self.chain, PROBABILITIES, axis=(0, 1)).T)
 
     @property
     def spread(self) -> Array:
-        """(d,) standard deviations."""
+        """(d,) standard deviations of the chain."""
         return np.asarray(self.chain.std((0, 1)))
 
     def to_dict(self) -> dict[str, Any]:
-        """The result file's entry; quantiles and draws of an unconverged chain are null."""
-        from dataclasses import asdict
-
-        keys = ("low", "median", "high")
-        quantiles = self.quantiles if self.converged else np.full((len(self.names), 3), np.nan)
-        informative = self._informative()
-        flat = self.chain.reshape(-1, len(self.names))
-        step = -(-len(flat) // SHOWN)
+        """Return the result file's entry; quantiles and draws of an unconverged chain are null."""
         return {
             "effective_samples": self.effective.min(),
             "r_hat": self.r_hat.max(),
@@ -117,33 +126,47 @@ class Sampling:
             "walkers": self.walkers,
             "sampled": list(self.names),
             "sentence": self.what,
-            "quantiles": [
-                {
-                    "name": name,
-                    "unit": unit,
-                    **dict(zip(keys, q, strict=True)),
-                    **{f"closed_form_{k}": v for k, v in zip(keys, c, strict=True)},
-                }
-                for name, unit, q, c in zip(
-                    self.names, self.units, quantiles, self.closed_form, strict=True
-                )
-            ],
+            "quantiles": self._quantile_records(),
             "importance": asdict(self.importance),
-            "trace": {
-                "names": [self.names[j] for j in informative],
-                "draws": flat[::step, informative] if self.converged else [],
-            },
+            "trace": self._trace_record(),
         }
 
-    def _informative(self) -> list[int]:
-        """The names most correlated with another, in order."""
-        if len(self.names) <= PICTURED:
-            return list(range(len(self.names)))
-        r = np.abs(np.corrcoef(self.chain.reshape(-1, len(self.names)).T)) - np.eye(len(self.names))
-        return sorted(np.argsort(-np.nan_to_num(r).max(0), kind="stable")[:PICTURED].tolist())
+    def _quantile_records(self) -> list[dict[str, Any]]:
+        """Quantiles of every name, of the chain and of the closed form."""
+        quantiles = np.full((len(self.names), 3), np.nan)
+        if self.converged:
+            quantiles = self.quantiles
+        records = []
+        for j, name in enumerate(self.names):
+            record = {"name": name, "unit": self.units[j]}
+            record |= dict(zip(QUANTILE_KEYS, quantiles[j], strict=True))
+            closed = zip(QUANTILE_KEYS, self.closed_form[j], strict=True)
+            record |= {f"closed_form_{key}": value for key, value in closed}
+            records.append(record)
+        return records
+
+    def _trace_record(self) -> dict[str, Any]:
+        """Some draws of the most informative names, for pictures."""
+        pictured = self._pictured()
+        flat = self.chain.reshape(-1, len(self.names))
+        step = -(-len(flat) // MAX_DRAWS)
+        return {
+            "names": [self.names[j] for j in pictured],
+            "draws": flat[::step, pictured] if self.converged else [],
+        }
+
+    def _pictured(self) -> list[int]:
+        """Positions of the names most correlated with another, in order."""
+        count = len(self.names)
+        if count <= MAX_PICTURED:
+            return list(range(count))
+        flat = self.chain.reshape(-1, count)
+        correlation = np.abs(np.corrcoef(flat.T)) - np.eye(count)
+        strongest = np.nan_to_num(correlation).max(0)
+        return sorted(np.argsort(-strongest, kind="stable")[:MAX_PICTURED].tolist())
 
     def to_dataframe(self) -> pd.DataFrame:
-        """A row per stored step and walker, a column per name."""
+        """Return a table with a row per stored step and walker, and a column per name."""
         import pandas as pd
 
         n, W, d = self.chain.shape
@@ -151,27 +174,20 @@ class Sampling:
         return pd.DataFrame(self.chain.reshape(n * W, d), index=index, columns=list(self.names))
 
     def to_arviz(self) -> Any:
-        """An ArviZ data tree: the walkers are its chains. Raises ImportError naming the extra where
-        ArviZ is missing."""
+        """Return an ArviZ data tree, the walkers as its chains.
+
+        Raises ImportError, with the command that installs it, where ArviZ is missing."""
         try:
             from arviz_base import from_dict
         except ImportError:
             raise ImportError(
                 "to_arviz needs ArviZ: python -m pip install 'modelsel[arviz]'"
             ) from None
-        return from_dict(
-            {"posterior": {name: self.chain[:, :, j].T for j, name in enumerate(self.names)}}
-        )
+        chains = {name: self.chain[:, :, j].T for j, name in enumerate(self.names)}
+        return from_dict({"posterior": chains})
 
 
-def next_check(check: int, need: float) -> int:
-    """Steps at which the chain is judged next: when it should be long enough, but no more than
-    GROWTH times later, so that the times are seen to settle."""
-    wanted = min(GROWTH * check, max(1.02 * need, 1.15 * check))
-    return min(MOST_STEPS, 100 * int(np.ceil(wanted / 100)))
-
-
-def sample(
+def sample_posterior(
     log_posterior: LogPosterior,
     importance: Importance,
     what: str,
@@ -179,83 +195,95 @@ def sample(
     *,
     say: Callable[[str], None] = lambda _: None,
     keeper: Keeper | None = None,
+    options: SamplingOptions = DEFAULT_SAMPLING,
 ) -> Sampling:
-    """Run emcee on a target until it has converged, or for MOST_STEPS. An interruption keeps the
-    chunks that are done."""
-    thin = max(n for n in THINNED if n == 1 or 6 * n <= log_posterior.size)
-    done = None if keeper is None else keeper.load(log_posterior.names)
-    walker = _Walk(log_posterior, rng, thin, done)
+    """Sample a log posterior with emcee until the chain has converged, or for `options.max_steps`.
+
+    importance, what: stored with the result. `say` is told the progress. `keeper` keeps the chunks
+    that are done, so that an interrupted chain can be resumed."""
+    thin = _choose_thinning(log_posterior.size)
+    state = None if keeper is None else keeper.load(log_posterior.names)
+    walk = _Walk(log_posterior, rng, thin, state, options)
     tau: Array | None = None
-    check = min(FIRST, MOST_STEPS)
+    check = min(options.first_check, options.max_steps)
     while True:
-        try:
-            while walker.steps < check:
-                walker.run(min(100 * thin, check - walker.steps))
-                if keeper is not None:
-                    keeper.keep(log_posterior.names, walker.state())
-        except KeyboardInterrupt:
-            if keeper is not None and walker.steps:
-                keeper.keep(log_posterior.names, walker.state(), now=True)
-            raise
-        chain = log_posterior.values(
-            walker.chain[: check // thin]
-        )  # a resumed chain is judged where the unbroken one was
-        before, tau = tau, _times(chain, thin)
-        longest, kept = float(tau.max()), check - _burn(tau, thin, len(chain)) * thin
-        need = LONG * longest + (check - kept)
+        _advance(walk, check, keeper)
+        # a resumed chain is judged where the unbroken one was
+        chain = log_posterior.values(walk.chain[: check // thin])
+        before = tau
+        tau = _autocorrelation_times(chain, thin)
+        longest = float(tau.max())
+        burnt = _burn_in(tau, thin, len(chain))
+        kept = check - burnt * thin
+        needed = options.min_times * longest + (check - kept)
         say(
-            f"sampling: tau {longest:.0f}, {check:,} of {need:,.0f} steps, {min(check / need, 1):.0%}"
+            f"sampling: tau {longest:.0f}, {check:,} of {needed:,.0f} steps, "
+            f"{min(check / needed, 1):.0%}"
         )
-        stable = before is not None and abs(longest - float(before.max())) < STABLE * longest
-        long = kept > LONG * longest and stable
-        if long or check == MOST_STEPS:
-            agree = r_hat(chain[_burn(tau, thin, len(chain)) :])
-            if check == MOST_STEPS or agree.max() < AGREE:
-                return _finished(
-                    log_posterior,
-                    walker,
-                    tau,
-                    agree,
-                    bool(long and agree.max() < AGREE),
-                    importance,
-                    what,
-                )
-        check = next_check(check, need)
+        change = np.inf if before is None else abs(longest - float(before.max()))
+        settled = change < options.max_change * longest
+        long = kept > options.min_times * longest and settled
+        last = check == options.max_steps
+        if long or last:
+            agreement = r_hat(chain[burnt:])
+            agrees = bool(agreement.max() < options.max_r_hat)
+            if last or agrees:
+                return _finish(walk, tau, agreement, long and agrees, importance, what)
+        check = options.next_check(check, needed)
 
 
-def _times(chain: Array, thin: int) -> Array:
-    return np.maximum(autocorrelation_time(chain[len(chain) // 10 :]) * thin, 1.0)
+def _choose_thinning(names: int) -> int:
+    """Choose every which step to store, from the number of names."""
+    return max(n for n in THINNINGS if n == 1 or NAMES_PER_STEP * n <= names)
 
 
-def _burn(tau: Array, thin: int, stored: int) -> int:
-    """Stored steps left out at the start: two autocorrelation times."""
+def _advance(walk: _Walk, steps: int, keeper: Keeper | None) -> None:
+    """Run a walk up to so many steps; an interruption keeps the chunks that are done."""
+    names = walk.log_posterior.names
+    try:
+        while walk.steps < steps:
+            walk.run(min(CHUNK * walk.thin, steps - walk.steps))
+            if keeper is not None:
+                keeper.keep(names, walk.state())
+    except KeyboardInterrupt:
+        if keeper is not None and walk.steps:
+            keeper.keep(names, walk.state(), now=True)
+        raise
+
+
+def _autocorrelation_times(chain: Array, thin: int) -> Array:
+    """Autocorrelation times (d,) in steps, at least one, without the first tenth of the chain."""
+    stored = autocorrelation_time(chain[len(chain) // 10 :])
+    return np.maximum(stored * thin, 1.0)
+
+
+def _burn_in(tau: Array, thin: int, stored: int) -> int:
+    """Stored steps to leave out at the start: two autocorrelation times, at most half of them."""
     longest = float(tau.max())
-    return (
-        stored // 2
-        if not np.isfinite(longest)
-        else min(int(np.ceil(2 * longest / thin)), stored // 2)
-    )
+    if not np.isfinite(longest):
+        return stored // 2
+    return min(int(np.ceil(2 * longest / thin)), stored // 2)
 
 
-def _finished(
-    log_posterior: LogPosterior,
-    walker: _Walk,
+def _finish(
+    walk: _Walk,
     tau: Array,
-    agree: Array,
+    agreement: Array,
     converged: bool,
     importance: Importance,
     what: str,
 ) -> Sampling:
-    chain = log_posterior.values(walker.chain[_burn(tau, walker.thin, len(walker.chain)) :])
+    log_posterior = walk.log_posterior
+    burnt = _burn_in(tau, walk.thin, len(walk.chain))
     return Sampling(
         log_posterior.names,
         log_posterior.units,
-        chain,
-        walker.thin,
-        walker.steps,
+        log_posterior.values(walk.chain[burnt:]),
+        walk.thin,
+        walk.steps,
         tau,
-        agree,
-        float(walker.accepted.mean()) * walker.thin / walker.steps,
+        agreement,
+        float(walk.accepted.mean()) * walk.thin / walk.steps,
         converged,
         log_posterior.closed_form(PROBABILITIES),
         importance,
@@ -264,43 +292,61 @@ def _finished(
 
 
 class _Walk:
-    """emcee's ensemble and what it has done so far."""
+    """emcee's ensemble and the steps it has done."""
 
     def __init__(
-        self, log_posterior: LogPosterior, rng: np.random.Generator, thin: int, done: State | None
+        self,
+        log_posterior: LogPosterior,
+        rng: np.random.Generator,
+        thin: int,
+        state: State | None,
+        options: SamplingOptions,
     ):
         import emcee
 
-        walkers = max(WALKERS, 2 * -(-PER_NAME * log_posterior.size // 2))
+        self.log_posterior = log_posterior
+        self.thin = thin
+        pairs = -(-options.walkers_per_name * log_posterior.size // 2)
+        walkers = max(options.min_walkers, 2 * pairs)
+        # drawn in any case, so that a resumed chain goes on with the same random numbers
         start = log_posterior.start(rng, walkers)
         seed = int(rng.integers(2**32))
-        if done is None:
-            # emcee draws from a legacy RandomState; its own `random_state` setter fails silently on
-            # what is not one
-            first = np.random.RandomState(seed).get_state(legacy=True)
-            self.parts, self.densities = [np.empty((0, *start.shape))], [np.empty((0, walkers))]
-            self.accepted = np.zeros(walkers)
-            self.here = emcee.State(start, random_state=first)
+        if state is None:
+            self._begin(start, seed)
         else:
-            self.parts, self.densities, self.accepted = (
-                [done.chain],
-                [done.log_density],
-                done.accepted,
-            )
-            self.here = emcee.State(
-                done.chain[-1], log_prob=done.log_density[-1], random_state=done.random
-            )
-        self.thin = thin
+            self._resume(state)
         self.sampler = emcee.EnsembleSampler(
             walkers,
             log_posterior.size,
             log_posterior.log_density,
-            moves=moves(log_posterior.ranges),
+            moves=build_moves(log_posterior.ranges),
             vectorize=True,
         )
-        self.sampler.log_prob_fn = (
-            log_posterior.log_density
-        )  # bare: emcee's wrapper prints a traceback, on Ctrl-C too
+        # bare: emcee's wrapper prints a traceback, on Ctrl-C too
+        self.sampler.log_prob_fn = log_posterior.log_density
+
+    def _begin(self, start: Array, seed: int) -> None:
+        """Begin a chain at walkers (W, d)."""
+        import emcee
+
+        # emcee draws from a legacy RandomState; its own `random_state` setter fails silently on
+        # what is not one
+        random = np.random.RandomState(seed).get_state(legacy=True)
+        self.parts = [np.empty((0, *start.shape))]
+        self.densities = [np.empty((0, len(start)))]
+        self.accepted = np.zeros(len(start))
+        self.position = emcee.State(start, random_state=random)
+
+    def _resume(self, state: State) -> None:
+        """Resume an unfinished chain."""
+        import emcee
+
+        self.parts = [state.chain]
+        self.densities = [state.log_density]
+        self.accepted = state.accepted
+        self.position = emcee.State(
+            state.chain[-1], log_prob=state.log_density[-1], random_state=state.random
+        )
 
     @property
     def chain(self) -> Array:
@@ -310,21 +356,24 @@ class _Walk:
 
     @property
     def steps(self) -> int:
-        """Steps done."""
+        """Number of steps done."""
         return sum(map(len, self.parts)) * self.thin
 
     def run(self, steps: int) -> None:
-        """So many steps more."""
+        """Run so many more steps."""
         self.sampler.reset()
         after = self.sampler.run_mcmc(
-            self.here, steps // self.thin, thin_by=self.thin, skip_initial_state_check=True
+            self.position,
+            steps // self.thin,
+            thin_by=self.thin,
+            skip_initial_state_check=True,
         )
         self.parts.append(self.sampler.get_chain())
         self.densities.append(self.sampler.get_log_prob())
         self.accepted = self.accepted + self.sampler.backend.accepted
-        self.here = after
+        self.position = after
 
     def state(self) -> State:
-        """What a resumed run needs."""
+        """Return what a resumed run needs."""
         self.densities = [np.concatenate(self.densities)]
-        return State(self.chain, self.densities[0], self.accepted, self.here.random_state)
+        return State(self.chain, self.densities[0], self.accepted, self.position.random_state)

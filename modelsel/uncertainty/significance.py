@@ -1,5 +1,5 @@
-"""What each mechanism of a model matters, in mm, in evidence, and in what is lost without it; by
-exact folds, nothing refitted.
+"""Significance of each mechanism of a model: the displacement it causes, the evidence for it, and the
+error without it; from exact folds, nothing refitted.
 
 All linear about the model's optimum: leaving a mechanism out is fitting the other columns to the
 residual with that mechanism's part put back."""
@@ -11,35 +11,45 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .._typing import Index
+from .._typing import Array, Index
 from ..exceptions import NotEstimable
 from ..fitting.batch import Ensemble
 from ..fitting.design import Model
 from ..fitting.identifiability import identify, solve
-from ..fitting.least_squares import Fit, with_prior
+from ..fitting.least_squares import Fit
+from ..fitting.problem import Problem
 from ..fitting.reduction import Reduction, reduce_problem
 from ..fitting.splines import spline
 from ..fitting.whitening import UNIT, Whitening
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Mechanism
 from ..selection.criteria import log_evidence
-from ..selection.cross_validation import Folded, cross_validate, fold
+from ..selection.cross_validation import FoldedData, cross_validate, fold
 from ..selection.evaluation import Split
-from .bootstrap import Bootstrap, halves
+from .bootstrap import Bootstrap
+from .stability import MIN_DETERMINED, count_determined, measure_stability
 
-HALVES = 100
-LEVEL = 0.05
-BUNDLES = 2000  # of configurations, of which halves are drawn; fewer configurations are one each
+# configurations of which halves are drawn singly; more are drawn in bundles
+MAX_BUNDLES = 2000
 
 
 @dataclass(frozen=True)
 class Significance:
-    """One mechanism: displacement it causes over the measured configurations; nested F, its nominal
-    p (no smaller than the posture bootstrap's) and the evidence for it given all others;
-    cross-validated and held-out rms with and without it; what the catalogue says of sign and size;
-    the share of half-samples in which it stays significant. The p and the share take the model's
-    names as given: the search that found them is not repeated. None where undefined, as F and p of
-    free functions, which are shrunk."""
+    """Significance of one mechanism. A figure is None where it is undefined, as F and p of free
+    functions, which are shrunk.
+
+    mechanism, parameters: its name and the symbols of its estimable terms.
+    mean_mm, max_mm: displacement it causes over the measured configurations.
+    f, p: nested F of the model against the model without it, and its p, no smaller than the posture
+        bootstrap's.
+    log10_evidence: Bayes factor for it, given all other mechanisms.
+    cv_rms_mm, cv_rms_without_mm: cross-validated rms with and without it.
+    held_out_rms_mm, held_out_rms_without_mm: held-out rms with and without it.
+    catalogue: whether signs and sizes are as the catalogue expects.
+    stability: share of half-samples in which it stays significant.
+
+    p and stability take the model's names as given: the search that found them is not repeated.
+    """
 
     mechanism: str
     parameters: tuple[str, ...]
@@ -56,238 +66,228 @@ class Significance:
     stability: float | None
 
 
-def significance(
-    split: Split, fitted: Fit, names: Sequence[str], boot: Bootstrap, rng: np.random.Generator
+def assess_significance(
+    split: Split,
+    fitted: Fit,
+    names: Sequence[str],
+    boot: Bootstrap,
+    rng: np.random.Generator,
+    max_bundles: int = MAX_BUNDLES,
 ) -> tuple[Significance, ...]:
-    """Of every mechanism of a fitted model, by what matters in mm. `names`: what the report calls
-    the model's last mechanisms."""
-    model = fitted.model
-    called = dict(zip(model.mechanisms[-len(names) :], names, strict=True)) if names else {}
+    """Assess every mechanism of a fitted model, by the displacement it causes.
+
+    names: what the report calls the model's last mechanisms.
+    max_bundles: configurations that are drawn singly into half-samples; more are drawn in bundles.
+    """
+    model, kept = fitted.model, set(fitted.found.kept)
+    last = model.mechanisms[-len(names) :] if names else ()
+    reported = dict(zip(last, names, strict=True))
     judged = [
-        m
-        for m in model.mechanisms
-        if m.name != SETUP and set(_terms(model, m)) & set(fitted.found.kept)
+        m for m in model.mechanisms if m.name != SETUP and not kept.isdisjoint(_terms(model, m))
     ]
-    without = _Without(split, fitted)
-    moved = _displaced(split, fitted, [_terms(model, m) for m in judged])
-    stable = stability(without.bundled(), fitted, [_own(model, m, fitted) for m in judged], rng)
-    cv, held = without.rms([])
-    out = []
-    for m, (mean, worst), share in zip(judged, moved, stable, strict=True):
-        own = _own(model, m, fitted)
-        f, p, evidence = nested(fitted, own, boot, 1.0 if split.known_sigma else None)
-        cv_without, held_without = without.rms(own) if own else (None, None)
-        terms = _terms(model, m)
-        symbols = tuple(model.terms[k].symbol for k in terms if k in fitted.found.kept)
-        out.append(
+    terms = [_terms(model, m) for m in judged]
+    unshared = [_unshared_terms(model, m, fitted) for m in judged]
+    reduced = _ReducedModels(split, fitted)
+    displaced = _displace(split, fitted, terms)
+    stability = measure_stability(reduced.bundles(max_bundles), fitted, unshared, rng)
+    cv, held_out = reduced.rms([])
+    sigma = 1.0 if split.known_sigma else None
+    assessed = []
+    for k, mechanism in enumerate(judged):
+        without: tuple[float | None, float | None] = (None, None)
+        f, p, evidence = compare_nested(fitted, unshared[k], boot, sigma)
+        if unshared[k]:
+            without = reduced.rms(unshared[k])
+        assessed.append(
             Significance(
-                called.get(m, m.name),
-                symbols,
-                mean,
-                worst,
-                f,
-                p,
-                evidence,
-                cv,
-                cv_without,
-                held,
-                held_without,
-                catalogue(fitted, terms),
-                share,
+                mechanism=reported.get(mechanism, mechanism.name),
+                parameters=tuple(model.terms[i].symbol for i in terms[k] if i in kept),
+                mean_mm=displaced[k][0],
+                max_mm=displaced[k][1],
+                f=f,
+                p=p,
+                log10_evidence=evidence,
+                cv_rms_mm=cv,
+                cv_rms_without_mm=without[0],
+                held_out_rms_mm=held_out,
+                held_out_rms_without_mm=without[1],
+                catalogue=check_catalogue(fitted, terms[k]),
+                stability=stability[k],
             )
         )
-    return tuple(sorted(out, key=lambda s: -s.mean_mm))
+    return tuple(sorted(assessed, key=lambda s: -s.mean_mm))
 
 
-def _terms(model: Model, m: Mechanism) -> list[int]:
+def _terms(model: Model, mechanism: Mechanism) -> list[int]:
     """Indices of a mechanism's terms."""
-    mine = {t.key for t in m.terms}
-    return [k for k, t in enumerate(model.terms) if t.key in mine]
+    keys = {t.key for t in mechanism.terms}
+    return [k for k, t in enumerate(model.terms) if t.key in keys]
 
 
-def _own(model: Model, m: Mechanism, fitted: Fit) -> list[int]:
-    """Estimable terms that this mechanism alone brings."""
-    others = {t.key for o in model.mechanisms if o != m for t in o.terms}
-    return [
-        k for k in _terms(model, m) if model.terms[k].key not in others and k in fitted.found.kept
-    ]
+def _unshared_terms(model: Model, mechanism: Mechanism, fitted: Fit) -> list[int]:
+    """Indices of the estimable terms that this mechanism alone brings."""
+    others = {t.key for m in model.mechanisms if m != mechanism for t in m.terms}
+    estimable = [k for k in _terms(model, mechanism) if k in fitted.found.kept]
+    return [k for k in estimable if model.terms[k].key not in others]
 
 
-def _displaced(
+def _displace(
     split: Split, fitted: Fit, groups: Sequence[Sequence[int]]
 ) -> list[tuple[float, float]]:
-    """(mean, worst) displacement [mm] of the target that each group of terms causes on the exact
+    """(mean, largest) displacement [mm] of the target that each group of terms causes on the exact
     chain, over all measured configurations."""
     problem = split.problem.take(~split.outlying).unweighted()
-    theta = np.tile(fitted.theta, (1 + len(groups), 1))
-    for row, group in zip(theta[1:], groups, strict=True):
+    without = np.tile(fitted.theta, (len(groups), 1))
+    for row, group in zip(without, groups, strict=True):
         row[list(group)] = 0.0
-    total, worst = np.zeros(len(groups)), np.zeros(len(groups))
+    total = np.zeros(len(groups))
+    largest = np.zeros(len(groups))
     for _, part in problem.parts():
         ensemble = Ensemble(part, fitted.terms)
-        full = ensemble.residuals(theta[:1])[0, :3]
-        for g, row in enumerate(theta[1:]):
-            size = np.linalg.norm(ensemble.residuals(row[None])[0, :3] - full, axis=0)
-            total[g], worst[g] = total[g] + size.sum(), max(worst[g], size.max())
-    return [(float(t / len(problem)), float(w)) for t, w in zip(total, worst, strict=True)]
+        full = ensemble.residuals(fitted.theta[None])[0, :3]
+        for g, theta in enumerate(without):
+            change = ensemble.residuals(theta[None])[0, :3] - full
+            size = np.linalg.norm(change, axis=0)
+            total[g] += size.sum()
+            largest[g] = max(largest[g], size.max())
+    mean = total / len(problem)
+    return list(zip(mean.tolist(), largest.tolist(), strict=True))
 
 
-def nested(
-    fitted: Fit, own: Sequence[int], boot: Bootstrap, known: float | None = None
+def compare_nested(
+    fitted: Fit, terms: Sequence[int], boot: Bootstrap, known: float | None = None
 ) -> tuple[float | None, float | None, float | None]:
-    """(F, its p, log10 of the Bayes factor with a unit-information prior) of the model against
-    itself without some terms: RSS grows by θᵀ C⁻¹ θ, C their unscaled covariance. The p is no
-    smaller than the bootstrap's, to which the rows of a posture are one. Shrunk terms have no F.
-    `known`: the standard deviation of whitened rows, where it is known."""
+    """Compare the model with itself without some terms: (F, its p, log10 of the Bayes factor with a
+    unit-information prior).
+
+    RSS grows by θᵀ C⁻¹ θ, C the terms' unscaled covariance. The p is no smaller than the
+    bootstrap's, to which the rows of a posture are one. Shrunk terms have no F. `known`: the
+    standard deviation of whitened rows, where it is known."""
     from scipy.special import fdtrc
 
-    if not own or fitted.freedom <= 0 or any(spline(fitted.terms[k]) is not None for k in own):
+    shrunk = any(spline(fitted.terms[k]) is not None for k in terms)
+    if not terms or fitted.freedom <= 0 or shrunk:
         return None, None, None
-    factor, theta, count = (
-        fitted.factor[list(own)],
-        fitted.theta[list(own)],
-        determined(fitted, own),
-    )
-    if count < 0.5:  # the prior of usual sizes says all there is to say
+    count = count_determined(fitted, terms)
+    if count < MIN_DETERMINED:
         return None, None, None
-    more = float(theta @ np.linalg.solve(factor @ factor.T, theta))
-    f = more / count / fitted.sigma**2
-    rank = fitted.rows - fitted.freedom
-    evidence = log_evidence(
-        fitted.rss, fitted.rss + more, fitted.rows, round(rank - count), round(count), known
-    )
-    p = float(fdtrc(count, fitted.freedom, f))
-    p = max(p, boot.p_value(fitted, own))
-    return f, p, float(evidence / np.log(10)) if fitted.precision is None else None
+    factor = fitted.factor[list(terms)]
+    theta = fitted.theta[list(terms)]
+    increase = float(theta @ np.linalg.solve(factor @ factor.T, theta))
+    f = increase / count / fitted.sigma**2
+    p = max(float(fdtrc(count, fitted.freedom, f)), boot.p_value(fitted, terms))
+    if fitted.precision is not None:
+        return f, p, None
+    rank = round(fitted.rows - fitted.freedom - count)
+    rss = fitted.rss + increase
+    evidence = log_evidence(fitted.rss, rss, fitted.rows, rank, round(count), known)
+    return f, p, float(evidence / np.log(10))
 
 
-def determined(fitted: Fit, own: Sequence[int]) -> float:
-    """How many parameters some fitted terms add to the others, those that a prior holds counted by
-    what the data say of them: the trace of the hat matrix that goes with them."""
-    rest = [k for k in fitted.found.kept if k not in own]
-    full = with_prior(fitted.reduction, fitted.root, fitted.theta)
-    spent = np.square(fitted.reduction.R[:-1, rest] @ solve(full, rest)[1]).sum() if rest else 0.0
-    return float(fitted.rows - fitted.freedom - spent)
+class _ReducedModels:
+    """Cross-validated and held-out errors of the model without some terms, from triangles made once:
+    no row is evaluated twice.
 
-
-class _Without:
-    """Cross-validated and held-out errors of the model without some terms, from triangles made
-    once: no row is seen twice."""
+    Linear about the optimum: a model without a mechanism is the other columns fitted to the
+    residual with that mechanism's part put back."""
 
     def __init__(self, split: Split, fitted: Fit):
-        self.fitted, self.training = fitted, split.training()
-        kept, folds = fitted.found.kept, split.training_folds()
-        self.folded = fold(self.training, fitted.terms, folds, fitted.at(), kept)
-        whitening = self.training.whitening
-        self.plain = (
-            Folded(self.folded.blocks / whitening.weight, self.folded.rows)
-            if whitening.uniform
-            else fold(self.training.unweighted(), fitted.terms, folds, fitted.at(), kept)
-        )
+        self.fitted = fitted
+        self.training = split.training()
+        self.folds = split.training_folds()
+        self.folded = self._fold(self.training, self.folds)
+        self.plain = self._unweighted()
         held = split.problem.take(~split.estimation & ~split.outlying)
-        self.held = len(held)
-        position = np.broadcast_to(np.diag([1.0, 1, 1, 0, 0, 0]), (len(held), 6, 6))
-        whitening = UNIT if held.components == 3 else Whitening(matrices=position)
-        self.held_R = (
-            reduce_problem(replace(held, whitening=whitening), fitted.terms, fitted.at(), kept).R
-            if self.held
-            else None
-        )
+        self.held_rows = len(held)
+        self.held_triangle = self._reduce_held(held) if self.held_rows else None
 
-    def bundled(self) -> Folded:
-        """A fold per configuration; of very many, per bundle of them, whose halves tell the
-        same."""
-        own = np.unique(self.training.data.block, return_inverse=True)[1].reshape(-1) % BUNDLES
-        return fold(self.training, self.fitted.terms, own, self.fitted.at(), self.fitted.found.kept)
+    def _fold(self, problem: Problem, folds: Index) -> FoldedData:
+        fitted = self.fitted
+        return fold(problem, fitted.terms, folds, fitted.at(), fitted.found.kept)
 
-    def rms(self, out: Sequence[int]) -> tuple[float | None, float | None]:
-        """(cross-validated, held-out) rms [mm] of the lengths of the residual vectors."""
-        fitted, gone = self.fitted, list(out)
-        kept = [k for k in fitted.found.kept if k not in gone]
-        changed = self.folded.blocks.copy()
-        changed[:, :, -1] += changed[:, :, gone] @ fitted.theta[gone]
-        total = Reduction.empty(changed.shape[2] - 1).add(changed.reshape(-1, changed.shape[2]))
-        prior = None if fitted.prior is None else fitted.prior.copy()
+    def _unweighted(self) -> FoldedData:
+        """The folds in mm."""
+        whitening = self.training.whitening
+        if whitening.uniform:
+            return FoldedData(self.folded.blocks / whitening.weight, self.folded.rows)
+        return self._fold(self.training.unweighted(), self.folds)
+
+    def _reduce_held(self, held: Problem) -> Array:
+        """Triangle of the held-out positions in mm."""
+        whitening = UNIT
+        if held.components == 6:
+            select = np.diag([1.0, 1, 1, 0, 0, 0])
+            whitening = Whitening(matrices=np.broadcast_to(select, (len(held), 6, 6)))
+        fitted = self.fitted
+        plain = replace(held, whitening=whitening)
+        return reduce_problem(plain, fitted.terms, fitted.at(), fitted.found.kept).R
+
+    def bundles(self, count: int) -> FoldedData:
+        """Return a fold per configuration; of more than `count`, per bundle of them, whose halves
+        have the same answer."""
+        _, configuration = np.unique(self.training.data.block, return_inverse=True)
+        return self._fold(self.training, configuration.reshape(-1) % count)
+
+    def rms(self, terms: Sequence[int]) -> tuple[float | None, float | None]:
+        """Compute the (cross-validated, held-out) rms [mm] of the lengths of the residual vectors
+        without some terms."""
+        removed = list(terms)
+        kept = [k for k in self.fitted.found.kept if k not in removed]
+        data = FoldedData(self._put_back(self.folded.blocks, removed), self.folded.rows)
+        total = data.total
+        prior = self._prior_without(removed, kept)
         if prior is not None:
-            prior[:, -1] += prior[:, gone] @ fitted.theta[gone]
-            prior = prior[np.abs(prior[:, kept]).any(1)] if kept else prior[:0]
             total = Reduction(total.add(prior).R, total.rows)
         kept = [kept[i] for i in identify(total.select(kept)).kept]
-        try:
-            cv = cross_validate(Folded(changed, self.folded.rows), kept, prior)
-            per_fold = cv.without.copy()
-            per_fold[:, gone] -= fitted.theta[gone]
-            left = self.plain.blocks[:, :, -1] - np.einsum(
-                "khp,kp->kh", self.plain.blocks[:, :, :-1], per_fold
-            )
-            crossed: float | None = float(np.sqrt(np.square(left).sum() / len(self.training)))
-        except NotEstimable:
-            crossed = None
-        delta = np.zeros(len(fitted.theta))
-        delta[kept] = solve(total, kept)[0]
-        delta[gone] = -fitted.theta[gone]
-        if self.held_R is None:
+        crossed = self._cross_validate(data, removed, kept, prior)
+        if self.held_triangle is None:
             return crossed, None
-        left = self.held_R[:, -1] - self.held_R[:, :-1] @ delta
-        return crossed, float(np.sqrt(np.square(left).sum() / self.held))
+        step = np.zeros(len(self.fitted.theta))
+        step[kept] = solve(total, kept)[0]
+        step[removed] = -self.fitted.theta[removed]
+        residual = self.held_triangle[:, -1] - self.held_triangle[:, :-1] @ step
+        return crossed, float(np.sqrt(np.square(residual).sum() / self.held_rows))
 
+    def _put_back(self, rows: Array, removed: Sequence[int]) -> Array:
+        """Rows (..., p+1) with the part of the removed terms in the response."""
+        columns = list(removed)
+        changed = rows.copy()
+        changed[..., -1] += changed[..., columns] @ self.fitted.theta[columns]
+        return changed
 
-def stability(
-    folded: Folded,
-    fitted: Fit,
-    groups: Sequence[Sequence[int]],
-    rng: np.random.Generator,
-    count: int = HALVES,
-) -> list[float | None]:
-    """Share of half-samples of the postures in which each group of terms stays significant (nested
-    F, p below 0.05); None for shrunk terms. The names are taken as given: the search is not
-    repeated in the halves."""
-    from scipy.special import fdtrc
+    def _prior_without(self, removed: Sequence[int], kept: Sequence[int]) -> Array | None:
+        """The prior's rows that say something of the kept terms."""
+        if self.fitted.prior is None:
+            return None
+        prior = self._put_back(self.fitted.prior, removed)
+        return prior[np.abs(prior[:, list(kept)]).any(1)] if kept else prior[:0]
 
-    kept = list(fitted.found.kept)
-    where = {k: i for i, k in enumerate(kept)}
-    plain = [all(spline(fitted.terms[k]) is None for k in g) for g in groups]
-    inside: list[Index] = [
-        np.array([where[k] for k in g if fine], dtype=np.intp)
-        for g, fine in zip(groups, plain, strict=True)
-    ]
-    X = folded.blocks[:, :, kept]
-    y = folded.blocks[:, :, -1] + X @ fitted.theta[kept]
-    scale = np.hypot(np.linalg.norm(X, axis=(0, 1)), np.linalg.norm(fitted.root[:, kept], axis=0))
-    root = fitted.root[:, kept] / scale
-    hits, judged = np.zeros(len(groups)), 0
-    sizes = [max(determined(fitted, g), 0.5) for g in groups]
-    for half in halves(rng, count, len(X)):
-        A, b = X[half].reshape(-1, len(kept)) / scale, y[half].ravel()
-        gram = A.T @ A + root.T @ root
-        rows = int(folded.rows[half].sum())
+    def _cross_validate(
+        self, data: FoldedData, removed: Sequence[int], kept: Sequence[int], prior: Array | None
+    ) -> float | None:
+        """Cross-validated rms [mm]; None where the model is not estimable without some fold."""
+        columns = list(removed)
         try:
-            C = np.linalg.inv(gram)
-        except np.linalg.LinAlgError:
-            continue
-        beta = C @ (A.T @ b)
-        freedom = rows - np.einsum("ij,ji->", C, A.T @ A)
-        if freedom < 1 or np.abs(C @ gram - np.eye(len(kept))).max() > 1e-6:
-            continue
-        judged += 1
-        variance = float(np.square(b - A @ beta).sum()) / freedom
-        for g, i in enumerate(inside):
-            if len(i):
-                f = beta[i] @ np.linalg.solve(C[np.ix_(i, i)], beta[i]) / sizes[g] / variance
-                hits[g] += fdtrc(sizes[g], freedom, f) < LEVEL
-    return [
-        float(h / judged) if judged and len(i) else None for h, i in zip(hits, inside, strict=True)
-    ]
+            without = cross_validate(data, kept, prior).without.copy()
+        except NotEstimable:
+            return None
+        without[:, columns] -= self.fitted.theta[columns]
+        blocks = self.plain.blocks
+        residual = blocks[:, :, -1] - np.einsum("khp,kp->kh", blocks[:, :, :-1], without)
+        return float(np.sqrt(np.square(residual).sum() / len(self.training)))
 
 
-def catalogue(fitted: Fit, terms: Sequence[int]) -> str:
-    """Whether signs and sizes are what the catalogue expects, else which are not; two standard
-    errors are allowed."""
-    off, error = [], fitted.standard_errors
+def check_catalogue(fitted: Fit, terms: Sequence[int]) -> str:
+    """Check signs and sizes against the catalogue; two standard errors are allowed.
+
+    Returns "as expected", or which terms depart from it and how."""
+    error = 2 * fitted.standard_errors
+    departures = []
     for k in terms:
-        term, value = fitted.terms[k], float(fitted.theta[k])
-        if term.sign and value * term.sign < -2 * error[k]:
-            off.append(f"{term.symbol} has the other sign")
-        if term.size is not None and abs(value) - 2 * error[k] > term.size[1]:
-            off.append(f"{term.symbol} is larger than usual")
-    return "; ".join(off) if off else "as expected"
+        term = fitted.terms[k]
+        value = float(fitted.theta[k])
+        if term.sign and value * term.sign < -error[k]:
+            departures.append(f"{term.symbol} has the other sign")
+        if term.size is not None and abs(value) - error[k] > term.size[1]:
+            departures.append(f"{term.symbol} is larger than usual")
+    return "; ".join(departures) if departures else "as expected"

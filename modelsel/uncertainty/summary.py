@@ -1,5 +1,5 @@
-"""How sure a study is of its chosen model: what is sampled and how, and everything that stands
-beside it."""
+"""Uncertainty of a study's chosen model: standard errors, correlations, significance, and the
+choice of what is sampled."""
 
 from __future__ import annotations
 
@@ -15,37 +15,47 @@ from ..exceptions import sentence_list
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Instrument
+from ..fitting.problem import Problem
 from ..mechanisms.registry import Registry
 from ..notices import Note
 from ..selection.evaluation import Split
 from .log_posterior import TAIL, LogPosterior
-from .nuisance import components, constants, single
+from .nuisance import assign_components, list_constants, merge_components
 from .parameters import (
     Correlation,
     Parameter,
-    correlation,
-    difference_notes,
-    displacement,
-    free,
-    labels,
-    parameters,
-    resampled,
-    with_posterior,
+    add_posterior,
+    bootstrap_parameters,
+    compute_displacement,
+    correlate_parameters,
+    describe_parameters,
+    label_terms,
+    mask_free_functions,
+    note_differences,
 )
-from .posterior import draws_for, importance, posterior, weighted
-from .sampler import PER_NAME, WALKERS, Keeper, Sampling, sample
-from .significance import Significance, significance
+from .posterior import choose_draw_count, linear_posterior, summarise_importance, weight_draws
+from .sampler import Keeper, Sampling, sample_posterior
+from .sampling_options import DEFAULT_SAMPLING, SamplingOptions
+from .significance import Significance, assess_significance
 
-MOST = {"default": 24, "all": 64}  # coefficients that are sampled; the others are integrated out
-ROWS = 9_000  # walkers x rows a step, up to which the chain itself is evaluated
-POSE = 4  # how much dearer a row with its orientation is
-WIDE = 80  # integrated coefficients up to which several noise scales are told apart
+# coefficients that are sampled at most; the others are integrated out
+MAX_SAMPLED = {"default": 24, "all": 64}
+# cost of a row with its orientation over that of a position
+POSE_COST = 4
+# integrated coefficients up to which several noise scales are told apart
+MAX_INTEGRATED = 80
 
 
 @dataclass(frozen=True, eq=False)
 class Confidence:
-    """Three answers for every parameter, their correlations, what each mechanism matters, the chain
-    (None: not sampled), and whether what is left goes together within groups."""
+    """Uncertainty of the chosen model.
+
+    parameters: every estimable parameter with its standard errors and interval.
+    correlation: of the estimable parameters.
+    significance: what each mechanism contributes.
+    sampling: the chain; None where nothing was sampled.
+    lasting: whether the residuals of a group are correlated.
+    """
 
     parameters: tuple[Parameter, ...]
     correlation: Correlation
@@ -56,29 +66,31 @@ class Confidence:
     @property
     def notes(self) -> tuple[Note, ...]:
         """What the user should know."""
-        out = difference_notes(self.parameters)
+        notes = list(note_differences(self.parameters))
         if self.lasting:
-            out += (
+            notes.append(
                 Note(
                     "residuals-together",
-                    "What is left goes together within groups: errors last from one configuration to "
-                    "the next. Signs are drawn for whole groups, and the parameters' intervals are those of whole groups; "
-                    "posterior, F tests and the gain's interval count configurations as independent and are too sure.",
-                ),
+                    "The residuals of a group are correlated: errors last from one configuration to "
+                    "the next. Signs are drawn for whole groups, and the parameters' intervals are "
+                    "those of whole groups; posterior, F tests and the gain's interval count "
+                    "configurations as independent and are too narrow.",
+                )
             )
         if self.sampling is not None and not self.sampling.converged:
-            s = self.sampling
-            out += (
+            chain = self.sampling
+            notes.append(
                 Note(
                     "unconverged",
-                    f"The chain has not converged after {s.steps:,} steps (autocorrelation time "
-                    f"{s.tau.max():.0f}, R-hat {s.r_hat.max():.3f}): nothing of it is quoted.",
-                ),
+                    f"The chain has not converged after {chain.steps:,} steps (autocorrelation time "
+                    f"{chain.tau.max():.0f}, R-hat {chain.r_hat.max():.3f}): none of its numbers "
+                    "are quoted.",
+                )
             )
-        return out
+        return tuple(notes)
 
     def to_dict(self) -> dict[str, Any]:
-        """The result file's entries."""
+        """Return the result file's entries."""
         return {
             "sampling": None if self.sampling is None else self.sampling.to_dict(),
             "parameters": [asdict(p) for p in self.parameters],
@@ -92,125 +104,135 @@ class Confidence:
         }
 
 
-def confidence(split: Split, fitted: Fit, names: Sequence[str], seed: int) -> Confidence:
-    """What needs no sampling; cheap. `names`: what the report calls the mechanisms of the model.
-    Empty where it has no estimable parameter."""
+def assess_confidence(split: Split, fitted: Fit, names: Sequence[str], seed: int) -> Confidence:
+    """Assess everything that needs no sampling.
+
+    `names`: what the report calls the mechanisms of the model. Empty where the model has no
+    estimable parameter."""
     if not fitted.rank:
         return Confidence((), Correlation((), np.zeros((0, 0)), (), ()), ())
-    boot = resampled(split, fitted, generator(seed, "bootstrap"))
+    boot = bootstrap_parameters(split, fitted, generator(seed, "bootstrap"))
     return Confidence(
-        parameters(split, fitted, boot),
-        correlation(fitted),
-        significance(split, fitted, names, boot, generator(seed, "halves")),
+        describe_parameters(split, fitted, boot),
+        correlate_parameters(fitted),
+        assess_significance(split, fitted, names, boot, generator(seed, "halves")),
         lasting=boot.grouped,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Request:
-    """What a study asks of the sampling: its base model, over what, the instrument, whether a floor
-    is stated, the registry."""
-
-    base: Model
-    over: str
-    instrument: Instrument | None
-    stated: bool
-    registry: Registry
-
-
-def sampled(
-    found: Confidence,
+def sample_confidence(
+    confidence: Confidence,
     split: Split,
-    fitted: Fit,
-    request: Request,
+    log_posterior: LogPosterior | None,
     seed: int,
     say: Say = lambda _: None,
     keeper: Keeper | None = None,
+    options: SamplingOptions = DEFAULT_SAMPLING,
 ) -> Confidence:
-    """With the posterior sampled; unchanged where there is no estimable parameter or no degree of
-    freedom left."""
-    if not fitted.rank or fitted.freedom < 1:
-        return found
-    training, rng = split.training(), generator(seed, "sampling")
-    known = posterior(fitted)
-    draws = weighted(training, fitted, known.draw(rng, draws_for(training)))
-    target = target_of(split, fitted, request)
-    chain = sample(target, importance(draws), described(target), rng, say=say, keeper=keeper)
-    return replace(
-        found, sampling=chain, parameters=with_posterior(found.parameters, fitted, draws, chain)
-    )
-
-
-def target_of(split: Split, fitted: Fit, request: Request) -> LogPosterior:
-    """What is sampled: by default the coefficients of the named effects, every noise scale, the
-    tail and inner constants, with the other coefficients integrated out; over "all", and where
-    nothing is named, every coefficient and the scales under normal noise (a Student-t takes what is
-    left unnamed for outliers, and a different part of it in every corner of its density). At most
-    MOST coefficients, those that move the target most; free functions are always integrated out.
-    Where the rows are too many for the chain to be evaluated at every step, the QR-reduced linear
-    form stands in for it, with normal noise of one scale."""
+    """Add the sampled posterior; unchanged where there is nothing to sample (None)."""
+    if log_posterior is None:
+        return confidence
+    fitted = log_posterior.fitted
     training = split.training()
-    inside = free(fitted.model)
-    base = {t.key for t in request.base.terms}
+    rng = generator(seed, "sampling")
+    draws = linear_posterior(fitted).draw(rng, choose_draw_count(training))
+    draws = weight_draws(training, fitted, draws)
+    chain = sample_posterior(
+        log_posterior,
+        summarise_importance(draws),
+        describe_sampling(log_posterior),
+        rng,
+        say=say,
+        keeper=keeper,
+        options=options,
+    )
+    parameters = add_posterior(confidence.parameters, fitted, draws, chain)
+    return replace(confidence, sampling=chain, parameters=parameters)
+
+
+def build_log_posterior(
+    split: Split,
+    fitted: Fit,
+    base: Model,
+    registry: Registry,
+    *,
+    over: str = "default",
+    instrument: Instrument | None = None,
+    options: SamplingOptions = DEFAULT_SAMPLING,
+) -> LogPosterior | None:
+    """Choose what is sampled of a fit; None where no parameter is estimable or no degree of freedom
+    is left.
+
+    base: the study's base model, whose effects are not named.
+    over: "default": the coefficients of the named effects, every noise scale, the tail and inner
+        constants, with the other coefficients integrated out. "all", and where nothing is named:
+        every coefficient and the scales under normal noise (a Student-t takes what is left unnamed
+        for outliers, and a different part of it in every corner of its density).
+    instrument: its noise along and across the beam is told apart; None where a floor is stated.
+
+    At most MAX_SAMPLED coefficients are sampled, those that move the target most; free functions
+    are always integrated out. Where the rows are too many for the chain to be evaluated at every
+    step, its QR-reduced linear form is sampled, with normal noise of one scale."""
+    if not fitted.rank or fitted.freedom < 1:
+        return None
+    training = split.training()
+    sampled, named = _choose_coefficients(split, fitted, base, over)
+    exact = _walk_cost(training, len(sampled), options) <= options.max_evaluations
+    noise = assign_components(training, instrument)
+    if noise.count > 1 and not (exact and fitted.found.rank - len(sampled) <= MAX_INTEGRATED):
+        noise = merge_components(noise)
+    # rows that are no points have no three numbers each
+    tail = bool(exact and over == "default" and named and training.data.gauges is None)
+    constants = list_constants(training, fitted.model, registry) if tail else ()
+    labels = label_terms(fitted.model)
+    names = [*(labels[k] for k in sampled), *noise.names]
+    units = [*(fitted.terms[k].unit for k in sampled), *noise.units]
+    if tail:
+        names.append(TAIL)
+        units.append("1")
+    names += [constant.name for constant in constants]
+    units += ["1"] * len(constants)
+    return LogPosterior(fitted, noise, sampled, tuple(names), tuple(units), tail, constants, exact)
+
+
+def _choose_coefficients(
+    split: Split, fitted: Fit, base: Model, over: str
+) -> tuple[tuple[int, ...], bool]:
+    """Term indices of the coefficients to sample, and whether any effect is named."""
+    inside = mask_free_functions(fitted.model)
+    known = {t.key for t in base.terms}
     plain = [k for k in fitted.found.kept if not inside[k]]
-    named = [k for k in plain if fitted.terms[k].key not in base]
-    wanted = plain if request.over == "all" or not named else named
-    mean, _ = displacement(split, fitted)
-    most = MOST[request.over]
-    chosen = tuple(sorted(sorted(wanted, key=lambda k: -mean[k])[:most]))
-    dear = POSE if training.components == 6 else 1
-    exact = dear * max(WALKERS, PER_NAME * (len(chosen) + 2)) * len(training) <= ROWS
-    noise = components(training, request.instrument, request.stated)
-    if noise.count > 1 and (not exact or fitted.found.rank - len(chosen) > WIDE):
-        noise = single(noise)
-    tail = bool(
-        exact and request.over == "default" and named and training.data.gauges is None
-    )  # rows have three numbers each
-    inner = constants(training, fitted.model, request.registry) if tail else ()
-    names = labels(fitted.model)
-    return LogPosterior(
-        fitted,
-        noise,
-        chosen,
-        (
-            *(names[k] for k in chosen),
-            *noise.names,
-            *((TAIL,) if tail else ()),
-            *(c.name for c in inner),
-        ),
-        (
-            *(fitted.terms[k].unit for k in chosen),
-            *noise.units,
-            *(("1",) if tail else ()),
-            *("1" for _ in inner),
-        ),
-        tail,
-        inner,
-        exact,
-    )
+    named = [k for k in plain if fitted.terms[k].key not in known]
+    wanted = plain if over == "all" or not named else named
+    mean, _ = compute_displacement(split, fitted)
+    strongest = sorted(wanted, key=lambda k: -mean[k])[: MAX_SAMPLED[over]]
+    return tuple(sorted(strongest)), bool(named)
 
 
-def described(log_posterior: LogPosterior) -> str:
-    """What was sampled and what was not, in a sentence or two."""
-    k, rest = (
-        len(log_posterior.sampled),
-        log_posterior.fitted.found.rank - len(log_posterior.sampled),
-    )
-    parts = [
-        f"{k} coefficient{'s' * (k != 1)}",
-        *log_posterior.noise.names,
-        *((TAIL,) if log_posterior.tail else ()),
-        *(c.name for c in log_posterior.constants),
-    ]
-    what = sentence_list(parts)
-    gone = (
-        f"; {rest} further coefficient{'s are' if rest != 1 else ' is'} integrated out"
-        if rest
-        else ""
-    )
+def _walk_cost(training: Problem, sampled: int, options: SamplingOptions) -> int:
+    """Cost of one step of all walkers, in rows."""
+    walkers = max(options.min_walkers, options.walkers_per_name * (sampled + 2))
+    row_cost = POSE_COST if training.components == 6 else 1
+    return row_cost * walkers * len(training)
+
+
+def describe_sampling(log_posterior: LogPosterior) -> str:
+    """Describe what was sampled and what was not, in a sentence or two."""
+    count = len(log_posterior.sampled)
+    rest = log_posterior.fitted.found.rank - count
+    parts = [f"{count} coefficient{'s' * (count != 1)}", *log_posterior.noise.names]
+    if log_posterior.tail:
+        parts.append(TAIL)
+    parts += [constant.name for constant in log_posterior.constants]
+    sampled = sentence_list(parts)
+    integrated = ""
+    if rest:
+        plural = "s are" if rest != 1 else " is"
+        integrated = f"; {rest} further coefficient{plural} integrated out"
     if log_posterior.exact:
-        return f"emcee samples {what} on the exact chain{gone}."
+        return f"emcee samples {sampled} on the exact chain{integrated}."
     return (
-        f"emcee samples {what} on the chain linear about the optimum, reduced by QR{gone}: {len(log_posterior.noise.problem):,} rows "
-        "are too many to evaluate the chain itself at every step, and the importance weights say what that costs."
+        f"emcee samples {sampled} on the chain linear about the optimum, reduced by QR{integrated}: "
+        f"{len(log_posterior.noise.problem):,} rows are too many to evaluate the chain itself at "
+        "every step, and the importance weights say what that costs."
     )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..._choices import EXPORT_FORMS
-from ..._names import quoted, unfit
+from ..._names import find_name_problem, quote_name
 from ..._typing import Array
 from ...exceptions import StudyError, suggest
 from ...mechanisms.causes import Named
@@ -77,9 +77,11 @@ def _check_names(c: Calibration) -> None:
     names = [("study", c.study), ("robot", c.robot.name)]
     names += [("target", target) for target in c.targets]
     names += [("group", group) for group in c.groups]
-    reasons = [(kind, name, unfit(name)) for kind, name in names]
+    reasons = [(kind, name, find_name_problem(name)) for kind, name in names]
     problems = [
-        f"{kind} {quoted(name)}: not a name: {reason}." for kind, name, reason in reasons if reason
+        f"{kind} {quote_name(name)}: not a name: {reason}."
+        for kind, name, reason in reasons
+        if reason
     ]
     if problems:
         raise StudyError(*problems)

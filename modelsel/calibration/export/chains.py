@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..._typing import Array
-from ...robot.dh import robot_file, rows_of
+from ...robot.dh import compute_dh_rows, format_dh_file
 from ...robot.files import robot_from_table
 from ...robot.kinematics import Robot, forward
 from ...robot.rigid import inverse, transform
-from ...robot.urdf import read_urdf_text, write_urdf
+from ...robot.urdf import read_urdf_text
+from ...robot.urdf_writer import write_urdf
 from ..constant_part import (
     ConstantChain,
     build_constant_chain,
@@ -111,13 +112,13 @@ def to_dh(c: Calibration, modified: bool, notes: Sequence[str]) -> Exported:
     made = build_constant_chain(c)
     nearly = tuple(
         f"joints {a} and {b} are almost parallel: their rows have a large d; small changes of the angle change it much"
-        for a, b in rows_of(made.robot, modified).nearly
+        for a, b in compute_dh_rows(made.robot, modified).nearly
     )
     where = tuple(
         f"target {name} on the flange: x, y, z = {', '.join(repr(float(v)) for v in T[:3, 3])} mm"
         for name, T in made.targets.items()
     )
-    text = robot_file(made.robot, modified, [*notes, *where, *nearly])
+    text = format_dh_file(made.robot, modified, [*notes, *where, *nearly])
 
     def read(text: str, target: int) -> Callable[[Array], Array]:
         back = robot_from_table(tomllib.loads(text), "the export")

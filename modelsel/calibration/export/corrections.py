@@ -8,7 +8,7 @@ import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ..._names import guarded, unguarded
+from ..._names import guard_cell, unguard_cell
 from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, parse
 from ...mechanisms.terms import Screw, Term
 from ..constant_part import Part, split_parts
@@ -43,17 +43,17 @@ def to_csv(c: Calibration, notes: Sequence[str] = ()) -> Exported:
             for s in p.term.screws:
                 bump = _find_bump(s.cause)
                 knot = ("", "") if bump is None else (repr(bump.centre), repr(bump.width))
-                texts = map(guarded, (name, p.mechanism, p.term.symbol))
+                texts = map(guard_cell, (name, p.mechanism, p.term.symbol))
                 writer.writerow(
                     [
                         *texts,
                         s.frame,
                         s.axis,
-                        guarded(str(s.cause)),
+                        guard_cell(str(s.cause)),
                         *knot,
                         repr(p.value),
                         repr(p.error),
-                        guarded(p.term.unit),
+                        guard_cell(p.term.unit),
                     ]
                 )
     return measure_whole(c, stream.getvalue(), lambda text, t: _parse_csv(text, c, c.targets[t]))
@@ -84,9 +84,9 @@ def _parse_csv(text: str, c: Calibration, target: str) -> list[Part]:
     units = dict.fromkeys([*c.needs(), *c.ranges, "free"], "1")
     out = []
     for row in csv.DictReader(io.StringIO(text)):
-        if unguarded(row["target"]) != target:
+        if unguard_cell(row["target"]) != target:
             continue
-        printed = unguarded(row["cause"])
+        printed = unguard_cell(row["cause"])
         name = printed.partition("free(")[2].partition(")")[0]
         cause = parse(printed.replace(f"free({name})", "free"), units)
         if row["knot"]:

@@ -10,7 +10,7 @@ import numpy as np
 from ...exceptions import sentence_list
 from ...measurements.reference_temperature import TEMPERATURE
 from ...mechanisms.causes import Member
-from ...mechanisms.environment import counted
+from ...mechanisms.environment import find_references
 from ..refitting import select_carried
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def _describe_temperature(c: Calibration, what: str) -> str:
         or what not in c.refits.alone
     ):
         start = sorted(
-            frozenset[float]().union(*(counted(s.cause) for t in some for s in t.screws))
+            frozenset[float]().union(*(find_references(s.cause) for t in some for s in t.screws))
         )
         where = f"{sentence_list([f'{r:g}' for r in start])} °C"
         return (

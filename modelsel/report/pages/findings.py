@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...diagnosis.sentences import quantity
+from ...diagnosis.sentences import format_quantity
 from ...measurements.table import Where
 from ...results.details_schema import FindingDetailsRecord
 from ...results.finding_schema import EntryRecord, EstimateRecord, FindingRecord
@@ -102,7 +102,7 @@ def _write_estimates(estimate: Sequence[EstimateRecord]) -> Block:
 def _format_estimate(one: EstimateRecord) -> str:
     if one.value is None or one.standard_error is None:
         return "–"
-    return quantity(one.value, one.standard_error, one.unit)
+    return format_quantity(one.value, one.standard_error, one.unit)
 
 
 def _describe_verdict(finding: FindingRecord, where: Where) -> str:

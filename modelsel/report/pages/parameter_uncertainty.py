@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...diagnosis.sentences import prefixed
+from ...diagnosis.sentences import choose_prefix
 from ...results.model_schema import (
     ParameterRecord,
     QuantilesRecord,
@@ -255,7 +255,7 @@ def _format_quantiles(one: QuantilesRecord) -> list[str]:
     the unit."""
     values = [one.low, one.median, one.high, one.closed_form_low, one.closed_form_high]
     largest = max((abs(value) for value in values if value is not None), default=0.0)
-    factor, unit = prefixed(largest, one.unit)
+    factor, unit = choose_prefix(largest, one.unit)
     exponent = int(f"{largest / factor:.2e}".partition("e")[2])
     decimals = max(2 - exponent, 0)
     figures = ["–" if value is None else f"{value / factor:.{decimals}f}" for value in values]

@@ -1,0 +1,123 @@
+"""Configurations, blocks and motion: which rows are one visit of the arm, which visits have the same
+readings, and how the arm moved from one to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._linalg import connected_components
+from .._typing import Array, Index
+from .resting_joints import find_resting_steps
+
+# rad or mm: two readings closer than this are the same configuration
+SAME_READING = 1e-6
+# rows that may lie as close along one direction before a search tree compares them
+MAX_LAG = 16
+
+
+def number_keys(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tuple[str, ...]]:
+    """Number keys by their first appearance: (each key's number, the distinct keys in that
+    order)."""
+    numbers: dict[str, int] = {}
+    index = [numbers.setdefault(str(key), len(numbers)) for key in keys]
+    return np.array(index, dtype=np.intp), tuple(numbers)
+
+
+def number_visits(q: Array, explicit: Sequence[object] | None, group: Index) -> Index:
+    """Number the configuration of every row: by the given column, else adjacent rows with equal
+    readings in one group."""
+    if explicit is not None:
+        return number_keys(explicit)[0]
+    moved = np.abs(np.diff(q, axis=0)).max(1) > SAME_READING
+    other_group = np.diff(group) != 0
+    is_new = np.ones(len(q), bool)
+    is_new[1:] = moved | other_group
+    return np.asarray(np.cumsum(is_new) - 1, dtype=np.intp)
+
+
+def _find_near_pairs(
+    q: Array, order: Index, close: NDArray[np.bool_], max_lag: int
+) -> Index | None:
+    """Find pairs (k, 2) of rows with readings alike, among those that an order along one direction
+    leaves `close` to the one before; None where too many are."""
+    pairs = [np.zeros((0, 2), dtype=np.intp)]
+    later = np.flatnonzero(close)  # places in the order, each close to the place before
+    for lag in range(1, max_lag + 1):
+        if not len(later):
+            return np.concatenate(pairs)
+        couples = np.stack([order[later - lag], order[later]], 1)
+        difference = np.abs(q[couples[:, 0]] - q[couples[:, 1]]).max(1)
+        pairs.append(couples[difference <= SAME_READING])
+        later = later[(later > lag) & close[np.maximum(later - lag, 0)]]
+    return None
+
+
+def number_blocks(q: Array, configuration: Index, max_lag: int = MAX_LAG) -> Index:
+    """Number blocks of rows whose readings agree to 1e-6, or that share a configuration. Beyond
+    `max_lag` rows as close along one direction, a search tree finds those that agree."""
+    _, first, visit = np.unique(configuration, return_index=True, return_inverse=True)
+    visit = visit.reshape(-1)
+    readings = q[first]
+    # readings alike in every joint are alike along any one direction
+    direction = np.sqrt(np.arange(1, q.shape[1] + 1))
+    along = readings @ direction
+    order = np.argsort(along, kind="stable")
+    steps = np.diff(along[order], prepend=-np.inf)
+    pairs = _find_near_pairs(readings, order, steps <= SAME_READING * direction.sum(), max_lag)
+    if pairs is None:
+        from scipy.spatial import cKDTree
+
+        tree = cKDTree(readings)
+        pairs = tree.query_pairs(SAME_READING, p=np.inf, output_type="ndarray")
+    if not len(pairs):
+        return np.asarray(visit, dtype=np.intp)
+    return connected_components(len(readings), pairs)[visit]
+
+
+def derive_motion(
+    q: Array, configuration: Index, group: Index, order: Array, prismatic: Sequence[bool]
+) -> tuple[Array, Array, Array]:
+    """Derive (approach, move), each (m, n), from the order of motion, and the largest flicker of
+    each joint's reading (n,) that is no motion; the first configuration of a group has 0. Approach
+    keeps its sign while a joint rests, as the play in a gear does."""
+    visits = _order_visits(configuration, group, order)
+    visit_group = group[visits]
+    opens_group = np.ones(len(visits), bool)
+    opens_group[1:] = np.diff(visit_group) != 0
+    step = np.zeros((len(visits), q.shape[1]))
+    step[1:] = np.diff(q[visits], axis=0)
+    step[opens_group] = 0
+    step[np.abs(step) <= SAME_READING] = 0
+    resting = find_resting_steps(step, opens_group, prismatic)
+    flicker = np.abs(np.where(resting, step, 0.0)).max(0, initial=0.0)
+    step[resting] = 0
+    number = np.arange(len(visits))[:, None]
+    is_motion = (step != 0) | opens_group[:, None]
+    last_motion = np.maximum.accumulate(np.where(is_motion, number, 0), axis=0)
+    approach = np.sign(np.take_along_axis(step, last_motion, axis=0))
+    place = np.empty(int(configuration.max(initial=-1)) + 1, dtype=np.intp)
+    place[configuration[visits]] = np.arange(len(visits))
+    row_visit = place[configuration]
+    return approach[row_visit], np.abs(step)[row_visit], flicker
+
+
+def _order_visits(configuration: Index, group: Index, order: Array) -> Index:
+    """List one row per visit, in order of motion, group by group."""
+    sequence = np.lexsort((np.arange(len(group)), order, group))
+    _, first = np.unique(configuration[sequence], return_index=True)
+    return np.asarray(sequence[np.sort(first)], dtype=np.intp)
+
+
+def order_units(unit: Index, progress: Array) -> tuple[Index, Index]:
+    """Number units as the arm came to them, the same whatever the rows' order: (every row's unit
+    (m,), the first row (u,) of each)."""
+    _, number = np.unique(unit, return_inverse=True)
+    sequence = np.lexsort((progress, number))
+    begins = np.flatnonzero(np.diff(number[sequence], prepend=-1))
+    first_rows = sequence[begins]
+    order = np.argsort(progress[first_rows], kind="stable")
+    rank = np.argsort(order, kind="stable")
+    return np.asarray(rank[number], dtype=np.intp), first_rows[order]

@@ -1,0 +1,199 @@
+"""Comparison of named models on one problem, for users of the Python API.
+
+Every model is fitted exactly and cross-validated by configuration on the same folds, so that
+differences between models are paired. (`comparison` compares all subsets of candidates instead.)"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._linalg import TINY
+from .._random import generator
+from .._typing import Array, Index, Mask
+from ..fitting.design import Model
+from ..fitting.problem import Problem
+from .criteria import normalise_weights
+from .evaluation import Evaluation, Split, evaluate
+from .splits import assign_folds
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True)
+class ComparedModel:
+    """One row of a comparison; a figure is None where it is undefined.
+
+    model: the name it was given.
+    parameters: number of coefficients; rank: how many of them are estimable.
+    estimation_rms_mm: rms residual of the rows the model was fitted to.
+    held_out_rms_mm: rms residual of the other rows.
+    cv_rms_mm: rms residual under the fits without each row's fold.
+    difference_mm: cv_rms_mm minus that of the best model.
+    standard_error_mm: standard error of that difference, paired by configuration. Where the
+        difference is less than twice as large, the models cannot be distinguished.
+    aicc, bic: information criteria of the estimation rows.
+    aicc_weight, bic_weight: exp(−Δ/2) of the criterion, normalised over the models.
+    note: remarks, separated by semicolons.
+    """
+
+    model: str
+    parameters: int
+    rank: int
+    estimation_rms_mm: float | None
+    held_out_rms_mm: float | None
+    cv_rms_mm: float | None
+    difference_mm: float | None
+    standard_error_mm: float | None
+    aicc: float | None
+    bic: float | None
+    aicc_weight: float
+    bic_weight: float
+    note: str
+
+
+@dataclass(frozen=True, eq=False)
+class ModelComparison:
+    """Result of `compare`: rows from the lowest cross-validated error to the highest, and the
+    evaluation behind each name."""
+
+    rows: tuple[ComparedModel, ...]
+    evaluations: Mapping[str, Evaluation]
+
+    @property
+    def best(self) -> str:
+        """Name of the model with the lowest cross-validated error."""
+        return self.rows[0].model
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the rows as a table indexed by the models' names.
+
+        The columns are the fields of `ComparedModel`; undefined figures are NaN."""
+        import pandas as pd
+
+        table = pd.DataFrame([asdict(row) for row in self.rows]).set_index("model")
+        figures = [name for name in table.columns if name != "note"]
+        return table.astype(dict.fromkeys(figures[2:], float))
+
+
+def compare(
+    problem: Problem,
+    models: Mapping[str, Model],
+    *,
+    folds: int = 10,
+    seed: int = 0,
+    estimation: Mask | None = None,
+) -> ModelComparison:
+    """Fit models to the same rows and compare them by cross-validation, AICc and BIC.
+
+    problem: robot, measurements and set-up.
+    models: the models by name.
+    folds: number of folds; configurations are never split. 0 leaves one configuration out.
+    seed: of the assignment of configurations to folds.
+    estimation: mask (m,) of the rows to fit; the others are held out. Default: all rows.
+
+    Raises ValueError where there is no model or the mask has another shape, and NotEstimable where
+    the rows cannot determine a model."""
+    split = _split(problem, folds, seed, estimation)
+    if not models:
+        raise ValueError("there is no model to compare: pass at least one, as {name: model}")
+    evaluations = {name: evaluate(split, model, model.names) for name, model in models.items()}
+    order = sorted(evaluations, key=lambda name: _cv_rms(evaluations[name]))
+    best = evaluations[order[0]]
+    configuration = problem.data.block[split.used]
+    aicc_weights = normalise_weights([_or_infinite(evaluations[name].aicc) for name in order])
+    bic_weights = normalise_weights([_or_infinite(evaluations[name].bic) for name in order])
+    rows = []
+    for k, name in enumerate(order):
+        evaluation = evaluations[name]
+        difference, standard_error = _compare_to_best(evaluation, best, configuration)
+        rows.append(
+            ComparedModel(
+                model=name,
+                parameters=evaluation.parameters,
+                rank=evaluation.rank,
+                estimation_rms_mm=evaluation.estimation.rms_mm,
+                held_out_rms_mm=evaluation.held_out.rms_mm,
+                cv_rms_mm=_or_none(evaluation.cv_rms_mm),
+                difference_mm=difference,
+                standard_error_mm=standard_error,
+                aicc=evaluation.aicc,
+                bic=evaluation.bic,
+                aicc_weight=float(aicc_weights[k]),
+                bic_weight=float(bic_weights[k]),
+                note=_note(evaluation, difference, standard_error, best=evaluation is best),
+            )
+        )
+    return ModelComparison(tuple(rows), evaluations)
+
+
+def _split(problem: Problem, folds: int, seed: int, estimation: Mask | None) -> Split:
+    """Split a problem: folds of the estimation rows, no outliers, unknown noise."""
+    rows = len(problem)
+    inside = np.ones(rows, bool) if estimation is None else np.asarray(estimation, bool)
+    if inside.shape != (rows,):
+        raise ValueError(
+            f"estimation has shape {inside.shape}; expected ({rows},), one truth value per row"
+        )
+    fold = np.full(rows, -1, dtype=np.intp)
+    fold[inside] = assign_folds(problem.data.take(inside), folds, generator(seed, "folds"))
+    return Split(problem, inside, np.zeros(rows, bool), fold, known_sigma=False)
+
+
+def _compare_to_best(
+    evaluation: Evaluation, best: Evaluation, configuration: Index
+) -> tuple[float | None, float | None]:
+    """Difference of cross-validated rms [mm] from the best model's, and its standard error.
+
+    By the delta method over G configurations of n_g rows: with S_g the sum of squared lengths of a
+    configuration and r the rms of all m rows, z_g = (S_g − n_g r²) / (2 m r) is its influence on
+    r; the standard error is √(G/(G−1) Σ (z_g − z_g of the best)²)."""
+    if evaluation.crossed is None or best.crossed is None:
+        return None, None
+    difference = _cv_rms(evaluation) - _cv_rms(best)
+    influence = _influence(evaluation.crossed, configuration)
+    influence = influence - _influence(best.crossed, configuration)
+    count = len(influence)
+    if count < 2:
+        return difference, None
+    variance = count / (count - 1) * float(np.square(influence).sum())
+    return difference, float(np.sqrt(variance))
+
+
+def _influence(length: Array, configuration: Index) -> Array:
+    """Influence (G,) of every configuration on the rms of the lengths (m,) [mm]."""
+    _, unit = np.unique(configuration, return_inverse=True)
+    squares = np.bincount(unit, np.square(length))
+    rms = float(np.sqrt(np.square(length).mean()))
+    excess = squares - np.bincount(unit) * rms**2
+    return np.asarray(excess / (2 * len(length) * max(rms, TINY)))
+
+
+def _note(
+    evaluation: Evaluation, difference: float | None, standard_error: float | None, *, best: bool
+) -> str:
+    remarks = [evaluation.note] if evaluation.note else []
+    if best:
+        remarks.append("lowest cross-validated error")
+    elif difference is not None and standard_error is not None and difference < 2 * standard_error:
+        remarks.append("not distinguishable from the best")
+    if evaluation.aicc is None:
+        remarks.append("saturated: AICc undefined")
+    return "; ".join(remarks)
+
+
+def _cv_rms(evaluation: Evaluation) -> float:
+    """Cross-validated rms [mm]; infinite where it is undefined."""
+    return _or_infinite(_or_none(evaluation.cv_rms_mm))
+
+
+def _or_none(value: float | None) -> float | None:
+    return value if value is not None and np.isfinite(value) else None
+
+
+def _or_infinite(value: float | None) -> float:
+    return np.inf if value is None else value
