@@ -152,7 +152,9 @@ def test_no_test_against_what_is_estimated(rng) -> None:
 )
 def test_a_finding_that_held_out_rows_speak_against(interval, said, monkeypatch) -> None:
     effect = SimpleNamespace(candidate=SimpleNamespace(label="play"))
-    monkeypatch.setattr("modelsel.results.finding_records.sentence", lambda _: "Joint 2 has play.")
+    monkeypatch.setattr(
+        "modelsel.results.finding_records.describe_effect", lambda _: "Joint 2 has play."
+    )
     finding = Finding(effect, Gain(0.1, 0.12, interval))
     assert finding.sentence.startswith("Joint 2 has play.")
     assert (

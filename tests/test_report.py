@@ -412,6 +412,9 @@ def extended(result: dict, rng: np.random.Generator) -> dict:
         "standard_error": 0.3,
         "bootstrap_error": 0.3,
         "posterior_error": None,
+        "mean_mm": 0.1,
+        "max_mm": 0.2,
+        "configurations": 80.0,
         "differ": False,
     }
     return result | {
