@@ -28,7 +28,7 @@ import modelsel.uncertainty.bootstrap
 import modelsel.uncertainty.parameters
 from modelsel import Model, mechanism
 from modelsel._random import generator
-from modelsel.diagnosis.outliers import misplaced
+from modelsel.diagnosis.data_faults import find_misplaced_rows
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.unexplained import estimate_predictability
 from modelsel.fitting.design import residuals
@@ -177,7 +177,7 @@ def study(condition: str, seed: Sequence[int]) -> Study:
     told = estimate_predictability(
         at.data.take(data.used), left, (False,) * 3, generator(seed[-1], "flips")
     )
-    wrong = misplaced(at, data.outlying, extension.fit, generator(seed[-1], "null"))
+    wrong = find_misplaced_rows(at, data.outlying, extension.fit, generator(seed[-1], "null"))
     single = (
         compare_nested(both, own, bootstrap_parameters(data, both, generator(seed[-1], "halves")))[
             1

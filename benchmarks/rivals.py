@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import betaincc, gammaln
 
+from modelsel.diagnosis.candidate_columns import Columns, build_columns, stack_design
 from modelsel.diagnosis.candidates import Candidate
-from modelsel.diagnosis.scan import Columns, Scan, columns, compute_basis, scan, stacked
+from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import Fit
 from modelsel.fitting.problem import Problem
@@ -57,7 +58,7 @@ class Bench:
             return np.zeros((len(self.ahead_r), 0))
         owner = {int(i): (g, k) for g, s in enumerate(self.cols.slices) for k, i in enumerate(s)}
         terms = [self.found[g].mechanism.terms[k] for g, k in (owner[int(i)] for i in rows)]
-        return stacked(self.fresh, terms, self.at.at())[0]
+        return stack_design(self.fresh, terms, self.at.at())[0]
 
     def rows_of(self, groups: Sequence[int]) -> list[int]:
         """Columns of some candidates, each once."""
@@ -68,15 +69,15 @@ def bench(
     problem: Problem, fresh: Problem, base: Model, base_fit: Fit, found: tuple[Candidate, ...]
 ) -> Bench:
     """All columns, linearised at the fitted base."""
-    cols = columns(problem, found, base_fit.at())
-    A, r = stacked(problem, base.terms, base_fit.at())
-    B, s = stacked(fresh, base.terms, base_fit.at())
+    cols = build_columns(problem, found, base_fit.at())
+    A, r = stack_design(problem, base.terms, base_fit.at())
+    B, s = stack_design(fresh, base.terms, base_fit.at())
     Q = compute_basis(A[:, list(base_fit.found.kept)])
     kept = list(base_fit.found.kept)
     return Bench(
         found,
         cols,
-        scan(cols, Q),
+        build_scan(cols, Q),
         A[:, kept],
         r - Q @ (Q.T @ r),
         B[:, kept],
@@ -133,7 +134,7 @@ def forward(table: Bench, kind: str, p_critical: float = 0.0) -> list[int]:
         X = table.cols.XT[table.cols.slices[g]].T
         Q = np.hstack([Q, basis_beyond(X, Q)])
         r = r - Q @ (Q.T @ r)
-        seen = scan(table.cols, Q)
+        seen = build_scan(table.cols, Q)
     return chosen
 
 

@@ -45,13 +45,13 @@ if (
     from .robot.kinematics import screw_field as screw_field
     from .selection.evaluation import estimate_gain as estimate_gain
     from .selection.splits import split_configurations as split_configurations
-    from .study.planning import Planned as Planned
+    from .study.planning import MeasurementPlan as MeasurementPlan
     from .study.planning import plan_next as plan_next
     from .study.result import Result as Result
     from .study.result import load_result as load_result
-    from .study.runner import rehearse as rehearse
-    from .study.runner import run as run
-    from .study.runner import simulate_study as simulate_study
+    from .study.runner import rehearse_study as rehearse_study
+    from .study.runner import run_study as run_study
+    from .study.simulation import simulate_study as simulate_study
 
 __version__ = VERSION
 
@@ -75,9 +75,10 @@ _NAMES = {
     "robot.kinematics": "Robot forward screw_field",
     "selection.evaluation": "estimate_gain",
     "selection.splits": "split_configurations",
-    "study.planning": "Planned plan_next",
+    "study.planning": "MeasurementPlan plan_next",
     "study.result": "Result load_result",
-    "study.runner": "rehearse run simulate_study",
+    "study.runner": "rehearse_study run_study",
+    "study.simulation": "simulate_study",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_HOME)

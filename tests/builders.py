@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from modelsel._typing import Array
+from modelsel.config.study_file import Study
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import Measurements, build_measurements
@@ -105,4 +106,34 @@ def study_of(at: Problem, held_out: int = 0, folds: int = 5) -> Split:
     estimation = np.arange(m) < m - held_out
     return Split(
         at, estimation, np.zeros(m, bool), np.where(estimation, np.arange(m) % folds, -1), False
+    )
+
+
+def study_with(
+    tool: Sequence[float] | None = OFF_AXIS,
+    seed: int = 1,
+    *,
+    register: bool | str = False,
+    estimation: int | None = None,
+    column: str | None = None,
+    held_out: str = "held-out",
+    noise: dict[str, float] | None = None,
+) -> Study:
+    """A study of a set-up, for tests that read no file; without a tool and registration it is the
+    flange."""
+    robot = {"name": "ur5", "register": register}
+    if tool is not None or not register:
+        robot["tool_mm"] = [float(v) for v in tool or (0, 0, 0)]
+    split = {"held_out": held_out} | {
+        key: value
+        for key, value in (("estimation", estimation), ("column", column))
+        if value is not None
+    }
+    return Study(
+        name="test",
+        seed=seed,
+        robot=robot,
+        measurements="none.csv",
+        split=split,
+        noise=noise or {},
     )

@@ -138,7 +138,7 @@ def run(place: Path, kills: int, rng: np.random.Generator, sampling: bool) -> di
         options = SamplingOptions(min_times=2, max_r_hat=100.0, max_evaluations=0)
         pipeline.build_log_posterior = partial(pipeline.build_log_posterior, options=options)
         pipeline.sample_confidence = partial(pipeline.sample_confidence, options=options)
-        checkpoint.EVERY = 0.0
+        checkpoint.COPY_INTERVAL_S = 0.0
     else:
         words.insert(2, "--no-sampling")
     study = place / "study.toml"

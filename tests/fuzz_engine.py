@@ -187,15 +187,16 @@ def fleet_here(monkey: Callable[[str, Any], None]) -> None:
 
     from modelsel.study import fleet_runner as module
 
-    def only_parts(read: Any, out: Path, client: Any, **_: Any) -> list[Any]:
+    def only_parts(read: Any, out: Path, client: Any, *_: Any, **__: Any) -> list[Any]:
         return [
-            module._whole_set(part, read.folder, out / part.name, client) for part in read.parts
+            module.fit_measurement_set(part, read.folder, out / part.name, client)
+            for part in read.parts
         ]
 
     monkey("modelsel.study.fleet_runner.cluster", nobody)
     monkey("modelsel.study.fleet_runner.run_fleet", only_parts)
     monkey(
-        "modelsel.study.fleet_runner._on_workers",
+        "modelsel.study.fleet_runner.map_on_workers",
         lambda client, work, items: [work(item) for item in items],
     )
 

@@ -18,10 +18,9 @@ from hidden_effects import one
 
 from modelsel.config.study_file import parse_study
 from modelsel.measurements.measurements import build_measurements
-from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.kinematics import Robot
-from modelsel.study.pipeline import Question, Result, analyse
-from modelsel.study.runner import candidates_of, plan_of
+from modelsel.study.pipeline import analyse
+from modelsel.study.result import Result
 
 ROBOT: Robot = replace(small_arm(), gravity=(0.0, 0.0, -1.0))
 TOOL, NOISE = (250.0, -60.0, 90.0), 0.04
@@ -45,9 +44,7 @@ def study(
     data = build_measurements(
         state.q, measured(body, state, effects, rng, NOISE), covariates=dict(state.covariates)
     )
-    asked = parse_study(STUDY, "study.toml")
-    question = Question(asked, plan_of(asked), ROBOT, candidates_of(asked, ROBOT, BUILTIN), BUILTIN)
-    return analyse(question, data, labels=role)
+    return analyse(parse_study(STUDY, "study.toml"), ROBOT, data, labels=role)
 
 
 def campaign(
@@ -102,7 +99,7 @@ def test_causes_that_differ_where_no_configuration_went(angle, truth, rng) -> No
         if truth in {e.candidate.mechanism.name for e in f.effect.named.entries}
     )
     unsure = rivals.effect.named.verdict == "cannot be told apart"
-    assert unsure or "would move the target alike" in rivals.sentence, rivals.sentence
+    assert unsure or "would move the target in the same way" in rivals.sentence, rivals.sentence
 
 
 def test_a_cause_that_runs_with_another(rng) -> None:

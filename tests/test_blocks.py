@@ -10,7 +10,7 @@ import pytest
 from builders import drawn, planted, study_of
 
 from modelsel._random import generator
-from modelsel.diagnosis.scan import stacked
+from modelsel.diagnosis.candidate_columns import stack_design
 from modelsel.fitting import problem, state_variables
 from modelsel.fitting import reduction as reduce
 from modelsel.fitting.design import Model, residuals
@@ -143,7 +143,7 @@ def test_rows_of_the_table_are_one_linear_step(split: Split) -> None:
     base = fit(training, BASE)
     for row in compare_subsets(split, base, OFFERED, ("geometric",)).best[:6]:
         model, root = BASE + tuple(m for m in OFFERED if m.name in row.names), row.fit.root
-        X, r = stacked(training, model.terms, base.at())
+        X, r = stack_design(training, model.terms, base.at())
         kept = list(row.fit.found.kept)
         theta = np.append(base.theta, np.zeros(len(model.terms) - len(base.theta)))
         step = np.linalg.lstsq(

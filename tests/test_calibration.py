@@ -35,14 +35,14 @@ from modelsel.mechanisms.serialization import cause_from_record, cause_record
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
 from modelsel.selection.evaluation import Split
-from modelsel.study.runner import run
+from modelsel.study.runner import run_study
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"
 
 
 @pytest.fixture(scope="module")
 def result():
-    return run(read_study(PUMA / "study.toml"), PUMA, sampling=False)
+    return run_study(read_study(PUMA / "study.toml"), PUMA, sampling=False)
 
 
 def test_study_comes_back_exactly(result, tmp_path) -> None:
@@ -193,7 +193,7 @@ def test_refusals(rng) -> None:
 
 
 def test_same_bytes(result) -> None:
-    again = run(read_study(PUMA / "study.toml"), PUMA, sampling=False)
+    again = run_study(read_study(PUMA / "study.toml"), PUMA, sampling=False)
     assert calibration_text(result.calibration) == calibration_text(again.calibration)
 
 

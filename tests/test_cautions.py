@@ -11,10 +11,12 @@ import pytest
 from builders import bind, measured, seeds, small_arm, study_of
 
 from modelsel.config.study_file import read_study
+from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.sentences import list_cautions
-from modelsel.diagnosis.stepwise import Effect, run_stepwise_search
+from modelsel.diagnosis.stepwise import run_stepwise_search
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.measurements.measurements import build_measurements
@@ -25,13 +27,13 @@ from modelsel.results.cautions import harmful_base_notes, restriction_notes
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Gain
-from modelsel.study.runner import run
+from modelsel.study.runner import run_study
 
 STUDY = Path(__file__).parent.parent / "studies" / "puma760"
 ARM = load("ur10")
 BASE = Model((mechanism("geometric", ARM),))
 TOOL = np.array([60.0, -40.0, 120.0])
-OPEN = "the data do not tell the size of k: its standard error is larger than such an error usually is "
+OPEN = "the data do not determine the size of k: its standard error is larger than such an error usually is "
 
 
 # -- a list that was asked alone
@@ -49,7 +51,7 @@ def test_a_study_of_few_candidates_says_that_no_other_was_considered(asked: list
     study = study.model_copy(
         update={"model": study.model.model_copy(update={"candidates": asked, "ladder": []})}
     )
-    result = run(study, STUDY, sampling=False).record.to_dict()
+    result = run_study(study, STUDY, sampling=False).record.to_dict()
     names = " and ".join(asked)
     assert result["verdict"][1].endswith(
         f"Only {names} could be named: no other cause was considered."
@@ -60,7 +62,7 @@ def test_a_study_of_few_candidates_says_that_no_other_was_considered(asked: list
     )
     assert {e["mechanism"] for f in result["findings"] for e in f["credible_set"]} <= {None, *asked}
     for found in result["findings"]:
-        assert found["verdict"] != "found" or " of those asked" in found["sentence"]
+        assert found["verdict"] != "found" or " among those considered" in found["sentence"]
 
 
 @pytest.mark.parametrize("asked", ["all", []])
@@ -75,7 +77,7 @@ def test_a_study_of_all_candidates_says_nothing(asked: list[str] | str) -> None:
 def effect(
     term: Term, value: float, error: float, cancels: tuple[str, float] | None = None
 ) -> Effect:
-    candidate = Candidate(Mechanism("x", (term,), "Something."), True, 1.0)
+    candidate = Candidate(Mechanism("x", (term,), "Something."), CandidateKind.MECHANISM, 1.0)
     return Effect(
         candidate, SimpleNamespace(entries=()), 0.01, np.array([value]), np.array([error]), cancels
     )  # type: ignore[arg-type]
@@ -101,7 +103,7 @@ def test_two_effects_that_undo_one_another_say_so() -> None:
     term = Term("k", (Screw(2, "rz", sin(q(2))),))
     (words,) = list_cautions(effect(term, 1e-3, 1e-4, ("tracker-step", 0.04)))
     assert words.startswith(
-        "tracker-step takes most of it back, together they move the target by 4% of what either does alone"
+        "tracker-step cancels most of it; together they move the target by 4% of what either does alone"
     )
 
 
@@ -223,6 +225,6 @@ def test_a_study_whose_geometry_is_worse_says_so(tmp_path: Path, rng: np.random.
     )
     warnings = {
         w["code"]: w["sentence"]
-        for w in run(tmp_path / "study.toml", sampling=False).record.to_dict()["warnings"]
+        for w in run_study(tmp_path / "study.toml", sampling=False).record.to_dict()["warnings"]
     }
     assert "the fitted base model (geometric) errs by " in warnings["base-worse-than-nominal"]

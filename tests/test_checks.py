@@ -33,9 +33,9 @@ from modelsel.setup.measured_orientations import describe_orientation_mistake
 from modelsel.setup.mistakes import describe_setup_mistake
 from modelsel.setup.registration import register
 from modelsel.setup.target_labels import describe_swapped_labels
-from modelsel.study.checks import outcome, setup_notes, told_with
+from modelsel.study.checks import add_alarms_to_errors, check_chosen_model, check_setup
 from modelsel.study.result import Result
-from modelsel.study.runner import rehearse, run
+from modelsel.study.runner import rehearse_study, run_study
 
 NOISE = 0.05
 TOOLS = {"A": (40.0, -25.0, 100.0), "B": (-30.0, 40.0, 80.0)}
@@ -98,7 +98,7 @@ def studied(
         f'name = "s"\n[robot]\nname = "{robot}"\n{tool}\n[measurements]\n'
         f'file = "measurements.csv"\n[model]\ncandidates = []\n{more}'
     )
-    return run(folder, sampling=False)
+    return run_study(folder, sampling=False)
 
 
 def said(result: Result, code: str) -> str:
@@ -408,7 +408,7 @@ def test_another_robots_links_are_no_mistake_in_this_ones(rng, tmp_path) -> None
     at = replace(at, robot=wrong)
     use = np.ones(len(at), bool)
     placed = register(at, use, False)
-    assert {n.code for n in setup_notes(placed, use, True, False)} == {"other-robot"}
+    assert {n.code for n in check_setup(placed, use, True, False)} == {"other-robot"}
     assert "the nominal arm's" in (describe_setup_mistake(placed, use, True) or "")
     assert describe_setup_mistake(placed, use, True, links=False) is None
 
@@ -423,7 +423,7 @@ def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:
     )
     first = result.record.verdict[0]
     assert first.startswith(
-        "This fit explains the data badly, and nothing that follows can be relied on: "
+        "This fit explains the data poorly, and nothing that follows can be relied on: "
     )
     assert "of the arm's reach" in first
     assert (
@@ -443,14 +443,16 @@ def test_a_detection_limit_far_below_what_is_left_is_no_comfort(rng, tmp_path) -
     result = studied(tmp_path, frame(rng))
     left = result.models.chosen.estimation.rms_mm
     known, estimated = Floor(left / 10, "repeats", 100), Floor(left / np.sqrt(3), "estimated", 100)
-    (note,) = outcome(result.split, result.models.chosen, known, left / 8, (), False)
+    (note,) = check_chosen_model(result.split, result.models.chosen, known, left / 8, (), False)
     assert note.code == "limit-below-left"
     assert (
         f"The detection limit of {left / 8:.2g} mm rms is that of one single cause: {left:.2g} mm rms are"
         in note.sentence
     )
-    assert outcome(result.split, result.models.chosen, estimated, left / 8, (), False) == ()
-    assert outcome(result.split, result.models.chosen, known, left / 2, (), False) == ()
+    assert (
+        check_chosen_model(result.split, result.models.chosen, estimated, left / 8, (), False) == ()
+    )
+    assert check_chosen_model(result.split, result.models.chosen, known, left / 2, (), False) == ()
 
 
 @pytest.mark.parametrize("by", [1, -2])
@@ -463,7 +465,7 @@ def test_rows_that_went_with_the_next_are_said(by, rng, tmp_path) -> None:
         'name = "s"\n[robot]\nname = "ur5"\nregister = true\n[measurements]\n'
         'file = "measurements.csv"\n'
     )
-    found = {w["code"]: w["sentence"] for w in rehearse(tmp_path)["warnings"]}
+    found = {w["code"]: w["sentence"] for w in rehearse_study(tmp_path)["warnings"]}
     assert (
         f"the position {abs(by)} row{'s' * (abs(by) > 1)} further {'down' if by > 0 else 'up'}"
         in found["rows-shifted"]
@@ -475,7 +477,7 @@ def test_what_cannot_be_estimated_is_refused_with_what_looks_wrong() -> None:
         pytest.raises(
             NotEstimable, match=r"it does not settle\. Check the rows: shifted\."
         ) as caught,
-        told_with((Note("rows-shifted", "shifted."), Note("gravity-unknown", "down."))),
+        add_alarms_to_errors((Note("rows-shifted", "shifted."), Note("gravity-unknown", "down."))),
     ):
         raise NotEstimable("it does not settle.", parameters=["a1"])
     assert caught.value.parameters == ("a1",)
@@ -516,7 +518,7 @@ def test_swapped_labels_of_a_study(rng, tmp_path) -> None:
     )
     assert "(lines 74 to 121)" in said(result, "labels-swapped")
     assert result.diagnosis.faults == ()
-    assert "what the warnings say of the targets" in result.record.verdict[0]
+    assert "what the warnings say about the targets" in result.record.verdict[0]
 
 
 @seeds(1, 3)
@@ -556,7 +558,7 @@ SLIPS: dict[str, tuple[Callable[[Array], Array], str]] = {
     "metres": (lambda x: x / 1000, "in metres, not millimetres"),
     "inches": (lambda x: x / 25.4, "in inches, not millimetres"),
     "sign": (lambda x: x * [1, -1, 1], "given with the wrong sign of y"),
-    "axes": (lambda x: x[:, [2, 1, 0]], "given with x and z in each other's place"),
+    "axes": (lambda x: x[:, [2, 1, 0]], "given with x and z exchanged"),
 }
 
 

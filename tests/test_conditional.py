@@ -10,12 +10,12 @@ from builders import drawn, planted, small_arm, study_of
 from scipy.special import logsumexp
 
 from modelsel._typing import Array
+from modelsel.diagnosis.evidence import RATIOS
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN, mechanism
-from modelsel.uncertainty.conditional_priors import RATIOS
 from modelsel.uncertainty.log_posterior import LogPosterior
 from modelsel.uncertainty.nuisance import assign_components, list_constants
 from modelsel.uncertainty.posterior import Importance

@@ -10,12 +10,15 @@ import pytest
 from builders import drawn, measured, planted, seeds
 
 from modelsel._typing import Array
-from modelsel.diagnosis.candidates import BETWEEN, Candidate, build_candidates
-from modelsel.diagnosis.credible_sets import name, with_candidate
+from modelsel.diagnosis.candidate_columns import build_columns, select_columns, stack_design
+from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.credible_sets import include_candidate, name_effect
 from modelsel.diagnosis.joint_curves import chain_effects, collect_curves, find_own_joint
-from modelsel.diagnosis.scan import columns, compute_basis, scan, stacked, subset
+from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.scan import build_scan, compute_basis
 from modelsel.diagnosis.state import LEVEL, Search
-from modelsel.diagnosis.stepwise import Diagnosis, run_stepwise_search
+from modelsel.diagnosis.stepwise import run_stepwise_search
+from modelsel.diagnosis.unregistered import BETWEEN
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
@@ -142,9 +145,9 @@ def test_a_part_of_the_columns_scans_like_the_whole(rng: np.random.Generator) ->
     at = drawn("puma760", rng, 100)
     base = Model((mechanism("geometric", at.robot),))
     found: tuple[Candidate, ...] = build_candidates(at, base, every(at.robot))
-    whole = columns(at, found)
+    whole = build_columns(at, found)
     curve = collect_curves(found, whole, np.log([c.prior for c in found]))[4]
-    part = subset(whole, curve.which)
+    part = select_columns(whole, curve.which)
     assert all(
         np.array_equal(part.XT[part.slices[k]], whole.XT[whole.slices[g]])
         for k, g in enumerate(curve.which)
@@ -153,7 +156,7 @@ def test_a_part_of_the_columns_scans_like_the_whole(rng: np.random.Generator) ->
         for k, i, gram in zip(block.which, block.index, block.gram, strict=True):
             assert np.array_equal(i, part.slices[k])
             assert gram == pytest.approx(part.XT[i] @ part.XT[i].T)
-    X, r = stacked(at, base.terms, None)
+    X, r = stack_design(at, base.terms, None)
     Q = compute_basis(X)
     wave = int(
         curve.which[[found[g].mechanism.name for g in curve.which].index("encoder-eccentricity:4")]
@@ -172,16 +175,16 @@ def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(
     fitted = fit(turned(at, 4, 1e-3 * np.sin(at.data.q[:, 3]), rng), base)
     found = build_candidates(at, base, every(at.robot))
     strange = next(k for k, c in enumerate(found) if c.mechanism.name == "refraction")
-    X, r = stacked(turned(at, 4, 1e-3 * np.sin(at.data.q[:, 3]), rng), base.terms, fitted.at())
-    seen = scan(columns(at, found, fitted.at()), compute_basis(X))
+    X, r = stack_design(turned(at, 4, 1e-3 * np.sin(at.data.q[:, 3]), rng), base.terms, fitted.at())
+    seen = build_scan(build_columns(at, found, fitted.at()), compute_basis(X))
     y = r - seen.Q @ (seen.Q.T @ r)
-    plain = name(seen, found, y)
+    plain = name_effect(seen, found, y)
     assert (plain.entries[0].candidate.mechanism.name, plain.verdict) == (
         "gear-eccentricity:4",
         "found",
     )
-    assert with_candidate(plain, seen, found, plain.top, y) is plain
-    told = with_candidate(plain, seen, found, strange, y)
+    assert include_candidate(plain, seen, found, plain.top, y) is plain
+    told = include_candidate(plain, seen, found, strange, y)
     assert told.verdict == "cannot be told apart"
     assert told.entries[-1].candidate is found[strange]
     assert told.entries[-1].probability < 1e-6
@@ -212,11 +215,11 @@ def test_beyond_a_shrunk_model_is_beyond_it_with_its_terms_integrated_out(
     found = build_candidates(bent, base, every(at.robot))
     search = Search(bent, base, found, rng, fit(bent, base))
     free = next(g for g, c in enumerate(found) if c.mechanism.name == "free(q4) 20")
-    view = search.fit([free], None)
+    view = search.fit_model([free], None)
     fitted, kept = view.fitted, list(view.kept)
     precision = fitted.precision
     assert precision is not None
-    A, r = stacked(bent, view.model.terms, fitted.at())
+    A, r = stack_design(bent, view.model.terms, fitted.at())
     soft = [k for k in kept if precision[k] > 0]
     firm = [k for k in kept if precision[k] == 0]
     inverse = fitted.root[:, soft].T @ fitted.root[:, soft]
@@ -228,9 +231,9 @@ def test_beyond_a_shrunk_model_is_beyond_it_with_its_terms_integrated_out(
     for name_ in ("encoder-scale:4", "refraction", "settle:2"):
         g = next(k for k, c in enumerate(found) if c.mechanism.name == name_)
         x = search.columns.XT[search.columns.slices[g][0]]
-        bucket = next(b for b in view.seen.buckets if g in b.block.which)
+        bucket = next(b for b in view.scan.buckets if g in b.block.which)
         left = bucket.left[list(bucket.block.which).index(g)][0, 0]
         assert left == pytest.approx(x @ P @ x, rel=1e-6)
-        strength = view.seen.strength(view.r[:, None]).whole[g, 0]
+        strength = view.scan.strength(view.residual[:, None]).whole[g, 0]
         assert strength == pytest.approx((x @ P @ y) ** 2 / (x @ P @ x), rel=1e-5)
-    assert view.r @ view.r == pytest.approx(y @ P @ y, rel=1e-6)
+    assert view.residual @ view.residual == pytest.approx(y @ P @ y, rel=1e-6)

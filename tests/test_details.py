@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from test_report import PUMA
 
-from modelsel import read_study, run
+from modelsel import read_study
 from modelsel.fitting.design import compute_design
 from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import BUILTIN
@@ -18,8 +18,8 @@ from modelsel.report import drawing
 from modelsel.report.pages.findings import advise_separation
 from modelsel.results.details import select_rows
 from modelsel.results.finding_schema import EntryRecord, ScrewRecord
-from modelsel.study.pipeline import Question
-from modelsel.study.runner import candidates_of, plan_of, robot_of
+from modelsel.study.model_ladder import build_model
+from modelsel.study.runner import run_study
 
 
 def entry(name: str | None, *screws: tuple[int, str, str]) -> EntryRecord:
@@ -66,10 +66,8 @@ def test_panels_show_the_effect_and_take_it_out(drawn) -> None:
 def test_slopes_of_the_map_are_those_of_a_fit(drawn) -> None:
     """A cell's slope is the first step of least squares with the base and that cell."""
     study = read_study(PUMA / "study.toml")
-    result, details = run(study, PUMA), drawing.read_source(drawn).details
-    robot = robot_of(study, PUMA)
-    question = Question(study, plan_of(study), robot, candidates_of(study, robot, BUILTIN), BUILTIN)
-    base = question.model(("geometric",), result.split.problem.data)
+    result, details = run_study(study, PUMA), drawing.read_source(drawn).details
+    base = build_model(study, result.split.problem, BUILTIN, ("geometric",))
     fitted = next(r for r in result.models.ladder if r.names == ("geometric",)).fit
     cell = Mechanism("cell", (Term("m", (Screw(5, "rz", q(4)),)),))
     problem = result.split.training()

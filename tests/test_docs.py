@@ -274,7 +274,7 @@ def test_constants_are_the_program_s() -> None:
     from modelsel.diagnosis.candidates import REGISTERED
     from modelsel.diagnosis.credible_sets import ALIKE, CREDIBLE, LISTED, SURE
     from modelsel.diagnosis.state import LEVEL
-    from modelsel.diagnosis.stepwise import MOST
+    from modelsel.diagnosis.stepwise import MAX_EFFECTS
 
     said = {
         page: (DOCS / f"{shelf}/{page}.md").read_text(encoding="utf-8")
@@ -294,7 +294,7 @@ def test_constants_are_the_program_s() -> None:
     )
     assert f"found at {LEVEL} or less" in said["files"]
     assert f"to {CREDIBLE} or {LISTED} entries" in said["files"]
-    assert MOST == 24
+    assert MAX_EFFECTS == 24
     assert "stops at twenty-four" in said["limits"]
 
 

@@ -12,7 +12,7 @@ from builders import bind, planted, small_arm, study_of
 from scipy.stats import f as fisher
 from scipy.stats import kstest, multivariate_t
 
-from modelsel.diagnosis.outliers import DRAWS, misplaced
+from modelsel.diagnosis.data_faults import DRAWS, find_misplaced_rows
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor, from_repeats
@@ -206,7 +206,7 @@ def test_a_faults_probability_is_a_posterior(rng) -> None:
     position[30] += (0.0, 25.0, 0.0)
     wrong = replace(at, data=replace(at.data, position=position))
     outlying = np.isin(np.arange(len(at)), [4, 5, 30])
-    (fault,) = misplaced(wrong, outlying, fitted, rng)
+    (fault,) = find_misplaced_rows(wrong, outlying, fitted, rng)
     assert fault.name == "swapped-reflectors"
     assert fault.rows.tolist() == [4, 5]
     residual = fitted.residuals(wrong)
@@ -240,6 +240,8 @@ def test_gross_errors_are_no_exchange(rng) -> None:
         position[row] += size * way / np.linalg.norm(way)
     outlying = np.isin(np.arange(len(at)), [4, 5, 30, 31])
     assert (
-        misplaced(replace(at, data=replace(at.data, position=position)), outlying, fitted, rng)
+        find_misplaced_rows(
+            replace(at, data=replace(at.data, position=position)), outlying, fitted, rng
+        )
         == ()
     )

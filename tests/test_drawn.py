@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from drawn_arms import LONGER, UP, Campaign, campaign
 
-from modelsel import Result, Study, run
+from modelsel import Result, Study, run_study
 from modelsel.fitting.design import residuals
 from modelsel.fitting.prior import usual_sizes
 
@@ -21,7 +21,7 @@ SIX, SEVEN = ("ur5e", "puma760", "irb120", "ur10e"), ("iiwa14", "fr3")
 
 def studied(one: Campaign, seed: int, **model: object) -> Result:
     """The study of a drawn campaign, tracker and target unknown."""
-    return run(
+    return run_study(
         Study(
             name="drawn",
             seed=seed,

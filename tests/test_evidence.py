@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from builders import drawn, seeds
 
+from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.evidence import (
     RATIOS,
@@ -16,7 +17,7 @@ from modelsel.diagnosis.evidence import (
     normalise_strength,
     sum_evidence,
 )
-from modelsel.diagnosis.scan import Scan, columns, compute_basis, scan, stacked
+from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import every, mechanism
@@ -31,9 +32,9 @@ def seen_from_base(
     base = Model((mechanism("geometric", at.robot),))
     fitted = fit(at, base)
     found = build_candidates(at, base, every(at.robot))
-    X, r = stacked(at, base.terms, fitted.at())
+    X, r = stack_design(at, base.terms, fitted.at())
     Q = compute_basis(X[:, list(fitted.found.kept)])
-    return scan(columns(at, found, fitted.at()), Q), found, r + rng.normal(size=len(r))
+    return build_scan(build_columns(at, found, fitted.at()), Q), found, r + rng.normal(size=len(r))
 
 
 @seeds(1, 2)

@@ -16,10 +16,11 @@ from scipy.special import bdtrc
 from scipy.stats import binom, kstest, t
 
 from modelsel.diagnosis.evidence import draw_null
+from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.residual_tests import adjust_residual, compute_group_p, partition_rows
 from modelsel.diagnosis.state import build_view
-from modelsel.diagnosis.stepwise import Diagnosis, run_stepwise_search
+from modelsel.diagnosis.stepwise import run_stepwise_search
 from modelsel.diagnosis.unexplained import estimate_predictability
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import Fit, fit
@@ -327,15 +328,19 @@ def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:
     has."""
     from scipy.stats import ks_2samp
 
+    from modelsel.diagnosis.candidate_columns import build_columns
     from modelsel.diagnosis.candidates import build_candidates
-    from modelsel.diagnosis.evidence import by_size, compute_null_evidence, normalise_strength
-    from modelsel.diagnosis.scan import columns
+    from modelsel.diagnosis.evidence import (
+        _compute_shares,
+        compute_null_evidence,
+        normalise_strength,
+    )
 
     at, _ = campaign(even, rng)
     base_fit = fit(at, BASE, held="nothing")
     found = build_candidates(at, BASE, every(ARM))
     log_prior = np.log([c.prior for c in found])
-    first = build_view(at, columns(at, found, base_fit.at()), BASE, base_fit)
+    first = build_view(at, build_columns(at, found, base_fit.at()), BASE, base_fit)
     exact, _ = draw_null(first.seen, log_prior, 300, rng)
     flips = []
     for _ in range(10):
@@ -346,7 +351,7 @@ def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:
         u = np.tile(2.0 * rng.integers(0, 2, (M, 30)) - 1, (3, 1)) * e[:, None]
         u -= first.Q @ (first.Q.T @ u)
         share = normalise_strength(first.seen.strength(u), np.square(u).sum(0))
-        top = {k: share.whole[which].max(0) for k, which in by_size(first.seen).items()}
+        top = {k: share.whole[which].max(0) for k, which in _compute_shares(first.seen).items()}
         flips.append(compute_null_evidence(first.seen, log_prior, share, top))
     assert ks_2samp(exact, np.concatenate(flips)).pvalue > CHANCE
     assert (

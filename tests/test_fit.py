@@ -234,7 +234,6 @@ def test_distances_are_from_where_the_tracker_stands(noise) -> None:
     """With or without the instrument's figures."""
     from modelsel import Study, load, read_measurements
     from modelsel.study.preparation import prepare
-    from modelsel.study.runner import plan_of
 
     file = Path(__file__).parents[1] / "studies" / "puma760" / "measurements.csv"
     study = Study(
@@ -245,7 +244,7 @@ def test_distances_are_from_where_the_tracker_stands(noise) -> None:
         noise={**noise, "tracker_mm": [4000, 0, 500]},
     )
     measured = read_measurements(file, (False,) * 6)
-    data = prepare(load("puma760"), measured, plan_of(study), None)[0]
+    data = prepare(study, load("puma760"), measured)[0]
     distance = np.linalg.norm(measured.position - [4000, 0, 500], axis=1)
     np.testing.assert_allclose(
         data.problem.value("range_mm"), distance, atol=15

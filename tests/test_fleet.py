@@ -8,6 +8,7 @@ import os
 import shutil
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
@@ -32,11 +33,12 @@ from modelsel.results.storage import WRITES
 from modelsel.robot.files import load
 from modelsel.selection.streaming import Parts, fit_parts, list_parts
 from modelsel.study import fleet_runner as fleets
-from modelsel.study.fleet_runner import cluster, run_fleet, save_summary
+from modelsel.study.fleet_runner import FleetOptions, cluster, run_fleet, save_summary
 from modelsel.study.result import load_result
-from modelsel.study.runner import run
+from modelsel.study.runner import run_study
 
 TOOL = (40.0, -25.0, 100.0)
+QUICK = FleetOptions(sampling=False)
 STUDY = """
 name = "arm {k}"
 seed = {k}
@@ -108,11 +110,11 @@ def test_fleet_on_two_workers(folder) -> None:
 
         thread = Thread(target=kill)
         thread.start()
-        rows = run_fleet(fleet, out, client, sampling=False, say=said.append)
+        rows = run_fleet(fleet, out, client, QUICK, say=said.append)
         thread.join()
         shutil.rmtree(out / "arm3")
         kept = (out / "arm0" / "result.json").stat().st_mtime_ns
-        again = run_fleet(fleet, out, client, sampling=False, resume=True, say=said.append)
+        again = run_fleet(fleet, out, client, replace(QUICK, resume=True), say=said.append)
     assert killed
     assert [row["name"] for row in rows] == [
         "arm0",
@@ -133,7 +135,7 @@ def test_fleet_on_two_workers(folder) -> None:
     assert (out / "arm0" / "result.json").stat().st_mtime_ns == kept
     assert any("4 of 6 are finished already" in line for line in said)
     for name in ("arm0", "arm4"):
-        alone = run(read_study(folder / name), folder / name, sampling=False)
+        alone = run_study(read_study(folder / name), folder / name, sampling=False)
         assert (out / name / "result.json").read_bytes() == alone.to_json().encode()
         assert (
             load_result(out / name).to_json() == alone.to_json()
@@ -244,7 +246,7 @@ def test_a_study_alone_in_a_fleets_folder(folder) -> None:
         assert (row["state"], row["exit"]) == ("failed", 2)
         assert "another run of modelsel works in this folder" in row["why"]
         assert not (out / "result.json").exists()
-    assert fleets._one(task, str(out), False, False)["state"] == "done"
+    assert fleets.run_task(task, str(out), QUICK)["state"] == "done"
 
 
 def test_pieces_know_nothing_of_the_one_before(folder) -> None:

@@ -24,10 +24,12 @@ from hidden_engine import Engine
 from hidden_oracle import critical_p, detection, held_by, naming_limit
 
 from modelsel.diagnosis import state as search
+from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.scan import Scan, columns, compute_basis, scan, stacked
-from modelsel.diagnosis.stepwise import Diagnosis, run_stepwise_search
-from modelsel.diagnosis.stepwise import Effect as Found
+from modelsel.diagnosis.effects import Effect as Found
+from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
+from modelsel.diagnosis.stepwise import run_stepwise_search
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
@@ -161,13 +163,13 @@ def ground() -> Iterator[Ground]:
     base = Model((mechanism("geometric", robot),))
     found = build_candidates(at, base, every(robot))
     fitted = fit(at, base)
-    seen = scan(
-        columns(at, found, fitted.at()),
-        compute_basis(stacked(at, base.terms, fitted.at())[0][:, list(fitted.found.kept)]),
+    seen = build_scan(
+        build_columns(at, found, fitted.at()),
+        compute_basis(stack_design(at, base.terms, fitted.at())[0][:, list(fitted.found.kept)]),
     )
     J = body.screws(fresh.q)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(search, "null", once(search.null))
+        patch.setattr(search, "draw_null", once(search.draw_null))
         yield Ground(body, state, fresh, found, seen, critical_p(seen, rng), J, geometry(J))
 
 

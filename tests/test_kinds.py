@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from builders import study_with
 from gauged import ANCHORS, NOISE, TOOL, Campaign, hold
 from hidden_effects import at, one
 
@@ -18,7 +19,7 @@ from modelsel.calibration.loading import parse_calibration
 from modelsel.calibration.prediction import predict
 from modelsel.calibration.storage import calibration_text
 from modelsel.calibration.validation import judge
-from modelsel.config.study_file import parse_study
+from modelsel.config.study_file import Study, parse_study
 from modelsel.diagnosis.outliers import estimate_scale, find_gross_outliers
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.exceptions import DataError, StudyError
@@ -26,7 +27,7 @@ from modelsel.fitting.batch import Ensemble
 from modelsel.fitting.design import Model, compute_design, residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.linearisation import Linearisation
-from modelsel.fitting.noise import Floor, Instrument
+from modelsel.fitting.noise import Floor
 from modelsel.fitting.observation import Fixtures
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.undetermined import describe_unidentifiable
@@ -46,11 +47,12 @@ from modelsel.selection.cross_validation import fold_by_unit
 from modelsel.selection.evaluation import Split
 from modelsel.selection.splits import assign_folds
 from modelsel.selection.streaming import Parts, list_parts
-from modelsel.study.inspection import describe
-from modelsel.study.inspection import sentences as checked
-from modelsel.study.preparation import Plan, prepare
-from modelsel.study.runner import known_features, run
-from modelsel.study.simulation import simulate_rows
+from modelsel.study.inputs import read_known_features
+from modelsel.study.inspection import inspect_measurements
+from modelsel.study.planning import format_plan as checked
+from modelsel.study.preparation import prepare
+from modelsel.study.runner import run_study
+from modelsel.study.simulation import simulate_readings
 from modelsel.uncertainty.log_posterior import LogPosterior
 from modelsel.uncertainty.nuisance import assign_components
 
@@ -83,12 +85,15 @@ def model(data: Measurements, *names: str, register: bool = False) -> Model:
     )
 
 
-def plan(estimation: int, **more: object) -> Plan:
-    return Plan(3, TOOL, estimation=estimation, **more)
+INSTRUMENT = {"range_mm": 0.01, "range_ppm": 5, "angle_urad": 5}
+
+
+def study(estimation: int | None = None, **more: object) -> Study:
+    return study_with(TOOL, 3, estimation=estimation, **more)
 
 
 def prepared(data: Measurements, estimation: int, **more: object) -> Split:
-    return prepare(PUMA, data, plan(estimation, **more))[0]
+    return prepare(study(estimation, **more), PUMA, data)[0]
 
 
 # -- each kind
@@ -269,12 +274,12 @@ def test_a_feature_that_no_estimation_row_measures_is_left_out(tmp_path) -> None
     labels = np.array(
         ["held-out" if k >= 60 else "estimation" for k in range(70)], dtype=object
     )  # all of w3
-    data, _, notes = prepare(PUMA, measured, plan(0, column="role"), labels)
+    data, _, notes = prepare(study(column="role"), PUMA, measured, labels)
     assert len(data.problem) == 60
     note = next(n for n in notes if n.code == "feature-unseen")
     assert note.sentence.startswith("10 held-out rows are left out: no estimation row measures w3")
     known = apply_known_features(measured, {"w3": KnownFeature(position=ANCHORS["w3"])})
-    assert len(prepare(PUMA, known, plan(0, column="role"), labels)[0].problem) == 70
+    assert len(prepare(study(column="role"), PUMA, known, labels)[0].problem) == 70
 
 
 def test_folds_keep_every_feature_in_the_others(tmp_path) -> None:
@@ -332,15 +337,15 @@ def test_what_a_set_up_cannot_be_is_refused(tmp_path) -> None:
         prepared(made(c, tmp_path), 63, register=True)
     for k, row in enumerate(c.rows):
         row["group"] = f"day {k % 2}"
-    with pytest.raises(StudyError, match='feature "w1" stands in several groups'):
-        prepared(made(c, tmp_path), 63, register=True, per_group=True)
+    with pytest.raises(StudyError, match='feature "w1" is in several groups'):
+        prepared(made(c, tmp_path), 63, register="per group")
     for row in c.rows[3:]:
         row["group"] = "day 0"
     c.distances(1)
     for row, day in zip(c.rows[-2:], ("day 0", "day 1"), strict=True):
         row["group"] = day
-    with pytest.raises(StudyError, match='feature "d0" stands in several groups'):
-        prepared(made(c, tmp_path), 63, per_group=True)
+    with pytest.raises(StudyError, match='feature "d0" is in several groups'):
+        prepared(made(c, tmp_path), 63, register="per group")
     del c.rows[-2:]
     few, sides = (
         made(c, tmp_path),
@@ -349,7 +354,7 @@ def test_what_a_set_up_cannot_be_is_refused(tmp_path) -> None:
     with pytest.raises(
         DataError, match=r'feature "w1" \(wire\) has 3 estimation rows; to place it takes 4'
     ):
-        prepare(PUMA, few, plan(0, column="role"), sides)
+        prepare(study(column="role"), PUMA, few, sides)
 
 
 def test_anchors_stand_where_they_stood_in_a_registered_frame(tmp_path) -> None:
@@ -422,7 +427,7 @@ def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path
         """,
         "study.toml",
     )
-    result = run(study, tmp_path, sampling=False)
+    result = run_study(study, tmp_path, sampling=False)
     told = result.record.to_dict()
     assert [(f["name"], f["fitted"]) for f in told["features"]][:2] == [
         ("w1", ["x of w1", "y of w1", "z of w1"]),
@@ -475,7 +480,7 @@ def test_simulated_rows_read_what_the_planted_arm_reads(tmp_path) -> None:
     planted = Term(
         "p", (Screw(5, "rz", mechanism("wrist-coupling:5", PUMA).terms[0].screws[0].cause),)
     )
-    frame = simulate_rows(
+    frame = simulate_readings(
         PUMA,
         np.array([TOOL]),
         [(planted.screws[0], 1e-3)],
@@ -490,7 +495,7 @@ def test_simulated_rows_read_what_the_planted_arm_reads(tmp_path) -> None:
     np.testing.assert_allclose(residuals(every, (planted,), np.array([1e-3])), 0, atol=1e-8)
     c.plates(10, 1)
     with pytest.raises(StudyError, match="rows of kind plane hold the arm to a place"):
-        simulate_rows(
+        simulate_readings(
             PUMA,
             np.array([TOOL]),
             [],
@@ -504,7 +509,7 @@ def test_check_counts_rows_by_kind(tmp_path) -> None:
     c = campaign()
     c.wires(60)
     c.touches(20, 4)
-    found = describe(PUMA, read_measurements(c.file(tmp_path), ARM))
+    found = inspect_measurements(PUMA, read_measurements(c.file(tmp_path), ARM))
     assert found["kinds"] == {"wire": 60, "same-point": 20}
     assert "Rows by kind: 60 wire (w1, w2, w3), 20 same-point (p0, p1, p2, p3)" in checked(found)
 
@@ -731,12 +736,12 @@ def test_what_a_study_knows_of_features_is_checked(tmp_path) -> None:
     ]
     with pytest.raises(StudyError, match="say how a tracker measures points"):
         prepare(
+            study(40, noise=INSTRUMENT),
             PUMA,
             replace(made(c, tmp_path), sigma=None),
-            replace(plan(40), instrument=Instrument(0.01, 5, 5)),
         )
-    both = plan(40, instrument=Instrument(0.01, 5, 5), stated_mm=0.1)
-    _, floor, _ = prepare(PUMA, replace(made(c, tmp_path), sigma=None), both)
+    both = study(40, noise={**INSTRUMENT, "floor_mm": 0.1})
+    _, floor, _ = prepare(both, PUMA, replace(made(c, tmp_path), sigma=None))
     assert (floor.coordinate_mm, floor.source) == (0.1, "stated")
 
 
@@ -794,7 +799,7 @@ def test_the_page_s_example_is_read(tmp_path) -> None:
         'name = "a"\n[robot]\nname = "puma760"\ntool_mm = [0, 0, 100]\n[measurements]\nfile = "a.csv"\n'
         + known
     )
-    assert set(known_features(parse_study(study, "study.toml"))) == {"north", "plate", "bar"}
+    assert set(read_known_features(parse_study(study, "study.toml"))) == {"north", "plate", "bar"}
     assert all(
         f"| `{kind}` |" in text or f"`{kind}`, " in text or f"`{kind}` |" in text for kind in KINDS
     )

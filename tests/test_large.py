@@ -3,17 +3,21 @@ rows."""
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pandas as pd
 import pytest
 from builders import drawn, one, planted
 
 from modelsel.config.study_file import parse_study
-from modelsel.diagnosis import procedure as explain
+from modelsel.diagnosis.options import DiagnosisOptions
+from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.measurements.visits import number_blocks
 from modelsel.mechanisms.causes import q
 from modelsel.selection.evaluation import ResamplingOptions, estimate_gain
-from modelsel.study.runner import run
+from modelsel.study import pipeline
+from modelsel.study.runner import run_study
 
 STUDY = """
 name = "large"
@@ -38,8 +42,9 @@ def test_naming_sees_a_share_and_says_so(rng, tmp_path, monkeypatch) -> None:
     pd.DataFrame(np.column_stack([at.data.q, position]), columns=names).to_csv(
         tmp_path / "measurements.csv", index=False
     )
-    monkeypatch.setattr(explain, "SCANNED", 90)
-    result = run(parse_study(STUDY, "study.toml"), tmp_path, sampling=False)
+    of_sample = partial(diagnose_split, options=DiagnosisOptions(max_rows=90))
+    monkeypatch.setattr(pipeline, "diagnose_split", of_sample)
+    result = run_study(parse_study(STUDY, "study.toml"), tmp_path, sampling=False)
     assert "wrist-coupling" in " ".join(result.models.chosen.names)
     assert result.diagnosis.search.fit.rows == 3 * 90
     assert result.models.chosen.fit.rows == 3 * int(result.split.used.sum()) >= 3 * 198

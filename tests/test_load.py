@@ -13,8 +13,8 @@ from builders import bind, drawn, one, planted, study_of
 from click.testing import CliRunner
 
 from modelsel.cli.main import run_command_line
-from modelsel.diagnosis import candidates as possible
 from modelsel.diagnosis.candidates import build_candidates, exceeds_cell_limit
+from modelsel.diagnosis.options import DiagnosisOptions
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
@@ -233,7 +233,7 @@ def test_sixty_joints_and_two_hundred_mechanisms(rng) -> None:
     assert "encoder-eccentricity:5" in [e.candidate.mechanism.name for e in extension.effects]
 
 
-def test_the_error_map_of_many_joints_is_bounded(rng, monkeypatch) -> None:
+def test_the_error_map_of_many_joints_is_bounded(rng) -> None:
     """Its cells grow with the cube of the joints; beyond a bound, neighbours alone, which is
     said."""
     at = of_snake(16, 12, rng)
@@ -256,10 +256,9 @@ def test_the_error_map_of_many_joints_is_bounded(rng, monkeypatch) -> None:
         )
     }
     assert "1 rz sin(q3+q6) & cos(q3+q6)" in whole
-    monkeypatch.setattr(possible, "CELLS", 10)
-    assert len(
-        build_candidates(few, Model((mechanism("geometric", few.robot),)), every(few.robot))
-    ) < len(whole)
+    base, offered = Model((mechanism("geometric", few.robot),)), every(few.robot)
+    options = DiagnosisOptions(max_cells=10)
+    assert len(build_candidates(few, base, offered, options=options)) < len(whole)
 
 
 def test_a_fit_holds_no_design_matrix(rng) -> None:

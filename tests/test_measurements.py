@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from builders import drawn, seeds
+from builders import drawn, seeds, study_with
 
 from modelsel.exceptions import DataError
 from modelsel.fitting.noise import from_repeats
@@ -17,7 +17,7 @@ from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.measurements.reader import read_labels, read_measurements
 from modelsel.measurements.visits import order_units
 from modelsel.robot.files import load
-from modelsel.study.preparation import Plan, prepare
+from modelsel.study.preparation import prepare
 
 Q = "q1_rad,q2_rad"
 PLAIN = f"{Q},x_mm,y_mm,z_mm"
@@ -451,7 +451,7 @@ def test_far_from_nominal(scale, robot, words, rng) -> None:
     data = drawn("ur5", rng, 60).data
     moved = build_measurements(data.q, data.position * scale)
     with pytest.raises(DataError, match=words) as caught:
-        prepare(load(robot), moved, Plan(1, (40.0, -25.0, 100.0)))
+        prepare(study_with(), load(robot), moved)
     assert "quarter of the arm's reach" in str(caught.value)
 
 

@@ -26,8 +26,8 @@ from modelsel.mechanisms.causes import Named, q, sin
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import robot_from_table
 from modelsel.robot.kinematics import Robot, forward
-from modelsel.study.pipeline import Result
-from modelsel.study.runner import run
+from modelsel.study.result import Result
+from modelsel.study.runner import run_study
 
 DH = (
     (10.0, 300.0, 50.0, -90.0),
@@ -238,7 +238,7 @@ class Telling:
         tool = "register = true" if register else f"tool_mm = {list(TOOL)}"
         if register:
             tool += f"\ntool_mm = {list(TOOL)}"
-        return run(
+        return run_study(
             parse_study(
                 STUDY.format(
                     seed=seed, robot=name, tool=tool, file=file, split=split, candidates=candidates

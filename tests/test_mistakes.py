@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builders import OFF_AXIS, planted, seeds
+from builders import OFF_AXIS, planted, seeds, study_with
 from builders import drawn as drawn_arm
 from click.testing import CliRunner
 
@@ -30,8 +30,9 @@ from modelsel.robot.files import load
 from modelsel.robot.rigid import from_rpy
 from modelsel.setup.mistakes import describe_setup_mistake
 from modelsel.setup.registration import register
-from modelsel.study.preparation import Plan, prepare
-from modelsel.study.runner import asked, run
+from modelsel.study.inputs import read_inputs
+from modelsel.study.preparation import prepare
+from modelsel.study.runner import run_study
 
 STUDIES = Path(__file__).parents[1] / "studies"
 RIGHT_ANGLE = np.pi / 2
@@ -83,13 +84,16 @@ MISTAKES: dict[str, tuple[Change, str]] = {
     **{f"sense {j}": (sense(j), f"joint {j} turns the other way") for j in (1, 2, 3, 4, 5, 6)},
     "two senses": (sense(2, 3), "joint 2 turns the other way and joint 3 turns the other way"),
     "many senses": (sense(1, 2, 4, 5), "joints 1, 2, 4 and 5 turn the other way"),
-    "zero 90": (shifted(3, RIGHT_ANGLE), "90° is taken from q3"),
+    "zero 90": (shifted(3, RIGHT_ANGLE), "90° is subtracted from q3"),
     "zero -90": (shifted(2, -RIGHT_ANGLE), "90° is added to q2"),
     "zero 180": (shifted(4, 2 * RIGHT_ANGLE), "180° is added to q4"),
-    "columns": (columns(2, 3), "q2 and q3 change places"),
-    "wrist columns": (columns(4, 5), "q4 and q5 change places"),
+    "columns": (columns(2, 3), "q2 and q3 are exchanged"),
+    "wrist columns": (columns(4, 5), "q4 and q5 are exchanged"),
     "reversed": (lambda q, x: (q[:, ::-1], x), "the joints are counted from the flange"),
-    "coupled": (lambda q, x: (q + np.outer(q[:, 1], np.arange(6) == 2), x), "q2 is taken from q3"),
+    "coupled": (
+        lambda q, x: (q + np.outer(q[:, 1], np.arange(6) == 2), x),
+        "q2 is subtracted from q3",
+    ),
     "degrees": (lambda q, x: (np.degrees(q), x), "all readings are in degrees, not radians"),
     "radians": (lambda q, x: (np.radians(q), x), "all readings are in radians, not degrees"),
     "one radians": (
@@ -109,7 +113,7 @@ def test_a_planted_mistake_is_named_with_its_numbers(robot, name, rng) -> None:
     assert sentence is not None
     assert words in sentence
     assert re.search(
-        r"fit \d+ times better \([\d.]+ mm in place of \d+ mm, median\) if [^:]+: (check|name|convert) ",
+        r"fit \d+ times better \([\d.]+ mm instead of \d+ mm, median\) if [^:]+: (check|name|convert) ",
         sentence,
     )
 
@@ -119,7 +123,7 @@ def test_mirrored_positions(axis, rng) -> None:
     flip = np.where(np.arange(3) == axis, -1.0, 1.0)
     assert "left-handed" in (said(arm(rng, "ur5"), lambda q, x: (q, x * flip)) or "")
     own = said(arm(rng, "ur5", registered=False), lambda q, x: (q, x * flip), False) or ""
-    assert f"{'xyz'[axis]} counts the other way" in own
+    assert f"{'xyz'[axis]} has the opposite sign" in own
 
 
 @pytest.mark.parametrize("name", ["sense 1", "sense 3", "zero 90", "columns", "degrees", "metres"])
@@ -198,7 +202,7 @@ def test_the_studies_raise_no_alarm_and_their_mistakes_are_found(name, monkeypat
     if name != "puma760" and os.environ.get("MODELSEL_NO_DATA") == "1":
         pytest.skip("MODELSEL_NO_DATA=1")
     monkeypatch.setenv("MODELSEL_DATA", str(data))
-    question, measured, labels, _ = asked(
+    question, measured, labels, _ = read_inputs(
         read_study(STUDIES / name / "study.toml"), STUDIES / name, BUILTIN
     )
     notes = prepare(question.robot, measured, question.plan, labels)[2]
@@ -235,7 +239,7 @@ def test_it_is_told_first_and_nothing_is_changed(rng, tmp_path) -> None:
         ran = CliRunner().invoke(run_command_line, command)
         assert ran.exit_code == 0, ran.output
         assert words in ran.output
-    result = run(tmp_path, sampling=False)
+    result = run_study(tmp_path, sampling=False)
     assert next(w.code for w in result.warnings) == SETUP_MISTAKE
     np.testing.assert_array_equal(result.split.problem.data.q, q)
     lines = write_sentences(result.record, result.details)
@@ -252,4 +256,4 @@ def test_a_refusal_says_the_mistake(rng) -> None:
     at = arm(rng, "ur5", 40, registered=False)
     wrong = build_measurements(*sense(1)(at.data.q, at.data.position))
     with pytest.raises(DataError, match=r"quarter of the arm's reach.*joint 1 turns the other way"):
-        prepare(load("ur5"), wrong, Plan(1, OFF_AXIS))
+        prepare(study_with(), load("ur5"), wrong)

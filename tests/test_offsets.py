@@ -23,7 +23,7 @@ def same(q: Array, x: Array) -> tuple[Array, Array]:
 
 def off(sentence: str | None, joint: int) -> float:
     """Degrees to be added to a reading, as the sentence says."""
-    pattern = rf"joint {joint}'s zero is off by ([\d.]+) degrees \(\1° is (added to|taken from) q{joint}\)"
+    pattern = rf"joint {joint}'s zero is off by ([\d.]+) degrees \(\1° is (added to|subtracted from) q{joint}\)"
     found = re.search(pattern, sentence or "")
     assert found is not None, sentence
     return float(found[1]) * (1 if found[2] == "added to" else -1)

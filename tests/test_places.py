@@ -13,15 +13,15 @@ from modelsel.measurements.reader import read_measurements
 from modelsel.report import drawing, terminal
 from modelsel.report.document import collect_blocks
 from modelsel.robot.files import load
-from modelsel.study.runner import run
-from modelsel.study.simulation import simulate
+from modelsel.study.runner import run_study
+from modelsel.study.simulation import simulate_points
 
 
 def spoilt(tmp_path, kind: str, rng: np.random.Generator) -> tuple[object, np.ndarray, str]:
     """(source, rows whose positions are exchanged in pairs, how its user calls them) of an arm of
     three joints."""
     robot = load("ur5")
-    frame = simulate(
+    frame = simulate_points(
         robot,
         np.array([30.0, 0, 90]),
         [],
@@ -68,7 +68,7 @@ def test_rows_are_called_as_their_user_counts(kind, rng, tmp_path) -> None:
         split={"estimation": 60},
         model={"candidates": ["wrist-coupling"]},
     )
-    result = run(study, tmp_path, sampling=False)
+    result = run_study(study, tmp_path, sampling=False)
     assert result.record.outliers == bad.tolist()
     assert f"({words})" in " ".join(f.sentence for f in result.diagnosis.faults)
     assert any(

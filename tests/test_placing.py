@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builders import seeds
+from builders import seeds, study_with
 from exact import Array, best, flanges, flanges_of, reached, seen
 from scipy.spatial.transform import Rotation
 
@@ -21,7 +21,7 @@ from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load, read_robot
 from modelsel.robot.kinematics import Joint, Robot
 from modelsel.setup.registration import register
-from modelsel.study.preparation import Plan, prepare
+from modelsel.study.preparation import prepare
 
 SIGMA = 0.05
 TOOL = np.array([40.0, -25.0, 100.0])
@@ -145,9 +145,9 @@ def test_rows_along_a_line_are_refused_in_words(turned, error, rng) -> None:
     data, _ = site(rng, robot, along_a_line(rng, robot, turned, 0.0), error=error)
     with pytest.raises(
         NotEstimable,
-        match=r"the tracker is turned is told .* by the data: the points lie along a line.*tool_mm",
+        match=r"the data determines? the orientation of the tracker .*: the points lie along a line.*tool_mm",
     ):
-        prepare(robot, data, Plan(1, (0.0, 0.0, 100.0), register=True))
+        prepare(study_with((0, 0, 100), register=True), robot, data)
 
 
 @seeds(1, 2, 3)
@@ -169,7 +169,7 @@ def test_rows_along_a_bow_are_fitted_and_doubted(turned, error, rng) -> None:
     assert np.linalg.norm(found.tools[0] - TOOL) < 100
     codes = [
         n.code
-        for n in prepare(robot, data, Plan(1, (0.0, 0.0, 100.0), register=True, estimation=40))[2]
+        for n in prepare(study_with((0, 0, 100), register=True, estimation=40), robot, data)[2]
     ]
     assert "registration-weak" in codes
     assert "setup-mistake" not in codes
@@ -180,7 +180,7 @@ def test_what_is_told_well_is_not_doubted(rng) -> None:
     for name, codes in (("ur5", set()), ("scara", {"target-weak"})):
         robot = arm(name)
         data, _ = site(rng, robot, robot.draw(rng, 60), error=1.0)
-        found = {n.code for n in prepare(robot, data, Plan(1, None, register=True))[2]}
+        found = {n.code for n in prepare(study_with(None, register=True), robot, data)[2]}
         assert found & {"target-weak", "registration-weak"} == codes
 
 
@@ -248,4 +248,4 @@ def test_all_points_at_one_place_are_refused(rng) -> None:
         robot.draw(rng, 30), np.array([3000.0, 100, 20]) + rng.normal(0, SIGMA, (30, 3))
     )
     with pytest.raises((NotEstimable, DataError)):
-        prepare(robot, data, Plan(1, None, register=True))
+        prepare(study_with(None, register=True), robot, data)

@@ -13,7 +13,7 @@ from builders import drawn
 from click.testing import CliRunner
 
 from modelsel import Study, plan_next
-from modelsel import run as study_run
+from modelsel import run_study as study_run
 from modelsel._choices import PLAN_CRITERIA
 from modelsel.calibration.experiment_design import (
     Pool,
@@ -367,11 +367,12 @@ def test_every_target_is_seen_at_every_configuration(rng) -> None:
     """A pool without targets is seen through all of the study's; one that lists them unevenly is
     refused."""
     from modelsel.measurements.measurements import build_measurements
-    from modelsel.study.planning import every_target, table_of
+    from modelsel.study.configuration_pool import repeat_for_targets
+    from modelsel.study.planning import tabulate_configurations
 
     at = drawn(ROBOT, rng, 40, target=["a", "b"] * 20, configuration=np.repeat(np.arange(20), 2))
     q = ROBOT.draw(rng, 7)
-    possible = every_target(build_measurements(q, np.zeros((7, 3))), ("a", "b"))
+    possible = repeat_for_targets(build_measurements(q, np.zeros((7, 3))), ("a", "b"))
     assert len(possible) == 14
     assert possible.configurations == 7
     tools = np.array([[40.0, 0, 100], [0, 60.0, 100]])
@@ -380,7 +381,7 @@ def test_every_target_is_seen_at_every_configuration(rng) -> None:
     assert p.possible.shape == (7, 6, len(GEOMETRY.terms))
     assert p.configurations == 20
     c = load_calibration_like(known)
-    np.testing.assert_allclose(table_of(c, possible, [4, 2])["q3_rad"], q[[4, 2], 2])
+    np.testing.assert_allclose(tabulate_configurations(c, possible, [4, 2])["q3_rad"], q[[4, 2], 2])
     torn = replace(more, data=possible.take(np.arange(13)))
     with pytest.raises(DataError, match="different numbers of rows"):
         build_pool(known, torn, GEOMETRY.terms, ((), np.zeros(0)), SIGMA)

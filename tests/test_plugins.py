@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from modelsel import read_study, run, simulate_study
+from modelsel import read_study, simulate_study
 from modelsel.calibration.loading import load_calibration
 from modelsel.cli.main import run_command_line
 from modelsel.cli.plugins import Trial, load_plugin, render_plugin, try_mechanisms
@@ -24,6 +24,7 @@ from modelsel.mechanisms.causes import Named, Number, q
 from modelsel.mechanisms.registry import BUILTIN, find_entry_problem, mechanism, with_plugins
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load
+from modelsel.study.runner import run_study
 from modelsel.testing import LawBroken, check_mechanism, find_broken_laws
 
 PUMA = load("puma760")
@@ -245,7 +246,7 @@ def test_a_registry_with_such_a_cause_is_refused_before_the_work(model, own_caus
     steps: list[str] = []
     whole = read_study(own_cause).model_copy(update={"model": ModelTable(**model)})
     with pytest.raises(StudyError, match="bent: Squared is a kind of cause of its own"):
-        run(whole, own_cause, registry={**BUILTIN, **mechanisms()}, say=steps.append)
+        run_study(whole, own_cause, registry={**BUILTIN, **mechanisms()}, say=steps.append)
     assert steps == ["reading measurements.csv"]
 
 

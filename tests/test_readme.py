@@ -60,7 +60,7 @@ def printed(blocks: list[str], names: dict[str, object]) -> list[str]:
     return out
 
 
-def excerpt(result: modelsel.study.pipeline.Result) -> str:
+def excerpt(result: modelsel.Result) -> str:
     """The sentences of a study's output."""
     from rich.console import Console
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from modelsel.config.study_file import read_study
-from modelsel.study.pipeline import Result
-from modelsel.study.runner import run
+from modelsel.study.result import Result
+from modelsel.study.runner import run_study
 
 STUDIES = Path(__file__).parents[1] / "studies"
 DATA = {"wam-tracker": "jacobi-wam", "positioner": "rct-positioner"}
@@ -28,7 +28,7 @@ def ran(name: str, monkeypatch: pytest.MonkeyPatch) -> Result:
             f"{DATA[name]} is not at {data}: set MODELSEL_DATA, or MODELSEL_NO_DATA=1 to go without"
         )
     monkeypatch.setenv("MODELSEL_DATA", str(data))
-    return run(read_study(STUDIES / name / "study.toml"), STUDIES / name, sampling=False)
+    return run_study(read_study(STUDIES / name / "study.toml"), STUDIES / name, sampling=False)
 
 
 def shown(name: str) -> dict[str, list[float]]:

@@ -31,7 +31,7 @@ from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.robot.urdf import read_urdf_text
 from modelsel.study.result import Result
-from modelsel.study.runner import run
+from modelsel.study.runner import run_study
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"
 NOISE = 0.02
@@ -49,7 +49,7 @@ estimation = 80
 
 @pytest.fixture(scope="module")
 def puma() -> tuple[Result, Calibration]:
-    result = run(read_study(PUMA / "study.toml"), PUMA, sampling=False)
+    result = run_study(read_study(PUMA / "study.toml"), PUMA, sampling=False)
     return result, parse_calibration(calibration_text(result.calibration))
 
 
@@ -139,7 +139,7 @@ def warm_study(folder: Path, low: float, high: float, nominal_at: float, seed: i
         zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True)
     )
     pd.DataFrame(columns | {"temperature_C": warm}).to_csv(folder / "m.csv", index=False)
-    return run(parse_study(STUDY, "study.toml"), folder, sampling=False)
+    return run_study(parse_study(STUDY, "study.toml"), folder, sampling=False)
 
 
 @pytest.mark.parametrize(("low", "high", "counted"), [(18.0, 36.0, 20), (22.0, 32.0, 27)])
@@ -292,7 +292,7 @@ def test_a_registered_geometry_is_as_good_as_it_says(tmp_path) -> None:
         zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True)
     )
     pd.DataFrame(columns).to_csv(tmp_path / "m.csv", index=False)
-    result = run(
+    result = run_study(
         parse_study(STUDY.replace("tool_mm = [0, 0, 100]", "register = true"), "study.toml"),
         tmp_path,
         sampling=False,

@@ -17,7 +17,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from modelsel import read_study, run
+from modelsel import read_study
 from modelsel._records import parse_record
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
@@ -28,6 +28,7 @@ from modelsel.results.details_schema import DetailsRecord
 from modelsel.results.schema import StudyRecord
 from modelsel.results.storage import WRITES
 from modelsel.results.study_sentences import TABLE_PURPOSE
+from modelsel.study.runner import run_study
 
 ROOT = Path(__file__).parents[1]
 PUMA = ROOT / "studies" / "puma760"
@@ -363,7 +364,7 @@ LITTLE = {
 @pytest.mark.parametrize("case", LITTLE)
 def test_sound_with_little_to_draw(case, tmp_path) -> None:
     folder = small(tmp_path, **LITTLE[case])
-    result = run(read_study(folder / "study.toml"), folder, sampling=False)
+    result = run_study(read_study(folder / "study.toml"), folder, sampling=False)
     out = tmp_path / "out"
     result.save(out)
     assert drawing.draw(out) == [out / "report.pdf", out / "report.html"]

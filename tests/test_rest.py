@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 from builders import drawn, seeds, small_arm
 
+from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import build_candidates
-from modelsel.diagnosis.scan import columns, compute_basis, scan, stacked
+from modelsel.diagnosis.scan import build_scan, compute_basis
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.measurements.measurements import Measurements, build_measurements
@@ -92,8 +93,8 @@ def test_a_resting_joint_is_the_place_of_no_cause_of_motion(rng: np.random.Gener
     at = replace(at, data=build_measurements(q, at.data.position))
     base = Model((mechanism("geometric", robot),))
     fitted, found = fit(at, base), build_candidates(at, base, every(robot), cells=False)
-    X, _ = stacked(at, base.terms, fitted.at())
-    sizes = scan(columns(at, found, fitted.at()), compute_basis(X)).sizes
+    X, _ = stack_design(at, base.terms, fitted.at())
+    sizes = build_scan(build_columns(at, found, fitted.at()), compute_basis(X)).sizes
     moved = {c.label: k for c, k in zip(found, sizes, strict=True)}
     assert [moved[f"{stem}:2"] for stem in ("approach-backlash", "overshoot", "settle")] == [
         0,

@@ -13,7 +13,7 @@ import pytest
 from builders import OFF_AXIS, one, planted, small_arm
 from builders import drawn as scene_of
 
-from modelsel import Study, load_result, run
+from modelsel import Study, load_result, run_study
 from modelsel.calibration.storage import calibration_text
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
@@ -65,7 +65,7 @@ def frame() -> pd.DataFrame:
 
 @pytest.fixture(scope="module")
 def result(frame) -> Result:
-    return run(Study(name="arm <b>7</b>", measurements=frame, **TABLES_OF_IT), sampling=False)
+    return run_study(Study(name="arm <b>7</b>", measurements=frame, **TABLES_OF_IT), sampling=False)
 
 
 # -- a study in Python
@@ -80,7 +80,7 @@ def test_a_study_in_python_is_that_of_the_file(frame, result, tmp_path) -> None:
     described = Study(name="arm <b>7</b>", measurements={"file": Path("m.csv")}, **TABLES_OF_IT)
     assert described == parse_study(TOML, "study.toml")
     assert described == Study(name="arm <b>7</b>", measurements="m.csv", **TABLES_OF_IT)
-    from_file = run(tmp_path, sampling=False).record
+    from_file = run_study(tmp_path, sampling=False).record
     assert from_file.provenance.study_sha256 != result.record.provenance.study_sha256
     for record in (one := from_file.to_dict(), other := result.record.to_dict()):
         record["provenance"] = {
@@ -101,7 +101,7 @@ def test_a_robot_may_be_an_object(rng) -> None:
         split=split,
         model={"candidates": []},
     )
-    assert run(study, sampling=False).robot is arm
+    assert run_study(study, sampling=False).robot is arm
     text = study.model_dump_json()
     assert (
         text
@@ -165,7 +165,7 @@ def test_when_every_candidate_is_in_nothing_is_left_to_name(frame) -> None:
         measurements=frame,
         **TABLES_OF_IT | {"model": {"candidates": ["wrist-coupling:5"]}},
     )
-    said = run(study, sampling=False).record.nothing_else.sentence
+    said = run_study(study, sampling=False).record.nothing_else.sentence
     assert "by chance with probability 1." in said
 
 

@@ -13,9 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
+from modelsel.diagnosis.candidate_columns import build_columns, stack_design
+from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.evidence import compute_single_f
-from modelsel.diagnosis.scan import columns, compute_basis, scan, stacked
+from modelsel.diagnosis.scan import build_scan, compute_basis
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.causes import ONE
@@ -42,8 +44,8 @@ def referee(
     """(rss, rank, held-out sums of squares) of one subset: a pseudo-inverse of the unit columns,
     fold by fold."""
     A = (
-        X[:, columns] / np.maximum(np.linalg.norm(X[:, columns], axis=0), 1e-300)
-        if columns
+        X[:, build_columns] / np.maximum(np.linalg.norm(X[:, build_columns], axis=0), 1e-300)
+        if build_columns
         else np.zeros((len(y), 0))
     )
 
@@ -52,7 +54,7 @@ def referee(
         return float(np.square(y[test] - A[test] @ beta).sum())
 
     everything = np.ones(len(y), bool)
-    rank = np.linalg.matrix_rank(A, tol=1e-10) if columns else 0
+    rank = np.linalg.matrix_rank(A, tol=1e-10) if build_columns else 0
     return (
         left(everything, everything),
         int(rank),
@@ -75,14 +77,14 @@ def compare_all(
     for members, rss, rank, held, pivot in zip(
         found.members, found.rss, found.rank, found.held_out, found.pivot, strict=True
     ):
-        columns = list(
+        build_columns = list(
             dict.fromkeys([*base, *(c for g in np.flatnonzero(members) for c in groups[g])])
         )
-        want = referee(X, y, fold_of, columns)
-        assert rank == want[1], f"{message}: {columns}"
+        want = referee(X, y, fold_of, build_columns)
+        assert rank == want[1], f"{message}: {build_columns}"
         certified = max(1e-10, 50 * np.finfo(float).eps / pivot)  # the pivot certifies the figures
         np.testing.assert_allclose(
-            [rss, *held], [want[0], *want[2]], rtol=certified, err_msg=f"{message}: {columns}"
+            [rss, *held], [want[0], *want[2]], rtol=certified, err_msg=f"{message}: {build_columns}"
         )
 
 
@@ -190,15 +192,15 @@ def test_single_f_is_the_nested_f_test(rng) -> None:
     )
     at = planted(drawn("puma760", rng, 50), base.terms, rng.normal(size=39) * 1e-3, rng, 0.1)
     fitted = fit(at, base, held="nothing")
-    offered = tuple(Candidate(m, True, 0.25) for m in some)
-    A, r = stacked(at, base.terms, fitted.at())
+    offered = tuple(Candidate(m, CandidateKind.MECHANISM, 0.25) for m in some)
+    A, r = stack_design(at, base.terms, fitted.at())
     A = A[:, list(fitted.found.kept)]
     found = compute_single_f(
-        scan(columns(at, offered, fitted.at()), compute_basis(A)),
+        build_scan(build_columns(at, offered, fitted.at()), compute_basis(A)),
         r - A @ np.linalg.lstsq(A, r, rcond=None)[0],
     )
     small = sm.OLS(r, A).fit()
-    both = [np.column_stack([A, stacked(at, m.terms, fitted.at())[0]]) for m in some[:3]]
+    both = [np.column_stack([A, stack_design(at, m.terms, fitted.at())[0]]) for m in some[:3]]
     want = [sm.OLS(r, X).fit().compare_f_test(small)[0] for X in both]
     np.testing.assert_allclose(found, [*want, 0.0], rtol=1e-7)
 
@@ -210,15 +212,15 @@ def test_single_f_of_a_candidate_that_explains_all(size, rng) -> None:
     at = drawn("puma760", rng, 30)
     fitted = fit(at, Model((mechanism("geometric", at.robot),)))
     offered = [
-        Candidate(m, True, 0.5)
+        Candidate(m, CandidateKind.MECHANISM, 0.5)
         for m in (mechanism("wrist-coupling:5", at.robot), mechanism("backlash:3", at.robot))
     ]
-    cols = columns(at, offered, fitted.at())
-    A, _ = stacked(at, fitted.terms, fitted.at())
+    cols = build_columns(at, offered, fitted.at())
+    A, _ = stack_design(at, fitted.terms, fitted.at())
     Q = compute_basis(A)
     r = cols.XT[cols.slices[1][0]]
     r = r - Q @ (Q.T @ r)
-    f = compute_single_f(scan(cols, Q), size * r / np.linalg.norm(r))
+    f = compute_single_f(build_scan(cols, Q), size * r / np.linalg.norm(r))
     assert np.isfinite(f).all()
     assert f.argmax() == 1
     assert f[1] > 1e10
@@ -334,10 +336,16 @@ def test_nearly_dependent_columns_are_told_apart(rng) -> None:
     found = sweep_subsets(folded, [0, 1], [[2, 3], [4, 5], [6]])
     assert found.rank.tolist() == [2 + members @ [2, 2, 1] for members in found.members.astype(int)]
     for members, held_out in zip(found.members, found.held_out, strict=True):
-        columns = [0, 1, *(c for g in np.flatnonzero(members) for c in ([2, 3], [4, 5], [6])[g])]
+        build_columns = [
+            0,
+            1,
+            *(c for g in np.flatnonzero(members) for c in ([2, 3], [4, 5], [6])[g]),
+        ]
         for k in range(5):
-            beta = np.linalg.lstsq(X[fold_of != k][:, columns], y[fold_of != k], rcond=1e-12)[0]
-            left = y[fold_of == k] - X[fold_of == k][:, columns] @ beta
+            beta = np.linalg.lstsq(X[fold_of != k][:, build_columns], y[fold_of != k], rcond=1e-12)[
+                0
+            ]
+            left = y[fold_of == k] - X[fold_of == k][:, build_columns] @ beta
             assert held_out[k] == pytest.approx(float(left @ left), rel=1e-7)
 
 
@@ -370,11 +378,13 @@ def test_given_subsets_by_triangles(rng) -> None:
     refined = refine_subsets(folded(X, y, fold_of), [0, 1], groups, members)
     figures = zip(refined.rank, refined.rss, refined.held_out, strict=True)
     for some, found in zip(members, figures, strict=True):
-        columns = list(dict.fromkeys([0, 1, *(c for g in np.flatnonzero(some) for c in groups[g])]))
-        want = referee(X, y, fold_of, columns)
-        assert found[0] == want[1], columns
+        build_columns = list(
+            dict.fromkeys([0, 1, *(c for g in np.flatnonzero(some) for c in groups[g])])
+        )
+        want = referee(X, y, fold_of, build_columns)
+        assert found[0] == want[1], build_columns
         np.testing.assert_allclose(
-            [found[1], *found[2]], [want[0], *want[2]], rtol=1e-6, err_msg=str(columns)
+            [found[1], *found[2]], [want[0], *want[2]], rtol=1e-6, err_msg=str(build_columns)
         )
 
 

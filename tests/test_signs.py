@@ -13,12 +13,13 @@ import pytest
 from builders import bind, drawn, measured, seeds, small_arm, study_of
 from scipy.integrate import quad
 
+from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.evidence import compute_log_bayes_factors, normalise_strength
 from modelsel.diagnosis.procedure import diagnose_split
-from modelsel.diagnosis.scan import Scan, columns, compute_basis, scan, stacked
+from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
 from modelsel.diagnosis.sentences import describe_effect
-from modelsel.diagnosis.stepwise import Effect
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
@@ -55,9 +56,9 @@ def turned(joint: int, by: Array, q: Array) -> Array:
 
 def from_base(at: Problem) -> tuple[Scan, tuple[Candidate, ...], Array]:
     fitted, found = fit(at, BASE), build_candidates(at, BASE, every(ARM))
-    X, _ = stacked(at, BASE.terms, fitted.at())
+    X, _ = stack_design(at, BASE.terms, fitted.at())
     Q = compute_basis(X[:, list(fitted.found.kept)])
-    return scan(columns(at, found, fitted.at()), Q), found, Q
+    return build_scan(build_columns(at, found, fitted.at()), Q), found, Q
 
 
 # -- the evidence

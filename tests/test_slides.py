@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 from builders import bind, measured, small_arm, study_of
 
-from modelsel.diagnosis.candidates import PITCHES, build_candidates
+from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.sentences import describe_candidate
-from modelsel.diagnosis.stepwise import Effect
+from modelsel.diagnosis.unregistered import PITCHES
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import every, mechanism

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from builders import seeds
+from builders import seeds, study_with
 
 from modelsel.exceptions import StudyError
 from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.robot.files import load
 from modelsel.selection.splits import _features, split_configurations
-from modelsel.study.preparation import Plan, split
+from modelsel.study.row_selection import choose_estimation_rows
 
 ARM = load("puma760")
 TURNS = tuple(j.prismatic for j in ARM.joints)
@@ -131,15 +131,16 @@ def test_a_prismatic_joint(rng) -> None:
 def test_default_size(rng) -> None:
     """Two fifths; all of a small file."""
     data = campaign(rng)
-    assert split(data, None, Plan(1, None), TURNS).sum() == 80
-    assert split(data.take(np.arange(20)), None, Plan(1, None), TURNS).all()
+    assert choose_estimation_rows(study_with(), data, None, TURNS).sum() == 80
+    assert choose_estimation_rows(study_with(), data.take(np.arange(20)), None, TURNS).all()
 
 
 def test_by_column(rng) -> None:
     data = campaign(rng)
     role = np.array(["estimation", "held-out"], object)[(np.arange(200) % 3 == 0).astype(int)]
     assert np.array_equal(
-        split(data, role, Plan(1, None, column="role"), TURNS), np.arange(200) % 3 != 0
+        choose_estimation_rows(study_with(column="role"), data, role, TURNS),
+        np.arange(200) % 3 != 0,
     )
 
 
@@ -148,7 +149,9 @@ def test_splits_that_cannot_be(rng) -> None:
 
     def refuse(labels: list[str], match: str, **plan: object) -> None:
         with pytest.raises(StudyError, match=match):
-            split(data, np.array(labels, object), Plan(1, None, column="role", **plan), TURNS)
+            choose_estimation_rows(
+                study_with(column="role", **plan), data, np.array(labels, object), TURNS
+            )
 
     refuse(
         ["estimation"] * 39 + ["held_out"], 'holds "held_out"; expected "estimation" or "held-out"'
@@ -157,9 +160,9 @@ def test_splits_that_cannot_be(rng) -> None:
     with pytest.raises(
         StudyError, match=r"split\.estimation = 41, but the file has 40 configurations"
     ):
-        split(data, None, Plan(1, None, estimation=41), TURNS)
+        choose_estimation_rows(study_with(estimation=41), data, None, TURNS)
     twice = build_measurements(np.zeros((2, 6)), np.zeros((2, 3)), configuration=["a", "b"])
-    with pytest.raises(StudyError, match="equal joint readings stand on both sides"):
-        split(
-            twice, np.array(["estimation", "held-out"], object), Plan(1, None, column="role"), TURNS
+    with pytest.raises(StudyError, match="equal joint readings are on both sides"):
+        choose_estimation_rows(
+            study_with(column="role"), twice, np.array(["estimation", "held-out"], object), TURNS
         )

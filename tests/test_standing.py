@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from builders import drawn, small_arm
 
-from modelsel import Study, run
+from modelsel import Study
 from modelsel.measurements.measurements import build_measurements
 from modelsel.report.drawing import read_source
 from modelsel.report.pages.front import write_data_page
@@ -18,6 +18,7 @@ from modelsel.results.placements import describe_placements
 from modelsel.results.schema import BaseRecord
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_rpy
+from modelsel.study.runner import run_study
 
 PLACES = {
     "a": ((0.3, -0.5, 2.0), (2500.0, -800.0, 400.0)),
@@ -56,7 +57,7 @@ def near(found: BaseRecord, placed: str) -> None:
 def test_registered_once(rng, tmp_path) -> None:
     """In result.json, on the terminal, in the PDF and on the page; the report is drawn from the
     files alone."""
-    result = run(study(rng, True), sampling=False)
+    result = run_study(study(rng, True), sampling=False)
     placed = result.record.registration
     (base,), (target,) = placed.base_in_tracker, placed.target_on_flange
     near(base, "a")
@@ -81,7 +82,7 @@ def test_registered_once(rng, tmp_path) -> None:
 
 
 def test_registered_per_group(rng) -> None:
-    placed = run(study(rng, "per group"), sampling=False).record.registration
+    placed = run_study(study(rng, "per group"), sampling=False).record.registration
     assert [base.group for base in placed.base_in_tracker] == ["a", "b"]
     for base in placed.base_in_tracker:
         near(base, base.group)
@@ -89,7 +90,7 @@ def test_registered_per_group(rng) -> None:
 
 
 def test_not_registered_nothing_is_said(rng) -> None:
-    result = run(study(rng, False, tool_mm=TOOL), sampling=False)
+    result = run_study(study(rng, False, tool_mm=TOOL), sampling=False)
     assert "registration" not in result.record.to_dict()
     assert not any(
         line.startswith("Registered") for line in write_sentences(result.record, result.details)

@@ -14,8 +14,8 @@ from modelsel.config.fleet_file import read_fleet
 from modelsel.config.study_file import read_study
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
-from modelsel.study.fleet_runner import cluster, run_fleet
-from modelsel.study.runner import run as alone
+from modelsel.study.fleet_runner import FleetOptions, cluster, run_fleet
+from modelsel.study.runner import run_study as alone
 
 from .timing import TOOL
 
@@ -59,10 +59,12 @@ def run(count: int = 500) -> dict[str, float]:
                     type(small)(small.name, small.tasks[: 2 * workers], (), small.folder),
                     folder / "warm",
                     client,
-                    sampling=False,
+                    FleetOptions(sampling=False),
                 )
                 start = time.perf_counter()
-                rows = run_fleet(fleet, folder / f"out{workers}", client, sampling=False)
+                rows = run_fleet(
+                    fleet, folder / f"out{workers}", client, FleetOptions(sampling=False)
+                )
                 seconds[workers] = time.perf_counter() - start
                 if any(row["state"] != "done" for row in rows):
                     raise RuntimeError(f"a study failed: {rows}")

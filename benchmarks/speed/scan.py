@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from modelsel.diagnosis.candidate_columns import Block, Columns, compute_grams
 from modelsel.diagnosis.evidence import compute_factors, compute_p_value, draw_null, sum_evidence
-from modelsel.diagnosis.scan import Block, Columns, Scan, compute_basis, grams_of, scan
+from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
 
 from .timing import interleaved
 
@@ -30,11 +31,15 @@ def run() -> dict[str, float]:
         cols = Columns(
             XT,
             tuple(index),
-            (Block(np.arange(GROUPS), index, grams_of(XT, index), np.full(index.shape, np.inf)),),
+            (
+                Block(
+                    np.arange(GROUPS), index, compute_grams(XT, index), np.full(index.shape, np.inf)
+                ),
+            ),
             np.zeros(GROUPS),
         )
         Q = compute_basis(base)
-        seen = scan(cols, Q)
+        seen = build_scan(cols, Q)
         return seen, sum_evidence(compute_factors(seen, y - Q @ (Q.T @ y)), log_prior)[0]
 
     def ours() -> float:

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from modelsel._typing import Array
+from modelsel.diagnosis.candidate_columns import Columns, build_columns, stack_design
 from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.scan import Columns, Scan, columns, compute_basis, scan, stacked
+from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem
@@ -64,7 +65,7 @@ class View:
 def look(at: Problem, model: Model = BASE, cols: Columns | None = None) -> View:
     """Fit a model and scan beyond it; `cols` are those of the base."""
     found, fitted = build_candidates(at, BASE, every(ROBOT)), fit(at, model)
-    cols = columns(at, found, fitted.at()) if cols is None else cols
-    A, r = stacked(at, model.terms, fitted.at())
+    cols = build_columns(at, found, fitted.at()) if cols is None else cols
+    A, r = stack_design(at, model.terms, fitted.at())
     Q = compute_basis(A[:, list(fitted.found.kept)])
-    return View(at, fitted, found, cols, scan(cols, Q), r - Q @ (Q.T @ r))
+    return View(at, fitted, found, cols, build_scan(cols, Q), r - Q @ (Q.T @ r))

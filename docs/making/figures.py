@@ -14,7 +14,7 @@ from arm import short
 from campaigns import BASE, NOISE, ROBOT, View, effect, look, measured
 
 from modelsel._typing import Array
-from modelsel.diagnosis.credible_sets import name
+from modelsel.diagnosis.credible_sets import name_effect
 from modelsel.diagnosis.evidence import (
     RATIOS,
     compute_factors,
@@ -199,7 +199,7 @@ def credible() -> tuple[bytes, str]:
     rows = []
     for m in counts:
         view = look(measured(m, effect(truth, 1.5e-6), 30))
-        rows.append(name(view.seen, view.found, view.rest))
+        rows.append(name_effect(view.seen, view.found, view.rest))
     with use_style() as plt:
         fig, ax = plt.subplots(figsize=(6.5, 1.8), layout="constrained")
         for y, named in enumerate(rows):

@@ -29,6 +29,7 @@ from ..measurements.columns import MIN_UNCERTAINTY
 from ..measurements.measurements import Measurements
 from ..robot.rigid import rotation_vector
 from ..setup.placement import fit_rigid_transform
+from ..setup.robust_weights import compute_cauchy_weights, compute_scale
 from .calibration import Calibration
 from .prediction import compute_pose, predict, propagate_uncertainty
 
@@ -134,8 +135,7 @@ def _weighted_step(free: Array, residual: Array, weight: Array) -> Array:
 def _cauchy_weights(residual: Array) -> Array:
     """Return weights (m,) that fall beyond three median lengths of the residual (m, 3)."""
     size = np.linalg.norm(residual, axis=1)
-    scale = max(3 * float(np.median(size)), MIN_SCALE_MM)
-    return np.asarray(1 / (1 + (size / scale) ** 2))
+    return compute_cauchy_weights(size, compute_scale(size, MIN_SCALE_MM))
 
 
 def _place(start: Problem, R: Array, t: Array, offsets: Array) -> Problem:

@@ -27,16 +27,16 @@ def check_command(
     """What is in a measurements file, what it can tell and what it cannot."""
     from ..measurements.reader import read_measurements
     from ..robot.files import load, read_robot
-    from ..study.inspection import describe, sentences
+    from ..study.inspection import format_inspection, inspect_measurements
 
     arm = (
         read_robot(Path(robot), base, tip)
         if robot.endswith((".toml", ".urdf", ".xml"))
         else load(robot)
     )
-    found = describe(arm, read_measurements(data, arm.prismatic, columns))
+    found = inspect_measurements(arm, read_measurements(data, arm.prismatic, columns))
     if as_json:
         print_json(found)
     else:
-        for line in sentences(found):
+        for line in format_inspection(found):
             click.echo(line)

@@ -48,22 +48,21 @@ def fleet_command(
     """Run many studies as one job, and fit measurement sets that come in many files."""
     from .._files import check_writable, claim_folder
     from ..config.fleet_file import read_fleet
-    from ..study.fleet_runner import cluster, run_fleet, save_summary, show_fleet
+    from ..study.fleet_runner import (
+        FleetOptions,
+        cluster,
+        run_fleet,
+        save_summary,
+        show_fleet,
+    )
 
     read = read_fleet(fleet)
     folder = out if out is not None else Path("reports") / fleet.resolve().parent.name
     check_writable(folder)
+    options = FleetOptions(sampling=not no_sampling, resume=resume, reports=not no_report)
     with claim_folder(folder):
         with cluster(workers, scheduler) as client:
-            rows = run_fleet(
-                read,
-                folder,
-                client,
-                sampling=not no_sampling,
-                resume=resume,
-                reports=not no_report,
-                say=make_progress(),
-            )
+            rows = run_fleet(read, folder, client, options, say=make_progress())
         written = save_summary(rows, folder, read.name)
     if as_json:
         print_json({"fleet": read.name, "studies": rows})

@@ -11,7 +11,7 @@ from .._choices import PLAN_PURPOSES
 from ._options import make_progress, print_json
 
 if TYPE_CHECKING:
-    from ..study.planning import Planned
+    from ..study.planning import MeasurementPlan
     from ..study.result import Result
 
 
@@ -75,8 +75,9 @@ def plan_command(
     from .._files import csv_bytes, write_atomically
     from ..config.study_file import read_study
     from ..mechanisms.registry import with_plugins
-    from ..study.planning import plan_next, sentences
-    from ..study.runner import robot_of, run
+    from ..study.inputs import read_nominal_robot
+    from ..study.planning import format_plan, plan_next
+    from ..study.runner import run_study
 
     ranges = dict(map(_range, joints))
     if pool_file is not None and (limits or ranges):
@@ -85,8 +86,8 @@ def plan_command(
         )
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
-    registry, _ = with_plugins(robot=robot_of(read, path.parent))
-    result = run(read, path.parent, registry=registry, say=make_progress(), sampling=False)
+    registry, _ = with_plugins(robot=read_nominal_robot(read, path.parent))
+    result = run_study(read, path.parent, registry=registry, say=make_progress(), sampling=False)
     planned = plan_next(
         result, count, pool=pool_file, purpose=purpose, limits=limits, joints=ranges
     )
@@ -100,7 +101,7 @@ def plan_command(
         return
     text = table.to_string(index=False, float_format=lambda v: f"{v:.4f}")
     click.echo(text if out is None else f"Written: {out}")
-    for line in sentences(planned):
+    for line in format_plan(planned):
         click.echo(line)
     if more is not None:
         click.echo(
@@ -108,7 +109,7 @@ def plan_command(
         )
 
 
-def _count_more(result: Result, planned: Planned, size: float | None) -> int | None:
+def _count_more(result: Result, planned: MeasurementPlan, size: float | None) -> int | None:
     """Count the further configurations that an effect of a size [mm] needs; None where no size is
     given, or no detection limit is known."""
     from ..calibration.experiment_design import count_more_needed
@@ -119,7 +120,7 @@ def _count_more(result: Result, planned: Planned, size: float | None) -> int | N
     return count_more_needed(limit, planned.configurations, size)
 
 
-def _to_dict(planned: Planned) -> dict[str, Any]:
+def _to_dict(planned: MeasurementPlan) -> dict[str, Any]:
     """Return the plan as JSON values, without its configurations."""
     criteria = planned.indices.items()
     return {
@@ -128,8 +129,8 @@ def _to_dict(planned: Planned) -> dict[str, Any]:
         "configurations": [],
         "rivals": planned.rivals,
         "alike": planned.twins,
-        "told_apart": planned.told,
-        "told_apart_random": planned.random,
+        "told_apart": planned.probabilities,
+        "told_apart_random": planned.random_probability,
         "criteria": {
             name: {"before": before, "after": after} for name, (before, after) in criteria
         },

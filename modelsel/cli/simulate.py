@@ -22,7 +22,7 @@ def simulate_command(study: Path, out: Path, as_json: bool) -> None:
     """Make data with planted effects: [simulate] and [[simulate.effect]] of a study file."""
     from .._files import write_frame
     from ..config.study_file import read_study
-    from ..study.runner import simulate_study
+    from ..study.simulation import simulate_study
 
     path = study / "study.toml" if study.is_dir() else study
     frame = simulate_study(read_study(path), path.parent)

@@ -56,17 +56,18 @@ def study_command(
     from ..report.drawing import draw
     from ..results.storage import WRITES
     from ..study.checkpoint import Checkpoint
-    from ..study.runner import rehearse, robot_of, run
+    from ..study.inputs import read_nominal_robot
+    from ..study.runner import rehearse_study, run_study
 
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
-    registry, broken = with_plugins(robot=robot_of(read, path.parent))
+    registry, broken = with_plugins(robot=read_nominal_robot(read, path.parent))
     for name, why in broken.items():
         click.echo(f"modelsel: plug-in {name} is left out: {why}", err=True)
     folder = out if out is not None else Path("reports") / path.resolve().parent.name
     check_writable(folder)
     if dry_run:
-        found = rehearse(read, path.parent, registry=registry)
+        found = rehearse_study(read, path.parent, registry=registry)
         if as_json:
             print_json(found | {"writes": list(WRITES)})
         else:
@@ -75,7 +76,7 @@ def study_command(
     say = make_progress()
     with claim_folder(folder):
         keeper = Checkpoint(folder, resume)
-        result = run(
+        result = run_study(
             read,
             path.parent,
             registry=registry,

@@ -98,6 +98,11 @@ class RobotTable(_Table):
             )
         return self
 
+    @property
+    def per_group(self) -> bool:
+        """Whether every group has its own tracker placement."""
+        return self.register_ == "per group"
+
     @model_serializer(mode="wrap")
     def _without_none(self, plain: Plain) -> dict[str, Any]:
         """A study's hash takes in a robot given as an object by its numbers."""

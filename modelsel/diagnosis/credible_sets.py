@@ -1,28 +1,42 @@
-"""Naming one effect: from the evidence of every candidate to a credible set and a verdict."""
+"""Credible sets: from the evidence of every candidate to the smallest set that explains an effect.
+
+With Bayes factors BF_g and priors π_g the posterior probability of candidate g is
+π_g BF_g / Σ_h π_h BF_h, at the variance ratio that makes the sum largest (empirical Bayes). The
+credible set holds CREDIBLE of it (the single-effect regression of Wang, Sarkar, Carbonetto &
+Stephens 2020, "SuSiE")."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from .._linalg import TINY
 from .._typing import Array, Index
 from .candidates import Candidate
 from .evidence import compute_factors, sum_evidence
 from .scan import Scan
 
+# posterior probability that a set holds, and entries of it that are listed
 CREDIBLE = 0.95
 LISTED = 20
-ALIKE = 0.97  # correlation of two displacements beyond the model: they move the target alike
-RELATED = 0.5  # correlation above which two explanations speak of the same effect
-PASSES = 8  # times that unrelated explanations are set aside when an effect is named again
-SURE = 0.8  # probability that those who move it alike must hold together
+# cosine of two displacements beyond the model above which both move the target alike, and above
+# which both explain the same effect
+ALIKE = 0.97
+RELATED = 0.5
+# times that unrelated explanations are set aside when an effect is identified again
+MAX_PASSES = 8
+# probability that the explanations that move the target alike must have together to be "found"
+SURE = 0.8
+
+FOUND, NOT_TOLD_APART = "found", "cannot be told apart"
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One explanation in a credible set; `alike` as the most probable one moves the target;
-    `estimate` (p,) its terms alone; `place` among all candidates."""
+    """An explanation in a credible set; `alike`: it moves the target as the most probable one does;
+    `estimate` (p,): its terms fitted alone; `place`: its index among all candidates."""
 
     candidate: Candidate
     probability: float
@@ -33,9 +47,8 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class CredibleSet:
-    """One effect named: its log evidence, the smallest set that holds CREDIBLE of the probability
-    (at most LISTED listed, `more` not), the verdict, and the log probability of every candidate
-    (G,)."""
+    """The explanations of one effect: log evidence, the listed entries (`more` are not listed), the
+    verdict, the log probability (G,) of every candidate, the index of the most probable (`top`)."""
 
     evidence: float
     entries: tuple[Entry, ...]
@@ -44,146 +57,145 @@ class CredibleSet:
     log_probability: Array = field(repr=False)
     top: int = -1
 
+    def contains(self, g: int) -> bool:
+        """Return whether candidate g is listed."""
+        return any(entry.place == g for entry in self.entries)
 
-def name(
-    seen: Scan, candidates: tuple[Candidate, ...], response: Array, without: Index | None = None
+
+@dataclass(frozen=True, eq=False)
+class _Question:
+    """What a credible set is asked for: the scan, the candidates, the response (N,) that the model's
+    basis has been projected off, the log Bayes factors (ratios, G) and the log priors (G,)."""
+
+    scan: Scan
+    candidates: Sequence[Candidate]
+    response: Array
+    factors: Array
+    log_prior: Array
+
+    def answer(self, without: Index | None) -> CredibleSet:
+        """Build the credible set, leaving out the candidates `without`."""
+        log_prior = self.log_prior.copy()
+        if without is not None:
+            log_prior[without] = -np.inf
+        value, joint = sum_evidence(self.factors, log_prior)
+        # with no evidence at all every candidate has probability 0
+        log_probability = joint - value if np.isfinite(value) else joint
+        probability = np.exp(log_probability)
+        probability /= max(probability.sum(), np.finfo(float).tiny)
+        order = np.argsort(-probability, kind="stable")
+        size = int(np.searchsorted(np.cumsum(probability[order]), CREDIBLE) + 1)
+        listed = order[: min(max(size, 1), LISTED)]
+        entries = self._build_entries(listed, probability)
+        more = max(size - len(listed), 0)
+        verdict = _judge(entries)
+        return CredibleSet(value, entries, more, verdict, log_probability, int(order[0]))
+
+    def _build_entries(self, listed: Index, probability: Array) -> tuple[Entry, ...]:
+        first = compute_displacement(self.scan, int(listed[0]), self.response)
+        return tuple(self._build_entry(int(g), probability, first) for g in listed)
+
+    def _build_entry(self, g: int, probability: Array, first: Array) -> Entry:
+        displacement = compute_displacement(self.scan, g, self.response)
+        alike = compute_cosine(first, displacement) > ALIKE
+        estimate = fit_candidate_alone(self.scan, g, self.response)
+        return Entry(self.candidates[g], float(probability[g]), bool(alike), estimate, g)
+
+
+def _judge(entries: Sequence[Entry]) -> str:
+    together = sum(entry.probability for entry in entries if entry.alike)
+    return FOUND if together >= SURE else NOT_TOLD_APART
+
+
+def _ask(seen: Scan, candidates: Sequence[Candidate], response: Array) -> _Question:
+    log_prior = np.log([c.prior for c in candidates])
+    return _Question(seen, candidates, response, compute_factors(seen, response), log_prior)
+
+
+def name_effect(
+    seen: Scan, candidates: Sequence[Candidate], response: Array, without: Index | None = None
 ) -> CredibleSet:
-    """Name what explains a response (N,) that the model's basis has been projected off; `without`
-    leaves candidates out."""
-    return _named(
-        seen,
-        candidates,
-        response,
-        compute_factors(seen, response),
-        np.log([c.prior for c in candidates]),
-        without,
-    )
+    """Name what explains a response (N,) that the model's basis has been projected off; `without`:
+    indices of candidates to leave out."""
+    return _ask(seen, candidates, response).answer(without)
 
 
-def _named(
-    seen: Scan,
-    candidates: tuple[Candidate, ...],
-    response: Array,
-    known: Array,
-    log_prior: Array,
-    without: Index | None,
+def rename_effect(
+    seen: Scan, candidates: Sequence[Candidate], g: int, response: Array, without: Index
 ) -> CredibleSet:
-    if without is not None:
-        log_prior = log_prior.copy()
-        log_prior[without] = -np.inf
-    value, joint = sum_evidence(known, log_prior)
-    relative = (
-        joint - value if np.isfinite(value) else joint
-    )  # no candidate may explain it: each has probability 0
-    probability = np.exp(relative)
-    probability /= max(probability.sum(), np.finfo(float).tiny)
-    order = np.argsort(-probability, kind="stable")
-    count = int(np.searchsorted(np.cumsum(probability[order]), CREDIBLE) + 1)
-    shown = order[: min(max(count, 1), LISTED)]
-    alike = _alike(seen, shown, response)
-    entries = tuple(
-        Entry(
-            candidates[g],
-            float(probability[g]),
-            bool(a),
-            coefficients(seen, int(g), response),
-            int(g),
-        )
-        for g, a in zip(shown, alike, strict=True)
-    )
-    together = sum(e.probability for e in entries if e.alike)
-    verdict = "found" if together >= SURE else "cannot be told apart"
-    return CredibleSet(value, entries, max(count - len(shown), 0), verdict, relative, int(order[0]))
+    """Name candidate g again, given all other effects, among the explanations of the same effect.
 
-
-def coefficients(seen: Scan, g: int, response: Array) -> Array:
-    """(k,) least-squares terms of candidate g, fitted alone beyond the model."""
-    bucket = next(b for b in seen.buckets if g in b.block.which)
-    at = int(np.flatnonzero(bucket.block.which == g)[0])
-    W = bucket.W[at]
-    own = seen.columns.XT[bucket.block.index[at]]
-    return np.asarray(W.T @ (W @ (own @ response[: own.shape[1]])))
-
-
-def compute_displacement(seen: Scan, g: int, response: Array) -> Array:
-    """(N,) what candidate g, fitted alone beyond the model, makes of the response."""
-    raw = seen.columns.sum_of(coefficients(seen, g, response), g, len(response))
-    return np.asarray(raw - seen.Q @ (seen.Q.T @ raw))
-
-
-def own_evidence(seen: Scan, named: CredibleSet, g: int, response: Array) -> float:
-    """Log evidence of what moves the target as candidate g does: of the listed entries alike to it,
-    and of itself. What else may be left in the response does not count for it."""
-    mine = compute_displacement(seen, g, response)
-    mass = np.exp(named.log_probability[g])
-    for entry in named.entries:
-        if (
-            entry.place != g
-            and similar(mine, compute_displacement(seen, entry.place, response)) > RELATED
-        ):
-            mass += entry.probability
-    return named.evidence + float(np.log(max(mass, 1e-300)))
-
-
-def name_again(
-    seen: Scan, candidates: tuple[Candidate, ...], g: int, response: Array, without: Index
-) -> CredibleSet:
-    """Candidate g named given all else: among the explanations that speak of the same effect. What
-    may be left beside it in the response belongs to another finding; `without` leaves candidates
-    out from the start."""
-    mine = compute_displacement(seen, g, response)
-    strange: list[int] = without.tolist()
-    known, log_prior = compute_factors(seen, response), np.log([c.prior for c in candidates])
-    named = _named(seen, candidates, response, known, log_prior, without)
-    for _ in range(
-        PASSES if np.any(mine) else 0
-    ):  # an effect that the others absorb whole has nothing of its own
-        others = [
-            e.place
-            for e in named.entries
-            if e.place != g
-            and similar(mine, compute_displacement(seen, e.place, response)) <= RELATED
+    What else may be left in the response belongs to another effect: explanations that are listed
+    but unrelated to g are set aside until g is the most probable, or none is left."""
+    question = _ask(seen, candidates, response)
+    named = question.answer(without)
+    displacement = compute_displacement(seen, g, response)
+    if not np.any(displacement):
+        return named  # the other effects absorb it completely
+    aside = without.tolist()
+    for _ in range(MAX_PASSES):
+        unrelated = [
+            entry.place
+            for entry in named.entries
+            if entry.place != g and not _is_related(seen, entry, displacement, response)
         ]
-        if not others or named.top == g:
+        if not unrelated or named.top == g:
             break
-        strange += others
-        named = _named(
-            seen, candidates, response, known, log_prior, np.array(strange, dtype=np.intp)
-        )
+        aside += unrelated
+        named = question.answer(np.array(aside, dtype=np.intp))
     return named
 
 
-def with_candidate(
-    named: CredibleSet, seen: Scan, candidates: tuple[Candidate, ...], g: int, response: Array
+def include_candidate(
+    named: CredibleSet, seen: Scan, candidates: Sequence[Candidate], g: int, response: Array
 ) -> CredibleSet:
-    """The same with candidate g, which stands in the model, in the set: where a search that went in
-    a circle stopped at a name that its own set does not hold, the data do not tell, and that is
-    said."""
-    if any(e.place == g for e in named.entries):
+    """Include candidate g, which is in the model, in its own credible set.
+
+    Where a search that went in a circle stopped at a name that its set does not list, the data do
+    not tell, and the verdict says so."""
+    if named.contains(g):
         return named
-    own = Entry(
-        candidates[g],
-        float(np.exp(named.log_probability[g])),
-        False,
-        coefficients(seen, g, response),
-        g,
-    )
-    return replace(
-        named,
-        entries=(*named.entries[: LISTED - 1], own),
-        verdict="cannot be told apart",
-        more=max(named.more - 1, 0) + len(named.entries[LISTED - 1 :]),
-    )
+    probability = float(np.exp(named.log_probability[g]))
+    estimate = fit_candidate_alone(seen, g, response)
+    entry = Entry(candidates[g], probability, False, estimate, g)
+    kept, dropped = named.entries[: LISTED - 1], named.entries[LISTED - 1 :]
+    more = max(named.more - 1, 0) + len(dropped)
+    return replace(named, entries=(*kept, entry), verdict=NOT_TOLD_APART, more=more)
 
 
-def similar(a: Array, b: Array) -> float:
-    """Cosine between two displacements; nought where one vanishes."""
+def compute_own_evidence(seen: Scan, named: CredibleSet, g: int, response: Array) -> float:
+    """Compute the log evidence of candidate g together with the listed explanations of the same
+    effect; what else may be left in the response does not count."""
+    displacement = compute_displacement(seen, g, response)
+    probability = np.exp(named.log_probability[g])
+    for entry in named.entries:
+        if entry.place != g and _is_related(seen, entry, displacement, response):
+            probability += entry.probability
+    return named.evidence + float(np.log(max(probability, TINY)))
+
+
+def _is_related(seen: Scan, entry: Entry, displacement: Array, response: Array) -> bool:
+    other = compute_displacement(seen, entry.place, response)
+    return compute_cosine(displacement, other) > RELATED
+
+
+def fit_candidate_alone(seen: Scan, g: int, response: Array) -> Array:
+    """Compute (k,) least-squares terms of candidate g, fitted alone beyond the model."""
+    bucket = next(b for b in seen.buckets if g in b.block.which)
+    row = int(np.flatnonzero(bucket.block.which == g)[0])
+    W = bucket.W[row]
+    columns = seen.columns.XT[bucket.block.index[row]]
+    return np.asarray(W.T @ (W @ (columns @ response[: columns.shape[1]])))
+
+
+def compute_displacement(seen: Scan, g: int, response: Array) -> Array:
+    """Compute (N,) whitened displacements by candidate g, fitted alone beyond the model."""
+    terms = fit_candidate_alone(seen, g, response)
+    raw = seen.columns.sum_of(terms, g, len(response))
+    return np.asarray(raw - seen.Q @ (seen.Q.T @ raw))
+
+
+def compute_cosine(a: Array, b: Array) -> float:
+    """Compute the cosine between two displacements; 0 where one vanishes."""
     size = np.linalg.norm(a) * np.linalg.norm(b)
     return float(a @ b / size) if size > 0 else 0.0
-
-
-def _alike(seen: Scan, shown: Index, response: Array) -> Array:
-    first = compute_displacement(seen, int(shown[0]), response)
-    return np.array(
-        [similar(first, compute_displacement(seen, int(g), response)) > ALIKE for g in shown]
-    )

@@ -1,95 +1,127 @@
-"""The evidence of every candidate for a residual, and what chance alone would give: Bayes factors,
-the exact null, p-values."""
+"""Evidence: Bayes factors of the candidates, their null distribution, and family-wise p-values.
+
+Bayes factor. Candidate g with k orthonormal directions Z_g beyond the model explains the share
+s = |Z_gᵀr|² / |r|² of the residual r, which has ν degrees of freedom. With a normal prior of
+variance v on its terms (in units where a direction has unit length), noise variance σ² integrated
+out under the Jeffreys prior, and ratio ρ = v / σ²,
+
+    log BF = -k/2 log(1 + ρ) - ν/2 log(1 - s ρ / (1 + ρ))
+
+(a fixed ratio gives Zellner's g-prior: Liang, Paulo, Molina, Clyde & Berger 2008, eq. 6). The
+evidence of a scan is max over ρ in RATIOS of log Σ_g π_g BF_g(ρ), π_g the priors.
+
+Null distribution. If nothing is left to find and the noise is normal, r / |r| is uniform on the unit
+sphere of the model's residual space, whatever the parameters and the noise level: drawing from it
+gives an exact Monte Carlo test (Dufour 2006). The p-value of an evidence is (1 + number of draws at
+least as large) / (1 + number of draws).
+
+Family-wise p-values. A candidate of k directions explains the share s or more by chance with
+probability P(Beta(k/2, (ν - k)/2) >= s); its family-wise p-value is the share of null draws whose
+smallest such probability, over all candidates, is as small (Westfall & Young 1993, min-p)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
+from .._linalg import TINY
 from .._typing import Array, Index
-from .scan import CACHED, Bucket, Scan, Strength, pieces
+from .candidate_columns import CACHED_NUMBERS, split_range
+from .scan import Bucket, Scan, Strength
 
-RATIOS = np.logspace(0.5, 5.0, 8)  # v / s2, scanned
-SLACK = 1e-3  # in log evidence: far beyond single precision's rounding
-PIECE = (
-    256  # draws that are worked out together: a product of full speed, in memory that is used again
-)
-MAX_SELECTED_SHARE = (
-    0.7  # share of the draws beyond which all of them are worked out: picking some costs, too
-)
+# ratios ρ = v / σ² over which the evidence is maximised
+RATIOS = np.logspace(0.5, 5.0, 8)
+# log evidence by which a bound may be off: far beyond single precision's rounding
+BOUND_SLACK = 1e-3
+# null draws computed together, a product of full speed in memory that is used again, and numbers
+# that one group of pieces may hold
+PIECE = 256
+MAX_DRAWN_NUMBERS = 4e6
+# share of the draws beyond which all are computed: selecting some has a cost too
+MAX_SELECTED_SHARE = 0.7
+
+# largest share (B,) among the candidates of each size
+LargestShares = Mapping[float, Array]
 
 
 def normalise_strength(strength: Strength, total: Array) -> Strength:
-    """The same of responses of unit length, from their sums of squares `total` (B,); the whole is
-    overwritten."""
+    """Scale a strength to responses of unit length, from their sums of squares `total` (B,);
+    overwrites `strength.whole`."""
     whole = np.divide(strength.whole, total, out=strength.whole)
     np.minimum(whole, 1 - np.finfo(whole.dtype).eps, out=whole)
     return Strength(whole, strength.root / np.sqrt(total), strength.smooth / total)
 
 
-def _prices(seen: Scan, ratio: float) -> tuple[Array, Array]:
-    """(what every candidate's freedom costs (G,), how much of every direction of a free function
-    counts (F, K))."""
-    (which, weights), price = seen.smooth, 0.5 * np.log1p(ratio) * seen.sizes
+def _compute_prices(seen: Scan, ratio: float) -> tuple[Array, Array]:
+    """Compute (price (G,) of every candidate's freedom in log evidence, weight (F, K) with which
+    every direction of a free function counts)."""
+    which, weights = seen.smooth
+    price = 0.5 * np.log1p(ratio) * seen.sizes
     price[which] = 0.5 * np.log1p(ratio * weights).sum(1)
     return price, ratio * weights / (1 + ratio * weights)
 
 
-def _smooth_share(share: Strength, each: Array) -> Array:
-    """(F, B) what free functions, their directions weighed, explain."""
+def _compute_smooth_share(share: Strength, weights: Array) -> Array:
+    """Compute (F, B) the weighted shares that free functions explain."""
     kind = share.smooth.dtype
-    return np.asarray(
-        np.minimum(
-            np.matmul(each.astype(kind)[:, None], share.smooth)[:, 0], 1 - np.finfo(kind).eps
-        )
-    )
+    total = np.matmul(weights.astype(kind)[:, None], share.smooth)[:, 0]
+    return np.asarray(np.minimum(total, 1 - np.finfo(kind).eps))
 
 
 def compute_log_bayes_factors(
     seen: Scan, share: Strength, ratio: float, out: Array | None = None
 ) -> Array:
-    """(G, B) log Bayes factors of every candidate at v = ratio · s², s² integrated out (Jeffreys),
-    against no effect, from the `shares`. A free function's directions have variances of their own,
-    v times their weight.
+    """Compute (G, B) log Bayes factors of every candidate at ρ = `ratio` against no effect, from the
+    `normalise_strength`; `out` (G, B) is overwritten.
 
-    Terms with a sign have half of their prior: the half is likelier by 2, and what the data leave
-    of it is the tail of the posterior, a Student t of as many degrees of freedom as the residual,
-    P(t_ν < z): BF = BF of either sign · 2 P. With t² = ν (exp(2 log BF / ν) − 1) before its price,
-    Wallace's normal z = (8ν+1)/(8ν+3) √(ν log(1 + t²/ν)) (1959) stays finite however strong the
-    evidence. Of several terms, it is the one that is least of its sign; exact where it alone has
-    one."""
-    kind, shrink, signed = share.whole.dtype.type, ratio / (1 + ratio), seen.signed
-    price, each = _prices(seen, ratio)
+    A free function's directions have variances of their own, v times their weight. Terms with a
+    sign have half of their prior: see `_compute_log_sign_factors`."""
+    kind, shrink = share.whole.dtype.type, ratio / (1 + ratio)
+    price, weights = _compute_prices(seen, ratio)
     out = np.multiply(share.whole, kind(-shrink), out=out)
-    if len(each):
-        out[seen.smooth[0]] = -_smooth_share(share, each)
+    if len(weights):
+        out[seen.smooth[0]] = -_compute_smooth_share(share, weights)
     np.log1p(out, out=out)
     out *= kind(-0.5 * seen.freedom)
     out -= np.where(seen.sizes > 0, price, np.inf)[:, None].astype(kind)
-    if len(signed):
-        from scipy.special import log_ndtr
-
-        whole, nu = np.maximum(share.whole[signed], np.finfo(kind).tiny), seen.freedom
-        normal = np.sqrt(-nu * np.log1p(-shrink * whole) / whole) * ((8 * nu + 1) / (8 * nu + 3))
-        out[signed] += kind(np.log(2)) + log_ndtr((normal * share.root).astype(kind))
+    if len(seen.signed):
+        out[seen.signed] += _compute_log_sign_factors(seen, share, shrink)
     return out
 
 
+def _compute_log_sign_factors(seen: Scan, share: Strength, shrink: float) -> Array:
+    """Compute (S, B) what a sign adds to the log Bayes factors of candidates with a signed term.
+
+    The prior has its half of that sign only, where it is twice as dense, and the data leave the
+    tail of the posterior there, a Student t of as many degrees of freedom ν as the residual:
+    BF = BF of either sign · 2 P(t_ν < z). With t² = ν (exp(2 log BF / ν) - 1) before its price,
+    Wallace's normal z = (8ν+1)/(8ν+3) √(ν log(1 + t²/ν)) (1959) stays finite however strong the
+    evidence. Of several signed terms it is the one that is least of its sign; exact for one
+    term."""
+    from scipy.special import log_ndtr
+
+    kind, freedom = share.whole.dtype.type, seen.freedom
+    whole = np.maximum(share.whole[seen.signed], np.finfo(kind).tiny)
+    wallace = (8 * freedom + 1) / (8 * freedom + 3)
+    normal = np.sqrt(-freedom * np.log1p(-shrink * whole) / whole) * wallace
+    return np.asarray(kind(np.log(2)) + log_ndtr((normal * share.root).astype(kind)))
+
+
 def compute_factors(seen: Scan, response: Array) -> Array:
-    """(RATIOS, G) log Bayes factors of every candidate alone; −inf for one that would have to be
-    large to explain a response (N,)."""
-    strength, small = seen.judged(response)
+    """Compute (ratios, G) log Bayes factors of every candidate alone for a response (N,); -inf for
+    one that would have to be large to explain it."""
+    strength, is_small = seen.judge(response)
     share = normalise_strength(strength, np.square(response).sum(keepdims=True))
-    return np.where(
-        small, [compute_log_bayes_factors(seen, share, float(r))[:, 0] for r in RATIOS], -np.inf
-    )
+    by_ratio = [compute_log_bayes_factors(seen, share, float(ratio))[:, 0] for ratio in RATIOS]
+    return np.where(is_small, by_ratio, -np.inf)
 
 
-def sum_evidence(known: Array, log_prior: Array) -> tuple[float, Array]:
-    """(log Σ prior BF at the ratio v/s² that maximises it, log prior + log BF (G,) there) from the
-    `factors`."""
-    joint = known + log_prior
+def sum_evidence(factors: Array, log_prior: Array) -> tuple[float, Array]:
+    """Sum up the evidence from `compute_factors`: (log Σ prior · BF at the ratio that maximises it,
+    log prior + log BF (G,) there)."""
+    joint = factors + log_prior
     top = joint.max(1)
     if not np.isfinite(top).all():
         return -np.inf, np.full(len(log_prior), -np.inf)
@@ -98,152 +130,159 @@ def sum_evidence(known: Array, log_prior: Array) -> tuple[float, Array]:
     return float(values[best]), joint[best]
 
 
+class _NullEvidence:
+    """The evidence of many responses (B,) at any ratio, with a bound on how it changes from one
+    ratio to the next.
+
+    No candidate's Bayes factor grows by more than that of the largest share of its size, so neither
+    does the sum: where that cannot exceed the best so far, the ratio need not be computed."""
+
+    def __init__(self, seen: Scan, log_prior: Array, share: Strength, largest: LargestShares):
+        self.seen, self.share, self.sizes = seen, share, tuple(largest)
+        self.prior = log_prior.astype(share.whole.dtype)[:, None]
+        self.space = np.empty_like(share.whole)
+        by_size = np.array(list(largest.values()))
+        self.bounding = np.concatenate([by_size, share.whole[seen.signed]])
+        slack = np.full((len(self.bounding) + len(share.smooth), 1), BOUND_SLACK)
+        # the tail of a sign may grow by a factor of two
+        slack[len(by_size) : len(self.bounding)] += np.log(2)
+        self.slack = slack
+
+    def compute(self, ratio: float, which: Index | None = None) -> Array:
+        """Compute the log evidence (B,) at a ratio, of the responses `which` alone if given."""
+        share = self.share
+        if which is not None:
+            share = Strength(*(part[..., which] for part in share))
+        space = self.space[:, : share.whole.shape[1]]
+        joint = compute_log_bayes_factors(self.seen, share, ratio, space)
+        joint += self.prior
+        top = joint.max(0)
+        joint -= top
+        return np.asarray(top + np.log(np.exp(joint, out=joint).sum(0)), float)
+
+    def bound(self, ratio: float) -> Array:
+        """Compute log Bayes factors that bound those of every size, sign and free function."""
+        price, weights = _compute_prices(self.seen, ratio)
+        by_size = [0.5 * size * np.log1p(ratio) for size in self.sizes]
+        costs = [*by_size, *price[self.seen.signed], *price[self.seen.smooth[0]]]
+        smooth = _compute_smooth_share(self.share, weights)
+        explained = np.concatenate([self.bounding * (ratio / (1 + ratio)), smooth])
+        growth = -0.5 * self.seen.freedom * np.log1p(-explained)
+        return np.asarray(growth - np.array(costs)[:, None])
+
+
 def compute_null_evidence(
-    seen: Scan, log_prior: Array, share: Strength, top: Mapping[float, Array]
+    seen: Scan, log_prior: Array, share: Strength, largest: LargestShares
 ) -> Array:
-    """The same evidence (B,) of many responses, in their precision; `top`: largest share (B,) among
-    the candidates of each size.
-
-    From one ratio to the next no candidate's Bayes factor grows by more than that of the largest
-    share of its size (`lift`), and so neither does their sum: where that cannot reach the best, the
-    ratio is not worked out."""
-    if not top:  # the model has all that could be a cause
+    """Compute the evidence (B,) of many responses, in their precision; `largest`: the largest shares
+    (B,) among the candidates of each size, from `find_largest_shares`."""
+    if not largest:
         return np.full(share.whole.shape[1], -np.inf)
-    prior, space = log_prior.astype(share.whole.dtype)[:, None], np.empty_like(share.whole)
-
-    def total(some: Strength, ratio: float) -> Array:
-        joint = compute_log_bayes_factors(seen, some, ratio, space[:, : some.whole.shape[1]])
-        joint += prior
-        most = joint.max(0)
-        joint -= most
-        return np.asarray(most + np.log(np.exp(joint, out=joint).sum(0)), float)
-
-    def grown(ratio: float) -> Array:
-        price, each = _prices(seen, ratio)
-        costs = [
-            *(0.5 * k * np.log1p(ratio) for k in top),
-            *price[seen.signed],
-            *price[seen.smooth[0]],
-        ]
-        alone = np.concatenate([alike * (ratio / (1 + ratio)), _smooth_share(share, each)])
-        return np.asarray(-0.5 * seen.freedom * np.log1p(-alone) - np.array(costs)[:, None])
-
-    alike = np.concatenate([np.array(list(top.values())), share.whole[seen.signed]])
-    slack = np.full((len(alike) + len(share.smooth), 1), SLACK)
-    slack[len(top) : len(alike)] += np.log(2)  # what the tail of a sign may grow by
-    first = total(share, float(RATIOS[0]))
+    at_ratio = _NullEvidence(seen, log_prior, share, largest)
+    first_ratio = float(RATIOS[0])
+    first = at_ratio.compute(first_ratio)
     best = first.copy()
-    slack = slack - grown(float(RATIOS[0]))
-    for r in map(float, RATIOS[1:]):
-        need = np.flatnonzero((grown(r) + slack).max(0) > best - first)
-        if len(need) > MAX_SELECTED_SHARE * len(best):
-            best = np.maximum(best, total(share, r))
-        elif len(need):
-            best[need] = np.maximum(
-                best[need], total(Strength(*(part[..., need] for part in share)), r)
-            )
+    start = at_ratio.slack - at_ratio.bound(first_ratio)
+    for ratio in map(float, RATIOS[1:]):
+        growth = (at_ratio.bound(ratio) + start).max(0)
+        needed = np.flatnonzero(growth > best - first)
+        if len(needed) > MAX_SELECTED_SHARE * len(best):
+            best = np.maximum(best, at_ratio.compute(ratio))
+        elif len(needed):
+            best[needed] = np.maximum(best[needed], at_ratio.compute(ratio, needed))
     return best
 
 
 def draw_null(
     seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """(draws,) sorted evidences, and sorted smallest p-values of single candidates, when nothing is
-    left: the residual then lies evenly on the sphere of the model's residuals, whatever the
-    parameters and the noise level (Dufour 2006). In single precision, which is ample where nothing
-    stands out; every basis is made once, so that a draw costs one matrix product."""
-    out, least = [], []
-    rows = seen.columns.XT.shape[1]
-    bases = [_bases(b, seen.columns.XT) for b in seen.buckets]
-    alike = by_size(seen)
-    if not alike:
+    """Draw the null distribution: sorted evidences (draws,), and sorted smallest p-values (draws,)
+    of single candidates.
+
+    In single precision, which is ample where nothing stands out; every basis is computed once, so
+    that a draw costs one matrix product."""
+    if not seen.by_size:
         return np.full(draws, np.nan), np.ones(draws)
-    for drawn in pieces(draws, int(4e6 / max(seen.columns.groups, 1))):
-        u = rng.standard_normal((rows, drawn.stop - drawn.start))
-        u = (u - seen.Q @ (seen.Q.T @ u)).astype(np.float32)
-        for some in pieces(u.shape[1], PIECE):
-            part = np.ascontiguousarray(u[:, some])
-            products = [
-                (Z @ part).reshape(*b.block.index.shape, -1)
-                for Z, b in zip(bases, seen.buckets, strict=True)
-            ]
-            share = normalise_strength(seen.gather(products), np.square(part).sum(0))
-            top = {k: share.whole[which].max(0) for k, which in alike.items()}
-            out.append(compute_null_evidence(seen, log_prior, share, top))
-            least.append(compute_smallest_p(top, seen.freedom))
-    return np.sort(np.concatenate(out)), np.sort(np.concatenate(least))
+    rows = seen.columns.XT.shape[1]
+    bases = [_build_bases(bucket, seen.columns.XT) for bucket in seen.buckets]
+    evidences, smallest = [], []
+    for drawn in split_range(draws, int(MAX_DRAWN_NUMBERS / max(seen.columns.groups, 1))):
+        noise = rng.standard_normal((rows, drawn.stop - drawn.start))
+        residual = (noise - seen.Q @ (seen.Q.T @ noise)).astype(np.float32)
+        for piece in split_range(residual.shape[1], PIECE):
+            part = np.ascontiguousarray(residual[:, piece])
+            share = _compute_shares(seen, bases, part)
+            largest = find_largest_shares(seen, share)
+            evidences.append(compute_null_evidence(seen, log_prior, share, largest))
+            smallest.append(compute_smallest_p(largest, seen.freedom))
+    return np.sort(np.concatenate(evidences)), np.sort(np.concatenate(smallest))
 
 
-def _bases(bucket: Bucket, XT: Array) -> Array:
-    """(n · k, N) orthonormal columns of a bucket's candidates, in single precision."""
+def _build_bases(bucket: Bucket, XT: Array) -> Array:
+    """Build (n · k, N) orthonormal columns of a bucket's candidates, in single precision."""
     index = bucket.block.index
-    out = np.empty((*index.shape, XT.shape[1]), np.float32)
-    for some in pieces(len(index), CACHED // (index.shape[1] * XT.shape[1])):
-        out[some] = np.matmul(bucket.W[some], XT[index[some]])
-    return out.reshape(-1, XT.shape[1])
+    bases = np.empty((*index.shape, XT.shape[1]), np.float32)
+    for piece in split_range(len(index), CACHED_NUMBERS // (index.shape[1] * XT.shape[1])):
+        bases[piece] = np.matmul(bucket.W[piece], XT[index[piece]])
+    return bases.reshape(-1, XT.shape[1])
 
 
-def by_size(seen: Scan) -> dict[float, Index | slice]:
-    """The candidates of every size, of at least one direction."""
-    return {float(k): _run(np.flatnonzero(seen.sizes == k)) for k in np.unique(seen.sizes) if k > 0}
+def _compute_shares(seen: Scan, bases: list[Array], responses: NDArray[np.float32]) -> Strength:
+    """Compute the shares of responses (N, B) that every candidate explains."""
+    products = [
+        (Z @ responses).reshape(*bucket.block.index.shape, -1)
+        for Z, bucket in zip(bases, seen.buckets, strict=True)
+    ]
+    return normalise_strength(seen.gather(products), np.square(responses).sum(0))
 
 
-def _run(index: Index) -> Index | slice:
-    """The same as a slice where it is one: nothing is copied then."""
-    return (
-        slice(int(index[0]), int(index[-1]) + 1)
-        if len(index) == index[-1] + 1 - index[0]
-        else index
-    )
+def find_largest_shares(seen: Scan, share: Strength) -> LargestShares:
+    """Find the largest share (B,) among the candidates of every size, of at least one direction."""
+    return {size: share.whole[which].max(0) for size, which in seen.by_size.items()}
 
 
-def compute_smallest_p(top: Mapping[float, Array], freedom: int) -> Array:
-    """(B,) smallest p of single candidates, from the largest share (B,) among those of each size; 1
-    where there is none."""
-    return (
-        np.ones(1)
-        if not top
-        else np.asarray(np.min([_tail(value, k, freedom) for k, value in top.items()], axis=0))
-    )
+def compute_smallest_p(largest: LargestShares, freedom: int) -> Array:
+    """Compute (B,) smallest p-values of single candidates, from the largest shares of each size; 1
+    where there are no candidates."""
+    if not largest:
+        return np.ones(1)
+    by_size = [_compute_tail(value, size, freedom) for size, value in largest.items()]
+    return np.asarray(np.min(by_size, axis=0))
 
 
-def _tail(share: Array, size: Array | float, freedom: int) -> Array:
-    """P(a candidate of `size` columns explains at least this share by chance): Beta(k/2, (ν−k)/2)
-    (methods.md A.6)."""
+def _compute_tail(share: Array, size: Array | float, freedom: int) -> Array:
+    """Compute P(Beta(k/2, (ν - k)/2) >= share): how often a candidate of k = `size` directions
+    explains at least this share by chance."""
     from scipy.special import betainc
 
-    return np.asarray(
-        betainc(
-            np.maximum(freedom - size, 1e-9) / 2,
-            np.maximum(size, 1e-9) / 2,
-            1 - np.minimum(share, 1.0),
-        )
-    )
+    left, own = np.maximum(freedom - size, 1e-9), np.maximum(size, 1e-9)
+    return np.asarray(betainc(left / 2, own / 2, 1 - np.minimum(share, 1.0)))
 
 
-def compute_familywise_p(seen: Scan, response: Array, least: Array) -> Array:
-    """(G,) family-wise p of every candidate alone: the max-test over the whole map (methods.md
-    A.6), whose null is the sorted smallest p-values `least`."""
-    share = seen.strength(response[:, None]).whole[:, 0] / float(response @ response)
-    own = np.where(seen.sizes > 0, _tail(share, seen.sizes, seen.freedom), 1.0)
-    return np.asarray((1 + np.searchsorted(least, own, side="right")) / (len(least) + 1))
+def compute_familywise_p(seen: Scan, response: Array, smallest: Array) -> Array:
+    """Compute (G,) family-wise p-values of every candidate alone; `smallest`: the sorted smallest
+    p-values of the null."""
+    strength = seen.strength(response[:, None]).whole[:, 0]
+    share = strength / float(response @ response)
+    single = np.where(seen.sizes > 0, _compute_tail(share, seen.sizes, seen.freedom), 1.0)
+    as_small = np.searchsorted(smallest, single, side="right")
+    return np.asarray((1 + as_small) / (len(smallest) + 1))
 
 
 def compute_single_f(seen: Scan, response: Array) -> Array:
-    """(G,) F statistic of every candidate alone beyond the model; 0 for one that adds nothing,
-    finite where one explains all."""
-    strength, whole = seen.strength(response[:, None]).whole[:, 0], float(response @ response)
-    rest = np.maximum(whole - strength, max(np.finfo(float).eps * whole, 1e-300))
-    k = seen.sizes
-    room = (k > 0) & (seen.freedom > k)
-    return np.where(room, strength / np.maximum(k, 1) / rest * np.maximum(seen.freedom - k, 1), 0.0)
+    """Compute (G,) the F statistic of every candidate alone beyond the model; 0 for one that adds
+    nothing, finite where one explains all."""
+    strength = seen.strength(response[:, None]).whole[:, 0]
+    total, size = float(response @ response), seen.sizes
+    rest = np.maximum(total - strength, max(np.finfo(float).eps * total, TINY))
+    left = np.maximum(seen.freedom - size, 1)
+    f = strength / np.maximum(size, 1) / rest * left
+    return np.where((size > 0) & (seen.freedom > size), f, 0.0)
 
 
 def compute_p_value(observed: float, sorted_null: Array) -> float:
-    """(1 + #{null ≥ observed}) / (B + 1); 1 where there is no evidence at all."""
+    """Compute (1 + #{null >= observed}) / (B + 1); 1 where there is no evidence at all."""
     if not np.isfinite(observed):
         return 1.0
-    return float(
-        (1 + len(sorted_null) - np.searchsorted(sorted_null, observed, side="left"))
-        / (len(sorted_null) + 1)
-    )
+    as_large = len(sorted_null) - np.searchsorted(sorted_null, observed, side="left")
+    return float((1 + as_large) / (len(sorted_null) + 1))

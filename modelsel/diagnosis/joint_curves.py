@@ -1,10 +1,9 @@
-"""One curve, several waves? What a joint's own angle does is told by the evidence of the whole, not
-wave by wave.
+"""Joint curves: whether a joint's own-angle error is one curve or a sum of waves.
 
-A kink or a soft step of one joint looks like a gear's eccentricity at first, then like an
-encoder's, then like a scale: each passes, and none is the cause. So the findings that act through
-one joint's own angle are held, together, against a free function of that angle, and a free function
-against a few waves: whichever the data make more probable stands."""
+A kink or a soft step of one joint resembles a gear's eccentricity at first, then an encoder's, then
+a scale error: each is significant, and none is the cause. So the effects that act through one
+joint's own angle are weighed together against a free function of that angle, and a free function
+against a few waves; whichever the data make more probable stands."""
 
 from __future__ import annotations
 
@@ -13,55 +12,61 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._typing import Array, Index
+from .._typing import Array, Index, Mask
 from ..fitting.splines import spline
+from .candidate_columns import Columns, select_columns
 from .candidates import Candidate
 from .evidence import compute_factors
-from .scan import Columns, compute_basis, scan, subset
+from .scan import build_scan, compute_basis
 
-LONGEST = 4  # waves and the like that one curve may be made of
+# effects (waves and the like) that one curve may be made of
+MAX_EFFECTS_PER_CURVE = 4
 
 
 def find_own_joint(candidate: Candidate) -> int | None:
-    """The joint through whose own angle alone a candidate acts, at that joint's own rotation; None
-    for any other."""
-    screws = [s for t in candidate.mechanism.terms for s in t.screws]
+    """Find the joint through whose own angle alone a candidate acts, at that joint's own rotation;
+    None for any other candidate."""
+    screws = [screw for term in candidate.mechanism.terms for screw in term.screws]
     frame = screws[0].frame
-    same = all(
-        s.frame == frame and s.axis == "rz" and s.cause.names() == {f"q{frame}"} for s in screws
+    own_angle = {f"q{frame}"}
+    acts_alone = all(
+        s.frame == frame and s.axis == "rz" and s.cause.names() == own_angle for s in screws
     )
-    return frame if same else None
+    return frame if acts_alone else None
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """The candidates (global indices `which`) of one joint's own angle; `free` marks the free
-    functions among them."""
+    """The candidates (indices `which` among all) of one joint's own angle; `free` (k,) marks the
+    free functions among them."""
 
     which: Index
     columns: Columns
     log_prior: Array
-    free: Array
+    free: Mask
 
 
 def collect_curves(found: Sequence[Candidate], cols: Columns, log_prior: Array) -> dict[int, Curve]:
-    """Joint -> its own-angle candidates, where a free function is among them."""
-    own: dict[int, list[int]] = {}
+    """Map every joint to its own-angle candidates, where a free function is among them."""
+    members: dict[int, list[int]] = {}
     for g, candidate in enumerate(found):
-        if (joint := find_own_joint(candidate)) is not None:
-            own.setdefault(joint, []).append(g)
-    out = {}
-    for joint, members in own.items():
-        which = np.array(members, dtype=np.intp)
-        free = np.array([spline(found[g].mechanism.terms[0]) is not None for g in members])
+        joint = find_own_joint(candidate)
+        if joint is not None:
+            members.setdefault(joint, []).append(g)
+    curves = {}
+    for joint, indices in members.items():
+        which = np.array(indices, dtype=np.intp)
+        free = np.array([spline(found[g].mechanism.terms[0]) is not None for g in indices])
         if free.any():
-            out[joint] = Curve(which, subset(cols, which), log_prior[which], free)
-    return out
+            columns = select_columns(cols, which)
+            curves[joint] = Curve(which, columns, log_prior[which], free)
+    return curves
 
 
 def score_each(curve: Curve, Q: Array, response: Array) -> Array:
-    """(G,) log prior + log Bayes factor of every candidate of a curve."""
-    return np.asarray(curve.log_prior + compute_factors(scan(curve.columns, Q), response).max(0))
+    """Compute (G,) log prior + log Bayes factor of every candidate of a curve alone."""
+    factors = compute_factors(build_scan(curve.columns, Q), response)
+    return np.asarray(curve.log_prior + factors.max(0))
 
 
 def chain_effects(
@@ -69,45 +74,54 @@ def chain_effects(
     Q: Array,
     response: Array,
     given: Sequence[int] | None,
-    allowed: Array,
+    allowed: Mask,
     first: Array | None = None,
 ) -> tuple[float, list[int]]:
-    """(log evidence, candidates) of a sum of effects, one after the other, each beyond those
-    before: the `given` ones, or the most probable among the `allowed`, as long as one adds
-    evidence. Q (N, ·) projects the rest of the model off; `first`: what each is worth `alone`,
-    where that is known."""
+    """Sum up effects one after the other, each beyond those before: (log evidence, candidates).
+
+    The effects are the `given` candidates, or else the most probable among the `allowed` (k,), as
+    long as one adds evidence. Q (N, ·) projects the rest of the model off the response (N,);
+    `first`: the result of `score_each`, where it is known."""
     members = curve.which.tolist()
-    total, out = 0.0, list[int]()
-    wanted = None if given is None else [members.index(g) for g in given]
-    for step in range(LONGEST if wanted is None else len(wanted)):
-        joint = first if first is not None and not step else score_each(curve, Q, response)
-        left = allowed.copy() if wanted is None else np.isin(np.arange(len(members)), wanted)
-        left[[members.index(g) for g in out]] = False
-        best = int(np.argmax(np.where(left, joint, -np.inf)))
-        if wanted is None and not joint[best] > 0 or not np.isfinite(joint[best]):
+    steps = MAX_EFFECTS_PER_CURVE if given is None else len(given)
+    offered = allowed.copy() if given is None else np.isin(curve.which, given)
+    total, chosen = 0.0, list[int]()
+    for step in range(steps):
+        known = first if step == 0 else None
+        score = score_each(curve, Q, response) if known is None else known
+        best = int(np.argmax(np.where(offered, score, -np.inf)))
+        adds_evidence = score[best] > 0 or given is not None
+        if not np.isfinite(score[best]) or not adds_evidence:
             break
-        X = curve.columns.sum_of(np.eye(len(curve.columns.slices[best])), best, len(response))
-        Z = compute_basis(X - Q @ (Q.T @ X))
-        Q, response = np.column_stack([Q, Z]), response - Z @ (Z.T @ response)
-        total += float(joint[best])
-        out.append(members[best])
-    return total, out
+        Q, response = _absorb(curve, best, Q, response)
+        offered[best] = False
+        total += float(score[best])
+        chosen.append(members[best])
+    return total, chosen
 
 
-def better(
+def _absorb(curve: Curve, member: int, Q: Array, response: Array) -> tuple[Array, Array]:
+    """Add one member's columns to the basis Q and remove them from the response."""
+    identity = np.eye(len(curve.columns.slices[member]))
+    X = curve.columns.sum_of(identity, member, len(response))
+    Z = compute_basis(X - Q @ (Q.T @ X))
+    return np.column_stack([Q, Z]), response - Z @ (Z.T @ response)
+
+
+def find_better_curve(
     curve: Curve, Q: Array, response: Array, now: Sequence[int], odds: float
 ) -> list[int] | None:
-    """What explains a joint's curve better than `now` does, by `odds` in log evidence: a free
-    function (and what it leaves), or a few waves; None where nothing does. `response` (N,) has all
-    of `now` put back, Q does not hold it."""
+    """Find candidates that explain a joint's curve better than `now` by `odds` in log evidence: a
+    free function (and what it leaves), or a few waves; None where there are none.
+
+    `response` (N,) has the effects `now` put back, and Q does not hold them."""
     first = score_each(curve, Q, response)
-    held = chain_effects(curve, Q, response, now, curve.free, first)[0]
-    trials = [
-        chain_effects(curve, Q, response, None, np.logical_not(curve.free), first),
-        *(
-            chain_effects(curve, Q, response, [g], curve.free, first)
-            for g in curve.which[curve.free].tolist()
-        ),
+    present, _ = chain_effects(curve, Q, response, now, curve.free, first)
+    trials = [chain_effects(curve, Q, response, None, ~curve.free, first)]
+    trials += [
+        chain_effects(curve, Q, response, [g], curve.free, first)
+        for g in curve.which[curve.free].tolist()
     ]
-    value, best = max(trials, key=lambda t: t[0])
-    return best if best and value > held + odds and set(best) != set(now) else None
+    value, best = max(trials, key=lambda trial: trial[0])
+    is_better = value > present + odds and set(best) != set(now)
+    return best if best and is_better else None

@@ -1,62 +1,43 @@
-"""The scan: how much of a residual every candidate explains beyond the fitted model, and what
-chance alone would explain.
+"""The scan: how much of a residual every candidate explains beyond a fitted model.
 
-With Q an orthonormal basis of the fitted model and X_g a candidate's columns, everything needed is
-X_gᵀX_g, X_gᵀQ and X_gᵀr: the projected Gram is X_gᵀX_g − (X_gᵀQ)(X_gᵀQ)ᵀ, and no projected column
-is ever stored."""
+With Q an orthonormal basis of the fitted model, X_g a candidate's columns and r the residual,
+everything follows from X_gᵀX_g, X_gᵀQ and X_gᵀr: the Gram matrix beyond the model is
+X_gᵀX_g − (X_gᵀQ)(X_gᵀQ)ᵀ. No projected column is ever stored."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
-from math import sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .._typing import Array, Index
-from ..fitting.design import blocks
-from ..fitting.linearisation import Linearisation
-from ..fitting.problem import Problem
-from ..fitting.splines import spline, spline_groups
-from ..mechanisms.terms import Term
-from .candidates import Candidate
-from .sign_constraints import Sides, build_sides, least
+from .._linalg import TINY
+from .._typing import Array, Index, Mask
+from .candidate_columns import Block, Columns
+from .sign_constraints import Sides, build_sides, compute_least_of_sign
 
-ABSORBED = (
-    1e-5  # share of a direction's squared norm that must be left beyond the model for it to count
-)
-SMALL = {
-    "t": 100.0,
-    "r": 0.1,
-}  # mm, rad: an error screw is small; what would have to be larger is not the cause
-SOLID = 1e-3  # weight from which a smooth function's direction shows in its size
-CACHED = 60_000  # numbers that a core's cache holds beside what is made of them
-# prior size of a smooth function's direction, against its largest, below which it does not count
+# share of a direction's squared norm that must be left beyond the model for it to count; rounding
+# adds up in candidates of many columns, which need ten times as much
+ABSORBED = 1e-5
+FEW_COLUMNS = 4
+# prior variance of a smooth function's direction, relative to its largest: from which it counts at
+# all, and from which it shows in the function's size
 FAINT_WEIGHT = 1e-7
-
-
-@dataclass(frozen=True, eq=False)
-class Block:
-    """Candidates of one size k: `which` (n,), their columns `index` (n, k), their `gram` (n, k, k),
-    the largest coefficients of small screws `most` (n, k); of free functions also the `root` (n, k,
-    k) of their coefficients' prior covariance, to scale."""
-
-    which: Index
-    index: Index
-    gram: Array
-    most: Array
-    root: Array | None = None
+SOLID_WEIGHT = 1e-3
+# unit column below which a column, and diagonal of R below which a direction, depends on others
+ZERO_COLUMN = 1e-13
+DEPENDENT = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
 class Bucket:
-    """A block beyond the model: its Gram `left` there, and W (n, k, k) with Z_gᵀr = W X_gᵀr, Z_g
-    orthonormal; `weights` (n, k): prior variances of a free function's directions, the largest 1;
-    None where all are alike."""
+    """A block of candidates beyond the model: its Gram matrices there `left` (n, k, k), and
+    W (n, k, k) with Z_gᵀr = W X_gᵀr, Z_g orthonormal.
+
+    `weights` (n, k): prior variances of a free function's directions, the largest 1; None where all
+    directions are alike."""
 
     block: Block
     left: Array
@@ -65,10 +46,11 @@ class Bucket:
 
 
 class Strength(NamedTuple):
-    """What responses (N, B) have in common with every candidate: |Z_gᵀr|² (G, B); of those with a
-    sign (S, B) the fitted term that is least of that sign, times the sign and over its standard
-    error at unit noise; of the free functions (F, K, B) every direction alone, squared, nought
-    beyond a function's own."""
+    """What responses (N, B) have in common with every candidate.
+
+    `whole` (G, B): |Z_gᵀr|²; `root` (S, B): of candidates with a sign, the fitted term that is least
+    of that sign, times the sign and over its standard error at unit noise; `smooth` (F, K, B): of
+    free functions, every direction alone, squared, zero beyond a function's own directions."""
 
     whole: Array
     root: Array
@@ -76,166 +58,13 @@ class Strength(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
-    """All candidates' whitened columns, transposed (C, N), where each candidate's stand, their Gram
-    blocks, and the signs (k,) that physics allows each candidate's terms, nought for either."""
-
-    XT: Array
-    slices: tuple[Index, ...]
-    grams: tuple[Block, ...]
-    signs: tuple[Array, ...]
-
-    @property
-    def groups(self) -> int:
-        """Number of candidates."""
-        return len(self.slices)
-
-    def dot(self, values: Array) -> Array:
-        """(C, ...) products of every column with values (N + k, ...): in the k rows of a model's
-        prior the columns are nought."""
-        return np.asarray(self.XT @ values[: self.XT.shape[1]])
-
-    def sum_of(self, weights: Array, g: int, rows: int) -> Array:
-        """(rows, ...) candidate g's columns times weights (k, ...), nought in the rows of a model's
-        prior."""
-        out = np.zeros((rows, *weights.shape[1:]))
-        out[: self.XT.shape[1]] = self.XT[self.slices[g]].T @ weights
-        return out
-
-
-def columns(
-    problem: Problem, found: Sequence[Candidate], at: Linearisation | None = None
-) -> Columns:
-    """Columns of every candidate, each screw's evaluated once. Rows are ordered block, component,
-    configuration."""
-    terms: dict[tuple[object, ...], Term] = {}
-    for candidate in found:
-        for t in candidate.mechanism.terms:
-            terms.setdefault(t.key, t)
-    place = {screws: k for k, screws in enumerate(terms)}
-    slices = [np.array([place[t.key] for t in c.mechanism.terms], dtype=np.intp) for c in found]
-    parts = [flat(problem, rows, c) for rows, c, _ in blocks(problem, tuple(terms.values()), at)]
-    XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
-    rms: dict[int, float] = {}  # by the cause's identity: a hundred places share one
-    most = np.array([_most(problem, t, rms) for t in terms.values()])
-    soft = np.array([spline(c.mechanism.terms[0]) is not None for c in found])
-    grams = []
-    for size, smooth in sorted({(len(s), bool(w)) for s, w in zip(slices, soft, strict=True)}):
-        which = np.array(
-            [g for g, s in enumerate(slices) if len(s) == size and soft[g] == smooth], dtype=np.intp
-        )
-        index = np.stack([slices[g] for g in which])
-        gram = np.stack([XT[i] @ XT[i].T for i in index]) if size > 4 else grams_of(XT, index)
-        roots = (
-            [_root(found[g].mechanism.terms, np.diag(G)) for g, G in zip(which, gram, strict=True)]
-            if smooth
-            else None
-        )
-        grams.append(
-            Block(which, index, gram, most[index], None if roots is None else np.stack(roots))
-        )
-    return Columns(
-        XT,
-        tuple(slices),
-        tuple(grams),
-        tuple(np.array(c.mechanism.signs, dtype=float) for c in found),
-    )
-
-
-def grams_of(XT: Array, index: Index) -> Array:
-    """(n, k, k) products of the columns `index` (n, k) of few-column candidates, some at a time:
-    they stay in cache."""
-    out = np.empty((*index.shape, index.shape[1]))
-    for some in pieces(len(index), CACHED // (index.shape[1] * XT.shape[1])):
-        X = XT[index[some]]
-        np.einsum("nkr,nlr->nkl", X, X, out=out[some])
-    return out
-
-
-def pieces(count: int, size: int) -> Iterator[slice]:
-    """Slices of at most `size` that cover `count`."""
-    size = max(size, 1)
-    return (slice(start, min(start + size, count)) for start in range(0, count, size))
-
-
-def flat(problem: Problem, rows: slice, values: NDArray[Any]) -> NDArray[Any]:
-    """(k, N) measured coordinates of values (k, c, rows)."""
-    every = values.reshape(len(values), values.shape[1] * values.shape[2])  # of no columns, too
-    return problem.select_measured(every, rows)
-
-
-def _most(problem: Problem, term: Term, rms: dict[int, float]) -> float:
-    """Largest coefficient with which every screw of a term is small, root mean square over the
-    rows; `rms` remembers."""
-    for s in term.screws:
-        if id(s.cause) not in rms:
-            value = np.atleast_1d(problem.cause(s.cause))
-            rms[id(s.cause)] = max(sqrt(float(value @ value) / len(value)), 1e-300)
-    return min(SMALL[s.axis[0]] / rms[id(s.cause)] for s in term.screws)
-
-
-def _root(terms: Sequence[Term], norms: Array) -> Array:
-    """(k, k) root of the prior covariance of a free function's coefficients; places of one
-    mechanism move the target alike far, whatever their units."""
-    out = np.zeros((len(terms), len(terms)))
-    for index, root in spline_groups(terms):
-        out[np.ix_(index, index)] = root / np.sqrt(max(float(norms[index].mean()), 1e-300))
-    return out
-
-
-def subset(cols: Columns, which: Index) -> Columns:
-    """The columns of some candidates alone, in the order of `which`."""
-    used, place = np.unique(np.concatenate([cols.slices[g] for g in which]), return_inverse=True)
-    bounds = np.cumsum([0, *(len(cols.slices[g]) for g in which)])
-    position = {int(g): k for k, g in enumerate(which)}
-    grams = []
-    for block in cols.grams:
-        inside = np.flatnonzero(np.isin(block.which, which))
-        if len(inside):
-            own = np.array([position[int(g)] for g in block.which[inside]], dtype=np.intp)
-            index = np.stack([place[bounds[k] : bounds[k + 1]] for k in own])
-            grams.append(
-                Block(
-                    own,
-                    index,
-                    block.gram[inside],
-                    block.most[inside],
-                    None if block.root is None else block.root[inside],
-                )
-            )
-    slices = tuple(place[a:b] for a, b in pairwise(bounds))
-    return Columns(cols.XT[used], slices, tuple(grams), tuple(cols.signs[g] for g in which))
-
-
-def stacked(
-    problem: Problem, terms: Sequence[Term], at: Linearisation | None
-) -> tuple[Array, Array]:
-    """(columns (N, p), residual (N,)) whitened, in the row order of `columns`."""
-    parts = [
-        (flat(problem, rows, c), flat(problem, rows, r[None])[0])
-        for rows, c, r in blocks(problem, terms, at)
-    ]
-    return np.concatenate([c for c, _ in parts], axis=1).T, np.concatenate([r for _, r in parts])
-
-
-def compute_basis(matrix: Array) -> Array:
-    """Orthonormal basis (N, r) of the columns of (N, p), rank by pivoted QR on unit columns."""
-    from scipy.linalg import qr
-
-    size = np.linalg.norm(matrix, axis=0)
-    unit = matrix[:, size > 1e-13 * size.max(initial=0)] / size[size > 1e-13 * size.max(initial=0)]
-    if not unit.shape[1]:
-        return np.zeros((len(matrix), 0))
-    Q, R, _ = qr(unit, mode="economic", pivoting=True)
-    return np.asarray(Q[:, : int((np.abs(np.diag(R)) > 1e-10).sum())])
-
-
-@dataclass(frozen=True, eq=False)
 class Scan:
-    """The candidates seen from one fitted model: Z_g bases, effective sizes k (G,), `freedom` N −
-    r; Q (N, ·) spans the model (its columns need not be orthonormal after directions were given
-    back: Q Qᵀ still projects). A model with shrunk terms has its prior's rows below the data's:
-    what is beyond it is then weighed as if those terms were integrated out."""
+    """The candidates seen from one fitted model.
+
+    Q (N, ·) spans the model; its columns need not be orthonormal after directions were given back,
+    but Q Qᵀ still projects. `sizes` (G,): directions of each candidate beyond the model; `freedom`:
+    N − rank. A model with shrunk terms has its prior's rows below the data's: what is beyond it is
+    then weighed as if those terms were integrated out."""
 
     columns: Columns
     Q: Array
@@ -245,116 +74,152 @@ class Scan:
 
     @cached_property
     def smooth(self) -> tuple[Index, Array]:
-        """The free functions (F,) and the weights (F, K) of their directions, nought beyond a
+        """The free functions (F,) and the weights (F, K) of their directions, zero beyond a
         function's own."""
-        some = [(b.block.which, b.weights) for b in self.buckets if b.weights is not None]
-        weights = np.zeros(
-            (sum(len(which) for which, _ in some), max((w.shape[1] for _, w in some), default=0))
-        )
-        at = 0
-        for which, w in some:
-            weights[at : at + len(which), : w.shape[1]] = w
-            at += len(which)
-        return np.concatenate([np.zeros(0, np.intp), *(which for which, _ in some)]), weights
+        weighted = [(b.block.which, b.weights) for b in self.buckets if b.weights is not None]
+        count = sum(len(which) for which, _ in weighted)
+        width = max((weights.shape[1] for _, weights in weighted), default=0)
+        padded = np.zeros((count, width))
+        start = 0
+        for which, weights in weighted:
+            padded[start : start + len(which), : weights.shape[1]] = weights
+            start += len(which)
+        return np.concatenate([np.zeros(0, np.intp), *(which for which, _ in weighted)]), padded
 
     @cached_property
     def signed(self) -> Index:
-        """Candidates with a term that physics gives a sign."""
-        return np.flatnonzero([own.any() for own in self.columns.signs])
+        """Candidates (S,) with a term that physics gives a sign."""
+        return np.flatnonzero([signs.any() for signs in self.columns.signs])
 
     @cached_property
     def sides(self) -> tuple[Sides, ...]:
-        """Of every bucket, how the terms with a sign follow from its Zᵀr."""
-        return tuple(
-            build_sides(b.block.which, b.W, self.columns.signs, self.signed) for b in self.buckets
-        )
+        """For every bucket, how the terms with a sign follow from its Zᵀr."""
+        signs, signed = self.columns.signs, self.signed
+        return tuple(build_sides(b.block.which, b.W, signs, signed) for b in self.buckets)
+
+    @cached_property
+    def by_size(self) -> dict[float, Index | slice]:
+        """The candidates of every size of at least one direction; a slice where they are
+        consecutive, so that nothing is copied."""
+        sizes = (size for size in np.unique(self.sizes) if size > 0)
+        return {float(size): _shorten(np.flatnonzero(self.sizes == size)) for size in sizes}
 
     def strength(self, response: Array) -> Strength:
-        """What responses (N, B) have in common with every candidate."""
-        s = self.columns.dot(response)
-        return self.gather([np.matmul(bucket.W, s[bucket.block.index]) for bucket in self.buckets])
+        """Compute what responses (N, B) have in common with every candidate."""
+        products = self.columns.dot(response)
+        return self.gather([np.matmul(b.W, products[b.block.index]) for b in self.buckets])
 
-    def judged(self, response: Array) -> tuple[Strength, NDArray[np.bool_]]:
-        """The same of one response (N,), and whether (G,) it asks for small screws only: a joint
-        that turns about its own target would have to turn by radians to explain a tenth of a
-        millimetre, and is not its cause."""
-        s, small, products = self.columns.dot(response[:, None]), np.ones(len(self.sizes), bool), []
-        for b in self.buckets:
-            products.append(np.matmul(b.W, s[b.block.index]))
-            z = (
-                products[-1]
-                if b.weights is None
-                else np.where(b.weights[:, :, None] > SOLID, products[-1], 0.0)
-            )
-            small[b.block.which] = (
-                np.abs(np.matmul(b.W.swapaxes(1, 2), z)[:, :, 0]) < b.block.most
-            ).all(1)
-        return self.gather(products), small
+    def judge(self, response: Array) -> tuple[Strength, Mask]:
+        """Compute the strength of one response (N,), and whether (G,) it asks for small screws only.
+
+        A joint that turns about its own target would have to turn by radians to explain a tenth of
+        a millimetre, and is not its cause."""
+        products = self.columns.dot(response[:, None])
+        is_small = np.ones(len(self.sizes), bool)
+        coordinates = []
+        for bucket in self.buckets:
+            z = np.matmul(bucket.W, products[bucket.block.index])
+            coordinates.append(z)
+            is_small[bucket.block.which] = _has_small_terms(bucket, z)
+        return self.gather(coordinates), is_small
 
     def gather(self, products: Sequence[Array]) -> Strength:
-        """The same from every bucket's Z_gᵀr (n, k, B), in their precision; they are
-        overwritten."""
-        kind, draws = (
-            (products[0].dtype, products[0].shape[2]) if products else (np.dtype(float), 0)
-        )
-        whole: Array = np.zeros((len(self.sizes), draws), kind)
-        root: Array = np.zeros((len(self.signed), draws), kind)
-        smooth, at = np.zeros((*self.smooth[1].shape, draws), kind), 0
+        """Gather the strength from every bucket's Z_gᵀr (n, k, B), in their precision; overwrites
+        them."""
+        dtype = products[0].dtype if products else np.dtype(float)
+        draws = products[0].shape[2] if products else 0
+        whole: Array = np.zeros((len(self.sizes), draws), dtype)
+        root: Array = np.zeros((len(self.signed), draws), dtype)
+        smooth: Array = np.zeros((*self.smooth[1].shape, draws), dtype)
+        start = 0
         for bucket, z, side in zip(self.buckets, products, self.sides, strict=True):
             which, k = bucket.block.which, z.shape[1]
-            root[side.signed] = least(z, side)
+            root[side.signed] = compute_least_of_sign(z, side)
             np.square(z, out=z)
             whole[which] = z[:, 0] if k == 1 else z.sum(1)
             if bucket.weights is not None:
-                smooth[at : at + len(which), :k] = z
-                at += len(which)
+                smooth[start : start + len(which), :k] = z
+                start += len(which)
         return Strength(whole, root, smooth)
 
 
-def scan(cols: Columns, Q: Array) -> Scan:
-    """Project every candidate off the model's basis Q (N, r)."""
+def _shorten(index: Index) -> Index | slice:
+    first, last = int(index[0]), int(index[-1])
+    return slice(first, last + 1) if len(index) == last + 1 - first else index
+
+
+def _has_small_terms(bucket: Bucket, z: Array) -> Mask:
+    """Return whether (n,) the terms Wᵀz of every candidate stay below those of small screws;
+    faint directions of a free function do not count."""
+    if bucket.weights is not None:
+        z = np.where(bucket.weights[:, :, None] > SOLID_WEIGHT, z, 0.0)
+    terms = np.matmul(bucket.W.swapaxes(1, 2), z)[:, :, 0]
+    return np.asarray((np.abs(terms) < bucket.block.most).all(1))
+
+
+def build_scan(cols: Columns, Q: Array) -> Scan:
+    """Project every candidate off the model's orthonormal basis Q (N, r)."""
     A = cols.dot(Q)
     lefts = [b.gram - np.matmul(A[b.index], A[b.index].swapaxes(1, 2)) for b in cols.grams]
-    return _scan(cols, Q, lefts)
+    return _build(cols, Q, lefts, Q.shape[0] - Q.shape[1])
 
 
 def build_scan_without(seen: Scan, D: Array) -> Scan:
-    """The scan from a smaller model, whose basis lacks the directions D (N, d) of `seen.Q`'s span:
-    they are given back."""
+    """Build the scan from a smaller model, whose basis lacks the directions D (N, d) in the span of
+    `seen.Q`: they are given back."""
     A = seen.columns.dot(D)
-    lefts = [
-        b.left + np.matmul(A[b.block.index], A[b.block.index].swapaxes(1, 2)) for b in seen.buckets
-    ]
-    return _scan(seen.columns, seen.Q - D @ (D.T @ seen.Q), lefts, seen.freedom + D.shape[1])
+    lefts = []
+    for bucket in seen.buckets:
+        products = A[bucket.block.index]
+        lefts.append(bucket.left + np.matmul(products, products.swapaxes(1, 2)))
+    Q = seen.Q - D @ (D.T @ seen.Q)
+    return _build(seen.columns, Q, lefts, seen.freedom + D.shape[1])
 
 
-def _scan(cols: Columns, Q: Array, lefts: Sequence[Array], freedom: int | None = None) -> Scan:
+def _build(cols: Columns, Q: Array, lefts: Sequence[Array], freedom: int) -> Scan:
     buckets, sizes = [], np.zeros(cols.groups)
     for block, left in zip(cols.grams, lefts, strict=True):
-        norm = np.sqrt(np.maximum(np.einsum("nkk->nk", block.gram), 1e-300))
-        value, vector = np.linalg.eigh(left / norm[:, :, None] / norm[:, None, :])
-        good = value > ABSORBED * (1 if block.gram.shape[1] <= 4 else 1e1)
-        sizes[block.which] = good.sum(1)
-        W = _whitener(value, vector, good) / norm[:, None, :]
+        W, size = _whiten(block, left)
+        sizes[block.which] = size
         weights = None
-        if (
-            block.root is not None
-        ):  # the directions that a smooth function's prior and these data keep apart
-            half = np.matmul(
-                W, np.matmul(left, block.root)
-            )  # (Zᵀ X) L: what the prior makes of every direction
-            value, vector = np.linalg.eigh(np.matmul(half, half.swapaxes(1, 2)))
-            W = np.matmul(vector.swapaxes(1, 2), W)
-            top = np.maximum(value.max(1, keepdims=True), 1e-300)
-            weights = np.where(value > FAINT_WEIGHT * top, value / top, 0.0)
+        if block.root is not None:
+            W, weights = _separate_by_prior(W, left, block.root)
         buckets.append(Bucket(block, left, W, weights))
-    return Scan(
-        cols, Q, tuple(buckets), sizes, Q.shape[0] - Q.shape[1] if freedom is None else freedom
-    )
+    return Scan(cols, Q, tuple(buckets), sizes, freedom)
 
 
-def _whitener(value: Array, vector: Array, good: NDArray[np.bool_]) -> Array:
-    """(n, k, k) rows 1/sqrt(value) · vectorᵀ of the good directions, noughts for the others."""
-    return np.where(good, 1 / np.sqrt(np.where(good, value, 1)), 0)[:, :, None] * vector.swapaxes(
-        1, 2
-    )
+def _whiten(block: Block, left: Array) -> tuple[Array, Array]:
+    """Compute W (n, k, k) with orthonormal Z = X Wᵀ from the Gram matrices `left` beyond the model,
+    and the number (n,) of directions that are left; the rows of the others are zero."""
+    norm = np.sqrt(np.maximum(np.einsum("nkk->nk", block.gram), TINY))
+    value, vector = np.linalg.eigh(left / norm[:, :, None] / norm[:, None, :])
+    least = ABSORBED if block.gram.shape[1] <= FEW_COLUMNS else 10 * ABSORBED
+    is_left = value > least
+    scale = np.where(is_left, 1 / np.sqrt(np.where(is_left, value, 1)), 0)
+    W = scale[:, :, None] * vector.swapaxes(1, 2) / norm[:, None, :]
+    return W, is_left.sum(1)
+
+
+def _separate_by_prior(W: Array, left: Array, root: Array) -> tuple[Array, Array]:
+    """Rotate Z to the directions that a smooth function's prior and these data keep apart: (W,
+    prior variances (n, k) of the directions, the largest 1)."""
+    half = np.matmul(W, np.matmul(left, root))  # (Zᵀ X) L
+    value, vector = np.linalg.eigh(np.matmul(half, half.swapaxes(1, 2)))
+    top = np.maximum(value.max(1, keepdims=True), TINY)
+    weights = np.where(value > FAINT_WEIGHT * top, value / top, 0.0)
+    return np.matmul(vector.swapaxes(1, 2), W), weights
+
+
+def compute_basis(matrix: Array) -> Array:
+    """Compute an orthonormal basis (N, r) of the columns of a matrix (N, p), its rank from pivoted
+    QR on unit columns."""
+    from scipy.linalg import qr
+
+    size = np.linalg.norm(matrix, axis=0)
+    is_nonzero = size > ZERO_COLUMN * size.max(initial=0)
+    unit = matrix[:, is_nonzero] / size[is_nonzero]
+    if not unit.shape[1]:
+        return np.zeros((len(matrix), 0))
+    Q, R, _ = qr(unit, mode="economic", pivoting=True)
+    rank = int((np.abs(np.diag(R)) > DEPENDENT).sum())
+    return np.asarray(Q[:, :rank])

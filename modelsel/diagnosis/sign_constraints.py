@@ -1,4 +1,4 @@
-"""Terms that physics gives a sign: how far the fit of each is on its side."""
+"""Sign constraints: how far the fitted terms are on the side that physics allows."""
 
 from __future__ import annotations
 
@@ -11,35 +11,34 @@ from .._typing import Array, Index
 
 
 class Sides(NamedTuple):
-    """Of a bucket: which of the signed candidates (s,) it holds, where it has them (s,), the map
-    (s, k, k) from Zᵀr to their terms, each times its sign and over its standard error at unit
-    noise, and (s, k, 1) inf for a term of either sign."""
+    """The candidates of a bucket that have a term with a sign.
+
+    `signed` (s,): their indices among all signed candidates; `place` (s,): their indices in the
+    bucket; `projection` (s, k, k): from Zᵀr to their terms, each times its sign and over its standard
+    error at unit noise; `unsigned` (s, k, 1): inf for a term of either sign, else 0."""
 
     signed: Index
     place: Index
-    to: Array
-    free: Array
+    projection: Array
+    unsigned: Array
 
 
 def build_sides(which: Index, W: Array, signs: Sequence[Array], signed: Index) -> Sides:
-    """Of a bucket of candidates `which` (n,) with Zᵀr = W Xᵀr (W (n, k, k)); a term that the model
-    has already gets 0."""
+    """Build the sides of a bucket of candidates `which` (n,) with Zᵀr = W Xᵀr, W (n, k, k).
+
+    A term that the model has already gets 0."""
     place = np.flatnonzero(np.isin(which, signed))
-    own = np.array([signs[g] for g in which[place]]).reshape(len(place), W.shape[1])
+    sign = np.array([signs[g] for g in which[place]]).reshape(len(place), W.shape[1])
     terms = np.swapaxes(W[place], 1, 2)  # their covariance is WᵀW
     error = np.linalg.norm(terms, axis=2, keepdims=True)
-    unit = np.divide(terms, error, out=np.zeros_like(terms), where=error > 0)
-    return Sides(
-        np.searchsorted(signed, which[place]),
-        place,
-        own[:, :, None] * unit,
-        np.where(own == 0, np.inf, 0.0)[:, :, None],
-    )
+    standardised = np.divide(terms, error, out=np.zeros_like(terms), where=error > 0)
+    unsigned = np.where(sign == 0, np.inf, 0.0)[:, :, None]
+    position = np.searchsorted(signed, which[place])
+    return Sides(position, place, sign[:, :, None] * standardised, unsigned)
 
 
-def least(z: Array, side: Sides) -> Array:
-    """(s, B) the term of each signed candidate that is least of its sign, from the bucket's Zᵀr z
-    (n, k, B), in its precision."""
-    return np.asarray(
-        (np.matmul(side.to.astype(z.dtype), z[side.place]) + side.free.astype(z.dtype)).min(1)
-    )
+def compute_least_of_sign(z: Array, side: Sides) -> Array:
+    """Compute (s, B) the term of each signed candidate that is least of its sign, from the bucket's
+    Zᵀr z (n, k, B), in its precision."""
+    terms = np.matmul(side.projection.astype(z.dtype), z[side.place])
+    return np.asarray((terms + side.unsigned.astype(z.dtype)).min(1))

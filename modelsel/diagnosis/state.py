@@ -1,37 +1,126 @@
-"""What the loop that extends a model shares and asks: fits, names, the null, the signs of the
-residual's own rows."""
+"""The working state of the stepwise search: all candidates, the null distribution, and views of
+fitted models.
+
+A view is a fitted model seen as projections: what lies beyond it, and beyond it without one of its
+effects, follows without a refit. The search itself adds the fits, the names and the p-values."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from .._typing import Array, Index
+from .._typing import Array, Index, Mask
 from ..exceptions import NotEstimable
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit, prior_root
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
+from .candidate_columns import Columns, build_columns, flatten_measured, stack_design
+from .candidate_kinds import CandidateKind
 from .candidates import Candidate
-from .credible_sets import CredibleSet, name, name_again, own_evidence, with_candidate
+from .credible_sets import (
+    CredibleSet,
+    compute_own_evidence,
+    include_candidate,
+    name_effect,
+    rename_effect,
+)
 from .evidence import compute_familywise_p, draw_null
-from .joint_curves import better, collect_curves
-from .residual_tests import DRAWS as FLIPS
-from .residual_tests import adjust_residual, compute_flip_p, draw_flips, partition_rows
-from .scan import Columns, Scan, build_scan_without, columns, compute_basis, flat, scan, stacked
+from .joint_curves import collect_curves, find_better_curve
+from .residual_tests import FLIP_DRAWS, adjust_residual, compute_flip_p, draw_flips, partition_rows
+from .scan import Scan, build_scan, build_scan_without, compute_basis
 
-LEVEL = 0.05  # family-wise
-MIN_LOG_ODDS = np.log(3)  # log odds at which a re-named effect changes its name
-DRAWS = (999, 499)  # null draws for small and large studies
-COARSE_MM = 1e-2  # step at which the fits on the way are good enough
-LARGE = 3e6  # candidates' numbers beyond which a study is large
+# largest family-wise p-value of an effect
+LEVEL = 0.05
+# log odds at which an effect that is identified again changes its name
+MIN_LOG_ODDS = np.log(3)
+# numbers in the candidates' columns from which a study is large, and null draws of small and of
+# large studies
+LARGE_STUDY = 3e6
+NULL_DRAWS = (999, 499)
+# step [mm] at which intermediate fits have converged
+COARSE_MM = 1e-2
+
+
+def extend_model(base: Model, chosen: Sequence[Candidate]) -> Model:
+    """Extend the base by the mechanisms of some candidates."""
+    return base + tuple(dict.fromkeys(c.mechanism for c in chosen))
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A fitted model as projections, with every candidate beyond it.
+
+    Orthonormal Q (N, r) and R (r, r) with A[:, kept] = Q R; all columns A (N, p); the fit's residual
+    `raw` (N,) and its part `residual` (N,) off the model. The prior's rows of shrunk terms stand
+    below the rows of the data. `kept`: the columns that do not depend on others; geometry takes
+    whatever it can, so the prior of its usual sizes has no say."""
+
+    model: Model
+    fitted: Fit
+    kept: tuple[int, ...]
+    A: Array
+    Q: Array
+    R: Array
+    raw: Array
+    residual: Array
+    scan: Scan
+
+    def mask_terms(self, *effects: Candidate) -> Mask:
+        """Mask (p,) of the terms that these effects alone bring into the model."""
+        brought = [effect.mechanism for effect in effects]
+        others = [m for m in self.model.mechanisms if m not in brought]
+        own = {term.key for m in brought for term in m.terms}
+        shared = {term.key for m in others for term in m.terms}
+        return np.array([t.key in own - shared for t in self.model.terms])
+
+    def release(self, *effects: Candidate) -> tuple[Array, Array]:
+        """Take effects out of the model without a refit: (D, response).
+
+        D (N, d): the directions that only they bring, Q R⁻ᵀ E with E their columns of the identity;
+        response (N,): the residual with the effects put back."""
+        own = self.mask_terms(*effects)
+        positions = [i for i, column in enumerate(self.kept) if own[column]]
+        E = np.eye(len(self.kept))[:, positions]
+        D = self.Q @ compute_basis(np.asarray(np.linalg.solve(self.R.T, E)))
+        effect = self.A[:, own] @ self.fitted.theta[own]
+        return D, self.residual + D @ (D.T @ (self.raw + effect))
+
+    def scan_without(self, candidate: Candidate) -> tuple[Scan, Array]:
+        """Scan from the model without one effect: (scan, residual with that effect put back)."""
+        D, response = self.release(candidate)
+        return build_scan_without(self.scan, D), response
+
+
+def build_view(problem: Problem, columns: Columns, model: Model, fitted: Fit) -> View:
+    """Build the projections of a fitted model and scan every candidate beyond it."""
+    A, raw = stack_design(problem, model.terms, fitted.at())
+    if fitted.precision is not None:
+        root = prior_root(fitted.terms, fitted.precision)
+        A, raw = np.vstack([A, root]), np.concatenate([raw, -root @ fitted.theta])
+    kept = fitted.representatives
+    Q, R = np.linalg.qr(A[:, list(kept)])
+    residual = raw - Q @ (Q.T @ raw)
+    return View(model, fitted, kept, A, Q, R, raw, residual, build_scan(columns, Q))
+
+
+class Renamed(NamedTuple):
+    """An effect named again, given all others, and the log evidence for it and its like."""
+
+    named: CredibleSet
+    evidence: float
 
 
 class Search:
-    """What the loop shares: the training problem, all candidates with their columns, the null of the
-    first scan."""
+    """What the steps of the search share: the training problem, all candidates with their columns,
+    the view of the base (`first`), and the null distribution of the first scan.
+
+    Names that were asked for are remembered for each view, as long as the view lives: a view and
+    the candidates never change, so that an answer stays valid."""
 
     def __init__(
         self,
@@ -42,211 +131,160 @@ class Search:
         base_fit: Fit,
     ):
         self.problem, self.base, self.found, self.rng = problem, base, found, rng
-        self.columns: Columns = columns(problem, found, base_fit.at())
+        self.columns: Columns = build_columns(problem, found, base_fit.at())
         self.log_prior = np.log([c.prior for c in found])
         self.curves = collect_curves(found, self.columns, self.log_prior)
         self.first = build_view(problem, self.columns, base, base_fit)
-        self.dead = np.flatnonzero(
-            self.first.seen.sizes == 0
-        )  # the base has them: what a refit leaks of them is no cause
-        large = self.columns.XT.size >= LARGE
-        self.flips = FLIPS[large]
-        self.null, self.least_p = draw_null(self.first.seen, self.log_prior, DRAWS[large], rng)
+        # candidates that the base has already: what a refit leaks of them is no cause
+        self.dead = np.flatnonzero(self.first.scan.sizes == 0)
+        is_large = self.columns.XT.size >= LARGE_STUDY
+        self.flip_draws = FLIP_DRAWS[is_large]
+        null_draws = NULL_DRAWS[is_large]
+        self.null, self.smallest_p = draw_null(self.first.scan, self.log_prior, null_draws, rng)
         self.bound = float(np.quantile(self.null, 1 - LEVEL))
+        self._renamed: WeakKeyDictionary[View, dict[int, Renamed]] = WeakKeyDictionary()
 
-    def fit(self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM) -> View:
+    def fit_model(
+        self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM
+    ) -> View:
+        """Fit the base with the chosen candidates. Raises NotEstimable."""
         model = extend_model(self.base, [self.found[g] for g in chosen])
-        return build_view(
-            self.problem, self.columns, model, fit_shrunk(self.problem, model, start, step_mm)
-        )
+        fitted = fit_shrunk(self.problem, model, start, step_mm)
+        return build_view(self.problem, self.columns, model, fitted)
 
-    def attempt(
+    def try_fit(
         self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM
     ) -> View | None:
-        """`fit`, or None where the data do not determine such a model."""
+        """Fit the base with the chosen candidates; None where the data do not determine them."""
         try:
-            return self.fit(chosen, start, step_mm)
+            return self.fit_model(chosen, start, step_mm)
         except NotEstimable:
             return None
 
-    def unbounded(self, g: int, view: View) -> bool:
-        """Whether the fit leaves an effect's size open: a term, or its standard error, is beyond
-        what a small screw can be."""
-        place = {t.key: k for k, t in enumerate(view.model.terms)}
-        at = [place[t.key] for t in self.found[g].mechanism.terms]
-        block = next(b for b in self.columns.grams if g in b.which)
-        most = block.most[int(np.flatnonzero(block.which == g)[0])]
-        return bool(
-            (np.abs(view.fitted.theta[at]) > most).any()
-            or (view.fitted.standard_errors[at] > most).any()
-        )
+    def is_unbounded(self, g: int, view: View) -> bool:
+        """Return whether the fit leaves an effect's size open: a term, or its standard error, is
+        beyond what a small screw can be."""
+        terms = self.locate_terms(g, view)
+        size = np.abs(view.fitted.theta[terms])
+        error = view.fitted.standard_errors[terms]
+        most = self.columns.largest_terms(g)
+        return bool((size > most).any() or (error > most).any())
 
-    def displacement(self, g: int, view: View) -> Array:
-        """(N,) what an effect, as fitted, does to the target beyond the base; whitened."""
-        own, rows = view.own(self.found[g]), len(self.first.Q)
-        moved = view.A[:rows, own] @ view.fitted.theta[own]
-        return np.asarray(moved - self.first.Q @ (self.first.Q.T @ moved))
+    def locate_terms(self, g: int, view: View) -> list[int]:
+        """Locate an effect's terms among those of the model."""
+        position = {term.key: k for k, term in enumerate(view.model.terms)}
+        return [position[term.key] for term in self.found[g].mechanism.terms]
 
-    def next(self, view: View, known: Sequence[int]) -> CredibleSet:
-        """What explains most of the rest; `known` candidates have had their turn (what the fit
-        drops of theirs is no cause)."""
-        return name(
-            view.seen, self.found, view.r, np.union1d(self.dead, np.array(known, dtype=np.intp))
-        )
+    def compute_displacement(self, g: int, view: View) -> Array:
+        """Compute (N,) what an effect, as fitted, does to the target beyond the base; whitened."""
+        Q, own = self.first.Q, view.mask_terms(self.found[g])
+        columns = view.A[: len(Q), own]
+        moved = columns @ view.fitted.theta[own]
+        return np.asarray(moved - Q @ (Q.T @ moved))
 
-    def by_signs(self, view: View, known: Sequence[int], observed: float) -> float:
-        """How often the residual's own rows, signs of whole postures (and of whole groups, where
-        their rows go together) changed, have as much evidence beyond the model; the largest of
-        these p."""
+    def name_strongest(self, view: View, known: Sequence[int]) -> CredibleSet:
+        """Name what explains most of the residual; `known` candidates have had their turn (what the
+        fit drops of them is no cause)."""
+        return name_effect(view.scan, self.found, view.residual, self._exclude(known))
+
+    def _exclude(self, known: Sequence[int]) -> Index:
+        return np.union1d(self.dead, np.array(known, dtype=np.intp))
+
+    def compute_sign_p(self, view: View, known: Sequence[int], observed: float) -> float:
+        """Compute how often the residual's own rows have as much evidence beyond the model when the
+        signs of whole postures (and of whole groups, where their rows go together) are drawn at
+        random; the largest of these p-values."""
         log_prior = self.log_prior.copy()
-        log_prior[np.union1d(self.dead, np.array(known, dtype=np.intp))] = -np.inf
-        return max(
-            compute_flip_p(
-                draw_flips(
-                    view.seen,
-                    log_prior,
-                    adjust_residual(view.seen.Q, view.r, unit),
-                    unit,
-                    self.flips,
-                    self.rng,
-                ),
-                observed,
-                self.flips,
-                LEVEL,
-            )
-            for unit in self.in_units(view)
-        )
+        log_prior[self._exclude(known)] = -np.inf
+        p = []
+        for unit in self.expand_partitions(view):
+            adjusted = adjust_residual(view.scan.Q, view.residual, unit)
+            flips = draw_flips(view.scan, log_prior, adjusted, unit, self.flip_draws, self.rng)
+            p.append(compute_flip_p(flips, observed, self.flip_draws, LEVEL))
+        return max(p)
 
-    def in_units(self, view: View) -> list[Index]:
-        """Which coordinates (N,) change sign together, -1 where a row is the prior's: a partition
-        of every kind that `units` asks for."""
-        problem, out = self.problem, []
-        for own in partition_rows(problem.data, view.fitted.residuals(problem)[:, :3], self.rng):
-            every = np.tile(own, (1, problem.components, 1))
-            measured = np.concatenate(
-                [flat(problem, rows, every[:, :, rows])[0] for rows in problem.blocks()]
-            )
-            out.append(np.append(measured, np.full(len(view.r) - len(measured), -1)))
-        return out
+    def expand_partitions(self, view: View) -> list[Index]:
+        """Expand every partition of the rows to coordinates (N,): which change sign together, -1
+        where a row is the prior's."""
+        problem = self.problem
+        residual = view.fitted.residuals(problem)[:, :3]
+        partitions = []
+        for unit in partition_rows(problem.data, residual, self.rng):
+            every = np.tile(unit, (1, problem.components, 1))
+            parts = [
+                flatten_measured(problem, rows, every[:, :, rows])[0] for rows in problem.blocks()
+            ]
+            measured = np.concatenate(parts)
+            of_prior = np.full(len(view.residual) - len(measured), -1)
+            partitions.append(np.append(measured, of_prior))
+        return partitions
 
-    def by_chance(self, view: View) -> tuple[list[Array], Array]:
-        """(sorted evidences where nothing is: by equal normal noise, and by the signs of what
-        `view` leaves; (G,) family-wise p of every candidate alone on the base, the largest by any
-        of these). Where the model of `view` has every candidate already, evidences beyond the base
-        are taken."""
-        first, rows = self.first, len(self.first.r)
-        nothing, p = [self.null], compute_familywise_p(first.seen, first.r, self.least_p)
-        for unit in self.in_units(view):
-            e = adjust_residual(view.seen.Q, view.r, unit)
-            base = list(
-                draw_flips(first.seen, self.log_prior, e[:rows], unit[:rows], self.flips, self.rng)
-            )
-            own = draw_flips(view.seen, self.log_prior, e, unit, self.flips, self.rng)
-            after = base if view is first or not view.seen.sizes.any() else own
-            nothing.append(np.sort(np.concatenate([some for some, _ in after])))
-            p = np.maximum(
-                p,
-                compute_familywise_p(
-                    first.seen, first.r, np.sort(np.concatenate([few for _, few in base]))
-                ),
-            )
-        return nothing, p
+    def draw_final_nulls(self, view: View) -> tuple[list[Array], Array]:
+        """Draw the nulls that the final effects are held against: (sorted evidences of each null,
+        (G,) family-wise p-values of every candidate alone on the base).
 
-    def again(self, g: int, view: View) -> tuple[CredibleSet, float]:
-        """Effect g given the others: (named again, the evidence for itself or its like)."""
-        if g not in view.asked:
-            seen, y = view.without(self.found[g])
-            named = name_again(seen, self.found, g, y, self.dead)
-            view.asked[g] = (
-                with_candidate(named, seen, self.found, g, y),
-                own_evidence(seen, named, g, y),
+        The nulls are equal normal noise, and the signs of what `view` leaves; a p-value is the
+        largest by any of them. Where the model of `view` has every candidate already, evidences
+        beyond the base are taken."""
+        first, rows = self.first, len(self.first.residual)
+        nulls = [self.null]
+        p = compute_familywise_p(first.scan, first.residual, self.smallest_p)
+        for unit in self.expand_partitions(view):
+            adjusted = adjust_residual(view.scan.Q, view.residual, unit)
+            on_base = draw_flips(
+                first.scan, self.log_prior, adjusted[:rows], unit[:rows], self.flip_draws, self.rng
             )
-        return view.asked[g]
+            base = list(on_base)
+            if view is first or not view.scan.sizes.any():
+                flips = base
+            else:
+                on_view = draw_flips(
+                    view.scan, self.log_prior, adjusted, unit, self.flip_draws, self.rng
+                )
+                flips = list(on_view)
+            nulls.append(np.sort(np.concatenate([evidence for evidence, _ in flips])))
+            smallest = np.sort(np.concatenate([least for _, least in base]))
+            p = np.maximum(p, compute_familywise_p(first.scan, first.residual, smallest))
+        return nulls, p
 
-    def redrawn(self, chosen: Sequence[int], view: View) -> Iterator[tuple[list[int], str]]:
-        """(models in which a joint's own-angle effects are explained better together, what
-        changed)."""
+    def rename(self, g: int, view: View) -> Renamed:
+        """Name effect g again, given all others; remembered while the view lives."""
+        answers = self._renamed.setdefault(view, {})
+        if g not in answers:
+            scan, response = view.scan_without(self.found[g])
+            named = rename_effect(scan, self.found, g, response, self.dead)
+            evidence = compute_own_evidence(scan, named, g, response)
+            named = include_candidate(named, scan, self.found, g, response)
+            answers[g] = Renamed(named, evidence)
+        return answers[g]
+
+    def generate_better_curves(
+        self, chosen: Sequence[int], view: View
+    ) -> Iterator[tuple[list[int], str]]:
+        """Generate models in which a joint's own-angle effects are explained better together:
+        (chosen candidates, what changed)."""
         for curve in self.curves.values():
             now = [g for g in chosen if g in curve.which]
             if not now:
                 continue
-            D, response = view.freed(*(self.found[g] for g in now))
-            best = better(curve, view.Q - D @ (D.T @ view.Q), response, now, MIN_LOG_ODDS)
+            D, response = view.release(*(self.found[g] for g in now))
+            Q = view.Q - D @ (D.T @ view.Q)
+            best = find_better_curve(curve, Q, response, now, MIN_LOG_ODDS)
             if best is not None:
-                names = (
-                    " & ".join(self.found[g].mechanism.name for g in some) for some in (now, best)
-                )
-                yield [*(g for g in chosen if g not in now), *best], " -> ".join(names)
+                rest = [g for g in chosen if g not in now]
+                change = f"{self._join_names(now)} -> {self._join_names(best)}"
+                yield [*rest, *best], change
 
-    def joined(self, chosen: Sequence[int], g: int) -> list[int]:
-        """With candidate g; a finer free function of a joint takes the place of a coarser one."""
+    def _join_names(self, members: Sequence[int]) -> str:
+        return " & ".join(self.found[g].mechanism.name for g in members)
 
-        def subject(k: int) -> object:
-            mechanism = self.found[k].mechanism
-            return (
-                mechanism.terms[0].screws[0].frame if mechanism.name.startswith("free(") else (k,)
-            )
+    def add(self, chosen: Sequence[int], g: int) -> list[int]:
+        """Add candidate g; a free function of a joint replaces one with other knots."""
+        subject = self._find_subject(g)
+        return [*(k for k in chosen if self._find_subject(k) != subject), g]
 
-        return [*(k for k in chosen if subject(k) != subject(g)), g]
-
-
-# A fitted model seen as projections: what lies beyond it, and beyond it without one of its effects,
-# with no refit.
-
-
-def extend_model(base: Model, chosen: Sequence[Candidate]) -> Model:
-    """The base and the mechanisms of some candidates."""
-    return base + tuple(dict.fromkeys(c.mechanism for c in chosen))
-
-
-@dataclass(frozen=True, eq=False)
-class View:
-    """A fitted model seen as projections: orthonormal Q, its R (A_kept = Q R), columns A (N, p),
-    the fit's residual `raw` and r, its part off the model; the prior's rows of shrunk terms stand
-    below the data's. What geometry can do at any size is taken by geometry: the columns `kept` are
-    those that do not depend on others, and the prior of usual sizes has no say."""
-
-    model: Model
-    fitted: Fit
-    kept: tuple[int, ...]
-    A: Array
-    Q: Array
-    R: Array
-    raw: Array
-    r: Array
-    seen: Scan
-    asked: dict[int, tuple[CredibleSet, float]] = field(
-        default_factory=dict, repr=False
-    )  # what `_Search.again` has answered
-
-    def own(self, *effects: Candidate) -> Array:
-        """(p,) mask of the terms that these effects alone bring."""
-        whose = [e.mechanism for e in effects]
-        mine = {t.key for m in whose for t in m.terms}
-        shared = {t.key for m in self.model.mechanisms if m not in whose for t in m.terms}
-        return np.array([t.key in mine and t.key not in shared for t in self.model.terms])
-
-    def freed(self, *effects: Candidate) -> tuple[Array, Array]:
-        """(D (N, d), the residual with the effects put back): no refit, the directions that only
-        they bring are Q R⁻ᵀ E."""
-        own = self.own(*effects)
-        E = np.eye(len(self.kept))[:, [i for i, k in enumerate(self.kept) if own[k]]]
-        D: Array = self.Q @ compute_basis(np.asarray(np.linalg.solve(self.R.T, E)))
-        effect = self.A[:, own] @ self.fitted.theta[own]
-        return D, self.r + D @ (D.T @ (self.raw + effect))
-
-    def without(self, candidate: Candidate) -> tuple[Scan, Array]:
-        """(the scan from the model without one effect, the residual with that effect put back)."""
-        D, response = self.freed(candidate)
-        return build_scan_without(self.seen, D), response
-
-
-def build_view(problem: Problem, columns: Columns, model: Model, fitted: Fit) -> View:
-    """A fitted model's projections, and every candidate beyond it."""
-    A, r = stacked(problem, model.terms, fitted.at())
-    if fitted.precision is not None:
-        root = prior_root(fitted.terms, fitted.precision)
-        A, r = np.vstack([A, root]), np.concatenate([r, -root @ fitted.theta])
-    kept = fitted.representatives
-    Q, R = np.linalg.qr(A[:, list(kept)])
-    return View(model, fitted, kept, A, Q, R, r, r - Q @ (Q.T @ r), scan(columns, Q))
+    def _find_subject(self, g: int) -> tuple[str, int]:
+        candidate = self.found[g]
+        if candidate.kind is CandidateKind.FREE_FUNCTION:
+            return "joint", candidate.mechanism.terms[0].screws[0].frame
+        return "candidate", g

@@ -1,65 +1,58 @@
-"""The loop that extends a model: name, add the whole top mechanism, refit everything, name each
-effect again given the others, drop what the full model no longer needs; until chance alone would
-explain what is left.
+"""Stepwise search: add the strongest explanation, refit, identify the effects again, drop what is
+not needed.
 
-A sum of single effects, each a whole candidate (grouped after Wang, Sarkar, Carbonetto & Stephens
-2020, "SuSiE"); here an effect is re-named with the others fitted exactly, so that an early proxy is
-found out."""
+A model is a sum of single effects, each a whole candidate (after the sum of single effects of Wang,
+Sarkar, Carbonetto & Stephens 2020, "SuSiE"). Here an effect is identified again with the others
+fitted exactly, so that a proxy which was named early gives way to the cause. The search ends when
+chance alone would explain what is left."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from .._typing import Array
+from .._typing import Array, Say
 from ..fitting.design import Model
 from ..fitting.least_squares import STEP_MM, Fit
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
 from .candidates import Candidate
 from .credible_sets import CredibleSet
+from .effects import Effect
 from .evidence import compute_p_value, compute_single_f
-from .state import LEVEL, MIN_LOG_ODDS, Search, View
+from .outcome import Diagnosis
+from .renaming import settle_names
+from .state import LEVEL, Search, View
 
-MOST = 24  # effects
-UNDONE = 0.5  # share of either of two effects below which what is left of both is said
+# effects in a model
+MAX_EFFECTS = 24
+# explanations that are tried in turn when the most probable one was tried before
+MAX_TRIED = 16
+# share of either of two effects below which what is left of both is reported
+MAX_CANCELLED = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class Effect:
-    """One named effect of the extended model, given all the others; `p` family-wise; `cancels`:
-    another one that undoes most of it, and the share of it that is left of both."""
+class _Remainder(NamedTuple):
+    """The strongest explanation of what a model leaves, its p-value, and its p-value under equal
+    normal noise where only that would have named it."""
 
-    candidate: Candidate
-    named: CredibleSet
+    strongest: CredibleSet
     p: float
-    estimate: Array = field(repr=False)
-    standard_error: Array = field(repr=False)
-    cancels: tuple[str, float] | None = None
+    held_back: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Diagnosis:
-    """The extended model: effects in the order they were found, its fit, the null evidences, what
-    was tried on the way; `left` names the strongest of what remains, with its p-value, whatever it
-    is (None without candidates); `held_back`: its p under equal normal noise, where that would have
-    named it and the residual's own signs do not; `single_f` (G,) every candidate alone on the base,
-    `map_p` (G,) family-wise p of that."""
+@dataclass
+class _Progress:
+    """Where the search stands: the chosen candidates, the view of their model, the steps so far, and
+    the sets of candidates that were tried."""
 
-    base: Model
-    effects: tuple[Effect, ...]
-    model: Model
-    fit: Fit
-    null: Array
-    path: tuple[str, ...]
-    left: CredibleSet | None
-    left_p: float
-    held_back: float | None
-    bound: float
-    single_f: Array = field(repr=False)
-    map_p: Array = field(repr=False)
+    chosen: list[int]
+    view: View
+    path: list[str] = field(default_factory=list)
+    tried: set[frozenset[int]] = field(default_factory=lambda: {frozenset()})
 
 
 def run_stepwise_search(
@@ -68,274 +61,248 @@ def run_stepwise_search(
     base_fit: Fit,
     found: tuple[Candidate, ...],
     rng: np.random.Generator,
-    say: Callable[[str], None] = lambda _: None,
+    say: Say = lambda _: None,
 ) -> Diagnosis:
-    """Extend the base on a training problem by what the candidates explain beyond chance, one named
-    effect at a time."""
+    """Extend the base on a training problem by what the candidates `found` explain beyond chance,
+    one named effect at a time."""
     if not found:
-        return Diagnosis(
-            base,
-            (),
-            base,
-            base_fit,
-            np.zeros(0),
-            (),
-            None,
-            1.0,
-            None,
-            np.inf,
-            np.zeros(0),
-            np.zeros(0),
-        )
+        return _build_empty(base, base_fit)
     search = Search(problem, base, found, rng, base_fit)
-    chosen: list[int] = []
-    path: list[str] = []
-    tried: set[frozenset[int]] = {frozenset()}
-    view, settled_all = search.first, False
-    while True:
-        left = search.next(view, chosen)
-        left_p, held_back = compute_p_value(left.evidence, search.null), None
-        new = _untried(search, left, view, chosen, tried)
-        if new is not None and (by_signs := search.by_signs(view, chosen, left.evidence)) > LEVEL:
-            new, left_p, held_back = None, by_signs, left_p
-        if new is None or len(chosen) >= MOST:
-            if settled_all:
-                break
-            before = list(
-                chosen
-            )  # nothing more to add: every effect is named once more, and what that frees, too
-            chosen, view = settle(search, chosen, view, None, path)
-            tried.add(frozenset(chosen))
-            settled_all = True
-            if set(chosen) == set(before):
-                break
-            continue
-        trial = search.joined(chosen, new)
-        path.append(f"+ {found[new].label}")
-        say(f"found {found[new].label}")
-        first = search.attempt(trial, view.fitted)
-        if (
-            first is None
-            or search.unbounded(new, first)
-            or not (set(np.flatnonzero(first.own(found[new]))) & set(first.fitted.found.kept))
-        ):
-            tried.add(frozenset(trial))  # it adds nothing that the fit could determine
-            path.pop()
-            continue
-        steps: list[str] = []
-        settled, after = settle(search, trial, first, view, steps)
-        if (
-            frozenset(settled) in tried
-        ):  # re-naming would go in a circle: the addition stays as it is
-            settled, after, steps = trial, first, []
-        chosen, view, path = settled, after, path + steps
-        tried |= {frozenset(trial), frozenset(settled)}
-    before = list(chosen)
-    chosen, view = pruned(search, chosen, view, path)
-    known, map_p, view = _proven(search, chosen, view, path)
-    chosen = list(known)
-    if chosen != before:  # what the dropped ones explained is left
-        left, left_p, held_back = *_left(search, view, chosen), None
-    fitted = fit_shrunk(problem, view.model, view.fitted, held="all") if chosen else view.fitted
-    place = {t.key: k for k, t in enumerate(view.model.terms)}
-    effects, undone = [], _undone(search, chosen, view)
-    for g, p in known.items():
-        (one, _), at = search.again(g, view), [place[t.key] for t in found[g].mechanism.terms]
-        effects.append(
-            Effect(found[g], one, p, fitted.theta[at], fitted.standard_errors[at], undone.get(g))
-        )
+    progress = _Progress([], search.first)
+    remainder = _add_effects(search, progress, say)
+    return _conclude(search, progress, remainder)
+
+
+def _build_empty(base: Model, base_fit: Fit) -> Diagnosis:
+    """Build the diagnosis without candidates: nothing may extend the base."""
+    nothing = np.zeros(0)
     return Diagnosis(
-        base,
-        tuple(effects),
-        view.model,
-        fitted,
-        search.null,
-        tuple(path),
-        left,
-        left_p,
-        held_back,
-        search.bound,
-        compute_single_f(search.first.seen, search.first.r),
-        map_p,
+        base=base,
+        effects=(),
+        model=base,
+        fit=base_fit,
+        null=nothing,
+        path=(),
+        left=None,
+        left_p=1.0,
+        held_back=None,
+        bound=np.inf,
+        single_f=nothing,
+        map_p=nothing,
     )
 
 
-def _left(search: Search, view: View, chosen: Sequence[int]) -> tuple[CredibleSet, float]:
-    """The strongest of what a model leaves, and its p."""
-    left = search.next(view, chosen)
-    p = compute_p_value(left.evidence, search.null)
-    return left, p if p > LEVEL else max(p, search.by_signs(view, chosen, left.evidence))
+# Add: the strongest explanation of the residual, as long as chance does not explain it.
 
 
-def _undone(search: Search, chosen: Sequence[int], view: View) -> dict[int, tuple[str, float]]:
-    """Effects of which another one takes back more than half at the target: (its label, the share
-    that is left of both)."""
-    moved = {g: search.displacement(g, view) for g in chosen}
-    size = {g: float(np.linalg.norm(d)) for g, d in moved.items()}
-    out: dict[int, tuple[str, float]] = {}
-    for g in chosen:
-        rest = [
-            (float(np.linalg.norm(moved[g] + moved[h])) / min(size[g], size[h]), h)
-            for h in chosen
-            if h != g and min(size[g], size[h]) > 0
-        ]
-        if rest and min(rest)[0] < UNDONE:
-            share, other = min(rest)
-            out[g] = (search.found[other].label, share)
-    return out
+def _add_effects(search: Search, progress: _Progress, say: Say) -> _Remainder:
+    """Add effects until chance explains what is left, and return that.
 
-
-def _proven(
-    search: Search, chosen: list[int], view: View, path: list[str]
-) -> tuple[dict[int, float], Array, View]:
-    """(p of every effect that chance does not explain, given the others, by any null; the map's p;
-    the model's view): an effect that passed when it came may fail once the others stand, and goes,
-    the weakest first; one that stands alone was asked when it came."""
+    When nothing more is to be added, every effect is identified again once, and the search goes on
+    if that changed the model."""
+    identified_all = False
     while True:
-        if chosen:
-            view = (
-                search.attempt(chosen, view.fitted, STEP_MM) or view
-            )  # to the last tenth of a micrometre, where it settles
-        nothing, map_p = search.by_chance(view)
-        known = {
-            g: max(compute_p_value(search.again(g, view)[1], some) for some in nothing)
-            for g in chosen
-        }
-        weakest = max(chosen, key=lambda g: known[g], default=-1)
-        if (
-            len(chosen) < 2
-            or known[weakest] <= LEVEL
-            or (after := search.attempt([g for g in chosen if g != weakest], view.fitted)) is None
-        ):
-            return known, map_p, view
-        path.append(f"- {search.found[weakest].label}")
-        chosen, view = [g for g in chosen if g != weakest], after
+        remainder, new = _find_next(search, progress)
+        if new is not None and len(progress.chosen) < MAX_EFFECTS:
+            _add_effect(search, progress, new, say)
+        elif identified_all or not _identify_all(search, progress):
+            return remainder
+        else:
+            identified_all = True
 
 
-def _untried(
-    search: Search, left: CredibleSet, view: View, chosen: Sequence[int], tried: set[frozenset[int]]
-) -> int | None:
-    """The most probable explanation beyond chance whose addition gives a model not seen before."""
-    blocked = list(chosen)
-    for _ in range(ROUNDS):
-        if compute_p_value(left.evidence, search.null) > LEVEL:
+def _find_next(search: Search, progress: _Progress) -> tuple[_Remainder, int | None]:
+    """Find the candidate to add next; None where chance, under either null, explains the rest."""
+    view, chosen = progress.view, progress.chosen
+    strongest = search.name_strongest(view, chosen)
+    p = compute_p_value(strongest.evidence, search.null)
+    new = _find_untried(search, strongest, progress)
+    if new is None:
+        return _Remainder(strongest, p), None
+    p_by_signs = search.compute_sign_p(view, chosen, strongest.evidence)
+    if p_by_signs > LEVEL:
+        return _Remainder(strongest, p_by_signs, held_back=p), None
+    return _Remainder(strongest, p), new
+
+
+def _find_untried(search: Search, strongest: CredibleSet, progress: _Progress) -> int | None:
+    """Find the most probable explanation beyond chance whose addition gives a new model."""
+    blocked = list(progress.chosen)
+    for _ in range(MAX_TRIED):
+        if compute_p_value(strongest.evidence, search.null) > LEVEL:
             break
-        if frozenset(search.joined(chosen, left.top)) not in tried:
-            return left.top
-        blocked.append(left.top)
-        left = search.next(view, blocked)
+        trial = search.add(progress.chosen, strongest.top)
+        if frozenset(trial) not in progress.tried:
+            return strongest.top
+        blocked.append(strongest.top)
+        strongest = search.name_strongest(progress.view, blocked)
     return None
 
 
-# Effects named again: where a newcomer moved them, what it frees, and which of them chance alone
-# would explain.
+def _add_effect(search: Search, progress: _Progress, new: int, say: Say) -> None:
+    """Add a candidate, refit, and identify again the effects that it moved; what the fit cannot
+    determine is not added."""
+    label = search.found[new].label
+    say(f"found {label}")
+    trial = search.add(progress.chosen, new)
+    view = search.try_fit(trial, progress.view.fitted)
+    if view is None or not _is_determined(search, new, view):
+        progress.tried.add(frozenset(trial))
+        return
+    steps: list[str] = []
+    settled, settled_view = settle_names(search, trial, view, progress.view, steps)
+    goes_in_circle = frozenset(settled) in progress.tried
+    if goes_in_circle:
+        settled, settled_view, steps = trial, view, []
+    progress.tried |= {frozenset(trial), frozenset(settled)}
+    progress.chosen, progress.view = settled, settled_view
+    progress.path += [f"+ {label}", *steps]
 
-ROUNDS = 16
-SHIFT = (
-    0.1  # share of an effect's displacement that a newcomer must change for it to be named again
-)
+
+def _is_determined(search: Search, g: int, view: View) -> bool:
+    """Return whether a fit determines an effect: its size is bounded, and one of its terms is not
+    covered by others."""
+    own = np.flatnonzero(view.mask_terms(search.found[g]))
+    has_own_term = bool(set(own) & set(view.fitted.found.kept))
+    return has_own_term and not search.is_unbounded(g, view)
 
 
-def pruned(
+def _identify_all(search: Search, progress: _Progress) -> bool:
+    """Identify every effect again; returns whether the set of effects changed."""
+    before = set(progress.chosen)
+    progress.chosen, progress.view = settle_names(
+        search, progress.chosen, progress.view, None, progress.path
+    )
+    progress.tried.add(frozenset(progress.chosen))
+    return set(progress.chosen) != before
+
+
+# Drop: effects whose size stays open, and those that chance explains given the others.
+
+
+def prune_effects(
     search: Search, chosen: list[int], view: View, path: list[str]
 ) -> tuple[list[int], View]:
-    """Without the effects whose size the others leave open, and those that chance alone would
-    explain; the weakest first."""
+    """Drop the effects whose size the others leave open, and those that chance alone would explain,
+    the weakest first."""
     while chosen:
-        wild = next((g for g in reversed(chosen) if search.unbounded(g, view)), None)
-        if wild is not None:
-            rest = [g for g in chosen if g != wild]
-            after = search.attempt(rest, view.fitted)
-            if after is None:
-                break
-            path.append(f"- {search.found[wild].label}")
-            chosen, view = rest, after
-            continue
-        own = {g: search.again(g, view)[1] for g in chosen}
-        weakest = min(chosen, key=lambda g: own[g])
-        rest = [g for g in chosen if g != weakest]
-        if (
-            compute_p_value(own[weakest], search.null) <= LEVEL
-            or (after := search.attempt(rest, view.fitted)) is None
-        ):
+        g = _find_dispensable(search, chosen, view)
+        rest = [k for k in chosen if k != g]
+        after = None if g is None else search.try_fit(rest, view.fitted)
+        if g is None or after is None:
             break
-        path.append(f"- {search.found[weakest].label}")
+        path.append(f"- {search.found[g].label}")
         chosen, view = rest, after
     return chosen, view
 
 
-def _moved(before: View, after: View, candidate: Candidate) -> bool:
-    """Whether a newcomer changed what an effect does to the target by more than a tenth."""
-    old = dict(zip((t.key for t in before.model.terms), before.fitted.theta, strict=True))
-    own = np.flatnonzero(after.own(candidate))
-    moves = after.A[: after.seen.columns.XT.shape[1], own]
-    now = moves @ after.fitted.theta[own]
-    change = moves @ (
-        after.fitted.theta[own] - [old.get(after.model.terms[k].key, 0.0) for k in own]
-    )
-    return float(np.linalg.norm(change)) > SHIFT * float(np.linalg.norm(now))
+def _find_dispensable(search: Search, chosen: Sequence[int], view: View) -> int | None:
+    for g in reversed(chosen):
+        if search.is_unbounded(g, view):
+            return g
+    evidence = {g: search.rename(g, view).evidence for g in chosen}
+    weakest = min(chosen, key=lambda g: evidence[g])
+    return weakest if compute_p_value(evidence[weakest], search.null) > LEVEL else None
 
 
-def settle(
-    search: Search, chosen: list[int], view: View, before: View | None, path: list[str]
-) -> tuple[list[int], View]:
-    """Name again, given the others, every effect that the newcomer moved (all, where nothing stood
-    before), until the names stay; drop what is no longer needed. One change at a time, the weakest
-    first; what a change did not move keeps its name."""
-    visited = {frozenset(chosen)}
-    known: dict[
-        int, tuple[float, int]
-    ] = {}  # effect -> (evidence for itself, its better name or -1 or itself)
-    if before is not None:
-        known = {g: (np.inf, g) for g in chosen if not _moved(before, view, search.found[g])}
-    for _ in range(ROUNDS):
-        for g in chosen:
-            if g not in known:
-                named, own = search.again(g, view)
-                odds = named.log_probability[named.top] - named.log_probability[g]
-                better = (
-                    -1
-                    if compute_p_value(own, search.null) > LEVEL
-                    else named.top
-                    if odds > MIN_LOG_ODDS
-                    else g
-                )
-                known[g] = (own, better)
-        change = next(
-            (
-                (g, trial)
-                for _, g in sorted((known[g][0], g) for g in chosen if known[g][1] != g)
-                if frozenset(trial := _replaced(search, chosen, g, known[g][1])) not in visited
-            ),
-            None,
-        )
-        if change is not None:
-            g, trial = change
-            old, new = search.found[g].label, known[g][1]
-            said = f"- {old}" if len(trial) < len(chosen) else f"{old} -> {search.found[new].label}"
-        else:
-            redrawn = next(
-                (one for one in search.redrawn(chosen, view) if frozenset(one[0]) not in visited),
-                None,
-            )
-            if redrawn is None:
-                break
-            g, (trial, said) = -1, redrawn
-        visited.add(frozenset(trial))
-        after = search.attempt(trial, view.fitted)
+def _confirm_effects(
+    search: Search, chosen: list[int], view: View, path: list[str]
+) -> tuple[dict[int, float], Array, View]:
+    """Confirm every effect given the others, under every null: (p of every effect that stays, the
+    map's family-wise p (G,), the model's view).
+
+    An effect that passed when it came may fail once the others stand, and is dropped, the weakest
+    first; one that stands alone was tested when it came."""
+    while True:
+        if chosen:
+            view = search.try_fit(chosen, view.fitted, STEP_MM) or view
+        nulls, map_p = search.draw_final_nulls(view)
+        p = {g: _compute_largest_p(search.rename(g, view).evidence, nulls) for g in chosen}
+        weakest = max(chosen, key=lambda g: p[g], default=-1)
+        if len(chosen) < 2 or p[weakest] <= LEVEL:
+            return p, map_p, view
+        rest = [g for g in chosen if g != weakest]
+        after = search.try_fit(rest, view.fitted)
         if after is None:
-            if g >= 0:
-                known[g] = (known[g][0], g)
-            continue
-        path.append(said)
-        known = {
-            k: known[k] for k in trial if k in known and not _moved(view, after, search.found[k])
-        }
-        chosen, view = trial, after
-    return chosen, view
+            return p, map_p, view
+        path.append(f"- {search.found[weakest].label}")
+        chosen, view = rest, after
 
 
-def _replaced(search: Search, chosen: Sequence[int], old: int, new: int) -> list[int]:
-    """Without one effect, or with a better name for it."""
-    rest = [g for g in chosen if g != old]
-    return rest if new < 0 or new in rest else search.joined(rest, new)
+def _compute_largest_p(evidence: float, nulls: Sequence[Array]) -> float:
+    return max(compute_p_value(evidence, null) for null in nulls)
+
+
+# Conclude: the final fit, its effects, and what is left.
+
+
+def _conclude(search: Search, progress: _Progress, remainder: _Remainder) -> Diagnosis:
+    """Drop what the full model does not need, fit it exactly, and put the diagnosis together."""
+    path, before = progress.path, list(progress.chosen)
+    chosen, view = prune_effects(search, progress.chosen, progress.view, path)
+    p, map_p, view = _confirm_effects(search, chosen, view, path)
+    chosen = list(p)
+    if chosen != before:
+        remainder = _assess_remainder(search, view, chosen)
+    fitted = view.fitted
+    if chosen:
+        fitted = fit_shrunk(search.problem, view.model, view.fitted, held="all")
+    return Diagnosis(
+        base=search.base,
+        effects=_build_effects(search, view, fitted, p),
+        model=view.model,
+        fit=fitted,
+        null=search.null,
+        path=tuple(path),
+        left=remainder.strongest,
+        left_p=remainder.p,
+        held_back=remainder.held_back,
+        bound=search.bound,
+        single_f=compute_single_f(search.first.scan, search.first.residual),
+        map_p=map_p,
+    )
+
+
+def _assess_remainder(search: Search, view: View, chosen: Sequence[int]) -> _Remainder:
+    """Assess the strongest explanation of what a model leaves, under both nulls."""
+    strongest = search.name_strongest(view, chosen)
+    p = compute_p_value(strongest.evidence, search.null)
+    if p <= LEVEL:
+        p = max(p, search.compute_sign_p(view, chosen, strongest.evidence))
+    return _Remainder(strongest, p)
+
+
+def _build_effects(
+    search: Search, view: View, fitted: Fit, p: dict[int, float]
+) -> tuple[Effect, ...]:
+    cancelled = _find_cancelling(search, list(p), view)
+    effects = []
+    for g, p_value in p.items():
+        candidate = search.found[g]
+        terms = search.locate_terms(g, view)
+        estimate, standard_error = fitted.theta[terms], fitted.standard_errors[terms]
+        named = search.rename(g, view).named
+        effect = Effect(candidate, named, p_value, estimate, standard_error, cancelled.get(g))
+        effects.append(effect)
+    return tuple(effects)
+
+
+def _find_cancelling(
+    search: Search, chosen: Sequence[int], view: View
+) -> dict[int, tuple[str, float]]:
+    """Find the effects of which another one takes back more than half at the target: (its label,
+    the share of the smaller one that is left of both)."""
+    displacement = {g: search.compute_displacement(g, view) for g in chosen}
+    size = {g: float(np.linalg.norm(d)) for g, d in displacement.items()}
+    cancelled = {}
+    for g in chosen:
+        shares = []
+        for h in chosen:
+            smaller = min(size[g], size[h])
+            if h != g and smaller > 0:
+                both = float(np.linalg.norm(displacement[g] + displacement[h]))
+                shares.append((both / smaller, h))
+        share, other = min(shares, default=(np.inf, -1))
+        if share < MAX_CANCELLED:
+            cancelled[g] = (search.found[other].label, share)
+    return cancelled

@@ -1,5 +1,8 @@
-"""Whether any smooth function of the configuration still predicts the residual: a Gaussian process,
-leave-one-out."""
+"""What remains unexplained: the detection limit, and whether the residual is still predictable.
+
+The detection limit is the size of an effect that the search would find with probability POWER. The
+residual is predictable where a Gaussian process of the configuration, leaving one configuration out,
+explains more of it than chance."""
 
 from __future__ import annotations
 
@@ -8,33 +11,40 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._typing import Array
+from .._typing import Array, Index
 from ..fitting.noise import Floor
 from ..measurements.measurements import Measurements
 from ..selection.evaluation import Evaluation, Split
 from .candidates import Candidate
 from .evidence import RATIOS
+from .outcome import Diagnosis
 from .residual_tests import GROUP_LEVEL, compute_group_p
 from .sentences import format_length
 from .state import LEVEL
-from .stepwise import Diagnosis
 
-LENGTHS = (
-    0.3,
-    0.6,
-    1.2,
-    2.4,
-)  # of the kernel, in units of sine and cosine of a joint's angle, all joints together
-NOISE_RATIOS = (0.3, 1.0, 3.0, 10.0)  # noise variance over signal variance
+# length scales of the kernel, in units of the sines and cosines of all joints' angles together
+LENGTHS = (0.3, 0.6, 1.2, 2.4)
+# noise variance over signal variance
+NOISE_RATIOS = (0.3, 1.0, 3.0, 10.0)
+# sign draws
 FLIPS = 199
-LARGEST = 800  # configurations; more are thinned evenly
+# configurations that are needed, and that are used at most: more are thinned evenly
+MIN_CONFIGURATIONS = 20
+MAX_CONFIGURATIONS = 800
+# probability with which an effect at the detection limit is found
+POWER = 0.90
+BISECTIONS = 60
+# degrees of freedom of a noise floor from which a model is compared with it, and those of a floor
+# that is stated
+MIN_FLOOR_FREEDOM = 10
+STATED_FLOOR_FREEDOM = 1e9
 
 
 @dataclass(frozen=True)
 class Predictable:
-    """Share of the residual's sum of squares that leave-one-configuration-out prediction explains,
-    and how often sign flips of whole configurations (of whole groups, where errors last within
-    them) do as well."""
+    """How predictable a residual is: the share of its sum of squares that
+    leave-one-configuration-out prediction explains, and how often sign flips of whole configurations
+    (of whole groups, where errors last within them) do as well."""
 
     share: float
     p: float
@@ -43,94 +53,107 @@ class Predictable:
 def estimate_predictability(
     data: Measurements, residual: Array, prismatic: tuple[bool, ...], rng: np.random.Generator
 ) -> Predictable | None:
-    """Of residuals (m, 3) [mm]: Gaussian process with a squared-exponential kernel on the joint
-    angles (Rasmussen & Williams 2006, eq. 5.12). None with fewer than twenty configurations."""
-    blocks, index = np.unique(data.block, return_inverse=True)
-    if len(blocks) < 20:
+    """Estimate how predictable residuals (m, 3) [mm] are by a Gaussian process with a
+    squared-exponential kernel on the joint angles (Rasmussen & Williams 2006, eq. 5.12).
+
+    None with fewer than MIN_CONFIGURATIONS configurations."""
+    blocks, first, index = np.unique(data.block, return_index=True, return_inverse=True)
+    if len(blocks) < MIN_CONFIGURATIONS:
         return None
     count = np.bincount(index)
     mean = np.stack([np.bincount(index, residual[:, a]) / count for a in range(3)], 1)
-    first = np.unique(data.block, return_index=True)[1]
-    thin = (
-        np.unique(np.linspace(0, len(blocks) - 1, LARGEST).astype(int))
-        if len(blocks) > LARGEST
-        else np.arange(len(blocks))
-    )
-    y = mean[thin] - mean[thin].mean(0)
-    q = data.q[first[thin]]
-    parts = [
-        q[:, [j]] / max(float(np.ptp(q[:, j])), 1e-9)
-        if slides
-        else np.stack([np.sin(q[:, j]), np.cos(q[:, j])], 1)
-        for j, slides in enumerate(prismatic)
-    ]
-    X = np.concatenate(parts, axis=1)
-    square = np.square(X[:, None] - X[None]).sum(2)
+    chosen = _thin(len(blocks))
+    rows = first[chosen]
+    y = mean[chosen] - mean[chosen].mean(0)
     unit = np.arange(len(y))
-    if (
-        compute_group_p(data, residual, rng) <= GROUP_LEVEL
-    ):  # errors last within groups: these change their signs as a whole
-        unit = np.unique(data.group[first[thin]], return_inverse=True)[1]
+    if compute_group_p(data, residual, rng) <= GROUP_LEVEL:
+        unit = np.unique(data.group[rows], return_inverse=True)[1]
     flips = rng.choice([-1.0, 1.0], (FLIPS, int(unit.max()) + 1))[:, unit]
-    many = np.concatenate([y[:, None], (flips[:, :, None] * y).transpose(1, 0, 2)], axis=1).reshape(
-        len(y), -1
-    )
-    total = np.square(many).reshape(len(y), -1, 3).sum((0, 2))
-    best = np.full(FLIPS + 1, -np.inf)
+    flipped = (flips[:, :, None] * y).transpose(1, 0, 2)
+    responses = np.concatenate([y[:, None], flipped], axis=1)
+    explained = _compute_explained(_compute_distances(data.q[rows], prismatic), responses)
+    as_large = (explained[1:] >= explained[0]).sum()
+    return Predictable(float(explained[0]), float((1 + as_large) / (FLIPS + 1)))
+
+
+def _thin(count: int) -> Index:
+    if count <= MAX_CONFIGURATIONS:
+        return np.arange(count)
+    return np.unique(np.linspace(0, count - 1, MAX_CONFIGURATIONS).astype(int))
+
+
+def _compute_distances(q: Array, prismatic: tuple[bool, ...]) -> Array:
+    """Compute (k, k) squared distances between configurations (k, n): of sines and cosines of
+    angles, of slides over their range."""
+    parts = []
+    for j, slides in enumerate(prismatic):
+        if slides:
+            parts.append(q[:, [j]] / max(float(np.ptp(q[:, j])), 1e-9))
+        else:
+            parts.append(np.stack([np.sin(q[:, j]), np.cos(q[:, j])], 1))
+    X = np.concatenate(parts, axis=1)
+    return np.asarray(np.square(X[:, None] - X[None]).sum(2))
+
+
+def _compute_explained(square: Array, responses: Array) -> Array:
+    """Compute (B,) the largest share of responses (k, B, 3) that leave-one-out prediction explains,
+    over all length scales and noise ratios; `square` (k, k): squared distances."""
+    count = len(responses)
+    flat = responses.reshape(count, -1)
+    total = np.square(flat).reshape(count, -1, 3).sum((0, 2))
+    best = np.full(responses.shape[1], -np.inf)
     for length in LENGTHS:
         value, vector = np.linalg.eigh(np.exp(-square / (2 * length**2)))
-        turned = vector.T @ many
+        rotated = vector.T @ flat
         for ratio in NOISE_RATIOS:
             weight = 1 / (np.maximum(value, 0) + ratio)
-            left = (vector @ (weight[:, None] * turned)) / (np.square(vector) @ weight)[:, None]
-            best = np.maximum(best, 1 - np.square(left).reshape(len(y), -1, 3).sum((0, 2)) / total)
-    return Predictable(float(best[0]), float((1 + (best[1:] >= best[0]).sum()) / (FLIPS + 1)))
-
-
-POWER = 0.90
+            diagonal = np.square(vector) @ weight
+            errors = (vector @ (weight[:, None] * rotated)) / diagonal[:, None]
+            left = np.square(errors).reshape(count, -1, 3).sum((0, 2))
+            best = np.maximum(best, 1 - left / total)
+    return best
 
 
 def compute_detection_limit(
     diagnosis: Diagnosis, priors: Sequence[float], configurations: int, sigma: float
 ) -> float | None:
-    """Root mean square displacement per row [whitened units of sigma] beyond the model of a
-    single-column effect that the scan would find with 90 %: the noncentrality at which its evidence
-    passes the bound (methods.md A.7). None where the data are so few that nothing passes it,
-    however large."""
+    """Compute the root-mean-square displacement per row [whitened units of sigma], beyond the model,
+    of an effect of one column that the scan would find with probability POWER.
+
+    It is the noncentrality at which the effect's evidence exceeds the bound, with the median prior
+    of the candidates. None where the data are too few for any effect to exceed it."""
     from scipy.special import chndtr
 
-    log_prior = float(np.log(np.median(priors)))
     freedom = diagnosis.fit.beyond
     share = np.concatenate([np.linspace(0.0, 0.9, 4001)[1:], 1 - np.logspace(-1, -7, 1201)[1:]])
-    best = np.max(
+    log_prior = float(np.log(np.median(priors)))
+    evidence = log_prior + np.max(
         [
-            log_prior - 0.5 * np.log1p(r) - 0.5 * freedom * np.log1p(-share * r / (1 + r))
-            for r in RATIOS
+            -0.5 * np.log1p(ratio) - 0.5 * freedom * np.log1p(-share * ratio / (1 + ratio))
+            for ratio in RATIOS
         ],
         axis=0,
     )
-    if freedom <= 1 or not (best > diagnosis.bound).any():
+    is_found = evidence > diagnosis.bound
+    if freedom <= 1 or not is_found.any():
         return None
-    passing = share[np.argmax(best > diagnosis.bound)]
-    critical = passing / (1 - passing) * (freedom - 1)
+    smallest = share[np.argmax(is_found)]
+    critical = smallest / (1 - smallest) * (freedom - 1)
     low, high = 0.0, 10 * critical + 100
-    for _ in range(60):
+    for _ in range(BISECTIONS):
         middle = (low + high) / 2
-        low, high = (middle, high) if 1 - chndtr(critical, 1, middle) < POWER else (low, middle)
+        is_short = 1 - chndtr(critical, 1, middle) < POWER
+        low, high = (middle, high) if is_short else (low, middle)
     return float(sigma * np.sqrt(high / configurations))
 
 
-MIN_FLOOR_FREEDOM = 10  # degrees of freedom of a floor before a model is held against it
-STATED_FLOOR_FREEDOM = 1e9  # degrees of freedom of a floor that is stated
-
-
 def is_subsampled(diagnosis: Diagnosis, split: Split) -> bool:
-    """Whether naming has seen only some of the estimation rows."""
+    """Return whether naming used only a part of the estimation rows."""
     return diagnosis.fit.rows < split.training().coordinates
 
 
 def count_rows_seen(diagnosis: Diagnosis, split: Split) -> int:
-    """How many rows naming has seen."""
+    """Count the rows that naming used."""
     training = split.training()
     return diagnosis.fit.rows * len(training) // training.coordinates
 
@@ -138,54 +161,60 @@ def count_rows_seen(diagnosis: Diagnosis, split: Split) -> int:
 def describe_unexplained(
     diagnosis: Diagnosis, found: tuple[Candidate, ...], split: Split, chosen: Evaluation
 ) -> tuple[str, float | None]:
-    """(sentence, limit in mm): what a further effect would have had to be to be found."""
+    """Describe what a further effect would have had to be to be found: (sentence, limit [mm])."""
     if not found or diagnosis.left is None:
         return "No mechanism may extend the base in this study: nothing was searched.", None
     sigma = estimate_floor(chosen, split).coordinate_mm
-    limit = compute_detection_limit(
-        diagnosis, [c.prior for c in found], count_rows_seen(diagnosis, split), sigma
-    )
+    priors, rows = [c.prior for c in found], count_rows_seen(diagnosis, split)
+    limit = compute_detection_limit(diagnosis, priors, rows, sigma)
     if diagnosis.left_p <= LEVEL:
-        first = diagnosis.left.entries[0]
-        stopped = (
-            f"The search stopped after {len(diagnosis.effects)} effects, but something systematic is left: chance alone "
-            f"would explain it with probability {diagnosis.left_p:.2g}. It looks most like {first.candidate.label} "
-            f"(probability {first.probability:.2f})."
-        )
-        return stopped, limit
-    more = "else " if diagnosis.effects else ""
-    left = f" The strongest of what is left would come by chance with probability {diagnosis.left_p:.2g}."
+        return _describe_stop(diagnosis), limit
+    found_nothing = f"Nothing {'else ' if diagnosis.effects else ''}was found; "
     if limit is None:
-        return (
-            f"Nothing {more}was found; the data are too few for any further effect to be found, however large.{left}",
-            None,
+        reach = "the data are too few for any further effect to be found, however large."
+    else:
+        reach = (
+            f"an effect above {format_length(limit)} rms beyond what the geometry absorbs would "
+            "have been found with 90 %."
         )
+    left = (
+        " The strongest of what is left would come by chance with probability "
+        f"{diagnosis.left_p:.2g}."
+    )
+    return found_nothing + reach + left, limit
+
+
+def _describe_stop(diagnosis: Diagnosis) -> str:
+    """Describe a search that stopped although something systematic is left."""
+    assert diagnosis.left is not None
+    first = diagnosis.left.entries[0]
     return (
-        f"Nothing {more}was found; an effect above {format_length(limit)} rms beyond what the geometry absorbs would have been "
-        f"found with 90 %.{left}"
-    ), limit
+        f"The search stopped after {len(diagnosis.effects)} effects, but something systematic is "
+        f"left: chance alone would explain it with probability {diagnosis.left_p:.2g}. It looks "
+        f"most like {first.candidate.label} (probability {first.probability:.2f})."
+    )
 
 
-def estimate_floor(rung_: Evaluation, split: Split) -> Floor:
-    """One coordinate's standard deviation [mm] from the residuals of a fitted model."""
-    fitted = rung_.fit
-    square = np.square(rung_.residual[split.used][:, :3])
-    mean = square.sum() / split.problem.components_measured[split.used][:, :3].sum()
-    return Floor(float(np.sqrt(mean * fitted.rows / fitted.freedom)), "estimated", fitted.freedom)
+def estimate_floor(evaluation: Evaluation, split: Split) -> Floor:
+    """Estimate the standard deviation of one coordinate [mm] from the residuals of a fitted
+    model."""
+    fitted, measured = evaluation.fit, split.problem.measured
+    square = np.square(evaluation.residual[split.used][:, :3])
+    mean = square.mean()
+    if measured is not None:
+        mean = square.sum() / measured[split.used][:, :3].sum()
+    variance = mean * fitted.rows / fitted.freedom
+    return Floor(float(np.sqrt(variance)), "estimated", fitted.freedom)
 
 
 def predict_remainder(
     split: Split, last: Evaluation, rng: np.random.Generator
 ) -> Predictable | None:
-    """Whether any smooth function of the configuration still predicts what the last rung leaves;
-    where not every row is a point, of the rows of the kind and feature that has most."""
+    """Estimate how predictable the residual of the last model still is; where not every row is a
+    point, of the rows of the kind and feature that has most."""
     rows, gauges = split.used, split.problem.data.gauges
     if gauges is not None:
         code = gauges.kind * (len(gauges.features) + 1) + gauges.feature + 1
         rows = rows & (code == np.bincount(code[rows]).argmax())
-    return estimate_predictability(
-        split.problem.data.take(rows),
-        last.residual[rows][:, :3],
-        split.problem.robot.prismatic,
-        rng,
-    )
+    data, prismatic = split.problem.data.take(rows), split.problem.robot.prismatic
+    return estimate_predictability(data, last.residual[rows][:, :3], prismatic, rng)

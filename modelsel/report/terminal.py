@@ -24,7 +24,6 @@ from ..results.study_sentences import (
     describe_noise_floor,
     describe_outliers,
     describe_predictable,
-    describe_sampling,
     describe_split,
     format_mm,
     format_p,
@@ -34,6 +33,7 @@ from ..results.study_sentences import (
     hopeless_sentences,
     list_errors,
     write_finding_line,
+    write_sampling_sentences,
 )
 from ..results.tables import label_ladder
 
@@ -301,7 +301,7 @@ def _correlation_sentences(record: StudyRecord) -> list[str]:
 
 
 def _sampling_sentences(record: StudyRecord) -> list[str]:
-    sentences = describe_sampling(record)
+    sentences = write_sampling_sentences(record)
     return [f"Sampling: {' '.join(sentences)}"] if sentences else []
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from .._typing import Array
 from ..diagnosis.candidates import exceeds_cell_limit
+from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.sentences import format_length
-from ..diagnosis.stepwise import Diagnosis
 from ..fitting.problem import Problem
 from ..notices import Note
 from ..selection.evaluation import Evaluation, Split, compare_held_out

@@ -8,20 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from .._typing import Array, Index
+from .._typing import Array
 from ..diagnosis.candidates import Candidate
 from ..diagnosis.credible_sets import Entry
-from ..diagnosis.outliers import Fault
+from ..diagnosis.data_faults import Fault, find_concerned_rows
+from ..diagnosis.effects import Effect
 from ..diagnosis.sentences import describe_effect, format_length
-from ..diagnosis.stepwise import Effect
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Bump, Cause
 from ..mechanisms.terms import Term
 from ..selection.evaluation import Gain
-from .finding_schema import FAULT
 
 KNOWN_COVARIATES = ("payload_kg", "temperature_C", "time_s")
-STEP_FAULT = "bumped"  # in the name of a fault: from a row on the target is elsewhere
 
 Place = tuple[int, str]  # frame, axis
 Values = dict[str, Any]
@@ -102,7 +100,8 @@ def fitted_curves(terms: Sequence[Term], estimate: Array, problem: Problem) -> d
 def describe_finding(finding: Finding, problem: Problem) -> Values:
     """Return the contract's finding; `problem` holds the estimation rows in file order."""
     effect = finding.effect
-    rows = concerned_rows(effect.candidate, problem)
+    is_fault = effect.candidate.fault is not None
+    rows = find_concerned_rows(effect.candidate.mechanism, problem) if is_fault else None
     return {
         "sentence": finding.sentence,
         "verdict": effect.named.verdict,
@@ -113,18 +112,6 @@ def describe_finding(finding: Finding, problem: Problem) -> Values:
         "estimate": _estimate(effect),
         "gain": asdict(finding.gain),
     }
-
-
-def concerned_rows(candidate: Candidate, problem: Problem) -> Index | None:
-    """Return the rows of the file that a fault of the data concerns; None of any other candidate."""
-    mechanism = candidate.mechanism
-    if not mechanism.name.startswith(FAULT):
-        return None
-    rows: Index = problem.data.row
-    if STEP_FAULT not in mechanism.name:
-        return rows
-    cause = problem.cause(mechanism.terms[0].screws[0].cause)
-    return rows[np.broadcast_to(cause, (len(problem),)) > 0]
 
 
 def _entry(entry: Entry, effect: Effect, problem: Problem) -> Values:
@@ -153,7 +140,7 @@ def _estimate(effect: Effect) -> list[Values]:
 def describe_fault(fault: Fault) -> Values:
     """Return the contract's finding of a fault of single rows."""
     entry = {
-        "mechanism": f"{FAULT}{fault.name}",
+        "mechanism": fault.kind.label,
         "probability": fault.probability,
         "screws": [],
         "alike": True,

@@ -15,14 +15,13 @@ from typing import Any, Literal
 import numpy as np
 
 from .._typing import Array, Index
-from ..diagnosis.outliers import Fault
+from ..diagnosis.data_faults import Fault
 from ..diagnosis.sentences import describe_candidate
 from ..fitting.design import PLACE, compute_columns
 from ..fitting.problem import Problem
 from ..mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named
 from ..mechanisms.terms import Term
 from .finding_records import Finding, Place
-from .finding_schema import FAULT
 from .map_details import MIN_DISPLACEMENT, find_wave
 from .study_run import StudyRun
 
@@ -140,7 +139,7 @@ def describe_panels(run: StudyRun, problem: Problem, field: Array, rows: Index) 
 
 def _describe_fault(fault: Fault) -> Values:
     """Return the entry of a fault of the data: it has nothing to draw against a cause."""
-    label = f"{FAULT}{fault.name}"
+    label = fault.kind.label
     return {
         "label": label,
         "what": fault.sentence.rstrip("."),

@@ -15,7 +15,6 @@ from ..selection.branch_and_bound import Certified
 from ..selection.comparison import SubsetComparison
 from ..selection.evaluation import Evaluation, measure_orientation
 from .finding_records import describe_fault, describe_finding, list_screws
-from .finding_schema import FAULT
 from .goodness_of_fit import describe_noise, locate_features, measure_lack_of_fit
 from .placements import locate_placements
 from .reading import SCHEMA
@@ -82,7 +81,7 @@ def _verdict(run: StudyRun) -> tuple[str, ...]:
 
 def collect_named(diagnosis: Explanation) -> list[Named]:
     """Return (name, verdict) of every finding, faults of the data first, as result.json lists them."""
-    named = [(f"{FAULT}{fault.name}", "found") for fault in diagnosis.faults]
+    named = [(fault.kind.label, "found") for fault in diagnosis.faults]
     for finding in diagnosis.findings:
         effect = finding.effect
         named.append((effect.candidate.label, effect.named.verdict))

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config.study_file import Study
+from ..diagnosis.data_faults import Fault
 from ..diagnosis.error_map import ErrorMap
-from ..diagnosis.outliers import Fault
+from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.procedure import Nested
-from ..diagnosis.stepwise import Diagnosis
 from ..diagnosis.unexplained import Predictable
 from ..fitting.noise import Floor
 from ..fitting.problem import Problem

@@ -190,7 +190,7 @@ def describe_outliers(record: StudyRecord, where: Where, most: int) -> str:
 # ----------------------------------------------------------------------------------------------------------------
 
 
-def describe_sampling(record: StudyRecord) -> list[str]:
+def write_sampling_sentences(record: StudyRecord) -> list[str]:
     """Return what was sampled, how the chain went, and whether the closed form says the same; none where nothing was
     sampled."""
     sampling = record.sampling

@@ -1,18 +1,18 @@
-"""Where the features of a set-up stand, before anything is fitted: anchors, spheres, points and
-planes from the nominal arm.
+"""Where the features of a set-up stand before anything is fitted: anchors, spheres, points and
+planes, from the nominal arm.
 
-A wire's and a ball-bar's lengths are linear in the anchor c and |c|² once squared (Smith & Abel
-1987, spherical interpolation), a plane is the positions' least direction; the place is then refined
-robustly. The fit goes on from here."""
+The lengths of a wire and of a ball-bar are linear in the anchor c and |c|² once squared (Smith &
+Abel 1987, spherical interpolation); a plane's normal is the positions' least direction. The place is
+then refined robustly, and the fit goes on from there."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .._typing import Array, Index
+from .._typing import Array, Index, Mask
 from ..exceptions import DataError
 from ..fitting.design import residuals
 from ..fitting.observation import Fixtures
@@ -21,114 +21,132 @@ from ..measurements.features import Feature
 from ..measurements.measurements import Measurements
 from ..robot.rigid import align_z
 
-# least over largest spread of positions below which an anchor could stand on either side of them
+# least over largest extent of positions below which an anchor could stand on either side of them
 FLAT = 1e-2
-ARM_ERROR_MM = 5.0  # what a nominal arm is off by: residuals beyond count less
-LEAST = {"wire": 4, "ball-bar": 4, "plane": 4, "same-point": 1, "distance": 1}
+# error of a nominal arm: residuals beyond it count less
+ARM_ERROR_MM = 5.0
+# rows that it takes to place a feature
+MIN_ROWS = {"wire": 4, "ball-bar": 4, "plane": 4, "same-point": 1, "distance": 1}
 
 
-def place_features(problem: Problem, use: NDArray[np.bool_]) -> Problem:
-    """The problem with its features placed from the rows `use` (mask), those that are known as they
-    are known. Raises DataError where the rows do not say where one is."""
+class _Place(NamedTuple):
+    """Where a feature stands: centre (3,) [mm], axes (3, 3), length [mm]."""
+
+    centre: Array
+    axes: Array
+    length: float
+
+
+def place_features(problem: Problem, use: Mask) -> Problem:
+    """Place the features from the rows `use` (mask), those that are known as they are known.
+
+    Raises DataError where the rows do not determine where one is."""
     gauges = problem.data.gauges
     if gauges is None:
         return problem
     x = -residuals(problem.bare)[:, :3]
-    found = Fixtures.unknown(len(gauges.features))
+    fixtures = Fixtures.unknown(len(gauges.features))
     for k, feature in enumerate(gauges.features):
-        if feature.kind == "distance":
-            continue
         rows = np.flatnonzero((gauges.feature == k) & use)
-        if not len(rows) and feature.free:
-            continue  # its rows are left out (`unseen`)
-        found.centre[k], found.axes[k], found.length[k] = _found(
-            feature, x[rows], gauges.length[rows]
-        )
-    return replace(problem, fixtures=found)
+        is_unmeasured = not len(rows) and feature.free
+        if feature.kind == "distance" or is_unmeasured:
+            continue
+        place = _find_place(feature, x[rows], gauges.length[rows])
+        fixtures.centre[k], fixtures.axes[k], fixtures.length[k] = place
+    return replace(problem, fixtures=fixtures)
 
 
-def find_unmeasured_features(data: Measurements, use: NDArray[np.bool_]) -> Index:
-    """Features that are not known and that no row of `use` (mask) measures."""
+def find_unmeasured_features(data: Measurements, use: Mask) -> Index:
+    """Find the features that are not known and that no row of `use` (mask) measures."""
     gauges = data.gauges
-    some = () if gauges is None else gauges.features
-    return np.array(
-        [
-            k
-            for k, f in enumerate(some)
-            if gauges is not None and f.free and not ((gauges.feature == k) & use).any()
-        ],
-        dtype=np.intp,
-    )
+    if gauges is None:
+        return np.zeros(0, np.intp)
+    measured = set(gauges.feature[use].tolist())
+    unmeasured = [k for k, f in enumerate(gauges.features) if f.free and k not in measured]
+    return np.array(unmeasured, dtype=np.intp)
 
 
-def _found(feature: Feature, x: Array, length: Array) -> tuple[Array, Array, float]:
-    """(centre, axes, length) of one feature from the nominal positions x (k, 3) of its rows."""
-    position = None if feature.position is None else np.array(feature.position)
-    needed = LEAST[feature.kind] + ("length" in feature.free)
-    if (
-        len(x) < needed
-        and feature.free
-        and not (feature.kind == "same-point" or position is not None)
-    ):
+def _find_place(feature: Feature, x: Array, length: Array) -> _Place:
+    """Find the place of one feature from the nominal positions x (k, 3) of its rows."""
+    _require_rows(feature, len(x))
+    if feature.kind not in ("same-point", "plane"):
+        return _find_anchor(feature, x, np.nan_to_num(length))
+    centre = np.median(x, axis=0) if feature.position is None else np.array(feature.position)
+    if feature.kind == "same-point":
+        return _Place(centre, np.eye(3), 0.0)
+    if feature.normal is None:
+        normal = np.linalg.svd(x - x.mean(0))[2][-1]
+    else:
+        normal = np.array(feature.normal)
+    return _Place(centre, align_z(normal).T, 0.0)
+
+
+def _require_rows(feature: Feature, count: int) -> None:
+    """Raise DataError where a feature that is not known has too few rows."""
+    needed = MIN_ROWS[feature.kind] + ("length" in feature.free)
+    has_start = feature.kind == "same-point" or feature.position is not None
+    if count < needed and feature.free and not has_start:
         raise DataError(
-            f'feature "{feature.name}" ({feature.kind}) has {len(x)} estimation rows; to place it takes {needed}.',
+            f'feature "{feature.name}" ({feature.kind}) has {count} estimation rows; to place it '
+            f"takes {needed}.",
             remedy="Measure more, or give its position_mm under [measurements.features].",
         )
-    if feature.kind == "same-point":
-        return np.median(x, axis=0) if position is None else position, np.eye(3), 0.0
-    if feature.kind == "plane":
-        centre = np.median(x, axis=0) if position is None else position
-        normal = (
-            np.linalg.svd(x - x.mean(0))[2][-1]
-            if feature.normal is None
-            else np.array(feature.normal)
+
+
+def _find_anchor(feature: Feature, x: Array, reading: Array) -> _Place:
+    """Find a wire's anchor or a ball-bar's sphere: |x − c| − ℓ = reading (k,), with ℓ = 0 unless it
+    is free or known (a ball-bar's own)."""
+    known, is_open = feature.length or 0.0, "length" in feature.free
+    position = None if feature.position is None else np.array(feature.position)
+    if position is None:
+        position = _solve_anchor(feature, x, reading, known, is_open)
+    has_offset = is_open and len(x) > 0
+    offset = _compute_offset(position, x, reading) if has_offset else known
+    if not set(feature.free) - {"length"}:
+        return _Place(position, np.eye(3), offset)
+    position, offset = _refine_anchor(position, offset, x, reading, is_open)
+    return _Place(position, np.eye(3), offset)
+
+
+def _compute_offset(position: Array, x: Array, reading: Array) -> float:
+    """Compute the median of the distances from an anchor beyond the readings [mm]."""
+    distance = np.linalg.norm(x - position, axis=1)
+    return float(np.median(distance - reading))
+
+
+def _solve_anchor(feature: Feature, x: Array, reading: Array, known: float, is_open: bool) -> Array:
+    """Solve |near|² − full² = 2 near · c + 2 full ℓ + constant for the anchor, near = x − middle and
+    full = reading + known length. Raises DataError where the positions lie in a plane."""
+    middle = x.mean(0)
+    near, full = x - middle, reading + known
+    extent = np.linalg.svd(near, compute_uv=False)
+    if extent[2] < FLAT * extent[0]:
+        raise DataError(
+            f'the positions from which feature "{feature.name}" ({feature.kind}) is measured lie in '
+            "a plane: it could stand on either side of it.",
+            remedy="Measure more widely, or give a first guess: "
+            f"[measurements.features.{feature.name}] position_mm = [x, y, z], estimate = true.",
         )
-        return centre, align_z(normal).T, 0.0
-    return _anchor(feature, x, np.nan_to_num(length), position)
+    columns = [2 * near, np.ones(len(x))]
+    if is_open and np.ptp(reading) > 0:
+        columns.append(2 * reading)
+    difference = np.square(near).sum(1) - np.square(full)
+    solution = np.linalg.lstsq(np.column_stack(columns), difference, rcond=None)[0]
+    return np.asarray(middle + solution[:3])
 
 
-def _anchor(
-    feature: Feature, x: Array, reading: Array, position: Array | None
-) -> tuple[Array, Array, float]:
-    """A wire's anchor or a ball-bar's sphere: |x − c| − ℓ = reading, ℓ = 0 unless it is free or
-    known (a ball-bar's own)."""
+def _refine_anchor(
+    position: Array, offset: float, x: Array, reading: Array, is_open: bool
+) -> tuple[Array, float]:
+    """Refine an anchor, and its length where that is open, by robust least squares."""
     from scipy.optimize import least_squares
 
-    known, open_ = feature.length or 0.0, "length" in feature.free
-    if not set(feature.free) - {"length"}:
-        assert position is not None
-        left_out = (
-            float(np.median(np.linalg.norm(x - position, axis=1) - reading))
-            if open_ and len(x)
-            else known
-        )
-        return position, np.eye(3), left_out
-    if position is None:
-        middle = x.mean(0)
-        spread = np.linalg.svd(x - middle, compute_uv=False)
-        if spread[2] < FLAT * spread[0]:
-            raise DataError(
-                f'the positions that feature "{feature.name}" ({feature.kind}) is measured from lie in a plane: it '
-                "could stand on either side of it.",
-                remedy="Measure more widely, or give a first guess: "
-                f"[measurements.features.{feature.name}] position_mm = [x, y, z], estimate = true.",
-            )
-        near, full = x - middle, reading + known  # |near|² − full² = 2 near·c + 2 full ℓ + constant
-        matrix = np.column_stack(
-            [2 * near, np.ones(len(x)), *([2 * reading] if open_ and np.ptp(reading) > 0 else [])]
-        )
-        solution = np.linalg.lstsq(matrix, np.square(near).sum(1) - np.square(full), rcond=None)[0]
-        position = middle + solution[:3]
-    start = float(np.median(np.linalg.norm(x - position, axis=1) - reading)) if open_ else known
+    def compute_gaps(p: Array) -> Array:
+        length = p[3] if is_open else offset
+        return np.asarray(np.linalg.norm(x - p[:3], axis=1) - length - reading)
 
-    def gap(p: Array) -> Array:
-        return np.asarray(np.linalg.norm(x - p[:3], axis=1) - (p[3] if open_ else known) - reading)
-
-    found = least_squares(
-        gap,
-        np.append(position, [start] if open_ else []),
-        loss="soft_l1",
-        f_scale=ARM_ERROR_MM,
-        x_scale="jac",
+    start = np.append(position, offset) if is_open else position
+    fitted = least_squares(
+        compute_gaps, start, loss="soft_l1", f_scale=ARM_ERROR_MM, x_scale="jac"
     ).x
-    return found[:3], np.eye(3), float(found[3]) if open_ else known
+    return fitted[:3], float(fitted[3]) if is_open else offset

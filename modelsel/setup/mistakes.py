@@ -1,28 +1,29 @@
-"""Which mistake of the set-up explains the positions: a joint's sense or zero, columns, units, a
-mirrored axis, the tool, a link.
+"""Set-up mistakes: which simple mistake explains the positions, such as a joint's direction or zero,
+columns, units, a mirrored axis, the tool, a link.
 
-Every mistake is a change of the readings, q -> A q + c, or of the positions. All are tried at once:
-for given readings the best free affine map from the tracker to frame 0 and the best target are
-linear, and what they leave is what registration leaves at least. Whatever does well is then
-registered as it stands. Zeros off by any angle and wrong links are fitted (`offsets`). Nothing is
-applied: the sentence says what would fit. A mistake counts only where the rows tell how the tracker
-then stands."""
+Every mistake is a change of the readings, q -> A q + c, or of the positions. All are scored at once:
+for given readings the best free affine map from the tracker to frame 0 and the best target are a
+linear problem, and what they leave is the least that registration can leave. The best are then
+registered exactly. Zeros off by any angle and wrong links are fitted (`joint_offsets`). Nothing is
+applied: the sentence says what would fit. A mistake counts only where the rows determine how the
+tracker then stands."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .._typing import Mask
 from ..exceptions import DataError, NotEstimable
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
 from ..robot.kinematics import pose
-from .joint_offsets import Arm, fit_several, of_joint, of_links
-from .other_robots import describe_improvement
+from .joint_offsets import Arm, fit_each_link, fit_each_zero, fit_several
+from .other_robots import describe_improvement, sample_positions
 from .registration import note_undetermined, register
 from .simple_mistakes import (
     NOTHING,
@@ -35,229 +36,267 @@ from .simple_mistakes import (
     score_linearly,
 )
 
-ROWS = 120  # that are looked at, spread over the file
-LEAST = (
-    10  # configurations, below which chance fits too much; twice as many for two mistakes at once
+# configurations below which chance fits too much; twice as many for two mistakes at once
+MIN_CONFIGURATIONS = 10
+# median residual, as a share of the reach, from which one mistake is looked for, and from which the
+# tool's or several are
+BAD_SHARE = 3e-3
+FAR_SHARE = 0.01
+# a mistake explains the positions where its correction reduces the median residual by this factor,
+# and to this share of the positions' median spread
+MIN_IMPROVEMENT = 4.0
+MAX_SPREAD_SHARE = 0.05
+# factor within which mistakes fit as well as the best, and how many are named
+EQUAL_FACTOR = 1.5
+MAX_NAMED = 2
+# factor by which an angle must fit better than the simple mistakes not to be called a right angle
+RIGHT_ANGLE_FACTOR = 2.0
+# linear solutions that are registered
+MAX_REGISTERED = 8
+# difference of the logarithms of scales up to which a unit is tried
+NEAR_SCALE = 0.1
+
+REGISTRATION = (
+    "the tracker's frame and the target on the flange are found ([robot] register = true), and "
 )
-BAD, FAR = (
-    3e-3,
-    0.01,
-    # of the reach: a median residual from which one mistake is looked for, from which the tool's or
-    # several
-)
-FACTOR = 4.0  # a mistake explains the positions if without it they fit so much better,
-GOOD = 0.05  # and to this share of what they spread (median)
-ALIKE = 1.5  # mistakes that fit as well as the best, within this factor, are told with it
-TWICE = 2.0  # a right angle is said as such unless an angle near it fits so much better
-MAX_NAMED = 2  # mistakes in a sentence
-TRIED = 8  # of the linear solutions that are registered
-NEAR = 0.1  # of the logarithm of a scale, for a unit to be tried
+
+
+class Explanation(NamedTuple):
+    """A mistake and the median distance [mm] that its correction leaves."""
+
+    mistake: Mistake
+    left: float
 
 
 def describe_setup_mistake(
-    problem: Problem,
-    use: NDArray[np.bool_],
-    registered: bool,
-    per_group: bool = False,
-    links: bool = True,
+    problem: Problem, use: Mask, registered: bool, per_group: bool = False, links: bool = True
 ) -> str | None:
-    """A sentence that says which simple mistake of the set-up explains what the rows `use` (mask)
-    of a problem leave at its placement and tools, with the median distance before and after; None
-    where they leave little, or no mistake explains it. `registered`: placement and tools were found
-    from the rows; else they are what the study says. `links`: whether links may be what is off."""
-    some = _sample(problem, use, per_group)
-    reach = problem.reach_mm
-    if some is None or (before := _left(some)) < BAD * reach:
+    """Describe the simple mistake of the set-up that explains what the rows `use` (mask) of a
+    problem leave at its placement and tools, with the median distance before and after; None where
+    they leave little, or no mistake explains it.
+
+    `registered`: placement and tools were found from the rows; else they are what the study says.
+    `links`: whether links may be wrong."""
+    sample = sample_positions(problem, use, per_group)
+    least = BAD_SHARE * problem.reach_mm
+    if sample is None or _compute_left(sample) < least:
         return None
-    singles, also = tuple(list_position_mistakes(problem.robot)), ""
-    if registered:
-        some = _registered(some, False) or some
-        before = _left(some)
-        if before < BAD * reach:  # orientations were at odds with the positions
-            return None
-    limit, far = before / FACTOR, before > FAR * reach
     if not registered:
-        if found := _stated(some, singles, limit, far, links):
-            return _sentence(before, found)
-        some = _registered(some, False) or some
-        also = "the tracker's frame and the target on the flange are found ([robot] register = true), and "
-    tried, offsets = _tried(some, singles, 1), _offsets(some, True, links)
-    simple = min((left for _, left in _best(tried, limit)), default=np.inf)
-    tried += [
-        (m, left)
-        for m, arm in offsets
-        if (left := _sure(some, arm)) < (simple / TWICE if arm.right_angle() else np.inf)
-    ]
-    best = _best(tried, limit)
-    poor = min((left for _, left in best), default=np.inf) > FAR * reach
-    if far and poor and len(np.unique(some.data.block)) >= 2 * LEAST:
-        tried += _tried(some, singles, 2)
-        best = _best(tried, limit)
-        if min((left for _, left in best), default=np.inf) > FAR * reach:
-            more = fit_several(some, min(limit, BAD * reach), [arm for _, arm in offsets], links)
-            best = _best([*tried, *((m, _sure(some, arm)) for m, arm in more)], limit)
-    return _sentence(before, best, also) if best else None
+        return _describe_stated(sample, links)
+    # where orientations were at odds with the positions, the positions alone fit
+    sample = _try_registration(sample, sure=False) or sample
+    before = _compute_left(sample)
+    if before < least:
+        return None
+    found = _explain_registered(sample, before, links)
+    return _describe(before, found) if found else None
 
 
-def _stated(
-    problem: Problem, singles: Sequence[Mistake], limit: float, far: bool, links: bool
-) -> list[tuple[Mistake, float]]:
-    """What explains the positions where the study says the frame and the target."""
-    simple = [
-        (m, _explained(_changed(problem, m)))
-        for m in (*singles, *list_reversed_joints(problem.robot.n, True))
-    ]
-    found = _best([*(_tool(problem) if far else []), *simple], limit)
-    found = found or _best(
-        [(m, _sure(problem, arm)) for m, arm in _offsets(problem, False, links)], limit
-    )
-    if (
-        not found
-        and far
-        and (placed := _registered(problem)) is not None
-        and (left := _explained(placed)) <= limit
-    ):
-        return [(REGISTER, left)]
+def _describe_stated(sample: Problem, links: bool) -> str | None:
+    """Describe the mistake where the study states the tracker's frame and the target: with these as
+    they are, or else with these found."""
+    before = _compute_left(sample)
+    found = _explain_stated(sample, before, links)
+    if found:
+        return _describe(before, found)
+    sample = _try_registration(sample, sure=False) or sample
+    found = _explain_registered(sample, before, links)
+    return _describe(before, found, REGISTRATION) if found else None
+
+
+def _explain_stated(problem: Problem, before: float, links: bool) -> list[Explanation]:
+    """Explain the positions with frame and target as the study states them."""
+    limit = before / MIN_IMPROVEMENT
+    is_far = before > FAR_SHARE * problem.reach_mm
+    tried = [_move_tool(problem)] if is_far else []
+    robot = problem.robot
+    simple = (*list_joint_mistakes(robot), *list_position_mistakes(robot.n, True))
+    tried += [Explanation(m, _compute_explained(_apply(problem, m))) for m in simple]
+    found = _select_best(tried, limit)
+    if not found:
+        offsets = _fit_offsets(problem, False, links)
+        found = _select_best(
+            [Explanation(m, _assess_arm(problem, arm)) for m, arm in offsets], limit
+        )
+    if not found and is_far:
+        found = _explain_by_registration(problem, limit)
     return found
 
 
-def _offsets(problem: Problem, set_up: bool, links: bool) -> list[tuple[Mistake, Arm]]:
-    """One joint's zero or, with `links`, one link off, each as it fits best."""
-    return [*of_joint(problem, set_up), *(of_links(problem, set_up) if links else ())]
+def _explain_by_registration(problem: Problem, limit: float) -> list[Explanation]:
+    registered = _try_registration(problem)
+    left = np.inf if registered is None else _compute_explained(registered)
+    return [Explanation(REGISTER, left)] if left <= limit else []
 
 
-def _sentence(before: float, found: Sequence[tuple[Mistake, float]], also: str = "") -> str:
-    after = min(left for _, left in found)
-    looks = list(dict.fromkeys(m.look for m, _ in found))
+def _explain_registered(problem: Problem, before: float, links: bool) -> list[Explanation]:
+    """Explain the positions with frame and target found: by one simple mistake, one offset, two
+    simple mistakes, or several offsets."""
+    limit, far = before / MIN_IMPROVEMENT, FAR_SHARE * problem.reach_mm
+    tried = _try_mistakes(problem, 1)
+    offsets = _fit_offsets(problem, True, links)
+    tried += _assess_offsets(problem, offsets, _find_least(_select_best(tried, limit)))
+    best = _select_best(tried, limit)
+    has_rows = len(np.unique(problem.data.block)) >= 2 * MIN_CONFIGURATIONS
+    if before <= far or _find_least(best) <= far or not has_rows:
+        return best
+    tried += _try_mistakes(problem, 2)
+    best = _select_best(tried, limit)
+    if _find_least(best) <= far:
+        return best
+    good = min(limit, BAD_SHARE * problem.reach_mm)
+    several = fit_several(problem, good, [arm for _, arm in offsets], links)
+    tried += [Explanation(m, _assess_arm(problem, arm)) for m, arm in several]
+    return _select_best(tried, limit)
+
+
+def _assess_offsets(
+    problem: Problem, offsets: Sequence[tuple[Mistake, Arm]], simple: float
+) -> Iterator[Explanation]:
+    """Assess fitted offsets; right angles only where they fit clearly better than `simple` [mm],
+    what the simple mistakes leave."""
+    for mistake, arm in offsets:
+        limit = simple / RIGHT_ANGLE_FACTOR if arm.has_right_angles() else np.inf
+        left = _assess_arm(problem, arm)
+        if left < limit:
+            yield Explanation(mistake, left)
+
+
+def _fit_offsets(problem: Problem, set_up: bool, links: bool) -> list[tuple[Mistake, Arm]]:
+    """Fit one joint's zero or, with `links`, one link at a time."""
+    zeros = list(fit_each_zero(problem, set_up))
+    return [*zeros, *fit_each_link(problem, set_up)] if links else zeros
+
+
+def _describe(before: float, found: Sequence[Explanation], also: str = "") -> str:
+    after = _find_least(found)
+    looks = dict.fromkeys(mistake.look for mistake, _ in found)
+    words = ", or if ".join(mistake.words for mistake, _ in found)
     return (
-        f"The positions fit {describe_improvement(before, after)} ({_mm(after)} in place of {_mm(before)}, median) if {also}"
-        f"{', or if '.join(m.words for m, _ in found)}: {', or '.join(looks)}."
+        f"The positions fit {describe_improvement(before, after)} ({_format_length(after)} instead "
+        f"of {_format_length(before)}, median) if {also}{words}: {', or '.join(looks)}."
     )
 
 
-def _mm(value: float) -> str:
+def _format_length(value: float) -> str:
     return f"{value:.0f} mm" if value >= 100 else f"{value:.2g} mm"
 
 
-def _sample(problem: Problem, use: NDArray[np.bool_], per_group: bool) -> Problem | None:
-    """At most ROWS measured positions of one target, and of one group where each has its placement;
-    None where too few."""
-    data = problem.data
-    rows = np.flatnonzero(use if data.gauges is None else use & data.gauges.of("point"))
-    for index in (data.target, *([data.group] if per_group else [])):
-        if len(rows):
-            rows = rows[index[rows] == np.bincount(index[rows]).argmax()]
-    rows = (
-        rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), ROWS)).astype(int))]
-        if len(rows)
-        else rows
-    )
-    if len(np.unique(data.block[rows])) < LEAST:
-        return None
-    return problem.take(rows).plain_points()
-
-
-def _left(problem: Problem) -> float:
+def _compute_left(problem: Problem) -> float:
+    """Compute the median distance that is left [mm]."""
     return float(np.median(np.linalg.norm(residuals(problem), axis=1)))
 
 
-def _explained(problem: Problem) -> float:
-    """What is left, infinite where it is much of what the positions spread: positions that hardly
-    move fit anything."""
-    x, left = problem.data.position, _left(problem)
-    return (
-        left
-        if left <= GOOD * float(np.median(np.linalg.norm(x - np.median(x, axis=0), axis=1)))
-        else np.inf
-    )
+def _compute_explained(problem: Problem) -> float:
+    """Compute the median distance that is left [mm]; infinite where it is much of the positions'
+    spread, because positions that hardly move fit anything."""
+    x, left = problem.data.position, _compute_left(problem)
+    spread = float(np.median(np.linalg.norm(x - np.median(x, axis=0), axis=1)))
+    return left if left <= MAX_SPREAD_SHARE * spread else np.inf
 
 
-def _registered(problem: Problem, sure: bool = True) -> Problem | None:
-    """Placed anew, the target anywhere near the flange; None where the rows do not tell it (`sure`:
-    hardly)."""
-    bare, use = replace(problem, tools=np.zeros_like(problem.tools)), np.ones(len(problem), bool)
+def _try_registration(problem: Problem, sure: bool = True) -> Problem | None:
+    """Register a problem anew, with the target anywhere near the flange; None where the rows do not
+    determine it (`sure`: or determine it poorly)."""
+    bare = replace(problem, tools=np.zeros_like(problem.tools))
+    use = np.ones(len(problem), bool)
     try:
-        found = register(bare, use, per_group=False)
+        registered = register(bare, use, per_group=False)
     except (DataError, NotEstimable):
         return None
-    return (
-        None
-        if sure
-        and "registration-weak"
-        in {n.code for n in note_undetermined(found, use, False, bare.tools)}
-        else found
-    )
+    return None if sure and _is_weak(registered) else registered
 
 
-def _sure(problem: Problem, arm: Arm) -> float:
-    """`_explained` of an arm that is not nominal, infinite where the rows do not tell its
+def _is_weak(problem: Problem) -> bool:
+    """Return whether the rows of a registered problem determine its placement poorly."""
+    use, expected = np.ones(len(problem), bool), np.zeros_like(problem.tools)
+    notes = note_undetermined(problem, use, False, expected)
+    return "registration-weak" in {note.code for note in notes}
+
+
+def _assess_arm(problem: Problem, arm: Arm) -> float:
+    """Compute what an arm that is not nominal explains; infinite where the rows do not determine its
     set-up."""
-    at = arm.problem(problem)
-    weak = note_undetermined(at, np.ones(len(at), bool), False, np.zeros_like(at.tools))
-    return np.inf if "registration-weak" in {n.code for n in weak} else _explained(at)
+    applied = arm.apply(problem)
+    return np.inf if _is_weak(applied) else _compute_explained(applied)
 
 
-def _changed(problem: Problem, m: Mistake) -> Problem:
-    data = replace(
-        problem.data, q=problem.data.q @ m.A.T + m.c, position=problem.data.position @ m.B.T
-    )
-    return replace(problem, data=data)
+def _apply(problem: Problem, mistake: Mistake) -> Problem:
+    """Apply the correction of a mistake."""
+    q = problem.data.q @ mistake.A.T + mistake.c
+    position = problem.data.position @ mistake.B.T
+    return replace(problem, data=replace(problem.data, q=q, position=position))
 
 
-def _best(tried: Sequence[tuple[Mistake, float]], limit: float) -> list[tuple[Mistake, float]]:
-    """The mistakes that leave least, best first: those within the limit and as good as the best, of
-    the fewest parts."""
-    least = min((left for _, left in tried), default=np.inf)
-    good = [(m, left) for m, left in tried if left <= min(limit, ALIKE * least)]
-    fewest = min((m.parts for m, _ in good), default=0)
-    return sorted((each for each in good if each[0].parts == fewest), key=lambda each: each[1])[
-        :MAX_NAMED
-    ]
+def _find_least(explanations: Sequence[Explanation]) -> float:
+    return min((left for _, left in explanations), default=np.inf)
 
 
-def _tool(problem: Problem) -> list[tuple[Mistake, float]]:
-    """The target elsewhere on the flange: where most rows have it (median)."""
+def _select_best(tried: Sequence[Explanation], limit: float) -> list[Explanation]:
+    """Select the mistakes that leave least, best first: those within the limit and as good as the
+    best, of the fewest parts."""
+    most = min(limit, EQUAL_FACTOR * _find_least(tried))
+    good = [explanation for explanation in tried if explanation.left <= most]
+    fewest = min((mistake.parts for mistake, _ in good), default=0)
+    simplest = [explanation for explanation in good if explanation.mistake.parts == fewest]
+    return sorted(simplest, key=lambda explanation: explanation.left)[:MAX_NAMED]
+
+
+def _move_tool(problem: Problem) -> Explanation:
+    """Move the target on the flange to where most rows have it (median)."""
     R, t = problem.placement
-    at = pose(problem.robot, problem.data.q, np.zeros(3))
-    base = np.einsum(
-        "mji,mj->mi", R[problem.data.group], problem.data.position - t[problem.data.group]
-    )
-    offset = np.median(np.einsum("aim,mi->ma", at.axes[-1, :3], base - at.target.T), axis=0)
+    group = problem.data.group
+    flange = pose(problem.robot, problem.data.q, np.zeros(3))
+    base = np.einsum("mji,mj->mi", R[group], problem.data.position - t[group])
+    on_flange = np.einsum("aim,mi->ma", flange.axes[-1, :3], base - flange.target.T)
+    offset = np.median(on_flange, axis=0)
     moved = replace(problem, tools=np.tile(offset, (len(problem.tools), 1)))
     name = problem.data.targets[problem.data.target[0]]
-    called = f"target {name}" if len(problem.tools) > 1 else "the target"
-    words = f"{called} sits at {', '.join(f'{v:.1f}' for v in offset)} mm on the flange"
-    return [(replace(NOTHING, words=words, look="check tool_mm in the study"), _explained(moved))]
+    target = f"target {name}" if len(problem.tools) > 1 else "the target"
+    coordinates = ", ".join(f"{value:.1f}" for value in offset)
+    words = f"{target} sits at {coordinates} mm on the flange"
+    mistake = replace(NOTHING, words=words, look="check tool_mm in the study")
+    return Explanation(mistake, _compute_explained(moved))
 
 
-def _tried(problem: Problem, singles: Sequence[Mistake], count: int) -> list[tuple[Mistake, float]]:
-    """Up to `count` mistakes at once, with what is left once registered; of what does best in the
-    linear solution alone."""
+def _try_mistakes(problem: Problem, count: int) -> list[Explanation]:
+    """Try up to `count` mistakes at once: register those that do best in the linear solution."""
+    joints = _list_combinations(problem, count)
+    score, factor = score_linearly(problem, joints)
+    is_good = score <= EQUAL_FACTOR * score.min()
+    parts = np.where(is_good, [mistake.parts for mistake in joints], np.inf)
+    explanations = []
+    for k in np.lexsort((score, parts))[:MAX_REGISTERED]:
+        for mistake in _generate_with_positions(problem, joints[k], float(factor[k]), count):
+            registered = _try_registration(_apply(problem, mistake))
+            if registered is not None:
+                explanations.append(Explanation(mistake, _compute_explained(registered)))
+    return explanations
+
+
+def _list_combinations(problem: Problem, count: int) -> list[Mistake]:
+    """List mistakes of the readings: none and single ones, or single ones, pairs of them, and three
+    and more joints that turn the other way."""
     n = problem.robot.n
-    nothing = replace(NOTHING, A=np.eye(n), c=np.zeros(n), parts=0)
-    joints = (
-        [nothing, *singles]
-        if count == 1
-        else [*singles, *(a.then(b) for a, b in combinations(singles, 2)), *score_linearly(n)]
-    )
-    score, factor = list_joint_mistakes(problem, joints)
-    order = np.lexsort(
-        (score, np.where(score <= ALIKE * score.min(), [m.parts for m in joints], np.inf))
-    )
-    out = []
-    for k in order[:TRIED]:
-        joint = joints[k]
-        more = [joint] if joint.parts else []
-        if joint.parts < count:
-            more += [
-                joint.then(m) if joint.parts else m
-                for m, scale in zip(
-                    list_reversed_joints(n, False),
-                    (*(unit.scale for unit in SCALES), -1.0),
-                    strict=True,
-                )
-                if factor[k] * scale > 0 and abs(np.log(factor[k] / scale)) < NEAR
-            ]
-        placed = ((m, _registered(_changed(problem, m))) for m in more)
-        out += [(m, _explained(at)) for m, at in placed if at is not None]
-    return out
+    singles = list(list_joint_mistakes(problem.robot))
+    if count == 1:
+        nothing = replace(NOTHING, A=np.eye(n), c=np.zeros(n), parts=0)
+        return [nothing, *singles]
+    pairs = (first.then(second) for first, second in combinations(singles, 2))
+    return [*singles, *pairs, *list_reversed_joints(n)]
+
+
+def _generate_with_positions(
+    problem: Problem, joint: Mistake, factor: float, count: int
+) -> Iterator[Mistake]:
+    """Generate a mistake of the readings alone and, if it may have another part, with mistakes of
+    the positions whose scale is near the affine map's `factor`."""
+    if joint.parts:
+        yield joint
+    if joint.parts >= count:
+        return
+    scales = (*(unit.scale for unit in SCALES), -1.0)
+    for mistake, scale in zip(list_position_mistakes(problem.robot.n, False), scales, strict=True):
+        has_same_sign = factor * scale > 0
+        if has_same_sign and abs(np.log(factor / scale)) < NEAR_SCALE:
+            yield joint.then(mistake) if joint.parts else mistake

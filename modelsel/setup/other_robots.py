@@ -6,121 +6,141 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .._typing import Index
+from .._typing import Index, Mask
 from ..exceptions import DataError, NotEstimable
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
 from ..robot.kinematics import Robot
 from .registration import register
 
-ROWS = 120  # that are looked at, spread over the file
-LEAST = 10  # configurations
-BAD = 3e-3  # of the reach: a median residual from which other robots are tried
-FACTOR = 4.0  # another robot explains the positions if with it they fit so much better,
-MAX_REACH_SHARE = 0.02  # and to this share of the reach (median)
-MOST = 2000  # rows in their order, when positions are held against other rows' readings
+# rows that are examined, spread over the file, and configurations that are needed
+MAX_ROWS = 120
+MIN_CONFIGURATIONS = 10
+# median residual, as a share of the reach, from which other robots are tried
+BAD_SHARE = 3e-3
+# another robot explains the positions where it reduces the median residual by this factor, and to
+# this share of its reach
+MIN_IMPROVEMENT = 4.0
+MAX_REACH_SHARE = 0.02
+# improvement beyond which no figure is given
+FAR_BETTER = 1e4
+# rows in their order whose positions are compared with other rows' readings, and by how many rows
+MAX_ORDERED_ROWS = 2000
 SHIFTS = (1, -1, 2, -2)
 
 
 def describe_improvement(before: float, after: float) -> str:
-    """How much better something fits, in words."""
-    return f"{before / after:.0f} times better" if before < 1e4 * after else "far better"
+    """Describe how much better something fits."""
+    return f"{before / after:.0f} times better" if before < FAR_BETTER * after else "far better"
 
 
 def compute_registered_misfit(problem: Problem) -> float:
-    """Median distance [mm] of the positions from the nominal arm, tracker and targets found from
-    them; infinite where these cannot be found."""
+    """Compute the median distance [mm] of the positions from the nominal arm, with tracker and
+    targets found from them; infinite where these cannot be found."""
     try:
-        at = register(problem, np.ones(len(problem), bool), per_group=False)
+        registered = register(problem, np.ones(len(problem), bool), per_group=False)
     except (DataError, NotEstimable):
         return float("inf")
-    return float(np.median(np.linalg.norm(residuals(at)[:, :3], axis=1)))
+    return _compute_median(registered)
 
 
-def sample_positions(problem: Problem, use: NDArray[np.bool_]) -> Problem | None:
-    """At most ROWS measured positions of one target and one group, spread over the rows `use`
-    (mask); None where too few."""
-    rows = _rows(problem, use)
-    rows = (
-        rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), ROWS)).astype(int))]
-        if len(rows)
-        else rows
-    )
-    if len(np.unique(problem.data.block[rows])) < LEAST:
+def _compute_median(problem: Problem) -> float:
+    offset = residuals(problem)[:, :3]
+    distance = np.linalg.norm(offset, axis=1)
+    return float(np.median(distance))
+
+
+def sample_positions(problem: Problem, use: Mask, one_group: bool = True) -> Problem | None:
+    """Sample at most MAX_ROWS measured positions of one target (and of `one_group`), spread over the
+    rows `use` (mask); None where there are too few configurations."""
+    rows = select_most_frequent(problem, use, one_group)
+    if len(rows):
+        spread = np.linspace(0, len(rows) - 1, min(len(rows), MAX_ROWS)).astype(int)
+        rows = rows[np.unique(spread)]
+    if _count_configurations(problem, rows) < MIN_CONFIGURATIONS:
         return None
     return problem.take(rows).plain_points()
 
 
-def _rows(problem: Problem, use: NDArray[np.bool_]) -> Index:
+def select_most_frequent(problem: Problem, use: Mask, one_group: bool = True) -> Index:
+    """Select the points among the rows `use` (mask) of the target, and of the group, that most of
+    them have."""
     data = problem.data
     rows = np.flatnonzero(use if data.gauges is None else use & data.gauges.of("point"))
-    for index in (data.target, data.group):
-        rows = rows[index[rows] == np.bincount(index[rows]).argmax()] if len(rows) else rows
+    for numbers in (data.target, data.group) if one_group else (data.target,):
+        if len(rows):
+            rows = rows[numbers[rows] == np.bincount(numbers[rows]).argmax()]
     return rows
+
+
+def _count_configurations(problem: Problem, rows: Index) -> int:
+    return len(np.unique(problem.data.block[rows]))
 
 
 def describe_other_robot(
     problem: Problem,
-    use: NDArray[np.bool_],
+    use: Mask,
     robots: Callable[[], Mapping[str, Robot]],
     always: bool = False,
 ) -> str | None:
-    """A sentence that says which of other `robots` fits the rows `use` (mask) of a problem better
-    than its own, with the median distance before and after, tracker and target found for each; None
-    where its own leaves little (unless `always`), or no other fits."""
-    some = sample_positions(problem, use)
-    if some is None:
+    """Describe which of other `robots` fits the rows `use` (mask) of a problem better than its own,
+    with the median distance before and after, tracker and target found for each.
+
+    None where its own leaves little (unless `always`), or no other fits."""
+    sample = sample_positions(problem, use)
+    if sample is None:
         return None
-    own, reach = problem.robot, problem.reach_mm
-    before = compute_registered_misfit(some)
-    if before < BAD * reach and not always:
+    own = problem.robot
+    before = compute_registered_misfit(sample)
+    if before < BAD_SHARE * problem.reach_mm and not always:
         return None
     tried = [
-        (compute_registered_misfit(replace(some, robot=robot)), name, robot.reach)
+        (compute_registered_misfit(replace(sample, robot=robot)), name, robot.reach)
         for name, robot in robots().items()
         if robot.prismatic == own.prismatic and name != own.name
     ]
-    if not tried:
-        return None
-    after, name, size = min(tried)
-    if after > before / FACTOR or after > MAX_REACH_SHARE * size:
+    after, name, reach = min(tried, default=(np.inf, "", 0.0))
+    if after > before / MIN_IMPROVEMENT or after > MAX_REACH_SHARE * reach:
         return None
     return (
-        f'The readings fit robot "{name}" {describe_improvement(before, after)} than "{own.name}" ({after:.2g} mm in '
-        f"place of {before:.3g} mm, median, tracker and target found for each): check the robot's name or file in the study."
+        f'The readings fit robot "{name}" {describe_improvement(before, after)} than "{own.name}" '
+        f"({after:.2g} mm instead of {before:.3g} mm, median, tracker and target found for each): "
+        "check the robot's name or file in the study."
     )
 
 
 def describe_shifted_rows(
-    problem: Problem, use: NDArray[np.bool_], shifts: Iterable[int] = SHIFTS
+    problem: Problem, use: Mask, shifts: Iterable[int] = SHIFTS
 ) -> str | None:
-    """A sentence that says by how many rows positions and readings stand apart; None where no shift
-    fits better."""
-    rows = _rows(problem, use)
-    if len(np.unique(problem.data.block[rows])) < LEAST:
+    """Describe by how many rows positions and readings are shifted against each other; None where no
+    shift fits better."""
+    rows = select_most_frequent(problem, use)
+    if _count_configurations(problem, rows) < MIN_CONFIGURATIONS:
         return None
-    whole = problem.take(rows[:MOST]).plain_points()
-    reach = problem.reach_mm
-    if (
-        float(np.median(np.linalg.norm(residuals(whole), axis=1))) < BAD * reach
-        or (before := compute_registered_misfit(whole)) < BAD * reach
-    ):
+    ordered = problem.take(rows[:MAX_ORDERED_ROWS]).plain_points()
+    least = BAD_SHARE * problem.reach_mm
+    if _compute_median(ordered) < least:
         return None
-    tried = []
-    for k in shifts:
-        keep = np.ones(len(rows), bool)
-        keep[-k if k > 0 else 0 : None if k > 0 else -k] = (
-            False  # the rows whose position comes round from the other end
-        )
-        data = replace(whole.data, position=np.roll(whole.data.position, -k, 0))
-        tried.append((compute_registered_misfit(replace(whole, data=data).take(keep)), k))
-    after, k = min(tried, key=lambda each: each[0])
-    if not after <= before / FACTOR:
+    before = compute_registered_misfit(ordered)
+    if before < least:
         return None
-    words = f"{abs(k)} row{'s' * (abs(k) > 1)} further {'down' if k > 0 else 'up'}"
+    tried = [(compute_registered_misfit(_shift_positions(ordered, k)), k) for k in shifts]
+    after, k = min(tried, key=lambda trial: trial[0])
+    if not after <= before / MIN_IMPROVEMENT:
+        return None
+    plural, direction = "s" if abs(k) > 1 else "", "down" if k > 0 else "up"
     return (
-        f"The positions fit {describe_improvement(before, after)} ({after:.2g} mm in place of {before:.3g} mm, median) if each "
-        f"row's readings go with the position {words}: check how the two were joined."
+        f"The positions fit {describe_improvement(before, after)} ({after:.2g} mm instead of "
+        f"{before:.3g} mm, median) if each row's readings go with the position {abs(k)} "
+        f"row{plural} further {direction}: check how the two were joined."
     )
+
+
+def _shift_positions(problem: Problem, k: int) -> Problem:
+    """Give every row the position k rows further down, without the rows that have none."""
+    count = len(problem)
+    position = np.roll(problem.data.position, -k, 0)
+    shifted = replace(problem, data=replace(problem.data, position=position))
+    source = np.arange(count) + k
+    return shifted.take((source >= 0) & (source < count))

@@ -1,4 +1,4 @@
-"""Simple mistakes of a set-up, as changes of the joints' readings and of the positions: senses,
+"""Simple mistakes of a set-up, as changes of the joint readings and of the positions: directions,
 right angles, units, columns."""
 
 from __future__ import annotations
@@ -10,18 +10,26 @@ from itertools import combinations
 import numpy as np
 
 from .._typing import Array
+from ..exceptions import sentence_list
 from ..fitting.problem import Problem
 from ..robot.kinematics import Robot, pose
+from .robust_weights import MEDIANS, compute_redescending_weights
 
-REWEIGHT = 8
-BLOCK = 64  # in one block of the linear solution
+REWEIGHTINGS = 8
+# mistakes that are scored in one block of the linear solution
+BLOCK = 64
 DEGREE = np.pi / 180
+RIGHT_ANGLES = (90, -90, 180)
+# joints up to which every choice of reversed joints is tried
+MAX_REVERSIBLE = 8
+MIN_SPAN_MM = 1e-6
+MIN_SCALE_MM = 1e-6
 
 
 @dataclass(frozen=True)
 class Unit:
-    """Positions times `scale` are millimetres: what all of a file's then are (`words`) and where to
-    `look`; the `unit` of some rows alone, and their `remedy`."""
+    """A unit of positions: `scale` to millimetres; what all of a file's positions then are (`words`)
+    and where to `look`; its name, where some rows alone have it (`unit`), and their `remedy`."""
 
     scale: float
     words: str
@@ -43,15 +51,15 @@ SCALES = (
     Unit(10.0, "are centimetres", "convert them to mm", "centimetres", "multiply x, y and z by 10"),
 )
 MIRRORED = (
-    "stand in a left-handed frame (an axis mirrored)",
+    "are in a left-handed frame (an axis mirrored)",
     "check the signs and the order of x, y and z",
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Mistake:
-    """What would mend it, as `words` after "if", and where to `look`; readings q (m, n) become q Aᵀ
-    + c, positions x Bᵀ; of how many simple mistakes it consists."""
+    """A mistake, by its correction: `words` after "if", and where to `look`; readings q (m, n)
+    become q Aᵀ + c and positions x Bᵀ; `parts`: how many simple mistakes it consists of."""
 
     words: str
     look: str
@@ -61,15 +69,15 @@ class Mistake:
     parts: int = 1
 
     def then(self, other: Mistake) -> Mistake:
-        """Both, this one first."""
-        look = self.look if other.look == self.look else f"{self.look}, and {other.look}"
+        """Combine both corrections, this one first."""
+        same_look = other.look == self.look
         return Mistake(
-            f"{self.words} and {other.words}",
-            look,
-            other.A @ self.A,
-            other.A @ self.c + other.c,
-            other.B @ self.B,
-            self.parts + other.parts,
+            words=f"{self.words} and {other.words}",
+            look=self.look if same_look else f"{self.look}, and {other.look}",
+            A=other.A @ self.A,
+            c=other.A @ self.c + other.c,
+            B=other.B @ self.B,
+            parts=self.parts + other.parts,
         )
 
 
@@ -81,89 +89,117 @@ REGISTER = replace(
 )
 
 
-def list_position_mistakes(robot: Robot) -> Iterator[Mistake]:
-    """One joint's sense, zero, unit, or what it counts from; two joints' columns; all units, all
-    columns."""
-    n, eye, turns = robot.n, np.eye(robot.n), [not slides for slides in robot.prismatic]
+def _change_readings(words: str, look: str, A: Array, c: Array | None = None) -> Mistake:
+    if c is None:
+        c = np.zeros(len(A))
+    return Mistake(words, look, A, c, B=np.eye(3))
 
-    def one(words: str, look: str, A: Array = eye, c: Array | None = None) -> Mistake:
-        return Mistake(words, look, A, np.zeros(n) if c is None else c, np.eye(3))
 
+def _change_positions(words: str, look: str, B: Array, joints: int) -> Mistake:
+    return Mistake(words, look, np.eye(joints), np.zeros(joints), B)
+
+
+def list_joint_mistakes(robot: Robot) -> Iterator[Mistake]:
+    """List mistakes of the readings: one joint's direction, zero, unit, or what it is counted from;
+    two joints' columns; all units, all columns."""
+    n, turns = robot.n, [not slides for slides in robot.prismatic]
     for j in range(n):
-        name, scaled = f"joint {j + 1}", eye.copy()
-        scaled[j, j] = -1.0
-        yield one(
-            f"{name} {'turns' if turns[j] else 'moves'} the other way",
-            f"check the sign of q{j + 1} and the robot file's axis",
-            scaled,
-        )
+        yield _reverse_joint(j, n, turns[j])
         if turns[j]:
-            for degrees in (90, -90, 180):
-                yield one(
-                    f"{abs(degrees)}° is {'added to' if degrees > 0 else 'taken from'} q{j + 1}",
-                    f"check where {name} is zero in the controller and in the robot file",
-                    c=eye[j] * degrees * DEGREE,
-                )
+            yield from _generate_zeros(j, n)
         for k in range(j + 1, n):
             if turns[j] == turns[k]:
-                order = np.arange(n)
-                order[[j, k]] = k, j
-                yield one(
-                    f"q{j + 1} and q{k + 1} change places",
-                    "check the columns of the joint readings",
-                    eye[order],
-                )
+                yield _exchange_columns(j, k, n)
         if j and turns[j] and turns[j - 1]:
-            for sign in (1.0, -1.0):
-                coupled = eye.copy()
-                coupled[j, j - 1] = sign
-                yield one(
-                    f"q{j} is {'added to' if sign > 0 else 'taken from'} q{j + 1}",
-                    f"check whether the controller counts joint {j + 1} from the link before it or from the base",
-                    coupled,
-                )
-    for factor, words in ((1 / DEGREE, "radians, not degrees"), (DEGREE, "degrees, not radians")):
-        unit = "_deg" if factor < 1 else "_rad"
-        for j in (j for j in range(n) if turns[j]):
-            scaled = eye.copy()
-            scaled[j, j] = factor
-            yield one(f"q{j + 1} is in {words}", f"name its column q{j + 1}{unit}", scaled)
-        yield one(
-            f"all readings are in {words}",
-            f"name their columns q1{unit} and so on",
-            np.diag(np.where(turns, factor, 1.0)),
-        )
+            yield from _generate_couplings(j, n)
+    yield from _generate_angle_units(turns)
     if len(set(turns)) == 1 and n > 2:
-        yield one(
-            "the joints are counted from the flange",
-            f"check the order of the columns q1 to q{n}",
-            eye[::-1],
-        )
+        words = "the joints are counted from the flange"
+        yield _change_readings(words, f"check the order of the columns q1 to q{n}", np.eye(n)[::-1])
 
 
-def list_reversed_joints(n: int, framed: bool) -> Iterator[Mistake]:
-    """Units and handedness; axis by axis where the positions are said to stand in the robot's own
-    frame."""
+def _reverse_joint(j: int, n: int, turns: bool) -> Mistake:
+    A = np.eye(n)
+    A[j, j] = -1.0
+    words = f"joint {j + 1} {'turns' if turns else 'moves'} the other way"
+    return _change_readings(words, f"check the sign of q{j + 1} and the robot file's axis", A)
 
-    def one(words: str, look: str, B: Array) -> Mistake:
-        return Mistake(words, look, np.eye(n), np.zeros(n), B)
 
+def _generate_zeros(j: int, n: int) -> Iterator[Mistake]:
+    look = f"check where joint {j + 1} is zero in the controller and in the robot file"
+    for degrees in RIGHT_ANGLES:
+        change = "added to" if degrees > 0 else "subtracted from"
+        words = f"{abs(degrees)}° is {change} q{j + 1}"
+        yield _change_readings(words, look, np.eye(n), np.eye(n)[j] * degrees * DEGREE)
+
+
+def _exchange_columns(j: int, k: int, n: int) -> Mistake:
+    order = np.arange(n)
+    order[[j, k]] = k, j
+    words = f"q{j + 1} and q{k + 1} are exchanged"
+    return _change_readings(words, "check the columns of the joint readings", np.eye(n)[order])
+
+
+def _generate_couplings(j: int, n: int) -> Iterator[Mistake]:
+    look = f"check whether the controller counts joint {j + 1} from the link before it or from the base"
+    for sign in (1.0, -1.0):
+        A = np.eye(n)
+        A[j, j - 1] = sign
+        change = "added to" if sign > 0 else "subtracted from"
+        yield _change_readings(f"q{j} is {change} q{j + 1}", look, A)
+
+
+def _generate_angle_units(turns: Sequence[bool]) -> Iterator[Mistake]:
+    n = len(turns)
+    for factor, suffix, words in (
+        (1 / DEGREE, "_rad", "radians, not degrees"),
+        (DEGREE, "_deg", "degrees, not radians"),
+    ):
+        for j in np.flatnonzero(turns):
+            A = np.eye(n)
+            A[j, j] = factor
+            yield _change_readings(
+                f"q{j + 1} is in {words}", f"name its column q{j + 1}{suffix}", A
+            )
+        A = np.diag(np.where(turns, factor, 1.0))
+        look = f"name their columns q1{suffix} and so on"
+        yield _change_readings(f"all readings are in {words}", look, A)
+
+
+def list_reversed_joints(n: int) -> Iterator[Mistake]:
+    """List all choices of three joints and more, of n, that turn the other way."""
+    if n > MAX_REVERSIBLE:
+        return
+    look = "check the signs of the readings and the robot file's axes"
+    for size in range(3, n + 1):
+        for joints in combinations(range(n), size):
+            sign = np.ones(n)
+            sign[list(joints)] = -1.0
+            names = sentence_list([str(j + 1) for j in joints])
+            words = f"joints {names} turn the other way"
+            yield replace(_change_readings(words, look, np.diag(sign)), parts=size)
+
+
+def list_position_mistakes(n: int, framed: bool) -> Iterator[Mistake]:
+    """List mistakes of the positions: units and handedness; axis by axis where the positions are
+    said to be in the robot's own frame (`framed`)."""
     for unit in SCALES:
-        yield one(f"the positions {unit.words}", unit.look, np.eye(3) * unit.scale)
+        B = np.eye(3) * unit.scale
+        yield _change_positions(f"the positions {unit.words}", unit.look, B, n)
     if not framed:
-        yield one(f"the positions {MIRRORED[0]}", MIRRORED[1], -np.eye(3))
+        yield _change_positions(f"the positions {MIRRORED[0]}", MIRRORED[1], -np.eye(3), n)
         return
     for axis, other, B in list_axis_changes():
-        yield (
-            one(f"{axis} and {other} change places", "check the columns of the positions", B)
-            if other
-            else one(f"{axis} counts the other way", f"check the sign of {axis}", B)
-        )
+        if other:
+            words, look = f"{axis} and {other} are exchanged", "check the columns of the positions"
+        else:
+            words, look = f"{axis} has the opposite sign", f"check the sign of {axis}"
+        yield _change_positions(words, look, B, n)
 
 
 def list_axis_changes() -> Iterator[tuple[str, str, Array]]:
-    """(an axis, the one that it changes places with, the positions' change B (3, 3)); "" where its
-    sign changes."""
+    """List (an axis, the one that it is exchanged with, the change of the positions B (3, 3)); ""
+    where its sign changes."""
     for a, axis in enumerate("xyz"):
         yield axis, "", np.diag(1 - 2 * np.eye(3)[a])
         for b in range(a + 1, 3):
@@ -172,59 +208,57 @@ def list_axis_changes() -> Iterator[tuple[str, str, Array]]:
             yield axis, "xyz"[b], np.eye(3)[order]
 
 
-def score_linearly(n: int) -> Iterator[Mistake]:
-    """Three joints and more that turn the other way."""
-    for size in range(3, n + 1 if n <= 8 else 0):
-        for some in combinations(range(n), size):
-            sign = np.ones(n)
-            sign[list(some)] = -1.0
-            names = ", ".join(str(j + 1) for j in some[:-1]) + f" and {some[-1] + 1}"
-            yield Mistake(
-                f"joints {names} turn the other way",
-                "check the signs of the readings and the robot file's axes",
-                np.diag(sign),
-                np.zeros(n),
-                np.eye(3),
-                size,
-            )
+def score_linearly(problem: Problem, joints: Sequence[Mistake]) -> tuple[Array, Array]:
+    """Score mistakes of the readings by what an affine map and a target can explain: (misfits (H,),
+    scales (H,)).
 
-
-def list_joint_mistakes(problem: Problem, joints: Sequence[Mistake]) -> tuple[Array, Array]:
-    """((H,) median distance that the best affine map from the tracker to frame 0 and the best
-    target leave of the readings as each of H mistakes has them, over the mapped positions' own: a
-    map may shrink the world; (H,) the map's scale, negative where it mirrors). Cauchy weights."""
+    For the readings as each of H mistakes has them, the best affine map from the tracker to frame 0
+    and the best target are found with redescending weights. The misfit is the median distance left,
+    over the mapped positions' own (a map may shrink the world); the scale is the map's, negative
+    where it mirrors."""
     x = problem.data.position - np.median(problem.data.position, axis=0)
-    span, m = max(float(np.abs(x).max()), 1e-6), len(problem)
-    row = np.concatenate([x / span, np.ones((m, 1))], 1)
-    left, scale = np.empty(len(joints)), np.empty(len(joints))
+    span = max(float(np.abs(x).max()), MIN_SPAN_MM)
+    row = np.concatenate([x / span, np.ones((len(problem), 1))], 1)
+    misfits, scales = [], []
     for start in range(0, len(joints), BLOCK):
-        part = joints[start : start + BLOCK]
-        at = pose(
-            problem.robot, np.concatenate([problem.data.q @ k.A.T + k.c for k in part]), np.zeros(3)
-        )
-        flange = np.concatenate(
-            [at.target[:, None], at.axes[-1, :3].transpose(1, 0, 2)], 1
-        )  # (3, 1 + 3, H m)
-        y = flange.transpose(2, 0, 1).reshape(len(part), m, 12)
-        weight = np.ones((len(part), m))
-        for _ in range(REWEIGHT):
-            wide = weight[:, None] * row.T  # (H, 4, m)
-            map_ = np.linalg.pinv(wide @ row, rcond=1e-12, hermitian=True) @ (wide @ y)
-            rest = (y - row @ map_).reshape(len(part), m, 3, 4)
-            o, F = rest[..., :1].reshape(len(part), -1, 1), rest[..., 1:].reshape(len(part), -1, 3)
-            heavy = np.repeat(weight, 3, axis=1)[:, None] * F.transpose(0, 2, 1)
-            t = -np.linalg.pinv(heavy @ F, rcond=1e-9, hermitian=True) @ (heavy @ o)
-            size = np.linalg.norm((o + F @ t).reshape(len(part), m, 3), axis=2)
-            middle = np.median(size, axis=1)
-            weight = 1 / (1 + (size / np.maximum(3 * middle, 1e-6)[:, None]) ** 2) ** 2
-        A = (
-            map_.reshape(-1, 4, 3, 4)[:, :3]
-            @ np.concatenate([np.ones((len(part), 1, 1)), t], 1)[:, None]
-        )
-        mapped = np.median(np.linalg.norm(row[:, :3] @ A[..., 0], axis=2), axis=1)
-        block = slice(start, start + len(part))
-        left[block], scale[block] = (
-            middle / np.maximum(mapped, 1e-9),
-            np.cbrt(np.linalg.det(A[..., 0])) / span,
-        )
-    return left, scale
+        o, F = _compute_flanges(problem, joints[start : start + BLOCK])
+        misfit, scale = _fit_affine_maps(row, o, F)
+        misfits.append(misfit)
+        scales.append(scale / span)
+    return np.concatenate(misfits), np.concatenate(scales)
+
+
+def _compute_flanges(problem: Problem, joints: Sequence[Mistake]) -> tuple[Array, Array]:
+    """Compute the flange's positions o (H, m, 3) and rotations F (H, m, 3, 3) for the readings as
+    each of H mistakes has them."""
+    shape = len(joints), len(problem)
+    q = np.concatenate([problem.data.q @ joint.A.T + joint.c for joint in joints])
+    flange = pose(problem.robot, q, np.zeros(3))
+    rotation = flange.axes[-1, :3].transpose(2, 1, 0)
+    return flange.target.T.reshape(*shape, 3), rotation.reshape(*shape, 3, 3)
+
+
+def _fit_affine_maps(row: Array, o: Array, F: Array) -> tuple[Array, Array]:
+    """Fit affine maps (H, 4, 3) and targets t (H, 3) with row · map = o + F t, for rows (m, 4):
+    (misfits (H,), cube roots of the maps' determinants (H,))."""
+    count, m = o.shape[:2]
+    y = np.concatenate([o[..., None], F], axis=3).reshape(count, m, 12)
+    weight = np.ones((count, m))
+    for _ in range(REWEIGHTINGS):
+        # the map for the flange's position, and for every axis of the flange
+        weighted = weight[:, None] * row.T
+        maps = np.linalg.pinv(weighted @ row, rcond=1e-12, hermitian=True) @ (weighted @ y)
+        rest = (y - row @ maps).reshape(count, m, 3, 4)
+        o_rest = rest[..., :1].reshape(count, 3 * m, 1)
+        F_rest = rest[..., 1:].reshape(count, 3 * m, 3)
+        # the target that leaves least beyond the maps
+        heavy = np.repeat(weight, 3, axis=1)[:, None] * F_rest.transpose(0, 2, 1)
+        t = -np.linalg.pinv(heavy @ F_rest, rcond=1e-9, hermitian=True) @ (heavy @ o_rest)
+        size = np.linalg.norm((o_rest + F_rest @ t).reshape(count, m, 3), axis=2)
+        median = np.median(size, axis=1)
+        scale = np.maximum(MEDIANS * median, MIN_SCALE_MM)
+        weight = compute_redescending_weights(size, scale[:, None])
+    with_target = np.concatenate([np.ones((count, 1, 1)), t], 1)
+    linear = (maps.reshape(count, 4, 3, 4)[:, :3] @ with_target[:, None])[..., 0]
+    mapped = np.median(np.linalg.norm(row[:, :3] @ linear, axis=2), axis=1)
+    return median / np.maximum(mapped, 1e-9), np.cbrt(np.linalg.det(linear))

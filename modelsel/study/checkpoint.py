@@ -1,5 +1,8 @@
-"""Unfinished chains on disk: beside the result in a hidden folder, whole or not at all, and only
-for the run they belong to."""
+"""Keep unfinished chains on disk, for `--resume`.
+
+A chain is in a hidden file beside the result, whole or not at all, and belongs to one run: its
+data, study, versions and parameters.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +20,9 @@ from .._files import HIDDEN, write_atomically
 from ..exceptions import StudyError
 from ..uncertainty.sampler import State
 
-EVERY = 5.0  # seconds between two copies; what is written has no part in the result
-WHAT = {
+COPY_INTERVAL_S = 5.0  # between two copies; how often copies are made does not change the result
+# what identifies a run, in the words of messages
+IDENTITY = {
     "data_sha256": "the measurements",
     "study_sha256": "the study file",
     "modelsel": "modelsel's version",
@@ -28,59 +32,75 @@ WHAT = {
 
 
 class Checkpoint:
-    """DIR/.modelsel/sampling.npz. `resume`: take up what is there; else it is overwritten."""
+    """The unfinished chain of an output folder, in DIR/.modelsel/sampling.npz.
+
+    `resume`: go on from the chain that is there; else it is overwritten.
+    """
 
     def __init__(self, folder: Path, resume: bool):
-        self.path, self.resume = folder / HIDDEN / "sampling.npz", resume
+        self.path = folder / HIDDEN / "sampling.npz"
+        self.resume = resume
         self.identity: dict[str, object] = {}
-        self.last = time.monotonic()
+        self.last_copy = time.monotonic()
 
-    def bind(self, identity: Mapping[str, str]) -> None:
-        """Say which data, study and versions the run has. Raises StudyError where the chain on disk
-        has others."""
-        self.identity = {key: identity[key] for key in WHAT if key in identity}
+    def bind(self, provenance: Mapping[str, str]) -> None:
+        """Take the data, study and versions of the run.
+
+        Raises StudyError where the chain on disk has others.
+        """
+        self.identity = {key: provenance[key] for key in IDENTITY if key in provenance}
         if self.resume:
             self._compare(self._read(), self.identity)
 
     def load(self, names: Sequence[str]) -> State | None:
-        """The chain that was kept. Raises StudyError where it is over other parameters."""
-        held = self._read() if self.resume else None
-        if held is None:
+        """Return the chain on disk; None where there is none, or without `resume`.
+
+        Raises StudyError where its parameters have other names.
+        """
+        stored = self._read() if self.resume else None
+        if stored is None:
             return None
-        self._compare(held, {**self.identity, "names": list(names)})
-        position, has_gauss, gauss = (float(number) for number in held["random_rest"])
+        self._compare(stored, {**self.identity, "names": list(names)})
+        position, has_gauss, gauss = stored["random_rest"].tolist()
+        random = ("MT19937", stored["random_key"], int(position), int(has_gauss), gauss)
         return State(
-            held["chain"],
-            held["log_density"],
-            held["accepted"],
-            ("MT19937", held["random_key"], int(position), int(has_gauss), gauss),
+            chain=stored["chain"],
+            log_density=stored["log_density"],
+            accepted=stored["accepted"],
+            random=random,
         )
 
     def keep(self, names: Sequence[str], state: State, *, now: bool = False) -> None:
-        """Write the chain, unless it was written moments ago."""
-        if not now and time.monotonic() - self.last < EVERY:
+        """Write the chain, unless it was written less than COPY_INTERVAL_S ago."""
+        if not now and time.monotonic() - self.last_copy < COPY_INTERVAL_S:
             return
-        out = io.BytesIO()
+        identity = json.dumps({**self.identity, "names": list(names)})
         _, key, position, has_gauss, gauss = state.random
+        content = io.BytesIO()
         np.savez(
-            out,
-            identity=np.array(json.dumps({**self.identity, "names": list(names)})),
+            content,
+            identity=np.array(identity),
             chain=state.chain,
             log_density=state.log_density,
             accepted=state.accepted,
             random_key=key,
             random_rest=np.array([position, has_gauss, gauss], float),
         )
-        write_atomically(self.path, out.getvalue())
-        self.last = time.monotonic()
+        write_atomically(self.path, content.getvalue())
+        self.last_copy = time.monotonic()
 
     def clear(self) -> None:
-        """The run is done: nothing is left behind."""
+        """Remove the chain, and its folder if that is empty."""
         self.path.unlink(missing_ok=True)
-        if self.path.parent.is_dir() and not any(self.path.parent.iterdir()):
-            self.path.parent.rmdir()
+        folder = self.path.parent
+        if not folder.is_dir():
+            return
+        empty = not any(folder.iterdir())
+        if empty:
+            folder.rmdir()
 
     def _read(self) -> dict[str, NDArray[Any]] | None:
+        """Return the arrays on disk; None without a file. Raises StudyError for another file."""
         try:
             with np.load(self.path, allow_pickle=False) as file:
                 return {key: file[key] for key in file.files}
@@ -92,14 +112,15 @@ class Checkpoint:
             ) from None
 
     def _compare(
-        self, held: Mapping[str, NDArray[Any]] | None, expected: Mapping[str, object]
+        self, stored: Mapping[str, NDArray[Any]] | None, expected: Mapping[str, object]
     ) -> None:
-        if held is None:
+        """Check that a stored chain belongs to this run. Raises StudyError."""
+        if stored is None:
             return
-        found = json.loads(str(held["identity"]))
-        other = [WHAT[key] for key in expected if found.get(key) != expected[key]]
-        if other:
+        identity = json.loads(str(stored["identity"]))
+        changed = [IDENTITY[key] for key in expected if identity.get(key) != expected[key]]
+        if changed:
             raise StudyError(
                 f"--resume: the unfinished chain in {self.path.parent} belongs to another run: "
-                f"{' and '.join(other)} changed. Run again without --resume to start afresh."
+                f"{' and '.join(changed)} changed. Run again without --resume to start afresh."
             )

@@ -1,23 +1,27 @@
-"""Many studies as one job on dask.distributed, and measurement sets that are never held whole.
+"""Run many studies as one job on dask.distributed, and fit measurement sets too large for memory.
 
-A study runs on a worker exactly as alone and writes what it writes alone into its own folder; what
-fails is said and stops nothing else. A worker that dies is replaced and its studies run again.
-Results do not depend on the workers: every study has its own seed, and pieces are merged in their
-order."""
+A study runs on a worker exactly as it runs alone, and writes the same files into its own folder. A
+study that fails is reported and stops nothing else; a worker that dies is replaced and its studies
+run again. Results do not depend on the workers: every study has its own seed, and the parts of a
+set are merged in their order.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .._files import claim_folder, csv_bytes, write_atomically
 from .._json import to_json
+from .._typing import Say
 from ..config.fleet_file import Fleet, PartsTable, Task, find_files
 from ..config.study_file import find_data
 from ..exceptions import CHECK_FAILED, DataError, ModelselError, StudyError
@@ -27,22 +31,57 @@ from ..report.drawing import draw
 from ..report.pages.fleet_summary import write_summary
 from ..results.storage import WRITES
 from ..robot.files import builtin_names, load, read_robot
+from ..robot.kinematics import Robot
 from ..selection.streaming import Parts, fit_parts, list_parts
-from .pipeline import provenance
-from .runner import run
+from .pipeline import record_provenance
+from .runner import run_study
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-Row = dict[str, Any]
-RETRIES = 3  # of a study whose worker died
-ERRORS = ("nominal", "base", "chosen")
+Row = dict[str, Any]  # of the summary: a value for each of SUMMARY_COLUMNS
+
+SUMMARY_COLUMNS = (
+    "name",
+    "state",
+    "exit",
+    "robot",
+    "estimation",
+    "held_out",
+    "noise_mm",
+    "nominal_mm",
+    "base_mm",
+    "chosen_mm",
+    "rank",
+    "found",
+    "warnings",
+    "why",
+)
+SHOWN_ERRORS = ("nominal", "base", "chosen")  # columns of errors on the terminal
+REPORTS = ("report.pdf", "report.html")
+SCHEDULER_TIMEOUT_S = 20
+
+
+@dataclass(frozen=True)
+class FleetOptions:
+    """How a fleet is run.
+
+    `sampling`: whether the posteriors are sampled; `resume`: keep studies that are finished;
+    `reports`: draw the reports, too; `retries`: of a study whose worker died.
+    """
+
+    sampling: bool = True
+    resume: bool = False
+    reports: bool = False
+    retries: int = 3
 
 
 @contextmanager
 def cluster(workers: int | None = None, scheduler: str | None = None) -> Iterator[Any]:
-    """A dask client: of a running scheduler, or of workers of this machine, one thread each. Raises
-    StudyError."""
+    """Open a dask client of a running scheduler, or of workers of this machine.
+
+    By default there is one worker per core, of one thread each. Raises StudyError.
+    """
     try:
         import dask
         from distributed import Client, LocalCluster
@@ -52,7 +91,7 @@ def cluster(workers: int | None = None, scheduler: str | None = None) -> Iterato
         ) from None
     if scheduler is not None:
         try:
-            client = Client(scheduler, timeout=20, set_as_default=False)
+            client = Client(scheduler, timeout=SCHEDULER_TIMEOUT_S, set_as_default=False)
         except (OSError, ValueError) as error:
             raise StudyError(f"--scheduler {scheduler}: {error}") from None
         with client:
@@ -72,8 +111,8 @@ def cluster(workers: int | None = None, scheduler: str | None = None) -> Iterato
             processes=True,
             dashboard_address=None,
             silence_logs=50,
-        ) as here,
-        Client(here, set_as_default=False) as client,
+        ) as local,
+        Client(local, set_as_default=False) as client,
     ):
         yield client
 
@@ -82,164 +121,157 @@ def run_fleet(
     fleet: Fleet,
     out: Path,
     client: Any,
+    options: FleetOptions = FleetOptions(),
     *,
-    sampling: bool = True,
-    resume: bool = False,
-    reports: bool = False,
-    say: Callable[[str], None] = lambda _: None,
+    say: Say = lambda _: None,
 ) -> list[Row]:
-    """Every study and measurement set of a fleet, each into its folder below `out`, with its
-    `reports` drawn or to be drawn later; a row of the summary for each, in the fleet's order.
-    Nothing is raised for a study that fails: its row says why."""
-    from distributed import as_completed
+    """Run every study and fit every measurement set of a fleet, each into its folder below `out`.
 
+    Returns a row of the summary for each, in the fleet's order. Raises nothing for a study that
+    fails: its row says why.
+    """
     out = out.resolve()
     rows: dict[str, Row] = {}
-    waiting = {}
-    for task in fleet.tasks:
-        if resume and _finished(task, out / task.name, sampling, reports):
-            rows[task.name] = _row(
-                task.name, json.loads((out / task.name / "result.json").read_text(encoding="utf-8"))
-            )
-        else:
-            waiting[
-                client.submit(
-                    _one, task, str(out / task.name), sampling, reports, pure=False, retries=RETRIES
-                )
-            ] = task.name
+    if options.resume:
+        for task in fleet.tasks:
+            folder = out / task.name
+            if _is_finished(task, folder, options):
+                rows[task.name] = _read_row(task.name, folder)
     if rows:
         say(f"{len(rows)} of {len(fleet.tasks)} are finished already")
-    for future in as_completed(list(waiting), loop=client.loop):
-        name = waiting[future]
-        error = future.exception()
-        rows[name] = future.result() if error is None else _broken(name, error)
-        say(f"{len(rows)} of {len(fleet.tasks)}  {name}: {rows[name]['state']}")
+    waiting = [task for task in fleet.tasks if task.name not in rows]
+    for row in _run_tasks(waiting, out, client, options):
+        rows[row["name"]] = row
+        say(f"{len(rows)} of {len(fleet.tasks)}  {row['name']}: {row['state']}")
     for part in fleet.parts:
+        folder = out / part.name
         try:
-            rows[part.name] = _whole_set(part, fleet.folder, out / part.name, client)
-        except Exception as error:  # noqa: BLE001 - whatever breaks in one set, the job goes on and its row says what
-            rows[part.name] = _broken(part.name, error)
-        say(f"{part.name}: {rows[part.name]['state']}")
-    return [rows[name] for name in (*(t.name for t in fleet.tasks), *(p.name for p in fleet.parts))]
+            row = fit_measurement_set(part, fleet.folder, folder, client)
+        except Exception as error:  # noqa: BLE001 - whatever breaks in one set, the job goes on
+            row = _make_broken_row(part.name, error)
+        rows[part.name] = row
+        say(f"{part.name}: {row['state']}")
+    names = [task.name for task in fleet.tasks]
+    names += [part.name for part in fleet.parts]
+    return [rows[name] for name in names]
 
 
-def _one(task: Task, out: str, sampling: bool, reports: bool) -> Row:
-    """On a worker: one study, from its file to all it writes."""
+def _run_tasks(
+    tasks: Sequence[Task], out: Path, client: Any, options: FleetOptions
+) -> Iterator[Row]:
+    """Run studies on the workers and yield their rows as they are completed."""
+    from distributed import as_completed
+
+    names = {}
+    for task in tasks:
+        folder = str(out / task.name)
+        future = client.submit(run_task, task, folder, options, pure=False, retries=options.retries)
+        names[future] = task.name
+    for future in as_completed(list(names), loop=client.loop):
+        error = future.exception()
+        if error is None:
+            yield future.result()
+        else:
+            yield _make_broken_row(names[future], error)
+
+
+def run_task(task: Task, out: str, options: FleetOptions) -> Row:
+    """Run one study on a worker, from its file to all it writes, and return its row."""
+    folder = Path(out)
     try:
-        with claim_folder(Path(out)):
-            result = run(task.study, task.folder, registry=with_plugins()[0], sampling=sampling)
-            result.save(Path(out))
-            if reports:
-                draw(Path(out))
+        with claim_folder(folder):
+            registry, _ = with_plugins()
+            result = run_study(
+                task.study, task.folder, registry=registry, sampling=options.sampling
+            )
+            result.save(folder)
+            if options.reports:
+                draw(folder)
     except ModelselError as error:
-        return _failed(task.name, str(error), error.exit_code)
-    return _row(task.name, json.loads((Path(out) / "result.json").read_text(encoding="utf-8")))
+        return _make_failed_row(task.name, str(error), error.exit_code)
+    return _read_row(task.name, folder)
 
 
-def _finished(task: Task, folder: Path, sampling: bool, reports: bool) -> bool:
-    """Whether the folder holds all of this study: same data, same study, same versions."""
-    if not all(
-        (folder / name).is_file()
-        for name in (*WRITES, *(("report.pdf", "report.html") if reports else ()))
-    ):
+def _is_finished(task: Task, folder: Path, options: FleetOptions) -> bool:
+    """Return whether a folder holds all of this study: same data, same study, same versions."""
+    files = (*WRITES, *REPORTS) if options.reports else WRITES
+    if not all((folder / file).is_file() for file in files):
         return False
     try:
-        there = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-        data = hashlib.sha256(
-            find_data(task.study.measurements.file, task.folder).read_bytes()
-        ).hexdigest()
+        record = _read_record(folder)
+        data = find_data(task.study.measurements.file, task.folder).read_bytes()
     except (OSError, ValueError):
         return False
-    same = there.get("provenance") == provenance(task.study, data)
-    return bool(same and (not sampling or there.get("sampling") is not None))
+    data_sha256 = hashlib.sha256(data).hexdigest()
+    if record.get("provenance") != record_provenance(task.study, data_sha256):
+        return False
+    return not options.sampling or record.get("sampling") is not None
 
 
-def _row(name: str, result: Row) -> Row:
-    """A study's line in the summary."""
-    ladder = result["ladder"]
-    last, sampled = ladder[-1], result["sampling"]
+def _read_record(folder: Path) -> dict[str, Any]:
+    text = (folder / "result.json").read_text(encoding="utf-8")
+    record: dict[str, Any] = json.loads(text)
+    return record
+
+
+def _read_row(name: str, folder: Path) -> Row:
+    """Return the row of a study from its result.json."""
+    record = _read_record(folder)
+    ladder = record["ladder"]
+    nominal, chosen = ladder[0], ladder[-1]
+    base = ladder[1] if len(ladder) > 1 else nominal
+    named = [name for name in chosen["mechanisms"] if name not in base["mechanisms"]]
+    codes = dict.fromkeys(warning["code"] for warning in record["warnings"])
+    sampling = record["sampling"]
+    converged = sampling is None or sampling["converged"]
     return {
         "name": name,
         "state": "done",
-        "exit": 0 if sampled is None or sampled["converged"] else CHECK_FAILED,
-        "robot": result["robot"],
-        "estimation": result["configurations"]["estimation"],
-        "held_out": result["configurations"]["held_out"],
-        "noise_mm": result["noise_floor"]["coordinate_mm"],
-        "nominal_mm": ladder[0]["held_out"]["mean_mm"],
-        "base_mm": ladder[1 if len(ladder) > 1 else 0]["held_out"]["mean_mm"],
-        "chosen_mm": last["held_out"]["mean_mm"],
-        "rank": last["rank"],
-        "found": " + ".join(
-            m
-            for m in last["mechanisms"]
-            if m not in ladder[1 if len(ladder) > 1 else 0]["mechanisms"]
-        ),
-        "warnings": " + ".join(dict.fromkeys(w["code"] for w in result["warnings"])),
+        "exit": 0 if converged else CHECK_FAILED,
+        "robot": record["robot"],
+        "estimation": record["configurations"]["estimation"],
+        "held_out": record["configurations"]["held_out"],
+        "noise_mm": record["noise_floor"]["coordinate_mm"],
+        "nominal_mm": nominal["held_out"]["mean_mm"],
+        "base_mm": base["held_out"]["mean_mm"],
+        "chosen_mm": chosen["held_out"]["mean_mm"],
+        "rank": chosen["rank"],
+        "found": " + ".join(named),
+        "warnings": " + ".join(codes),
         "why": "",
     }
 
 
-def _failed(name: str, why: str, code: int) -> Row:
-    return dict.fromkeys(_COLUMNS) | {
-        "name": name,
-        "state": "failed",
-        "exit": code,
-        "found": "",
-        "warnings": "",
-        "why": why,
-    }
+def _make_failed_row(name: str, why: str, code: int) -> Row:
+    row: Row = dict.fromkeys(SUMMARY_COLUMNS)
+    texts = {"name": name, "state": "failed", "found": "", "warnings": "", "why": why}
+    return row | texts | {"exit": code}
 
 
-def _broken(name: str, error: BaseException) -> Row:
-    return _failed(name, f"internal error: {type(error).__name__}: {error}", 1)
+def _make_broken_row(name: str, error: BaseException) -> Row:
+    why = f"internal error: {type(error).__name__}: {error}"
+    return _make_failed_row(name, why, 1)
 
 
-_COLUMNS = (
-    "name",
-    "state",
-    "exit",
-    "robot",
-    "estimation",
-    "held_out",
-    "noise_mm",
-    "nominal_mm",
-    "base_mm",
-    "chosen_mm",
-    "rank",
-    "found",
-    "warnings",
-    "why",
-)
-
-
-def _whole_set(table: PartsTable, folder: Path, out: Path, client: Any) -> Row:
-    """A measurement set in pieces: fitted on the workers, parts.json written."""
+def fit_measurement_set(table: PartsTable, folder: Path, out: Path, client: Any) -> Row:
+    """Fit a measurement set in parts on the workers, write parts.json, and return its row."""
     try:
-        problems: list[str] = []
-        files = [path for pattern in table.files for path in find_files(folder, pattern, problems)]
-        if not files:
-            raise DataError(
-                f"no file matches {', '.join(table.files)}.",
-                remedy="Patterns are relative to the fleet file.",
-            )
-        robot = (
-            load(table.robot)
-            if table.robot in builtin_names()
-            else read_robot(folder / table.robot)
-        )
-        model = Model(tuple(mechanism(name, robot, with_plugins()[0]) for name in table.base))
+        files = _find_files_of_set(table, folder)
+        robot = _read_robot_of_set(table, folder)
+        registry, _ = with_plugins()
+        model = Model(tuple(mechanism(name, robot, registry) for name in table.base))
         x, y, z = table.tool_mm
-        source = Parts(
-            robot,
-            (x, y, z),
-            list_parts([path.resolve() for path in files]),
-            partial(_on_workers, client),
-        )
+        source = Parts(robot, (x, y, z), list_parts(files), partial(map_on_workers, client))
         fitted, cv = fit_parts(source, model, table.folds)
     except ModelselError as error:
-        return _failed(table.name, str(error), error.exit_code)
-    found = {
+        return _make_failed_row(table.name, str(error), error.exit_code)
+    estimate = [
+        {"symbol": term.symbol, "unit": term.unit, "value": value, "standard_error": error}
+        for term, value, error in zip(
+            model.terms, fitted.theta, fitted.standard_errors, strict=True
+        )
+    ]
+    record = {
         "schema": 1,
         "name": table.name,
         "robot": robot.name,
@@ -249,13 +281,10 @@ def _whole_set(table: PartsTable, folder: Path, out: Path, client: Any) -> Row:
         "rank": fitted.rank,
         "sigma_mm": fitted.sigma,
         "cv_rms_mm": cv.rms * 3**0.5,
-        "estimate": [
-            {"symbol": t.symbol, "unit": t.unit, "value": v, "standard_error": s}
-            for t, v, s in zip(model.terms, fitted.theta, fitted.standard_errors, strict=True)
-        ],
+        "estimate": estimate,
     }
-    write_atomically(out / "parts.json", to_json(found).encode())
-    return _failed(table.name, "", 0) | {
+    write_atomically(out / "parts.json", to_json(record).encode())
+    return _make_failed_row(table.name, "", 0) | {
         "state": "done",
         "robot": robot.name,
         "estimation": len(source),
@@ -265,24 +294,44 @@ def _whole_set(table: PartsTable, folder: Path, out: Path, client: Any) -> Row:
     }
 
 
-def _on_workers(client: Any, work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-    """map on the workers, results in the items' order; an error of the work is raised here."""
-    return list(client.gather(client.map(work, items, pure=False, retries=0)))
+def _read_robot_of_set(table: PartsTable, folder: Path) -> Robot:
+    if table.robot in builtin_names():
+        return load(table.robot)
+    return read_robot(folder / table.robot)
+
+
+def _find_files_of_set(table: PartsTable, folder: Path) -> list[Path]:
+    """Return the files that the set's patterns match. Raises DataError where there are none."""
+    files: list[Path] = []
+    for pattern in table.files:
+        files += find_files(folder, pattern, problems=[])
+    if not files:
+        raise DataError(
+            f"no file matches {', '.join(table.files)}.",
+            remedy="Patterns are relative to the fleet file.",
+        )
+    return [path.resolve() for path in files]
+
+
+def map_on_workers(client: Any, work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
+    """Map work over the items on the workers, results in the items' order; re-raise its errors."""
+    futures = client.map(work, items, pure=False, retries=0)
+    return list(client.gather(futures))
 
 
 def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> list[Path]:
-    """summary.csv and summary.parquet, a line a study, and for a fleet's `name` summary.pdf; the
-    same bytes for the same results."""
-    import io
+    """Write summary.csv and summary.parquet, a line per study, and return their paths.
 
+    With a fleet's `name` also summary.pdf. The same results give the same bytes.
+    """
     import pandas as pd
 
-    frame = pd.DataFrame(list(rows), columns=list(_COLUMNS))
-    buffer = io.BytesIO()
-    frame.to_parquet(buffer, index=False)
+    frame = pd.DataFrame(list(rows), columns=list(SUMMARY_COLUMNS))
+    parquet = io.BytesIO()
+    frame.to_parquet(parquet, index=False)
     paths = [out / "summary.csv", out / "summary.parquet"]
     write_atomically(paths[0], csv_bytes(frame, "%.10g"))
-    write_atomically(paths[1], buffer.getvalue())
+    write_atomically(paths[1], parquet.getvalue())
     if name is not None:
         paths.append(out / "summary.pdf")
         write_atomically(paths[2], write_summary(name, rows, out))
@@ -290,30 +339,27 @@ def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> lis
 
 
 def show_fleet(rows: Sequence[Row], console: Console) -> None:
-    """The summary on a terminal: a line a study, mean held-out errors in mm; then what failed and
-    why."""
+    """Print a line per study with its mean held-out errors [mm], then what failed and why."""
     from rich.table import Table
     from rich.text import Text
 
     from ..results.study_sentences import format_mm
 
     table = Table(title="Mean held-out error [mm]")
-    for name, side in (
-        ("study", "left"),
-        ("configurations", "right"),
-        *((what, "right") for what in ERRORS),
-        ("found", "left"),
-    ):
-        table.add_column(name, justify=side)  # type: ignore[arg-type]
-    for row in rows:
-        if row["state"] == "done":
-            table.add_row(
-                Text(row["name"]),
-                f"{row['estimation'] + row['held_out']:,}",
-                *(format_mm(row[f"{what}_mm"]) for what in ERRORS),
-                Text(row["found"] or "–"),
-            )
-    console.print(table)
+    table.add_column("study", justify="left")
+    table.add_column("configurations", justify="right")
+    for model in SHOWN_ERRORS:
+        table.add_column(model, justify="right")
+    table.add_column("found", justify="left")
+    failed = []
     for row in rows:
         if row["state"] != "done":
-            console.print(f"{row['name']} failed: {row['why']}", markup=False, emoji=False)
+            failed.append(row)
+            continue
+        configurations = row["estimation"] + row["held_out"]
+        errors = [format_mm(row[f"{model}_mm"]) for model in SHOWN_ERRORS]
+        named = Text(row["found"] or "–")
+        table.add_row(Text(row["name"]), f"{configurations:,}", *errors, named)
+    console.print(table)
+    for row in failed:
+        console.print(f"{row['name']} failed: {row['why']}", markup=False, emoji=False)

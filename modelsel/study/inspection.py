@@ -1,4 +1,4 @@
-"""What is in a file, a mechanism, a robot: plain values for people and programs."""
+"""Describe a robot or a measurements file as plain values and in words."""
 
 from __future__ import annotations
 
@@ -20,165 +20,237 @@ from ..mechanisms.geometry import build_setup, geometric
 from ..notices import SETUP_MISTAKE, list_alarms
 from ..results.placements import describe_placements, locate_placements
 from ..results.schema import RegistrationRecord
-from ..robot.kinematics import Robot
+from ..robot.kinematics import Joint, Robot
 from ..setup.feature_positions import place_features
-from ..setup.mistakes import LEAST
+from ..setup.mistakes import MIN_CONFIGURATIONS
 from ..setup.registration import register
-from .checks import setup_notes
+from .checks import check_setup
 
-MOST = 2000  # points that are registered
+MAX_REGISTERED_POINTS = 2000
+MAX_LISTED_FEATURES = 6
+MAX_LISTED_GROUPS = 8
+ASSUMED_TOOL_MM = (0.0, 0.0, 100.0)  # nominal target, for what the configurations determine
+MIN_MOTION = 1e-6  # rad or mm: a joint with a smaller range does not move
 
 
-def describe(robot: Robot, data: Measurements) -> dict[str, Any]:
-    """What a file holds, what its configurations determine of the geometry, and what they do
-    not."""
-    orientation = data.rotation is not None
-    bound = Problem(robot, data, np.tile([0.0, 0.0, 100.0], (len(data.targets), 1)))
-    features, gauges = data.gauges.features if data.gauges is not None else (), data.gauges
-    bound = place_features(bound, np.ones(len(data), bool))
-    model = Model(
-        (build_setup(robot, len(data.targets), 1, False, orientation, features), geometric(robot))
-    )
-    found = as_drawn(identify(reduce_problem(bound, model.terms)), bound, model.terms)
-    rank, condition = found.rank, found.condition
-    found = fitted_terms(found, model)
-    floor = None if gauges is not None else from_repeats(data) or from_target_pairs(data)
-    kinds = (
-        {}
-        if gauges is None
-        else {
-            "kinds": {k: int(gauges.of(k).sum()) for k in KINDS if gauges.of(k).any()},
-            "features": [
-                {"name": f.name, "kind": f.kind, "rows": int((gauges.feature == k).sum())}
-                for k, f in enumerate(features)
-            ],
-        }
-    )
-    joints = []
-    for j, joint in enumerate(robot.joints):
-        low, high = float(data.q[:, j].min()), float(data.q[:, j].max())
-        whole = None if joint.limits is None else (high - low) / (joint.limits[1] - joint.limits[0])
-        joints.append(
-            {
-                "joint": j + 1,
-                "low": low,
-                "high": high,
-                "unit": robot.unit(j + 1),
-                "share_of_range": whole,
-                "moves": high - low > 1e-6,
-            }
-        )
+def _format_limits(joint: Joint) -> str:
+    if joint.limits is None:
+        return "not known"
+    limits = np.array(joint.limits)
+    unit = "mm"
+    if not joint.prismatic:
+        limits = np.degrees(limits)
+        unit = "deg"
+    low, high = limits
+    return f"{low:.4g} to {high:.4g} {unit}"
+
+
+def inspect_measurements(robot: Robot, data: Measurements) -> dict[str, Any]:
+    """Describe measurements: what they hold, and what they determine of the geometry."""
     return {
         "rows": len(data),
         "configurations": data.configurations,
         "targets": list(data.targets),
         "groups": list(data.groups),
-        **kinds,
-        "orientation": orientation,
+        **_count_kinds(data),
+        "orientation": data.rotation is not None,
         "covariates": sorted(data.covariates),
-        "joints": joints,
+        "joints": _describe_joints(robot, data),
         "repeats": data.configurations - len(np.unique(data.block)),
-        "noise_floor": None
-        if floor is None
-        else {"coordinate_mm": floor.coordinate_mm, "source": floor.source},
-        "geometry": {"parameters": len(model.terms), "rank": rank, "condition": condition},
-        "unidentifiable": [
-            {"sentence": u.sentence, "parameters": list(u.parameters)}
-            for u in describe_unidentifiable(found, model.terms)
-        ],
-        **_registered(robot, data),
-        "warnings": [{"code": n.code, "sentence": n.sentence} for n in data.notes],
+        "noise_floor": _estimate_noise_floor(data),
+        **_describe_geometry(robot, data),
+        **_describe_registration(robot, data),
+        "warnings": [{"code": note.code, "sentence": note.sentence} for note in data.notes],
     }
 
 
-def _registered(robot: Robot, data: Measurements) -> dict[str, Any]:
-    """How well the positions fit the nominal robot once the tracker's frame and the targets are
-    found, as one placement of all groups, and which simple mistake of the set-up would fit better;
-    empty where too few points are measured."""
-    bound = Problem(robot, data, np.zeros((len(data.targets), 3)))
-    points = np.flatnonzero(
-        np.ones(len(data), bool) if data.gauges is None else data.gauges.of("point")
-    )
+def _count_kinds(data: Measurements) -> dict[str, Any]:
+    """Return the rows of each kind and feature; empty where all rows are points."""
+    gauges = data.gauges
+    if gauges is None:
+        return {}
+    counts = {kind: int(gauges.of(kind).sum()) for kind in KINDS}
+    features = []
+    for k, feature in enumerate(gauges.features):
+        rows = int((gauges.feature == k).sum())
+        features.append({"name": feature.name, "kind": feature.kind, "rows": rows})
+    present = {kind: count for kind, count in counts.items() if count}
+    return {"kinds": present, "features": features}
+
+
+def _describe_joints(robot: Robot, data: Measurements) -> list[dict[str, Any]]:
+    joints = []
+    for j, joint in enumerate(robot.joints):
+        low, high = float(data.q[:, j].min()), float(data.q[:, j].max())
+        share = None
+        if joint.limits is not None:
+            share = (high - low) / (joint.limits[1] - joint.limits[0])
+        description = {
+            "joint": j + 1,
+            "low": low,
+            "high": high,
+            "unit": robot.unit(j + 1),
+            "share_of_range": share,
+            "moves": high - low > MIN_MOTION,
+        }
+        joints.append(description)
+    return joints
+
+
+def _estimate_noise_floor(data: Measurements) -> dict[str, Any] | None:
+    """Return the noise floor by repeats or target pairs; None without them."""
+    if data.gauges is not None:
+        return None
+    floor = from_repeats(data) or from_target_pairs(data)
+    if floor is None:
+        return None
+    return {"coordinate_mm": floor.coordinate_mm, "source": floor.source}
+
+
+def _describe_geometry(robot: Robot, data: Measurements) -> dict[str, Any]:
+    """Return what the configurations determine of the geometric model, and what they do not."""
+    tools = np.tile(ASSUMED_TOOL_MM, (len(data.targets), 1))
+    problem = place_features(Problem(robot, data, tools), np.ones(len(data), bool))
+    features = () if data.gauges is None else data.gauges.features
+    oriented = data.rotation is not None
+    placement = build_setup(robot, len(data.targets), 1, False, oriented, features)
+    model = Model((placement, geometric(robot)))
+    reduction = reduce_problem(problem, model.terms)
+    identified = as_drawn(identify(reduction), problem, model.terms)
+    geometry = {
+        "parameters": len(model.terms),
+        "rank": identified.rank,
+        "condition": identified.condition,
+    }
+    groups = []
+    for group in describe_unidentifiable(fitted_terms(identified, model), model.terms):
+        parameters = list(group.parameters)
+        groups.append({"sentence": group.sentence, "parameters": parameters})
+    return {"geometry": geometry, "unidentifiable": groups}
+
+
+def _describe_registration(robot: Robot, data: Measurements) -> dict[str, Any]:
+    """Return how well the points fit the nominal robot once tracker and targets are found.
+
+    All groups have one placement. Also which simple mistake of the set-up would fit better. Empty
+    where too few points are measured.
+    """
+    problem = Problem(robot, data, np.zeros((len(data.targets), 3)))
+    is_point = np.ones(len(data), bool) if data.gauges is None else data.gauges.of("point")
+    points = np.flatnonzero(is_point)
+    step = max(len(points) // MAX_REGISTERED_POINTS, 1)
     use = np.zeros(len(data), bool)
-    use[points[:: max(len(points) // MOST, 1)]] = True
-    if len(np.unique(data.block[use])) < LEAST:
+    use[points[::step]] = True
+    if len(np.unique(data.block[use])) < MIN_CONFIGURATIONS:
         return {}
     try:
-        bound = register(bound, use, per_group=False)
-        left = float(np.median(np.linalg.norm(residuals(bound.take(use))[:, :3], axis=1)))
+        problem = register(problem, use, per_group=False)
+        distances = np.linalg.norm(residuals(problem.take(use))[:, :3], axis=1)
     except (DataError, NotEstimable):
         return {}
-    doubts = setup_notes(bound, use, True, False)
+    notes = check_setup(problem, use, registered=True, per_group=False)
+    mistakes = [note.sentence for note in notes if note.code == SETUP_MISTAKE]
     return {
         "registered": {
-            "median_mm": left,
-            **locate_placements(bound, False),
-            "mistake": next((n.sentence for n in doubts if n.code == SETUP_MISTAKE), None),
-            "alarms": list_alarms(doubts),
+            "median_mm": float(np.median(distances)),
+            **locate_placements(problem, False),
+            "mistake": mistakes[0] if mistakes else None,
+            "alarms": list_alarms(notes),
         }
     }
 
 
-def _some(names: list[str]) -> str:
-    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+def format_inspection(inspection: dict[str, Any]) -> list[str]:
+    """Return in words what `inspect_measurements` found, one line per topic."""
+    lines = [_format_counts(inspection)]
+    if "kinds" in inspection:
+        lines.append(_format_kinds(inspection))
+    covariates = ", ".join(inspection["covariates"]) or "none"
+    orientations = "orientations measured" if inspection["orientation"] else "positions only"
+    lines.append(f"Covariates: {covariates}; {orientations}")
+    lines += [_format_joint(joint) for joint in inspection["joints"]]
+    lines.append(_format_noise_floor(inspection))
+    lines += _format_geometry(inspection)
+    if "registered" in inspection:
+        lines += _format_registration(inspection["registered"])
+    lines += [f"Note: {warning['sentence']}" for warning in inspection["warnings"]]
+    return lines
 
 
-def sentences(found: dict[str, Any]) -> list[str]:
-    """`describe` in words."""
-    out = [
-        f"{found['rows']:,} rows, {found['configurations']:,} configurations, {found['repeats']:,} of them repeats; targets: "
-        f"{', '.join(found['targets'])}; groups: {', '.join(found['groups'][:8])}"
-        + (" …" if len(found["groups"]) > 8 else "")
-    ]
-    if "kinds" in found:
-        shared: dict[str, list[str]] = {}
-        for f in found["features"]:
-            shared.setdefault(f["kind"], []).append(f["name"])
-        out.append(
-            "Rows by kind: "
-            + ", ".join(
-                f"{count} {kind}" + (f" ({_some(shared[kind])})" if kind in shared else "")
-                for kind, count in found["kinds"].items()
-            )
-        )
-    out.append(
-        "Covariates: "
-        + (", ".join(found["covariates"]) or "none")
-        + ("; orientations measured" if found["orientation"] else "; positions only")
+def _format_counts(inspection: dict[str, Any]) -> str:
+    groups = inspection["groups"]
+    listed = ", ".join(groups[:MAX_LISTED_GROUPS])
+    if len(groups) > MAX_LISTED_GROUPS:
+        listed += " …"
+    return (
+        f"{inspection['rows']:,} rows, {inspection['configurations']:,} configurations, "
+        f"{inspection['repeats']:,} of them repeats; targets: {', '.join(inspection['targets'])}; "
+        f"groups: {listed}"
     )
-    for j in found["joints"]:
-        factor, unit = (180 / np.pi, "deg") if j["unit"] == "rad" else (1.0, "mm")
-        share = "" if j["share_of_range"] is None else f", {j['share_of_range']:.0%} of its range"
-        moved = (
-            f"{j['low'] * factor:.1f} to {j['high'] * factor:.1f} {unit}{share}"
-            if j["moves"]
-            else ("does not move: nothing can be said of errors that grow with it")
-        )
-        out.append(f"Joint {j['joint']}: {moved}")
-    floor = found["noise_floor"]
-    out.append(
-        "Noise floor: "
-        + (
-            f"{floor['coordinate_mm']:.3g} mm per coordinate, from {floor['source']}"
-            if floor
-            else "cannot be told from these data alone"
-            + ("" if "kinds" in found else " (no repeats, no target pairs)")
-        )
+
+
+def _format_kinds(inspection: dict[str, Any]) -> str:
+    names: dict[str, list[str]] = {}
+    for feature in inspection["features"]:
+        names.setdefault(feature["kind"], []).append(feature["name"])
+    parts = []
+    for kind, count in inspection["kinds"].items():
+        part = f"{count} {kind}"
+        if kind in names:
+            part += f" ({_shorten_list(names[kind])})"
+        parts.append(part)
+    return f"Rows by kind: {', '.join(parts)}"
+
+
+def _shorten_list(names: list[str]) -> str:
+    text = ", ".join(names[:MAX_LISTED_FEATURES])
+    more = len(names) - MAX_LISTED_FEATURES
+    if more > 0:
+        text += f" and {more} more"
+    return text
+
+
+def _format_joint(joint: dict[str, Any]) -> str:
+    name = f"Joint {joint['joint']}"
+    if not joint["moves"]:
+        return f"{name}: does not move: errors that grow with it cannot be seen"
+    limits = np.array([joint["low"], joint["high"]])
+    unit = "mm"
+    if joint["unit"] == "rad":
+        limits = np.degrees(limits)
+        unit = "deg"
+    low, high = limits
+    text = f"{name}: {low:.1f} to {high:.1f} {unit}"
+    share = joint["share_of_range"]
+    if share is not None:
+        text += f", {share:.0%} of its range"
+    return text
+
+
+def _format_noise_floor(inspection: dict[str, Any]) -> str:
+    floor = inspection["noise_floor"]
+    if floor:
+        size = f"{floor['coordinate_mm']:.3g} mm per coordinate"
+        return f"Noise floor: {size}, from {floor['source']}"
+    reason = "" if "kinds" in inspection else " (no repeats, no target pairs)"
+    return f"Noise floor: cannot be told from these data alone{reason}"
+
+
+def _format_geometry(inspection: dict[str, Any]) -> list[str]:
+    geometry = inspection["geometry"]
+    x, y, z = ASSUMED_TOOL_MM
+    line = (
+        f"Geometry: {geometry['rank']} of {geometry['parameters']} parameters can be determined "
+        f"(target assumed at {x:g}, {y:g}, {z:g} mm), condition {geometry['condition']:.0f}"
     )
-    geometry = found["geometry"]
-    out.append(
-        f"Geometry: {geometry['rank']} of {geometry['parameters']} parameters can be determined (target assumed at "
-        f"0, 0, 100 mm), condition {geometry['condition']:.0f}"
+    return [line, *(f"  {group['sentence']}" for group in inspection["unidentifiable"])]
+
+
+def _format_registration(registered: dict[str, Any]) -> list[str]:
+    line = (
+        f"Registered (tracker's frame and target found): {registered['median_mm']:.3g} mm from the "
+        "nominal robot (median)"
     )
-    out += [f"  {u['sentence']}" for u in found["unidentifiable"]]
-    if "registered" in found:
-        placed = found["registered"]
-        out.append(
-            f"Registered (tracker's frame and target found): {placed['median_mm']:.3g} mm from the nominal robot (median)"
-        )
-        out += [
-            f"  {sentence}"
-            for sentence in describe_placements(RegistrationRecord.model_validate(placed))
-        ]
-        out += placed["alarms"]
-    return [*out, *(f"Note: {w['sentence']}" for w in found["warnings"])]
+    placements = RegistrationRecord.model_validate(registered)
+    places = [f"  {sentence}" for sentence in describe_placements(placements)]
+    return [line, *places, *registered["alarms"]]

@@ -1,10 +1,18 @@
-"""The analysis of one study's measurements: outliers, names, ladder, table, gain."""
+"""The steps of a study, from measurements to the result.
+
+prepare -> find outliers and diagnose -> evaluate the ladder -> compare all subsets -> measure the
+gain -> repeat in nested folds -> collect the warnings -> assess the uncertainty -> result.
+
+`analyse` calls them in this order. Each step takes values and returns new ones. The ladder is a
+list of evaluations: the first is of the nominal arm, the last of the chosen model.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,383 +22,294 @@ from .._typing import Say
 from .._version import VERSION
 from ..config.study_file import Study
 from ..diagnosis.candidates import Candidate, choose_strongest
+from ..diagnosis.data_faults import Fault, find_misplaced_rows
 from ..diagnosis.error_map import build_error_map
-from ..diagnosis.outliers import GROSS_THRESHOLD, find_far_rows, misplaced
-from ..diagnosis.procedure import diagnose_split, run_nested_folds
-from ..diagnosis.state import extend_model
-from ..diagnosis.stepwise import Diagnosis
-from ..diagnosis.unexplained import (
-    count_rows_seen,
-    describe_unexplained,
-    estimate_floor,
-    is_subsampled,
-    predict_remainder,
-)
-from ..fitting.design import Model, whitened
+from ..diagnosis.outcome import Diagnosis
+from ..diagnosis.procedure import Nested, diagnose_split, run_nested_folds
+from ..diagnosis.unexplained import describe_unexplained, estimate_floor, predict_remainder
+from ..fitting.design import Model
+from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
-from ..fitting.undetermined import describe_unidentifiable
+from ..fitting.undetermined import Unidentifiable, describe_unidentifiable
 from ..measurements.measurements import Measurements
-from ..mechanisms.geometry import build_setup
-from ..mechanisms.registry import Registry, mechanism
-from ..mechanisms.terms import Mechanism, TermKey
+from ..mechanisms.registry import BUILTIN, Registry
+from ..mechanisms.terms import Mechanism
 from ..notices import Note
-from ..results.cautions import harmful_base_notes, restriction_notes
-from ..results.finding_notes import (
-    opposed_finding_notes,
-    partial_map_notes,
-    surprise_notes,
-    uneven_noise_notes,
-)
+from ..results.cautions import harmful_base_notes
 from ..results.finding_records import Finding
-from ..results.goodness_of_fit import lack_of_fit_notes, measure_lack_of_fit
 from ..results.study_run import Explanation, ModelSearch, StudyRun
 from ..robot.kinematics import Robot
 from ..selection.comparison import MAX_CANDIDATES, SubsetComparison, compare_subsets
-from ..selection.evaluation import (
-    Evaluation,
-    Gain,
-    RowResampling,
-    Split,
-    bootstrap_gain,
-    evaluate,
-    summarise_errors,
-)
+from ..selection.evaluation import Evaluation, Gain, RowResampling, Split, bootstrap_gain, evaluate
 from ..uncertainty.sampler import Keeper
-from ..uncertainty.summary import assess_confidence, build_log_posterior, sample_confidence
-from .checks import believed, outcome, told_with, turns_believed, unsaid
-from .preparation import Plan, prepare, reweigh_rotation
+from ..uncertainty.summary import (
+    Confidence,
+    assess_confidence,
+    build_log_posterior,
+    sample_confidence,
+)
+from .checks import add_alarms_to_errors, check_chosen_model, drop_known_faults
+from .inputs import list_candidates
+from .model_ladder import (
+    build_model,
+    choose_constants,
+    evaluate_ladder,
+    evaluate_steps,
+    exclude_held_out_outliers,
+    remeasure,
+    searches_cells,
+)
+from .notes import (
+    collect_comparison_notes,
+    collect_diagnosis_notes,
+    collect_fit_notes,
+    collect_held_out_notes,
+)
+from .preparation import prepare, read_instrument, weigh_by_residuals
 from .result import Result
+from .stated_noise import check_stated_noise
 
 
-@dataclass(frozen=True, eq=False)
-class Question:
-    """What a study asks: its file, its set-up, the nominal robot, the mechanisms that may extend
-    the base, the registry."""
-
-    study: Study
-    plan: Plan
-    robot: Robot
-    everything: tuple[Mechanism, ...]
-    registry: Registry
-
-    def model(
-        self,
-        names: Sequence[str],
-        measured: Measurements,
-        best: Mapping[str, Mechanism] | None = None,
-    ) -> Model:
-        """The mechanisms of a rung, with what the set-up leaves open; `best` says which constant a
-        scanned name stands for."""
-        groups = len(measured.groups) if self.plan.per_group else 1
-        features = () if measured.gauges is None else measured.gauges.features
-        placement = build_setup(
-            self.robot,
-            len(measured.targets),
-            groups,
-            self.plan.register,
-            measured.rotation is not None,
-            features,
-        )
-        return Model(
-            (
-                *((placement,) if placement.terms else ()),
-                *((best or {}).get(n) or mechanism(n, self.robot, self.registry) for n in names),
-            )
-        )
-
-    @property
-    def cells(self) -> bool:
-        """Whether causes nobody registered may be named, too; with `candidates = []` everything is
-        said, nothing extended."""
-        return self.study.model.candidates in ("all", [])
+def _be_silent(_: str) -> None:
+    """Ignore a progress line."""
 
 
 def analyse(
-    question: Question,
+    study: Study,
+    robot: Robot,
     measured: Measurements,
     *,
+    registry: Registry = BUILTIN,
     labels: NDArray[np.object_] | None = None,
-    say: Say = lambda _: None,
+    say: Say = _be_silent,
     data_sha256: str = "",
 ) -> Result:
-    """The study of measurements already read. Raises StudyError, DataError or NotEstimable."""
-    plan = question.plan
-    say("registering and splitting" if plan.register else "splitting")
-    data, floor, notes = prepare(question.robot, measured, plan, labels)
-    with told_with(notes):
-        return _analysed(question, data, floor, notes, say, data_sha256)
+    """Run the steps of a study on measurements that are read already.
+
+    `labels` (m,) say which rows estimate, where the study names a column for it; `data_sha256` is
+    the hash of the measurements' file. Raises StudyError, DataError or NotEstimable.
+    """
+    say("registering and splitting" if study.robot.register_ else "splitting")
+    split, floor, notes = prepare(study, robot, measured, labels)
+    with add_alarms_to_errors(notes):
+        return _analyse_prepared(study, registry, split, floor, notes, say, data_sha256)
 
 
-def _analysed(
-    question: Question,
+def _analyse_prepared(
+    study: Study,
+    registry: Registry,
     split: Split,
     floor: Floor | None,
     notes: tuple[Note, ...],
     say: Say,
     data_sha256: str,
 ) -> Result:
-    """The study of data that are registered, weighed and split."""
-    study, plan = question.study, question.plan
-    measured = split.problem.data  # without the rows that nothing can be said of
-    base, base_names = question.model(study.model.base, measured), tuple(study.model.base)
-    split = _weighed(question, split, base)
+    """Run the steps that follow the preparation.
+
+    `floor` is the noise floor where it is known, `notes` those of the preparation.
+    """
+    base = build_model(study, split.problem, registry, study.model.base)
+    mechanisms = list_candidates(study, split.problem.robot, registry)
+    split = weigh_orientations(study, registry, split, base)
+
     say("looking for outliers")
-    split, extension, found = diagnose_split(
-        split, base, question.everything, study.seed, question.cells, say
+    split, diagnosis, candidates = diagnose_split(
+        split, base, mechanisms, study.seed, searches_cells(study), say
     )
-    split, floor, doubts = believed(split, floor, extension.fit)
-    nominal, base_rung = (
-        evaluate(split, question.model((), measured), ("nominal",)),
-        evaluate(split, base, base_names),
+    split, floor, noise_notes = check_stated_noise(split, floor, diagnosis.fit)
+
+    say("evaluating the ladder")
+    steps = evaluate_steps(split, evaluate(split, base, study.model.base), diagnosis)
+    ladder = evaluate_ladder(
+        study, split, registry, steps, choose_constants(candidates, diagnosis.single_f)
     )
-    if is_subsampled(extension, split):
-        notes = (
-            *notes,
-            Note(
-                "scan-of-some",
-                f"What is wrong was looked for in {count_rows_seen(extension, split)} of "
-                f"the {int(split.used.sum())} estimation rows, drawn by the seed; every fit, error and gain is of "
-                "all rows.",
-            ),
-        )
-    notes = (
-        *notes,
-        *restriction_notes(study.model.candidates),
-        *doubts,
-        *turns_believed(split, extension.fit),
-        *uneven_noise_notes(extension),
-        *(partial_map_notes(split.problem) if question.cells else ()),
-    )
+
     say("comparing all subsets of the candidates")
-    offered, aside = choose_strongest(
-        found,
-        extension.single_f,
-        [e.candidate for e in extension.effects],
-        study.comparison.mechanisms or MAX_CANDIDATES,
-    )
-    comparison = (
-        compare_subsets(split, base_rung.fit, offered, base_names, aside, len(found))
-        if offered
-        else None
-    )
+    comparison = compare_candidates(study, split, steps[0], diagnosis, candidates)
+
     say("measuring the gain")
-    steps = _steps(split, base_rung, extension)
-    rungs = [
-        nominal,
-        *_ladder(question, split, measured, base_rung, best_constants(found, extension.single_f)),
-    ]
-    rungs += [
-        r
-        for r in (steps if study.model.candidates != [] else steps[:1])
-        if _same(r) not in [_same(x) for x in rungs]
-    ]
-    chosen = steps[-1] if study.model.candidates != [] else base_rung
-    rungs = [
-        *(r for r in rungs if r is not chosen and (_same(r) != _same(chosen) or r is nominal)),
-        chosen,
-    ]
+    split = exclude_held_out_outliers(split, ladder)
+    ladder = [remeasure(evaluation, split) for evaluation in ladder]
+    chosen = ladder[-1]
+    faults = find_data_faults(study, split, chosen, notes)
+    draws = resample_held_out(study, split)
+    findings = measure_findings(split, draws, steps, diagnosis)
+    within_folds = repeat_in_folds(study, split, base, mechanisms, say)
+    noise = choose_noise_floor(split, floor, chosen)
+    detection_limit = describe_unexplained(diagnosis, candidates, split, steps[-1])
 
-    split = replace(
-        split,
-        outlying=split.outlying | held_out_outliers(split, [r for r in rungs if r is not nominal]),
-    )
-    faults = unsaid(
-        misplaced(split.problem, split.outlying, chosen.fit, generator(study.seed, "null")), notes
-    )
-    held = ~split.estimation & ~split.outlying
-    drawn = RowResampling.prepare(measured.block[held], generator(study.seed, "gain"))
-
-    def gained(before: Evaluation, after: Evaluation) -> Gain:
-        return bootstrap_gain(before.residual[held][:, :3], after.residual[held][:, :3], drawn)
-
-    findings = tuple(
-        Finding(e, gained(a, b))
-        for e, a, b in zip(extension.effects, steps, steps[1:], strict=False)
-    )
-    notes = (
+    # every warning is collected here, in the order in which it is reported
+    warnings = [
         *notes,
-        *_of_table(comparison, chosen),
-        *harmful_base_notes(base_names, gained(nominal, base_rung)),
-        *opposed_finding_notes(findings),
-        *surprise_notes(split, chosen),
+        *collect_diagnosis_notes(study, split, diagnosis, noise_notes),
+        *collect_comparison_notes(comparison, chosen),
+        *harmful_base_notes(study.model.base, measure_gain(split, draws, ladder[0], steps[0])),
+        *collect_held_out_notes(split, chosen, findings),
+        *collect_fit_notes(split, ladder, floor, floor_doubted=bool(noise_notes)),
+    ]
+    warnings += check_chosen_model(
+        split, chosen, noise, detection_limit[1], warnings, study.robot.register_, faults
     )
-    if not doubts:  # else that is said, and by how much
-        notes = (
-            *notes,
-            *lack_of_fit_notes(
-                measure_lack_of_fit(chosen, floor, split),
-                floor is not None and np.isinf(floor.freedom),
-            ),
-        )
-    within = None
-    if study.split.nested_folds:
-        say(f"the whole procedure again in {study.split.nested_folds} folds")
-        within = run_nested_folds(
-            split, base, question.everything, study.seed, question.cells, study.split.nested_folds
-        )
-    ladder = tuple(remeasured(r, split) for r in rungs)
-    if lost := [
-        " + ".join(r.names) for r in ladder if r.cv_rms_mm is None or not np.isfinite(r.cv_rms_mm)
-    ]:
-        notes = (
-            *notes,
-            Note(
-                "cv-not-estimable",
-                f"No cross-validation of {', '.join(lost)}: without one of the folds the data "
-                "do not determine it, and its cv_rms_mm is null. More folds or configurations are needed.",
-            ),
-        )
-    say("weighing every mechanism of the chosen model")
-    sure = assess_confidence(split, chosen.fit, chosen.names, study.seed)
-    noise, nothing = (
-        per_row(floor or estimate_floor(chosen, split), split),
-        describe_unexplained(extension, found, split, steps[-1]),
+    models = ModelSearch(
+        ladder=tuple(ladder),
+        comparison=comparison,
+        chosen=chosen,
+        gain=measure_gain(split, draws, ladder[0], chosen),
+        nested=within_folds,
+        unidentifiable=list_unidentifiable(chosen.fit),
     )
-    notes = outcome(
-        split,
-        remeasured(chosen, split),
-        noise,
-        nothing[1],
-        notes,
-        plan.per_group if plan.register else None,
-        faults,
-    )
-    untold = describe_unidentifiable(chosen.fit.found, chosen.fit.terms, chosen.fit.leaning)
-    chosen = remeasured(chosen, split)
-    models = ModelSearch(ladder, comparison, chosen, gained(nominal, chosen), within, untold)
-    diagnosis = Explanation(
-        findings,
-        faults,
-        extension,
-        build_error_map(extension, found),
-        nothing,
-        predict_remainder(split, steps[-1], generator(study.seed, "flips")),
+    explanation = Explanation(
+        findings=findings,
+        faults=faults,
+        search=diagnosis,
+        error_map=build_error_map(diagnosis, candidates),
+        nothing_else=detection_limit,
+        predictable=predict_remainder(split, steps[-1], generator(study.seed, "flips")),
     )
     run = StudyRun(
-        study,
-        question.robot,
-        split,
-        noise,
-        models,
-        diagnosis,
-        sure,
-        notes,
-        provenance(study, data_sha256),
+        study=study,
+        robot=split.problem.robot,
+        split=split,
+        floor=noise,
+        models=models,
+        diagnosis=explanation,
+        uncertainty=assess_uncertainty(study, split, chosen, say),
+        warnings=tuple(warnings),
+        provenance=record_provenance(study, data_sha256),
     )
     return Result(run)
 
 
-def _of_table(comparison: SubsetComparison | None, chosen: Evaluation) -> tuple[Note, ...]:
-    """Where the table of subsets chooses otherwise, and where its best is not proven."""
-    out: list[Note] = []
-    if comparison is not None and set(comparison.choice) != set(chosen.names):
-        out.append(
-            Note(
-                "table-differs",
-                "The one-standard-error choice of the table of subsets is "
-                f"{' + '.join(comparison.choice)}; the chosen model follows what was named.",
-            )
-        )
-    if (
-        comparison is not None
-        and comparison.certified is not None
-        and not comparison.certified.proven
-    ):
-        out.append(
-            Note(
-                "search-unproven",
-                f"Of 2^{len(comparison.considered)} subsets of the candidates the best by BIC "
-                f"that was found is not proven: another may have up to {comparison.certified.gap:.3g} less.",
-            )
-        )
-    return tuple(out)
+def weigh_orientations(study: Study, registry: Registry, split: Split, base: Model) -> Split:
+    """Weight measured orientations by what the nominal arm leaves, then by what the base leaves.
 
-
-def with_sampling(
-    question: Question, result: Result, say: Say = lambda _: None, keeper: Keeper | None = None
-) -> Result:
-    """A result with its chosen model's posterior sampled."""
-    plan, study, measured = question.plan, question.study, result.problem.data
-    stated = plan.stated_mm is not None and result.split.known_sigma
-    log_posterior = build_log_posterior(
-        result.split,
-        result.models.chosen.fit,
-        question.model(study.model.base, measured),
-        question.registry,
-        over=study.sampling.over,
-        instrument=None if stated else plan.instrument,
-    )
-    confidence = sample_confidence(
-        result.uncertainty, result.split, log_posterior, study.seed, say, keeper
-    )
-    return result.with_uncertainty(confidence)
-
-
-def _weighed(question: Question, split: Split, base: Model) -> Split:
-    """With orientations of unstated uncertainty: rotational rows weighed by their own residuals,
-    nominal then base."""
-    if split.problem.data.rotation is not None:
-        for model in (question.model((), split.problem.data), base):
-            split = reweigh_rotation(split, question.plan, evaluate(split, model, ()).residual)
+    Unchanged where none are measured, or where their uncertainty is stated.
+    """
+    if split.problem.data.rotation is None:
+        return split
+    nominal = build_model(study, split.problem, registry, ())
+    for model in (nominal, base):
+        evaluation = evaluate(split, model, ())
+        split = weigh_by_residuals(study, split, evaluation.residual)
     return split
 
 
-def _same(r: Evaluation) -> tuple[tuple[str, ...], frozenset[TermKey]]:
-    """What makes two rungs one: their names and what these stand for."""
-    return r.names, frozenset(t.key for t in r.fit.terms)
-
-
-def best_constants(
-    found: Sequence[Candidate], single_f: NDArray[np.float64]
-) -> dict[str, Mechanism]:
-    """Of every registered name with several constants, the one that alone explains most beyond the
-    base."""
-    best: dict[str, tuple[float, Mechanism]] = {}
-    count: dict[str, int] = {}
-    for candidate, f in zip(found, single_f, strict=True):
-        if candidate.registered:
-            name = candidate.mechanism.name
-            count[name] = count.get(name, 0) + 1
-            if name not in best or f > best[name][0]:
-                best[name] = (float(f), candidate.mechanism)
-    return {name: m for name, (_, m) in best.items() if count[name] > 1}
-
-
-def _ladder(
-    question: Question,
+def compare_candidates(
+    study: Study,
     split: Split,
-    measured: Measurements,
-    base_rung: Evaluation,
-    best: Mapping[str, Mechanism],
-) -> list[Evaluation]:
-    """The study's own rungs, or the base."""
-    return [
-        base_rung
-        if tuple(names) == base_rung.names
-        else evaluate(split, question.model(names, measured, best), names)
-        for names in question.study.model.ladder or [list(base_rung.names)]
-    ]
+    base: Evaluation,
+    diagnosis: Diagnosis,
+    candidates: Sequence[Candidate],
+) -> SubsetComparison | None:
+    """Compare all subsets of the named and the strongest candidates beyond the base.
+
+    None where no registered candidate may extend it.
+    """
+    named = [effect.candidate for effect in diagnosis.effects]
+    most = study.comparison.mechanisms or MAX_CANDIDATES
+    offered, set_aside = choose_strongest(candidates, diagnosis.single_f, named, most)
+    if not offered:
+        return None
+    return compare_subsets(split, base.fit, offered, base.names, set_aside, len(candidates))
 
 
-def _steps(split: Split, base_rung: Evaluation, diagnosis: Diagnosis) -> list[Evaluation]:
-    """From the base, a rung to every effect, in the order they were found."""
-    steps = [base_rung]
-    for k in range(1, len(diagnosis.effects) + 1):
-        so_far = [e.candidate for e in diagnosis.effects[:k]]
-        names = (*base_rung.names, *(c.label for c in so_far))
-        last = (
-            diagnosis.fit
-            if k == len(diagnosis.effects) and not is_subsampled(diagnosis, split)
-            else None
-        )
-        steps.append(
-            evaluate(split, extend_model(diagnosis.base, so_far), names, last, start=steps[-1].fit)
-        )
-    return steps
+def find_data_faults(
+    study: Study, split: Split, chosen: Evaluation, notes: Sequence[Note]
+) -> tuple[Fault, ...]:
+    """Return the faults among the outlying rows that no note of the preparation reports already."""
+    rng = generator(study.seed, "null")
+    faults = find_misplaced_rows(split.problem, split.outlying, chosen.fit, rng)
+    return drop_known_faults(faults, notes)
 
 
-def provenance(study: Study, data_sha256: str) -> dict[str, str]:
-    """Versions and hashes; no path, time or host."""
+def resample_held_out(study: Study, split: Split) -> RowResampling:
+    """Draw the held-out configurations anew, once for all gains."""
+    held_out = ~split.estimation & ~split.outlying
+    configurations = split.problem.data.block[held_out]
+    rng = generator(study.seed, "gain")
+    return RowResampling.prepare(configurations, rng)
+
+
+def measure_gain(split: Split, draws: RowResampling, before: Evaluation, after: Evaluation) -> Gain:
+    """Measure what one model gains over another on the held-out rows, outliers left out [mm]."""
+    held_out = ~split.estimation & ~split.outlying
+    position_before = before.residual[held_out][:, :3]
+    position_after = after.residual[held_out][:, :3]
+    return bootstrap_gain(position_before, position_after, draws)
+
+
+def measure_findings(
+    split: Split, draws: RowResampling, steps: Sequence[Evaluation], diagnosis: Diagnosis
+) -> tuple[Finding, ...]:
+    """Return a finding for each named effect, with the gain of the step that adds it."""
+    findings = []
+    for effect, (before, after) in zip(diagnosis.effects, pairwise(steps), strict=True):
+        gain = measure_gain(split, draws, before, after)
+        findings.append(Finding(effect, gain))
+    return tuple(findings)
+
+
+def repeat_in_folds(
+    study: Study, split: Split, base: Model, mechanisms: tuple[Mechanism, ...], say: Say
+) -> Nested | None:
+    """Repeat outliers, diagnosis and fit without each fold; None where the study asks for none."""
+    folds = study.split.nested_folds
+    if not folds:
+        return None
+    say(f"the whole procedure again in {folds} folds")
+    return run_nested_folds(split, base, mechanisms, study.seed, searches_cells(study), folds)
+
+
+def choose_noise_floor(split: Split, known: Floor | None, chosen: Evaluation) -> Floor:
+    """Return the known noise floor, else that of the chosen model's residuals.
+
+    It holds the number of coordinates that a row has on average.
+    """
+    floor = known or estimate_floor(chosen, split)
+    measured = split.problem.measured
+    if measured is None:
+        return floor
+    counts = measured[:, :3].sum(1)
+    coordinates = float(counts.mean())
+    return replace(floor, coordinates=coordinates)
+
+
+def list_unidentifiable(fitted: Fit) -> tuple[Unidentifiable, ...]:
+    """Return the parameters of a fitted model that the data cannot tell apart."""
+    return describe_unidentifiable(fitted.found, fitted.terms, fitted.leaning)
+
+
+def assess_uncertainty(study: Study, split: Split, chosen: Evaluation, say: Say) -> Confidence:
+    """Assess the chosen model's parameters, and what each of its mechanisms contributes."""
+    say("weighing every mechanism of the chosen model")
+    return assess_confidence(split, chosen.fit, chosen.names, study.seed)
+
+
+def sample_posterior(
+    result: Result, registry: Registry, say: Say = _be_silent, keeper: Keeper | None = None
+) -> Result:
+    """Return a result with its chosen model's posterior sampled.
+
+    `keeper` keeps an unfinished chain and takes it up again.
+    """
+    study, split = result.study, result.split
+    stated = study.noise.floor_mm is not None and split.known_sigma
+    log_posterior = build_log_posterior(
+        split,
+        result.models.chosen.fit,
+        build_model(study, split.problem, registry, study.model.base),
+        registry,
+        over=study.sampling.over,
+        instrument=None if stated else read_instrument(study.noise),
+    )
+    uncertainty = sample_confidence(
+        result.uncertainty, split, log_posterior, study.seed, say, keeper
+    )
+    return result.with_uncertainty(uncertainty)
+
+
+def record_provenance(study: Study, data_sha256: str) -> dict[str, str]:
+    """Return versions and hashes: no path, time or host."""
     import scipy
 
     return {
@@ -400,33 +319,3 @@ def provenance(study: Study, data_sha256: str) -> dict[str, str]:
         "data_sha256": data_sha256,
         "study_sha256": hashlib.sha256(study.model_dump_json().encode()).hexdigest(),
     }
-
-
-def held_out_outliers(split: Split, rungs: Sequence[Evaluation]) -> NDArray[np.bool_]:
-    """Held-out rows beyond 8 robust standard deviations of the estimation residuals in every rung
-    from the base on."""
-    out = ~split.estimation
-    for r in rungs:
-        size = whitened(split.problem, r.residual)
-        out = out & find_far_rows(
-            size,
-            size[split.used],
-            GROSS_THRESHOLD,
-            None if split.problem.measured is None else split.problem.measured[split.used],
-        )
-    return np.asarray(out)
-
-
-def remeasured(r: Evaluation, split: Split) -> Evaluation:
-    """A rung with its errors taken again, the outlying rows left out."""
-    return replace(
-        r,
-        estimation=summarise_errors(r.residual[split.estimation], split.outlying[split.estimation]),
-        held_out=summarise_errors(r.residual[~split.estimation], split.outlying[~split.estimation]),
-    )
-
-
-def per_row(floor: Floor, split: Split) -> Floor:
-    """With the number of coordinates that a row has."""
-    seen = split.problem.measured
-    return floor if seen is None else replace(floor, coordinates=float(seen[:, :3].sum(1).mean()))

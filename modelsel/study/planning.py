@@ -1,5 +1,4 @@
-"""From a finished study to a plan: its rivals, the pool of configurations that could be measured,
-and the plan in words."""
+"""Plan what to measure next, from a finished study and a pool of possible configurations."""
 
 from __future__ import annotations
 
@@ -14,6 +13,7 @@ from .._typing import Array
 from ..calibration.calibration import Calibration
 from ..calibration.experiment_design import (
     MAX_RIVALS,
+    Pool,
     Rivals,
     build_pool,
     choose_for_parameters,
@@ -23,29 +23,41 @@ from ..calibration.experiment_design import (
     count_more_needed,
     merge_indistinct,
 )
-from ..diagnosis.stepwise import Effect
-from ..exceptions import StudyError, suggest
-from ..measurements.columns import READING_UNITS, UNITS
-from ..measurements.measurements import Measurements, build_measurements
+from ..diagnosis.effects import Effect
+from ..exceptions import StudyError
+from ..measurements.columns import UNITS
+from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import Source
 from ..mechanisms.terms import Term
-from ..robot.kinematics import Robot
+from .configuration_pool import (
+    describe_ranges,
+    draw_approaches,
+    draw_pool,
+    find_joint_ranges,
+    repeat_for_targets,
+)
 from .result import Result
 
 if TYPE_CHECKING:
     import pandas as pd
 
-DRAWN = 2000  # configurations of a pool that is drawn from the limits
-COMPARED = 20  # random choices that a plan is held against
-SIZES = (2.0, 1.0, 0.5, 0.25)  # of the detection limit, for the learning curve
+RANDOM_CHOICES = 20  # random choices that a plan is compared with
+LEARNING_SIZES = (2.0, 1.0, 0.5, 0.25)  # of the detection limit, for the learning curve
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Planned:
-    """Configurations of the pool in the order to measure them, as columns of a measurements file in
-    the units of the study's own; what they are for; figures before and after; `configurations`
-    measured already; `within`: from where the pool was drawn."""
+class MeasurementPlan:
+    """Configurations to measure next, what they are for, and what they are expected to bring.
+
+    `table`: the configurations in the order to measure them, as columns of a measurements file in
+    the units of the study's own; `rows`: the same by their numbers in the pool; `probabilities`
+    that the right one of the `rivals` is told apart, before and after (`random_probability`: after
+    four times as many random configurations); `twins`: sentences on rivals that no configuration of
+    the pool tells apart; `indices`: name -> observability before and after; `learning`: sizes of
+    effects [mm rms], and how many more configurations than the `configurations` measured find one;
+    `within`: the ranges in which the pool was drawn.
+    """
 
     rows: tuple[int, ...]
     table: Mapping[str, Array] = field(repr=False)
@@ -53,198 +65,203 @@ class Planned:
     purpose: str
     rivals: tuple[tuple[str, ...], ...]
     twins: tuple[str, ...]
-    told: tuple[float, ...]
-    random: float | None
+    probabilities: tuple[float, ...]
+    random_probability: float | None
     indices: dict[str, tuple[float, float]]
     learning: tuple[tuple[float, int], ...]
     within: str = ""
 
     def to_frame(self) -> pd.DataFrame:
-        """The configurations to measure, in order: a measurements file that lacks the measured
-        positions."""
+        """Return the configurations in order, as a measurements file without positions."""
         import pandas as pd
 
         return pd.DataFrame(self.table)
 
     def __repr__(self) -> str:
-        return " ".join(sentences(self))
+        return " ".join(format_plan(self))
 
     def _repr_html_(self) -> str:
-        """The plan in words and its configurations, for a notebook."""
+        """Return the plan in words and its configurations, for a notebook."""
         from html import escape
 
-        said = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences(self))
-        return f"<ul>{said}</ul>{self.to_frame().to_html(index=False, max_rows=20, float_format='%.4f')}"
+        items = "".join(f"<li>{escape(line)}</li>" for line in format_plan(self))
+        table = self.to_frame().to_html(index=False, max_rows=20, float_format="%.4f")
+        return f"<ul>{items}</ul>{table}"
 
 
-def rivals_of(result: Result) -> list[Rivals]:
-    """Every finding whose credible set has rivals that do not move the target alike, with their
-    estimates."""
-    return [r for e in result.diagnosis.search.effects if (r := _rivals(result, e)) is not None]
+def find_rivals(result: Result) -> list[Rivals]:
+    """Return the rival explanations of every finding that has any, with their estimates.
+
+    Rivals are entries of one credible set that do not move the target alike.
+    """
+    rival_sets = []
+    for effect in result.diagnosis.search.effects:
+        rivals = _find_rivals_of_effect(result, effect)
+        if rivals is not None:
+            rival_sets.append(rivals)
+    return rival_sets
 
 
-def _rivals(result: Result, effect: Effect) -> Rivals | None:
+def _find_rivals_of_effect(result: Result, effect: Effect) -> Rivals | None:
     first, *others = effect.named.entries[:MAX_RIVALS]
-    entries = [first, *(e for e in others if e.probability > 0)]
-    if len(entries) < 2:
+    others = [entry for entry in others if entry.probability > 0]
+    if not others:
         return None
-    mine = {t.key for t in effect.candidate.mechanism.terms}
-    kept = result.models.chosen.fit.terms
-    shared = {
-        t.key
-        for m in result.models.chosen.fit.model.mechanisms
-        if m != effect.candidate.mechanism
-        for t in m.terms
-    }
-    rest = tuple(t for t in kept if t.key not in mine or t.key in shared)
-    estimates = [
-        effect.estimate if e.candidate == effect.candidate else e.estimate for e in entries
-    ]
-    names = tuple(e.candidate.label for e in entries)
-    weight = np.array([e.probability for e in entries])
+    entries = [first, *others]
+    estimates = []
+    for entry in entries:
+        estimate = entry.estimate
+        if entry.candidate == effect.candidate:
+            estimate = effect.estimate
+        estimates.append(estimate)
+    probability = np.array([entry.probability for entry in entries])
     return Rivals(
-        names,
-        tuple(e.candidate.mechanism.terms for e in entries),
-        tuple(estimates),
-        weight / weight.sum(),
-        rest,
+        names=tuple(entry.candidate.label for entry in entries),
+        terms=tuple(entry.candidate.mechanism.terms for entry in entries),
+        estimates=tuple(estimates),
+        probability=probability / probability.sum(),
+        others=_list_other_terms(result, effect),
     )
 
 
-def ranges_of(
-    robot: Robot, data: Measurements, limits: bool, joints: Mapping[str, tuple[float, float]]
-) -> Array:
-    """(n, 2) from where to where each joint is drawn, rad or mm: as it was measured; with `limits`
-    as far as the robot file lets it (where it says so); `joints`, such as {"q2_deg": (-90, 45)}, go
-    before both. Raises StudyError."""
-    out = np.stack([data.q.min(0), data.q.max(0)], 1)
-    for k, one in enumerate(robot.joints):
-        if limits and one.limits is not None:
-            out[k] = one.limits
-    known = {
-        f"q{k + 1}_{u}": (k, UNITS[u])
-        for k, slides in enumerate(robot.prismatic)
-        for u in READING_UNITS[slides]
-    }
-    for name, (low, high) in joints.items():
-        if name not in known:
-            raise StudyError(f'"{name}" is no joint of {robot.name}. {suggest(name, known)}')
-        if not (np.isfinite([low, high]).all() and low <= high):
-            raise StudyError(
-                f"{name}: a joint's range goes from a lower to a higher number, found {low:g} to {high:g}."
-            )
-        joint, factor = known[name]
-        out[joint] = low * factor, high * factor
-    return out
-
-
-def drawn_pool(c: Calibration, seed: int, data: Measurements, ranges: Array) -> Measurements:
-    """Configurations drawn within the `ranges` (n, 2), each reached from a drawn side, at
-    conditions as they were met."""
-    rng = generator(seed, "simulate")
-    low, high = ranges.T
-    q = rng.uniform(low, high, (DRAWN, c.robot.n))
-    met = rng.integers(len(data), size=DRAWN)
-    return build_measurements(
-        q,
-        np.zeros((DRAWN, 3)),
-        approach=rng.choice([-1.0, 1.0], q.shape),
-        covariates={name: values[met] for name, values in data.covariates.items()},
-        prismatic=c.robot.prismatic,
-    )
-
-
-def every_target(data: Measurements, targets: Sequence[str]) -> Measurements:
-    """A pool without targets seen through every one of the study's."""
-    if len(targets) == 1 or len(data.targets) > 1:
-        return data
-    rows = np.repeat(np.arange(len(data)), len(targets))
-    return replace(
-        data.take(rows), target=np.tile(np.arange(len(targets)), len(data)), targets=tuple(targets)
-    )
-
-
-def sided(data: Measurements, seed: int) -> Measurements:
-    """A pool whose file gives no directions of approach gets drawn ones: the plan says them."""
-    if not any(note.code == "approach-from-order" for note in data.notes):
-        return data
-    each = generator(seed, "simulate").choice(
-        [-1.0, 1.0], (int(data.configuration.max()) + 1, data.q.shape[1])
-    )
-    return replace(data, approach=each[data.configuration])
-
-
-def plan(
-    result: Result, c: Calibration, possible: Measurements, count: int, purpose: str | None
-) -> Planned:
-    """`count` configurations of a pool: to tell the study's rivals apart ("rivals", the default
-    where it has any), or by one of the criteria of `_choices.PLAN_CRITERIA` for the chosen model's terms
-    ("d" is the default elsewhere). Raises DataError or StudyError."""
+def _list_other_terms(result: Result, effect: Effect) -> tuple[Term, ...]:
+    """Return the chosen model's terms without those that only this effect brings."""
     fitted = result.models.chosen.fit
-    sets = rivals_of(result)
+    effect_mechanism = effect.candidate.mechanism
+    own_screws = {term.screws for term in effect_mechanism.terms}
+    for other in fitted.model.mechanisms:
+        if other != effect_mechanism:
+            own_screws -= {term.screws for term in other.terms}
+    return tuple(term for term in fitted.terms if term.screws not in own_screws)
+
+
+def choose_configurations(
+    result: Result,
+    calibration: Calibration,
+    possible: Measurements,
+    count: int,
+    purpose: str | None,
+) -> MeasurementPlan:
+    """Choose `count` configurations of a pool.
+
+    `purpose` is "rivals", to tell the study's rival explanations apart (the default where there are
+    any), or one of experiment_design.CRITERIA for the chosen model's terms (default "d"). Raises
+    DataError or StudyError.
+    """
+    fitted = result.models.chosen.fit
     known = result.split.training()
-    terms: list[Term] = [*fitted.terms, *(t for r in sets for some in r.terms for t in some)]
-    sigma = result.run.floor.coordinate_mm
-    p = build_pool(known, c.problem(possible), terms, fitted.at(), sigma)
-    looked = [merge_indistinct(p, r) for r in sets]
-    sets, twins = (
-        [r for r, _ in looked if r is not None],
-        tuple(t for _, some in looked for t in some),
+    rival_sets = find_rivals(result)
+    rival_terms: list[Term] = []
+    for rivals in rival_sets:
+        for terms in rivals.terms:
+            rival_terms += terms
+    candidates = build_pool(
+        known,
+        calibration.problem(possible),
+        [*fitted.terms, *rival_terms],
+        fitted.at(),
+        result.run.floor.coordinate_mm,
     )
-    purpose = purpose or ("rivals" if sets else "d")
-    kept = [fitted.terms[k] for k in fitted.representatives]
-    random: float | None = None
+    rival_sets, twins = _separate_twins(candidates, rival_sets)
+    purpose = purpose or ("rivals" if rival_sets else "d")
+    parameters = [fitted.terms[k] for k in fitted.representatives]
+    random_probability = None
+    probabilities: Sequence[float] = ()
     if purpose == "rivals":
-        if not sets:
+        if not rival_sets:
             raise StudyError(
                 "--for rivals: no finding of this study has rivals that the pool could tell apart."
             )
-        rows, told = choose_for_rivals(p, sets, count)
-        rng = generator(result.study.seed, "split")
-        draws = [
-            rng.choice(len(p.possible), min(4 * count, len(p.possible)), replace=False).tolist()
-            for _ in range(COMPARED)
-        ]
-        random = float(np.mean([compute_naming_probability(p, sets, some) for some in draws]))
-    else:
-        rows = choose_for_parameters(p, kept, count, purpose)
-        told = (
-            [compute_naming_probability(p, sets, rows[:k]) for k in (0, len(rows))] if sets else []
+        rows, probabilities = choose_for_rivals(candidates, rival_sets, count)
+        random_probability = _measure_random_choice(
+            candidates, rival_sets, count, result.study.seed
         )
-    before, after = compute_indices(p, kept, []), compute_indices(p, kept, rows)
-    limit, n = result.diagnosis.nothing_else[1], known.data.configurations
-    learning = (
-        ()
-        if limit is None
-        else tuple((s * limit, count_more_needed(limit, n, s * limit)) for s in SIZES)
-    )
-    return Planned(
-        tuple(rows),
-        table_of(c, possible, rows, known.data.units),
-        n,
-        purpose,
-        tuple(r.names for r in sets),
-        twins,
-        tuple(told),
-        random,
-        {k: (before[k], after[k]) for k in before},
-        learning,
+    else:
+        rows = choose_for_parameters(candidates, parameters, count, purpose)
+        if rival_sets:
+            probabilities = [
+                compute_naming_probability(candidates, rival_sets, []),
+                compute_naming_probability(candidates, rival_sets, rows),
+            ]
+    before = compute_indices(candidates, parameters, [])
+    after = compute_indices(candidates, parameters, rows)
+    return MeasurementPlan(
+        rows=tuple(rows),
+        table=tabulate_configurations(calibration, possible, rows, known.data.units),
+        configurations=known.data.configurations,
+        purpose=purpose,
+        rivals=tuple(rivals.names for rivals in rival_sets),
+        twins=twins,
+        probabilities=tuple(probabilities),
+        random_probability=random_probability,
+        indices={name: (before[name], after[name]) for name in before},
+        learning=_estimate_learning(result.diagnosis.nothing_else[1], known.data.configurations),
     )
 
 
-def table_of(
-    c: Calibration, possible: Measurements, rows: Sequence[int], units: Sequence[str] = ()
+def _separate_twins(
+    candidates: Pool, rival_sets: Sequence[Rivals]
+) -> tuple[list[Rivals], tuple[str, ...]]:
+    """Return the rivals that the pool could tell apart, and sentences on those it could not."""
+    separable: list[Rivals] = []
+    twins: list[str] = []
+    for rivals in rival_sets:
+        distinct_rivals, alike = merge_indistinct(candidates, rivals)
+        twins += alike
+        if distinct_rivals is not None:
+            separable.append(distinct_rivals)
+    return separable, tuple(twins)
+
+
+def _measure_random_choice(
+    candidates: Pool, rival_sets: Sequence[Rivals], count: int, seed: int
+) -> float:
+    """Return the mean probability of telling rivals apart with four times as many random rows."""
+    rng = generator(seed, "split")
+    available = len(candidates.possible)
+    size = min(4 * count, available)
+    probabilities = []
+    for _ in range(RANDOM_CHOICES):
+        rows = rng.choice(available, size, replace=False).tolist()
+        probability = compute_naming_probability(candidates, rival_sets, rows)
+        probabilities.append(probability)
+    mean = np.mean(probabilities)
+    return float(mean)
+
+
+def _estimate_learning(
+    limit_mm: float | None, configurations: int
+) -> tuple[tuple[float, int], ...]:
+    """Return (size [mm rms], further configurations needed to find an effect of it)."""
+    if limit_mm is None:
+        return ()
+    sizes = [share * limit_mm for share in LEARNING_SIZES]
+    return tuple((size, count_more_needed(limit_mm, configurations, size)) for size in sizes)
+
+
+def tabulate_configurations(
+    calibration: Calibration,
+    possible: Measurements,
+    rows: Sequence[int],
+    units: Sequence[str] = (),
 ) -> dict[str, Array]:
-    """The chosen configurations as columns of a measurements file that lacks the measured
-    positions, readings in these units."""
-    first = np.unique(possible.configuration, return_index=True)[1][list(rows)]
-    units = units or [c.robot.unit(j + 1) for j in range(c.robot.n)]
-    out: dict[str, Array] = {
-        f"q{j}_{u}": q / UNITS[u]
-        for j, (u, q) in enumerate(zip(units, possible.q[first].T, strict=True), 1)
-    }
-    out |= {f"approach{j + 1}": possible.approach[first, j].astype(int) for j in range(c.robot.n)}
-    return out | {name: values[first] for name, values in possible.covariates.items()}
+    """Return the chosen configurations as columns of a measurements file without positions.
+
+    `units` of the joint readings: by default the robot's own.
+    """
+    robot = calibration.robot
+    _, first = np.unique(possible.configuration, return_index=True)
+    chosen = possible.take(first[list(rows)])
+    units = units or [robot.unit(j + 1) for j in range(robot.n)]
+    columns: dict[str, Array] = {}
+    for j, unit in enumerate(units):
+        column = f"q{j + 1}_{unit}"
+        columns[column] = chosen.q[:, j] / UNITS[unit]
+    for j in range(robot.n):
+        column = f"approach{j + 1}"
+        columns[column] = chosen.approach[:, j].astype(int)
+    columns |= chosen.covariates
+    return columns
 
 
 def plan_next(
@@ -255,67 +272,83 @@ def plan_next(
     purpose: str | None = None,
     limits: bool = False,
     joints: Mapping[str, tuple[float, float]] | None = None,
-) -> Planned:
-    """What to measure next: `count` configurations of a pool (a file or DataFrame of joint
-    readings; without one, drawn within the joint ranges that were measured, with `limits` the robot
-    file's, with `joints` such as {"q2_deg": (-90, 45)} one's own), chosen as `plan` says. Raises
-    DataError or StudyError."""
-    c, seed, data = result.calibration, result.study.seed, result.problem.data
+) -> MeasurementPlan:
+    """Plan what to measure next: the `count` best configurations of a pool.
+
+    Args:
+        result: a finished study.
+        count: how many configurations to choose.
+        pool: a file or DataFrame of joint readings; by default drawn within the ranges measured.
+        purpose: as in `choose_configurations`.
+        limits: draw the pool within the robot file's joint limits.
+        joints: draw joints within these ranges, such as {"q2_deg": (-90, 45)}.
+
+    Raises:
+        DataError or StudyError.
+    """
+    calibration = result.calibration
+    seed, data = result.study.seed, result.problem.data
+    within = ""
     if pool is not None:
-        possible, within = (
-            sided(read_measurements(pool, c.robot.prismatic, positions=False), seed),
-            "",
-        )
+        possible = read_measurements(pool, calibration.robot.prismatic, positions=False)
+        possible = draw_approaches(possible, seed)
     else:
-        ranges = ranges_of(c.robot, data, limits, joints or {})
-        given = [one.limits is not None for one in c.robot.joints]
-        possible, within = drawn_pool(c, seed, data, ranges), "the joint ranges measured"
-        if limits:
-            within = (
-                "the robot file's limits" + ("" if all(given) else " where it gives any")
-                if any(given)
-                else (f"{within}, since the robot file gives no limits")
-            )
-        within += f", {', '.join(joints)} as given" if joints else ""
-    return replace(
-        plan(result, c, every_target(possible, c.targets), count, purpose), within=within
+        ranges = find_joint_ranges(calibration.robot, data, limits, joints or {})
+        possible = draw_pool(calibration, seed, data, ranges)
+        within = describe_ranges(calibration.robot, limits, joints or {})
+    possible = repeat_for_targets(possible, calibration.targets)
+    plan = choose_configurations(result, calibration, possible, count, purpose)
+    return replace(plan, within=within)
+
+
+def format_plan(plan: MeasurementPlan) -> list[str]:
+    """Return a plan in words, one line per topic."""
+    lines = []
+    if plan.within:
+        lines.append(f"Drawn within {plan.within}.")
+    lines.append(_format_rivals(plan))
+    if plan.twins:
+        twins = "; ".join(dict.fromkeys(plan.twins))
+        lines.append(f"Alike in every configuration of the pool: {twins}.")
+    lines.append(_format_indices(plan))
+    if plan.learning:
+        lines.append(_format_learning(plan))
+    return lines
+
+
+def _format_rivals(plan: MeasurementPlan) -> str:
+    if not plan.probabilities:
+        return "No finding of this study has rivals that these configurations could tell apart."
+    count = len(plan.rows)
+    sets = [" or ".join(names) for names in plan.rivals]
+    groups = "; ".join(sets)
+    comparison = ""
+    if plan.random_probability is not None:
+        comparison = f" ({4 * count} drawn at random: {plan.random_probability:.2f})"
+    before, after = plan.probabilities[0], plan.probabilities[-1]
+    return (
+        f"Rivals: {groups}. The right one is told from its nearest rival with probability "
+        f"{before:.2f} now, with {after:.2f} after these {count} configurations{comparison}."
     )
 
 
-def sentences(found: Planned) -> list[str]:
-    """The plan in words."""
-    out = [f"Drawn within {found.within}."] if found.within else []
-    if found.told:
-        groups = "; ".join(" or ".join(names) for names in found.rivals)
-        out.append(
-            f"Rivals: {groups}. The right one is told from its nearest rival with probability {found.told[0]:.2f} now, "
-            f"with {found.told[-1]:.2f} after these {len(found.rows)} configurations"
-            + (
-                "."
-                if found.random is None
-                else f" ({4 * len(found.rows)} drawn at random: {found.random:.2f})."
-            )
-        )
-    else:
-        out.append(
-            "No finding of this study has rivals that these configurations could tell apart."
-        )
-    if found.twins:
-        out.append(
-            f"Alike in every configuration of the pool: {'; '.join(dict.fromkeys(found.twins))}."
-        )
-    pairs = {k: v for k, v in found.indices.items() if k.startswith("o")}
-    out.append(
+def _format_indices(plan: MeasurementPlan) -> str:
+    observability = []
+    for name, (before, after) in plan.indices.items():
+        if not name.startswith("o"):
+            continue
+        change = f"{before:.3g} -> {after:.3g}"
+        observability.append(f"{name.upper()} {change}")
+    before, after = plan.indices["d"]
+    return (
         "Observability of the model's parameters, before and after: "
-        + ", ".join(f"{k.upper()} {a:.3g} -> {b:.3g}" for k, (a, b) in pairs.items())
-        + f"; ln det of the information {found.indices['d'][0]:.1f} -> {found.indices['d'][1]:.1f}."
+        f"{', '.join(observability)}; ln det of the information {before:.1f} -> {after:.1f}."
     )
-    if found.learning:
-        out.append(
-            f"Learning: with the {found.configurations} configurations measured, an effect is found with 90 % from "
-            + ", ".join(
-                f"{size:.3g} mm rms on with {more} more" for size, more in found.learning if more
-            )
-            + "."
-        )
-    return out
+
+
+def _format_learning(plan: MeasurementPlan) -> str:
+    sizes = [f"{size:.3g} mm rms with {more} more" for size, more in plan.learning if more]
+    return (
+        f"Learning: {plan.configurations} configurations are measured; the smallest effect found "
+        f"with 90 % probability is {', '.join(sizes)}."
+    )

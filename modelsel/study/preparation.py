@@ -1,331 +1,269 @@
-"""From a study and its measurements to one problem, registered, weighed, split and folded."""
+"""Prepare measurements for a study: split, set up, registered, checked, weighted and folded.
+
+`prepare` lists the steps in their order. It uses nothing but the nominal robot, the measurements
+and the study; nothing is fitted here but the registration.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._random import generator
-from .._typing import Array
-from ..exceptions import DataError, NotEstimable, StudyError, sentence_list, suggest
+from .._typing import Array, Index
+from ..config.study_file import NoiseTable, RobotTable, Study
+from ..exceptions import DataError, NotEstimable, StudyError, suggest
 from ..fitting.design import residuals
 from ..fitting.noise import Floor, Instrument, weigh
 from ..fitting.problem import Problem
-from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
 from ..notices import Note
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
-from ..selection.splits import assign_folds, split_configurations
-from ..setup.feature_positions import find_unmeasured_features, place_features
+from ..selection.splits import assign_folds
+from ..setup.feature_positions import place_features
 from ..setup.registration import note_undetermined, register
-from .checks import setup_notes
+from .checks import check_setup
+from .row_selection import (
+    center_unknown_times,
+    check_features_in_one_group,
+    choose_estimation_rows,
+    drop_unknown_features,
+    drop_unknown_targets,
+    warn_of_equal_weights,
+)
 
+Mask = NDArray[np.bool_]
+POSITION, ROTATION = slice(0, 3), slice(3, 6)  # coordinates of a residual [mm], [rad]
 
-@dataclass(frozen=True)
-class Plan:
-    """What `prepare` needs of a study file, as plain values."""
-
-    seed: int
-    tools: Mapping[str, tuple[float, ...]] | tuple[float, ...] | None
-    register: bool = False
-    per_group: bool = False
-    estimation: int | None = None
-    column: str | None = None
-    held_out: str = "held-out"
-    folds: int = 10
-    by: str = "configuration"
-    stated_mm: float | None = None
-    instrument: Instrument | None = None
-    tracker: tuple[float, float, float] = (
-        0.0,
-        0.0,
-        0.0,
-    )  # where the instrument stands, in the data's frame
-
-
-def tools_of(
-    data: Measurements, tools: Mapping[str, tuple[float, ...]] | tuple[float, ...] | None
-) -> Array:
-    """(T, 3) nominal targets in the data's order. Raises StudyError for a target without one."""
-    if tools is None:
-        return np.zeros((len(data.targets), 3))
-    if not isinstance(tools, Mapping):
-        return np.tile(np.array(tools, float), (len(data.targets), 1))
-    missing = [name for name in data.targets if name not in tools]
-    if missing:
-        raise StudyError(
-            *(
-                f'robot.tools_mm: no line for target "{name}". {suggest(name, tools)}'
-                for name in missing
-            )
-        )
-    return np.array([tools[name] for name in data.targets], float)
-
-
-def split(
-    data: Measurements, labels: NDArray[np.object_] | None, plan: Plan, prismatic: tuple[bool, ...]
-) -> NDArray[np.bool_]:
-    """(m,) mask of the estimation rows. Raises StudyError where the split cannot be made."""
-    if plan.column is not None and labels is not None:
-        held = labels == plan.held_out
-        other = (
-            sorted({str(v) for v in labels[~held]} - {"estimation"})
-            if plan.held_out == "held-out"
-            else []
-        )
-        if other:
-            raise StudyError(
-                f'split.column: column {plan.column} holds "{other[0]}"; expected "estimation" or "held-out" '
-                f'(or name the held-out value: held_out = "{other[0]}").'
-            )
-        if held.all():
-            raise StudyError(
-                f'split.column: every row of column {plan.column} is "{plan.held_out}": nothing is left for '
-                "estimation."
-            )
-        torn = np.intersect1d(data.block[held], data.block[~held])
-        if len(torn):
-            place = data.where.named(int(data.row[np.flatnonzero(data.block == torn[0])[0]]))
-            raise StudyError(
-                f"split.column: equal joint readings stand on both sides of the split ({place}, for one): "
-                "held-out configurations must not have been seen."
-            )
-        return np.asarray(~held)
-    count = data.configurations
-    wanted = plan.estimation
-    if wanted is None:
-        wanted = count if count < 30 else max(20, round(0.4 * count))
-    if wanted > count:
-        raise StudyError(
-            f"split.estimation = {wanted}, but the file has {count} configurations: ask for fewer."
-        )
-    return split_configurations(data, wanted, prismatic, generator(plan.seed, "split"))
+MAX_NOMINAL_RESIDUAL = 0.25  # of the arm's reach (median): beyond it the data are refused
+METRES = 0.01  # of the arm's reach: coordinates so small (median length) look like metres
 
 
 def prepare(
-    robot: Robot, data: Measurements, plan: Plan, labels: NDArray[np.object_] | None = None
+    study: Study,
+    robot: Robot,
+    data: Measurements,
+    labels: NDArray[np.object_] | None = None,
 ) -> tuple[Split, Floor | None, tuple[Note, ...]]:
-    """The problem with its split and folds, the noise floor where it is known, and what is to be
-    said.
+    """Prepare measurements for a study.
 
-    Raises StudyError, DataError or NotEstimable.
+    `labels` (m,) say which rows estimate, where the study names a column for it. Returns the split
+    problem, the noise floor (None where it is not known), and the notes on data and set-up. Raises
+    StudyError, DataError or NotEstimable.
     """
     notes = list(data.notes)
-    estimation = split(data, labels, plan, robot.prismatic)
-    data, unseen = _timeless(data, estimation)
-    if unseen:
-        notes.append(
-            Note(
-                "other-session",
-                f"No estimation configuration is of {', '.join(unseen)}: the model does not know when "
-                "in the campaign that was measured, and takes drift at the campaign's middle there.",
-            )
-        )
-    data, estimation, more = _seen(*_known_targets(data, estimation, plan, notes), plan)
-    notes += more
-    bound = replace(Problem(robot, data, tools_of(data, plan.tools)), tracker=plan.tracker)
-    if plan.register:
-        expected = bound.tools
-        bound = register(bound, estimation, plan.per_group)
-        notes += note_undetermined(bound, estimation, plan.per_group, expected)
-    doubts = setup_notes(bound, estimation, plan.register, plan.per_group)
-    notes[:0] = doubts
-    why = " ".join(n.sentence for n in doubts)
-    bound = place_features(bound, estimation)
-    size, reach = np.linalg.norm(residuals(bound)[:, :3], axis=1), bound.reach_mm
-    if np.median(size) > reach / 4:
-        hint = (
-            "the coordinates look like metres: name them x_m y_m z_m."
-            if np.nanmedian(np.linalg.norm(np.nan_to_num(data.position), axis=1)) < reach / 100
-            and data.gauges is None
-            else why
-            or "This looks like "
-            + (
-                ""
-                if plan.register
-                else "a tracker frame that is not the robot's base ([robot] "
-                "register = true finds it), "
-            )
-            + "the wrong robot or tool, metres called millimetres, or joints whose zero or "
-            "sense is another than the robot file's."
-        )
-        raise DataError(
-            f"measured and nominal positions are {np.median(size):.4g} mm apart (median), more than a quarter of "
-            f"the arm's reach ({reach:.4g} mm).",
-            remedy=hint[0].upper() + hint[1:],
-        )
-    bound, floor = weigh(bound, plan.instrument, plan.stated_mm)
-    if robot.gravity is None:
-        notes.append(
-            Note(
-                "gravity-unknown",
-                f"The robot file of {robot.name} gives no direction of gravity: mechanisms that "
-                "need it are left out. Of an upright robot: gravity = [0, 0, -1].",
-            )
-        )
-    if plan.by == "group" and len(np.unique(data.group[estimation])) < 2:
+    estimation = choose_estimation_rows(study, data, labels, robot.prismatic)
+    data, time_notes = center_unknown_times(data, estimation)
+    notes += time_notes
+    data, estimation, dropped_notes = _drop_unknown_rows(study, data, estimation)
+    notes += dropped_notes
+
+    problem = _set_up(study, robot, data)
+    problem, registration_notes = _register(study, problem, estimation)
+    notes += registration_notes
+    per_group = study.robot.per_group
+    setup_notes = check_setup(problem, estimation, bool(study.robot.register_), per_group)
+    problem = place_features(problem, estimation)
+    _check_plausible(study, problem, setup_notes)
+
+    problem, floor = weigh(problem, read_instrument(study.noise), study.noise.floor_mm)
+    notes += _warn_of_unknown_gravity(robot)
+    _check_enough_configurations(study, data, estimation)
+    folds = _assign_folds(study, data, estimation)
+    notes += _warn_of_nothing_held_out(estimation)
+    split = Split(
+        problem,
+        estimation,
+        outlying=np.zeros(len(data), bool),
+        folds=folds,
+        known_sigma=floor is not None and floor.source == "stated",
+    )
+    return split, floor, (*setup_notes, *notes)
+
+
+def _drop_unknown_rows(
+    study: Study, data: Measurements, estimation: Mask
+) -> tuple[Measurements, Mask, list[Note]]:
+    """Leave out the held-out rows of targets and features that nothing gives the position of."""
+    notes: list[Note] = []
+    if study.robot.register_:
+        data, estimation, notes = drop_unknown_targets(data, estimation)
+    if study.robot.per_group:
+        check_features_in_one_group(data)
+    weight_notes = warn_of_equal_weights(data)
+    data, estimation, feature_notes = drop_unknown_features(data, estimation)
+    return data, estimation, [*notes, *feature_notes, *weight_notes]
+
+
+def _set_up(study: Study, robot: Robot, data: Measurements) -> Problem:
+    """Return the problem with the nominal targets and the tracker's position."""
+    x, y, z = study.noise.tracker_mm
+    tools = arrange_tools(study.robot, data)
+    problem = Problem(robot, data, tools)
+    return replace(problem, tracker=(x, y, z))
+
+
+def arrange_tools(table: RobotTable, data: Measurements) -> Array:
+    """Return the nominal targets (T, 3) [mm, flange frame] in the order of the data's targets.
+
+    Zero where the study gives none. Raises StudyError for a target without a line in
+    [robot.tools_mm].
+    """
+    if not table.tools_mm:
+        tool = np.array(table.tool_mm or [0.0, 0.0, 0.0], float)
+        return np.tile(tool, (len(data.targets), 1))
+    missing = [name for name in data.targets if name not in table.tools_mm]
+    if missing:
         raise StudyError(
-            'comparison.by = "group": the estimation rows belong to one group; two and more are needed to leave one '
-            'out. Use by = "configuration".'
+            *(
+                f'robot.tools_mm: no line for target "{name}". {suggest(name, table.tools_mm)}'
+                for name in missing
+            )
+        )
+    return np.array([table.tools_mm[name] for name in data.targets], float)
+
+
+def read_instrument(noise: NoiseTable) -> Instrument | None:
+    """Return the instrument that a study describes; None where it describes none."""
+    if not noise.instrument:
+        return None
+    x, y, z = noise.tracker_mm
+    return Instrument(noise.range_mm, noise.range_ppm, noise.angle_urad, (x, y, z))
+
+
+def _register(study: Study, problem: Problem, estimation: Mask) -> tuple[Problem, list[Note]]:
+    """Find tracker frame and targets from the estimation rows, where the study asks for it."""
+    if not study.robot.register_:
+        return problem, []
+    per_group = study.robot.per_group
+    nominal_tools = problem.tools
+    problem = register(problem, estimation, per_group)
+    notes = note_undetermined(problem, estimation, per_group, nominal_tools)
+    return problem, list(notes)
+
+
+def _check_plausible(study: Study, problem: Problem, setup_notes: Sequence[Note]) -> None:
+    """Check that the measurements are near the nominal arm.
+
+    Raises DataError where the median residual is above a quarter of the reach, with the likeliest
+    reason.
+    """
+    distance = float(np.median(np.linalg.norm(residuals(problem)[:, :3], axis=1)))
+    if not distance > MAX_NOMINAL_RESIDUAL * problem.reach_mm:
+        return
+    raise DataError(
+        f"measured and nominal positions are {distance:.4g} mm apart (median), more than a quarter "
+        f"of the arm's reach ({problem.reach_mm:.4g} mm).",
+        remedy=_explain_implausible(study, problem, setup_notes),
+    )
+
+
+def _explain_implausible(study: Study, problem: Problem, setup_notes: Sequence[Note]) -> str:
+    """Return the likeliest reason why the measurements are far from the nominal arm."""
+    data = problem.data
+    if data.gauges is None:
+        lengths = np.linalg.norm(np.nan_to_num(data.position), axis=1)
+        if np.nanmedian(lengths) < METRES * problem.reach_mm:
+            return "The coordinates look like metres: name them x_m y_m z_m."
+    if setup_notes:
+        text = " ".join(note.sentence for note in setup_notes)
+        return text[0].upper() + text[1:]
+    frame = "a tracker frame that is not the robot's base ([robot] register = true finds it), "
+    if study.robot.register_:
+        frame = ""
+    return (
+        f"This looks like {frame}the wrong robot or tool, metres called millimetres, or joints "
+        "whose zero or sense is another than the robot file's."
+    )
+
+
+def _warn_of_unknown_gravity(robot: Robot) -> list[Note]:
+    if robot.gravity is not None:
+        return []
+    return [
+        Note(
+            "gravity-unknown",
+            f"The robot file of {robot.name} gives no direction of gravity: mechanisms that need "
+            "it are left out. For an upright robot write gravity = [0, 0, -1].",
+        )
+    ]
+
+
+def _check_enough_configurations(study: Study, data: Measurements, estimation: Mask) -> None:
+    """Check that the estimation rows can be compared and cross-validated.
+
+    Raises StudyError or NotEstimable.
+    """
+    if study.comparison.by == "group" and len(np.unique(data.group[estimation])) < 2:
+        raise StudyError(
+            'comparison.by = "group": the estimation rows belong to one group; two or more are '
+            'needed to leave one out. Use by = "configuration".'
         )
     if len(np.unique(data.block)) < 2:
         raise NotEstimable(
-            "the file has one set of joint readings: no parameter can be told from it; measure more "
-            "configurations."
+            "the file has one set of joint readings: no parameter can be determined from it; "
+            "measure more configurations."
         )
     if len(np.unique(data.block[estimation])) < 2:
         raise StudyError(
-            "split: the estimation rows have one set of joint readings: nothing can be compared or cross-validated."
+            "split: the estimation rows have one set of joint readings: nothing can be compared "
+            "or cross-validated."
         )
-    fold = np.full(len(data), -1, dtype=np.intp)
-    fold[estimation] = assign_folds(
-        data.take(estimation), plan.folds, generator(plan.seed, "folds"), plan.by
-    )
-    if not (~estimation).any():
-        notes.append(
-            Note(
-                "nothing-held-out",
-                "All configurations estimate: nothing is held out, and no gain can be measured.",
-            )
-        )
-    known = floor is not None and floor.source == "stated"
-    return Split(bound, estimation, np.zeros(len(data), bool), fold, known), floor, tuple(notes)
 
 
-def _known_targets(
-    data: Measurements, estimation: NDArray[np.bool_], plan: Plan, notes: list[Note]
-) -> tuple[Measurements, NDArray[np.bool_]]:
-    """Where targets are found from the estimation rows: without the held-out rows of targets that
-    none of these measures, which is said in `notes`."""
-    origin = None if data.gauges is None else data.gauges.origin
-    seen = np.unique(
-        data.target[estimation]
-        if origin is None
-        else [*data.target[estimation], *origin.target[estimation]]
-    )
-    gone = ~np.isin(data.target, seen)
-    if not plan.register or not gone.any():
-        return data, estimation
-    names = sentence_list([f'"{data.targets[k]}"' for k in np.unique(data.target[gone])])
-    notes.append(
+def _assign_folds(study: Study, data: Measurements, estimation: Mask) -> Index:
+    """Return the fold (m,) of every estimation row, −1 for held-out rows."""
+    table = study.comparison
+    rows = data.take(estimation)
+    rng = generator(study.seed, "folds")
+    folds = np.full(len(data), -1, dtype=np.intp)
+    folds[estimation] = assign_folds(rows, table.folds, rng, table.by)
+    return folds
+
+
+def _warn_of_nothing_held_out(estimation: Mask) -> list[Note]:
+    if not estimation.all():
+        return []
+    return [
         Note(
-            "target-unseen",
-            f"{int(gone.sum())} held-out rows are left out: no estimation row measures target {names},"
-            " and where it sits is found from estimation rows. Let some of its configurations "
-            "estimate, or give [robot.tools_mm] without register.",
+            "nothing-held-out",
+            "All configurations estimate: nothing is held out, and no gain can be measured.",
         )
-    )
-
-    def named(some: Measurements) -> Measurements:
-        return replace(
-            some,
-            target=np.searchsorted(seen, some.target),
-            targets=tuple(data.targets[k] for k in seen),
-        )
-
-    kept = named(data.take(~gone))
-    if origin is not None and kept.gauges is not None:
-        kept = replace(kept, gauges=replace(kept.gauges, origin=named(origin.take(~gone))))
-    return kept, estimation[~gone]
+    ]
 
 
-def _seen(
-    data: Measurements, estimation: NDArray[np.bool_], plan: Plan
-) -> tuple[Measurements, NDArray[np.bool_], list[Note]]:
-    """Without the held-out rows of features of which nothing estimates; what is to be said of
-    kinds. Raises StudyError."""
-    gauges, notes = data.gauges, list[Note]()
-    if gauges is None:
-        return data, estimation, notes
-    for k, feature in enumerate(gauges.features):
-        rows = gauges.feature == k
-        groups = (
-            data.group[rows]
-            if gauges.origin is None
-            else np.concatenate([data.group[rows], gauges.origin.group[rows]])
-        )
-        if plan.per_group and len(np.unique(groups)) > 1:
-            raise StudyError(
-                f'robot.register = "per group": feature "{feature.name}" stands in several groups, whose trackers '
-                "stand apart; give it a name in each."
-            )
-    lost = find_unmeasured_features(data, estimation)
-    gone = np.isin(gauges.feature, lost)
-    if gone.any():
-        names = ", ".join(gauges.features[k].name for k in lost)
-        notes.append(
-            Note(
-                "feature-unseen",
-                f"{int(gone.sum())} held-out rows are left out: no estimation row measures {names}, "
-                "and where that is has to be found from estimation rows.",
-            )
-        )
-    kinds = [KINDS[k] for k in np.unique(gauges.kind)]
-    if data.sigma is None and not {"x", "y", "z"} >= set(kinds) and len(kinds) > 1:
-        notes.append(
-            Note(
-                "kinds-alike",
-                f"Rows of different kinds ({', '.join(kinds)}) are weighed alike: a column s_mm would "
-                "say how sure each of them is.",
-            )
-        )
-    return data.take(~gone), estimation[~gone], notes
+def weigh_by_residuals(study: Study, split: Split, residual: Array) -> Split:
+    """Weight position against orientation by the residuals (m, 6) [mm, rad] of a model.
 
-
-def _timeless(
-    data: Measurements, estimation: NDArray[np.bool_]
-) -> tuple[Measurements, tuple[str, ...]]:
-    """Groups that are held out whole stand at the middle of the estimated campaign: a drift must
-    not be drawn out to them."""
-    strange = ~np.isin(data.group, data.group[estimation])
-    if not strange.any():
-        return data, ()
-    own = data.progress[estimation]
-    gauges = data.gauges
-    if gauges is not None and gauges.origin is not None:
-        gauges = replace(
-            gauges,
-            origin=_rescaled(
-                gauges.origin, own, ~np.isin(gauges.origin.group, data.group[estimation])
-            ),
-        )
-    return replace(_rescaled(data, own, strange), gauges=gauges), tuple(
-        data.groups[g] for g in np.unique(data.group[strange])
-    )
-
-
-def _rescaled(data: Measurements, own: Array, strange: NDArray[np.bool_]) -> Measurements:
-    """With the place in the campaign from 0 to 1 over the estimated rows' `own`, the middle for
-    strange ones."""
-    progress = (data.progress - own.min()) / max(float(np.ptp(own)), 1e-12)
-    progress[strange] = 0.5
-    return replace(data, progress=progress)
-
-
-def reweigh_rotation(split: Split, plan: Plan, residual: Array) -> Split:
-    """With orientations: whichever of position and rotation has no stated uncertainty is weighed by
-    its own residuals."""
-    measured, seen = split.problem.data, split.problem.measured
-    known = plan.stated_mm is not None or plan.instrument is not None or measured.sigma is not None
-    if measured.rotation is None or known and measured.sigma_rotation is not None:
+    Whichever of the two has no stated uncertainty takes the spread of its own residuals. Unchanged
+    without measured orientations, and where both are stated.
+    """
+    measured = split.problem.data
+    instrument, stated_mm = read_instrument(study.noise), study.noise.floor_mm
+    position_known = stated_mm is not None or instrument is not None or measured.sigma is not None
+    if measured.rotation is None:
         return split
-    used = residual[split.used]
+    if position_known and measured.sigma_rotation is not None:
+        return split
+    position_mm = stated_mm
+    if not position_known:
+        position_mm = _measure_spread(split, residual, POSITION)
+    rotation_rad = _measure_spread(split, residual, ROTATION)
+    problem, _ = weigh(split.problem, instrument, position_mm, rotation_rad)
+    return replace(split, problem=problem)
 
-    def spread(part: slice) -> float:
-        square = np.square(used[:, part])
-        return float(
-            np.sqrt(
-                square.mean()
-                if seen is None
-                else square.sum() / max(seen[split.used][:, part].sum(), 1)
-            )
-        )
 
-    position = plan.stated_mm if known else spread(slice(0, 3))
-    turning = spread(slice(3, 6))
-    bound, _ = weigh(split.problem, plan.instrument, position, turning)
-    return replace(split, problem=bound)
+def _measure_spread(split: Split, residual: Array, part: slice) -> float:
+    """Return the root mean square of the coordinates `part` over the rows that fit."""
+    used = split.used
+    squares = np.square(residual[used][:, part])
+    measured = split.problem.measured
+    if measured is None:
+        return float(np.sqrt(squares.mean()))
+    count = measured[used][:, part].sum()
+    mean = squares.sum() / max(count, 1)
+    return float(np.sqrt(mean))

@@ -15,10 +15,10 @@ from ...results.schema import StudyRecord
 from ...results.study_sentences import (
     NOMINAL_CAVEAT,
     describe_predictable,
-    describe_sampling,
     format_mm,
     format_p,
     format_share,
+    write_sampling_sentences,
 )
 from ..document import Block, Source, make_heading, make_list, make_table, make_text
 from ..figures import ladder, parameter_plots, space
@@ -208,7 +208,7 @@ def write_posterior_page(source: Source) -> list[Block]:
     if sampling is None:
         return []
     blocks = [make_heading("Posterior")]
-    blocks += [make_text(sentence) for sentence in describe_sampling(source.record)]
+    blocks += [make_text(sentence) for sentence in write_sampling_sentences(source.record)]
     if sampling.converged:
         blocks += _write_draws(source, sampling)
     return [*blocks, *_write_quantiles(sampling.quantiles)]

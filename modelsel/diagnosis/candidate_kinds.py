@@ -1,0 +1,21 @@
+"""Kinds of candidates, so that no code has to read them off a name."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class CandidateKind(Enum):
+    """What a candidate is: a mechanism of the registry, or one of the unregistered explanations."""
+
+    MECHANISM = "registered mechanism"
+    CELL = "cell of the error map"
+    WAVE = "wave of unknown phase in a cell of the error map"
+    WAVE_PRODUCT = "any product of waves of two joints"
+    JOINT_WAVE = "wave of a turning joint's own angle"
+    SLIDE_WAVE = "wave of a slide's own reading"
+    FREE_FUNCTION = "free function of a joint's own angle"
+
+
+# kinds that are cells of the error map
+MAP_KINDS = (CandidateKind.CELL, CandidateKind.WAVE, CandidateKind.WAVE_PRODUCT)

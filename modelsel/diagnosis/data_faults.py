@@ -1,0 +1,217 @@
+"""Faults of the data: rows that were exchanged, a tracker that was bumped, joints read too early.
+
+Exchanged rows are found among the gross outliers, where a position fits the prediction of another
+outlying row. A bumped tracker and joints that were read too early act as screws: they are candidates
+of naming, registered under `fault:` names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from .._typing import Array, Index, Mask
+from ..fitting.least_squares import Fit
+from ..fitting.problem import Problem
+from ..mechanisms.terms import Mechanism
+from .outliers import estimate_scale
+
+# robust standard deviations within which a position fits another row
+MATCH_THRESHOLD = 8.0
+# random directions that say how often chance does as well
+DRAWS = 1999
+# largest p-value, and least posterior probability, at which a fault is reported
+MAX_P = 0.05
+MIN_PROBABILITY = 0.95
+# degrees of freedom of a good position about its prediction (Student t)
+TAIL_FREEDOM = 4
+# outlying rows beyond which every position has a reading that it fits
+MAX_OUTLIERS = 1000
+
+
+class FaultKind(Enum):
+    """What kind of fault it is; the value is its name after `fault:`."""
+
+    SWAPPED_REFLECTORS = "swapped-reflectors"
+    ROW_ORDER = "row-order"
+    TRACKER_BUMPED = "tracker-bumped"
+    READ_TOO_EARLY = "read-too-early"
+
+    @property
+    def label(self) -> str:
+        """The name in findings: "fault:row-order"."""
+        return f"fault:{self.value}"
+
+
+# what a fault of exchanged rows says
+EXCHANGES = {
+    FaultKind.SWAPPED_REFLECTORS: (
+        "the reflectors of these rows are swapped: each position fits the other target"
+    ),
+    FaultKind.ROW_ORDER: (
+        "these rows stand in the wrong order: each position fits another row's joint readings"
+    ),
+}
+# faults that are mechanisms, by the mechanism's name
+BY_MECHANISM = {kind.label: kind for kind in (FaultKind.TRACKER_BUMPED, FaultKind.READ_TOO_EARLY)}
+
+
+@dataclass(frozen=True, eq=False)
+class Fault:
+    """A fault of single rows: its kind, the rows of the file that it concerns (0-based), a sentence,
+    the p-value under chance, and its posterior `probability` against unrelated gross errors."""
+
+    kind: FaultKind
+    rows: Index
+    sentence: str
+    p: float
+    probability: float
+
+    @property
+    def name(self) -> str:
+        """The name of its kind."""
+        return self.kind.value
+
+
+def find_fault_kind(mechanism: Mechanism) -> FaultKind | None:
+    """Find the kind of fault that a mechanism stands for; None for an error of the arm."""
+    return BY_MECHANISM.get(mechanism.name)
+
+
+def find_concerned_rows(mechanism: Mechanism, problem: Problem) -> Index:
+    """Find the rows of the file (0-based) that a mechanism's fault concerns: from the bump on, or
+    all of them."""
+    if find_fault_kind(mechanism) is not FaultKind.TRACKER_BUMPED:
+        return problem.data.row
+    moved = problem.cause(mechanism.terms[0].screws[0].cause)
+    return np.asarray(problem.data.row[np.broadcast_to(moved, (len(problem),)) > 0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Outlying:
+    """Outlying rows `index` (k,) of a problem: measured positions and residuals (k, 3) [mm], for each
+    the other outlying row `partner` (k,) whose prediction is nearest, whether that `fits` (k,), and
+    the good rows' `scale` [mm]."""
+
+    index: Index
+    measured: Array
+    residual: Array
+    partner: Index
+    fits: Mask
+    scale: float
+
+    @property
+    def predicted(self) -> Array:
+        """(k, 3) predicted positions [mm]."""
+        return np.asarray(self.measured - self.residual)
+
+    @property
+    def size(self) -> Array:
+        """(k,) lengths of the residuals [mm]."""
+        return np.asarray(np.linalg.norm(self.residual, axis=1))
+
+
+def find_misplaced_rows(
+    problem: Problem, outlying: Mask, fitted: Fit, rng: np.random.Generator
+) -> tuple[Fault, ...]:
+    """Find outlying rows (mask) whose positions fit each other's joint readings or targets.
+
+    Rows of one configuration are swapped reflectors, others a wrong order of rows. A fault is
+    reported where chance (the same distances in random directions) rarely fits as many rows, and
+    the posterior probability is high."""
+    rows = _collect_outlying(problem, outlying, fitted)
+    if rows is None or rows.fits.sum() < 2:
+        return ()
+    p = _compute_chance(rows, rng)
+    if p > MAX_P:
+        return ()
+    return tuple(_generate_faults(problem, rows, p))
+
+
+def _collect_outlying(problem: Problem, outlying: Mask, fitted: Fit) -> _Outlying | None:
+    gauges = problem.data.gauges
+    is_point = np.ones(len(outlying), bool) if gauges is None else gauges.of("point")
+    index = np.flatnonzero(outlying & is_point)
+    if not 2 <= len(index) <= MAX_OUTLIERS:
+        return None
+    residual = fitted.residuals(problem)[:, :3]
+    scale = estimate_scale(np.linalg.norm(residual[~outlying & is_point], axis=1))
+    measured = problem.data.position[index]
+    predicted = measured - residual[index]
+    partner, fits = _match(measured, predicted, MATCH_THRESHOLD * scale)
+    return _Outlying(index, measured, residual[index], partner, fits, scale)
+
+
+def _match(measured: Array, predicted: Array, near: float) -> tuple[Index, Mask]:
+    """Find for every position (k, 3) the other row with the nearest prediction (k,), and whether
+    that is within `near` [mm]."""
+    distance = np.linalg.norm(measured[:, None] - predicted[None], axis=2)
+    np.fill_diagonal(distance, np.inf)
+    partner = distance.argmin(1)
+    apart = np.linalg.norm(measured - predicted[partner], axis=1)
+    return np.asarray(partner, dtype=np.intp), np.asarray(apart < near)
+
+
+def _compute_chance(rows: _Outlying, rng: np.random.Generator) -> float:
+    """Compute how often residuals of the same lengths in random directions fit as many rows."""
+    direction = rng.standard_normal((DRAWS, len(rows.index), 3))
+    direction /= np.linalg.norm(direction, axis=2, keepdims=True)
+    near, predicted = MATCH_THRESHOLD * rows.scale, rows.predicted
+    drawn = predicted + direction * rows.size[:, None]
+    matches = np.array([_match(one, predicted, near)[1].sum() for one in drawn])
+    return float((1 + (matches >= rows.fits.sum()).sum()) / (DRAWS + 1))
+
+
+def _generate_faults(problem: Problem, rows: _Outlying, p: float) -> Iterator[Fault]:
+    data = problem.data
+    configuration = data.configuration[rows.index]
+    same_configuration = configuration == configuration[rows.partner]
+    log_ratio = _compute_log_ratio(rows, problem.reach_mm)
+    for kind, words in EXCHANGES.items():
+        is_swap = kind is FaultKind.SWAPPED_REFLECTORS
+        concerned = rows.fits & (same_configuration == is_swap)
+        probability = _compute_probability(log_ratio, concerned)
+        if concerned.sum() >= 2 and probability >= MIN_PROBABILITY:
+            index = data.row[rows.index[concerned]]
+            sentence = f"A fault of the data: {words} ({data.where.listed(index)})."
+            yield Fault(kind, index, sentence, p, probability)
+
+
+def _compute_log_ratio(rows: _Outlying, reach: float) -> Array:
+    """Compute (k,) log ratios of a position's density if it belongs to another outlying row to that
+    if it is any gross error.
+
+    If it belongs to another row: a Student t of TAIL_FREEDOM degrees of freedom and the good rows'
+    scale about the prediction of that row, one of k - 1 equally likely. If it is any gross error:
+    a uniform direction, and a length whose logarithm is uniform from where rows count as outlying
+    to the arm's `reach` [mm]."""
+    from scipy.special import gammaln
+
+    scale, smallest = rows.scale, MATCH_THRESHOLD * rows.scale
+    apart = np.linalg.norm(rows.measured - rows.predicted[rows.partner], axis=1)
+    length = np.maximum(rows.size, smallest)
+    log_t = (
+        gammaln((TAIL_FREEDOM + 3) / 2)
+        - gammaln(TAIL_FREEDOM / 2)
+        - 1.5 * np.log(TAIL_FREEDOM * np.pi)
+        - 3 * np.log(scale)
+        - (TAIL_FREEDOM + 3) / 2 * np.log1p(np.square(apart / scale) / TAIL_FREEDOM)
+    )
+    log_exchanged = log_t - np.log(len(apart) - 1)
+    log_range = np.log(max(reach / smallest, np.e))
+    log_gross = -np.log(4 * np.pi * log_range) - 3 * np.log(length)
+    return np.asarray(log_exchanged - log_gross)
+
+
+def _compute_probability(log_ratio: Array, concerned: Mask) -> float:
+    """Compute the posterior probability that the `concerned` rows (k,) were exchanged.
+
+    Prior: an exchange has probability 1/2, and then every outlying row takes part with probability
+    1/2. Bayes factor: the product over the rows of (1 + ratio) / 2, with ratio 0 for a row that is
+    not concerned."""
+    from scipy.special import expit
+
+    log_factors = np.logaddexp(0.0, np.where(concerned, log_ratio, -np.inf)) - np.log(2)
+    return float(expit(log_factors.sum()))

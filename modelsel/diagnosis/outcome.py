@@ -1,0 +1,53 @@
+"""The outcome of a diagnosis: the extended model with its named effects and what is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from .._typing import Array
+from ..fitting.design import Model
+from ..fitting.least_squares import Fit
+from .credible_sets import CredibleSet
+from .effects import Effect
+from .sentences import describe_effect
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis:
+    """What is wrong with a base model: the effects that extend it, in the order they were found.
+
+    `model` and `fit`: the extended model; `null`: sorted evidences where nothing is left to find;
+    `path`: what was tried on the way. `left`: the strongest explanation of what remains, with its
+    p-value `left_p`, whatever it is (None without candidates); `held_back`: its p-value under equal
+    normal noise, where that would have named it and the signs of the residual's own rows do not.
+    `bound`: the evidence that a further effect needs; `single_f` (G,): the F statistic of every
+    candidate alone on the base, `map_p` (G,): its family-wise p-value."""
+
+    base: Model
+    effects: tuple[Effect, ...]
+    model: Model
+    fit: Fit
+    null: Array
+    path: tuple[str, ...]
+    left: CredibleSet | None
+    left_p: float
+    held_back: float | None
+    bound: float
+    single_f: Array = field(repr=False)
+    map_p: Array = field(repr=False)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """One sentence per effect: what, how much, how probable, and its p-value."""
+        return tuple(
+            f"{describe_effect(effect).rstrip('.')}; p = {effect.p:.2g}." for effect in self.effects
+        )
+
+    def __repr__(self) -> str:
+        base = ", ".join(mechanism.name for mechanism in self.base.mechanisms)
+        count = len(self.effects)
+        title = f"Diagnosis of {base or 'the nominal model'}: {count or 'no'} effect{'s' * (count != 1)}"
+        lines = [title, *(f"  {k}. {text}" for k, text in enumerate(self.findings, 1))]
+        if self.left is not None:
+            lines.append(f"  The strongest of what is left has p = {self.left_p:.2g}.")
+        return "\n".join(lines)

@@ -1,0 +1,129 @@
+"""Identify effects again: which effects a new one moved, and whether their names still hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .candidates import Candidate
+from .evidence import compute_p_value
+from .state import LEVEL, MIN_LOG_ODDS, Search, View
+
+# changes of names that are tried in turn
+MAX_CHANGES = 16
+# share of an effect's displacement that a new effect must change for it to be identified again
+MIN_CHANGE = 0.1
+
+
+class _Standing(NamedTuple):
+    """Where an effect stands given the others: the log evidence for it, and the candidate that
+    should stand in its place: itself, a better name, or None if chance explains it."""
+
+    evidence: float
+    better: int | None
+
+
+class _Change(NamedTuple):
+    """A change of names to try: the effect it concerns (None for several effects of one joint), the
+    candidates after it, and what it is in words."""
+
+    effect: int | None
+    trial: list[int]
+    words: str
+
+
+def settle_names(
+    search: Search, chosen: list[int], view: View, before: View | None, path: list[str]
+) -> tuple[list[int], View]:
+    """Identify effects again, given the others, until their names stay; drop those that chance
+    explains.
+
+    Concerns the effects that changed since the view `before` (all, where that is None). One change
+    at a time is made, the weakest effect first, and a change concerns only the effects that it
+    moves. Returns the candidates and their view; appends the changes to `path`."""
+    visited = {frozenset(chosen)}
+    standing: dict[int, _Standing] = {}
+    if before is not None:
+        unmoved = [g for g in chosen if not _has_moved(before, view, search.found[g])]
+        standing = {g: _Standing(np.inf, g) for g in unmoved}
+    for _ in range(MAX_CHANGES):
+        for g in chosen:
+            if g not in standing:
+                standing[g] = _assess(search, g, view)
+        change = _find_change(search, chosen, view, standing, visited)
+        if change is None:
+            break
+        visited.add(frozenset(change.trial))
+        after = search.try_fit(change.trial, view.fitted)
+        if after is None:
+            if change.effect is not None:
+                standing[change.effect] = standing[change.effect]._replace(better=change.effect)
+            continue
+        path.append(change.words)
+        standing = {
+            g: standing[g]
+            for g in change.trial
+            if g in standing and not _has_moved(view, after, search.found[g])
+        }
+        chosen, view = change.trial, after
+    return chosen, view
+
+
+def _has_moved(before: View, after: View, candidate: Candidate) -> bool:
+    """Return whether what an effect does to the target changed by more than MIN_CHANGE between two
+    fits."""
+    terms_before = (term.key for term in before.model.terms)
+    theta_before = dict(zip(terms_before, before.fitted.theta, strict=True))
+    own = np.flatnonzero(after.mask_terms(candidate))
+    rows = after.scan.columns.XT.shape[1]
+    columns, theta = after.A[:rows, own], after.fitted.theta[own]
+    previous = [theta_before.get(after.model.terms[k].key, 0.0) for k in own]
+    change = float(np.linalg.norm(columns @ (theta - previous)))
+    return change > MIN_CHANGE * float(np.linalg.norm(columns @ theta))
+
+
+def _assess(search: Search, g: int, view: View) -> _Standing:
+    """Assess an effect given the others: does chance explain it, or another name better?"""
+    named, evidence = search.rename(g, view)
+    if compute_p_value(evidence, search.null) > LEVEL:
+        return _Standing(evidence, None)
+    log_odds = named.log_probability[named.top] - named.log_probability[g]
+    return _Standing(evidence, named.top if log_odds > MIN_LOG_ODDS else g)
+
+
+def _find_change(
+    search: Search,
+    chosen: Sequence[int],
+    view: View,
+    standing: dict[int, _Standing],
+    visited: set[frozenset[int]],
+) -> _Change | None:
+    """Find the first change that gives a new set of candidates: of single effects, the weakest
+    first, then of the effects of one joint together."""
+    changing = [g for g in chosen if standing[g].better != g]
+    for g in sorted(changing, key=lambda effect: (standing[effect].evidence, effect)):
+        trial = _replace(search, chosen, g, standing[g].better)
+        if frozenset(trial) not in visited:
+            words = _describe_change(search, chosen, trial, g, standing[g].better)
+            return _Change(g, trial, words)
+    for trial, words in search.generate_better_curves(chosen, view):
+        if frozenset(trial) not in visited:
+            return _Change(None, trial, words)
+    return None
+
+
+def _replace(search: Search, chosen: Sequence[int], old: int, new: int | None) -> list[int]:
+    """Remove an effect, or put a better name in its place."""
+    rest = [g for g in chosen if g != old]
+    return rest if new is None or new in rest else search.add(rest, new)
+
+
+def _describe_change(
+    search: Search, chosen: Sequence[int], trial: Sequence[int], old: int, new: int | None
+) -> str:
+    label = search.found[old].label
+    if new is None or len(trial) < len(chosen):
+        return f"- {label}"
+    return f"{label} -> {search.found[new].label}"

@@ -1,0 +1,113 @@
+"""Draw or complete the pool of configurations that could be measured next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .._random import generator
+from .._typing import Array
+from ..calibration.calibration import Calibration
+from ..exceptions import StudyError, suggest
+from ..measurements.columns import READING_UNITS, UNITS
+from ..measurements.measurements import Measurements, build_measurements
+from ..robot.kinematics import Robot
+
+POOL_SIZE = 2000  # configurations of a pool that is drawn within ranges
+
+
+def find_joint_ranges(
+    robot: Robot, data: Measurements, limits: bool, joints: Mapping[str, tuple[float, float]]
+) -> Array:
+    """Return the range (n, 2) [rad or mm] in which each joint is drawn.
+
+    It is the range measured; with `limits` that of the robot file, where it gives one; `joints`,
+    such as {"q2_deg": (-90, 45)}, go before both. Raises StudyError.
+    """
+    ranges = np.stack([data.q.min(0), data.q.max(0)], 1)
+    for k, joint in enumerate(robot.joints):
+        if limits and joint.limits is not None:
+            ranges[k] = joint.limits
+    columns = _list_joint_columns(robot)
+    for name, (low, high) in joints.items():
+        if name not in columns:
+            raise StudyError(f'"{name}" is no joint of {robot.name}. {suggest(name, columns)}')
+        if not (np.isfinite([low, high]).all() and low <= high):
+            raise StudyError(
+                f"{name}: a joint's range goes from a lower to a higher number, found {low:g} to "
+                f"{high:g}."
+            )
+        k, factor = columns[name]
+        ranges[k] = low * factor, high * factor
+    return ranges
+
+
+def _list_joint_columns(robot: Robot) -> dict[str, tuple[int, float]]:
+    """Return the possible columns of readings: name -> (joint from 0, factor to rad or mm)."""
+    columns = {}
+    for k, prismatic in enumerate(robot.prismatic):
+        for unit in READING_UNITS[prismatic]:
+            columns[f"q{k + 1}_{unit}"] = (k, UNITS[unit])
+    return columns
+
+
+def draw_pool(
+    calibration: Calibration, seed: int, data: Measurements, ranges: Array
+) -> Measurements:
+    """Draw configurations within the `ranges` (n, 2), each approached from a drawn side.
+
+    Their covariates are those of measured rows.
+    """
+    robot = calibration.robot
+    rng = generator(seed, "simulate")
+    low, high = ranges.T
+    q = rng.uniform(low, high, (POOL_SIZE, robot.n))
+    rows = rng.integers(len(data), size=POOL_SIZE)
+    approach = rng.choice([-1.0, 1.0], q.shape)
+    return build_measurements(
+        q,
+        np.zeros((POOL_SIZE, 3)),
+        approach=approach,
+        covariates={name: values[rows] for name, values in data.covariates.items()},
+        prismatic=robot.prismatic,
+    )
+
+
+def repeat_for_targets(data: Measurements, targets: Sequence[str]) -> Measurements:
+    """Return a pool with a row for each of the study's targets, where it lists none itself."""
+    if len(targets) == 1 or len(data.targets) > 1:
+        return data
+    count = len(targets)
+    rows = np.repeat(np.arange(len(data)), count)
+    target = np.tile(np.arange(count), len(data))
+    repeated = data.take(rows)
+    return replace(repeated, target=target, targets=tuple(targets))
+
+
+def draw_approaches(data: Measurements, seed: int) -> Measurements:
+    """Draw the directions of approach of a pool whose file gives none; the plan prescribes them."""
+    codes = [note.code for note in data.notes]
+    if "approach-from-order" not in codes:
+        return data
+    configurations = int(data.configuration.max()) + 1
+    joints = data.q.shape[1]
+    rng = generator(seed, "simulate")
+    approach = rng.choice([-1.0, 1.0], (configurations, joints))
+    return replace(data, approach=approach[data.configuration])
+
+
+def describe_ranges(robot: Robot, limits: bool, joints: Mapping[str, tuple[float, float]]) -> str:
+    """Return in words within what a pool was drawn."""
+    text = "the joint ranges measured"
+    limited = [joint.limits is not None for joint in robot.joints]
+    if limits and all(limited):
+        text = "the robot file's limits"
+    elif limits and any(limited):
+        text = "the robot file's limits where it gives any"
+    elif limits:
+        text += ", since the robot file gives no limits"
+    if joints:
+        text += f", {', '.join(joints)} as given"
+    return text

@@ -1,0 +1,168 @@
+"""Build and evaluate the models of a study's ladder, from the nominal arm to the chosen model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .._typing import Array
+from ..config.study_file import Study
+from ..diagnosis.candidates import Candidate
+from ..diagnosis.outcome import Diagnosis
+from ..diagnosis.outliers import GROSS_THRESHOLD, find_far_rows
+from ..diagnosis.state import extend_model
+from ..diagnosis.unexplained import is_subsampled
+from ..fitting.design import Model, whitened
+from ..fitting.problem import Problem
+from ..mechanisms.geometry import build_setup
+from ..mechanisms.registry import Registry, mechanism
+from ..mechanisms.terms import Mechanism, Screw
+from ..selection.evaluation import Evaluation, Split, evaluate, summarise_errors
+
+NOMINAL = ("nominal",)  # names of the model without any mechanism
+
+
+def extends_base(study: Study) -> bool:
+    """Return whether anything may extend the base; with `candidates = []` nothing does."""
+    return study.model.candidates != []
+
+
+def searches_cells(study: Study) -> bool:
+    """Return whether causes outside the registry may be named, too.
+
+    With `candidates = []` everything is named, although nothing extends the base.
+    """
+    return study.model.candidates in ("all", [])
+
+
+def build_model(
+    study: Study,
+    problem: Problem,
+    registry: Registry,
+    names: Sequence[str],
+    constants: Mapping[str, Mechanism] | None = None,
+) -> Model:
+    """Return the model of some mechanisms, with the set-up parameters that are left open.
+
+    `constants` gives the mechanism of a name whose constant is scanned, where it is chosen already.
+    """
+    data = problem.data
+    placements = len(data.groups) if study.robot.per_group else 1
+    placement = build_setup(
+        problem.robot,
+        len(data.targets),
+        placements,
+        bool(study.robot.register_),
+        data.rotation is not None,
+        () if data.gauges is None else data.gauges.features,
+    )
+    chosen = constants or {}
+    mechanisms = [placement] if placement.terms else []
+    mechanisms += [chosen.get(name) or mechanism(name, problem.robot, registry) for name in names]
+    return Model(tuple(mechanisms))
+
+
+def choose_constants(candidates: Sequence[Candidate], single_f: Array) -> dict[str, Mechanism]:
+    """Return the best mechanism of every registered name that has several constants.
+
+    Best is the largest F (`single_f`, one per candidate) of the mechanism alone beyond the base.
+    """
+    variants: dict[str, list[int]] = {}
+    for k, candidate in enumerate(candidates):
+        if candidate.registered:
+            variants.setdefault(candidate.mechanism.name, []).append(k)
+    best = {}
+    for name, numbers in variants.items():
+        if len(numbers) > 1:
+            strongest = max(numbers, key=lambda k: single_f[k])
+            best[name] = candidates[strongest].mechanism
+    return best
+
+
+def evaluate_steps(split: Split, base: Evaluation, diagnosis: Diagnosis) -> list[Evaluation]:
+    """Evaluate the base and one further model for each effect, in the order they were named."""
+    steps = [base]
+    effects = [effect.candidate for effect in diagnosis.effects]
+    names = base.names
+    for count, effect in enumerate(effects, 1):
+        names = (*names, effect.label)
+        model = extend_model(diagnosis.base, effects[:count])
+        fitted = None
+        if count == len(effects) and not is_subsampled(diagnosis, split):
+            fitted = diagnosis.fit
+        step = evaluate(split, model, names, fitted, start=steps[-1].fit)
+        steps.append(step)
+    return steps
+
+
+def evaluate_ladder(
+    study: Study,
+    split: Split,
+    registry: Registry,
+    steps: Sequence[Evaluation],
+    constants: Mapping[str, Mechanism],
+) -> list[Evaluation]:
+    """Evaluate the models of the ladder: the nominal arm, the study's own models, the steps.
+
+    The study's own models are those of its `model.ladder`, else the base. The chosen model is the
+    last step, or the base where nothing may extend it. It comes last, and no other model of the
+    ladder equals it, unless the nominal one does.
+    """
+    base = steps[0]
+    problem = split.problem
+    nominal = evaluate(split, build_model(study, problem, registry, ()), NOMINAL)
+    ladder = [nominal]
+    for names in study.model.ladder or [list(base.names)]:
+        if tuple(names) == base.names:
+            ladder.append(base)
+        else:
+            model = build_model(study, problem, registry, names, constants)
+            ladder.append(evaluate(split, model, names))
+
+    usable_steps = steps if extends_base(study) else steps[:1]
+    present = [_identify(evaluation) for evaluation in ladder]
+    ladder += [step for step in usable_steps if _identify(step) not in present]
+
+    chosen = usable_steps[-1]
+    others = [model for model in ladder[1:] if _identify(model) != _identify(chosen)]
+    return [nominal, *others, chosen]
+
+
+def _identify(
+    evaluation: Evaluation,
+) -> tuple[tuple[str, ...], frozenset[tuple[Screw, ...]]]:
+    """Return what makes two models of a ladder the same: their names and what these stand for."""
+    screws = frozenset(term.screws for term in evaluation.fit.terms)
+    return evaluation.names, screws
+
+
+def exclude_held_out_outliers(split: Split, ladder: Sequence[Evaluation]) -> Split:
+    """Mark the held-out rows that are outliers in every model of a ladder but the nominal one.
+
+    The rule is fixed on the estimation rows: beyond GROSS robust standard deviations of their
+    residuals.
+    """
+    problem = split.problem
+    used = split.used
+    measured = None if problem.measured is None else problem.measured[used]
+    far = ~split.estimation
+    for evaluation in ladder[1:]:
+        residual = whitened(problem, evaluation.residual)
+        reference = residual[used]
+        far = far & find_far_rows(residual, reference, GROSS_THRESHOLD, measured)
+    outlying = np.asarray(split.outlying | far)
+    return replace(split, outlying=outlying)
+
+
+def remeasure(evaluation: Evaluation, split: Split) -> Evaluation:
+    """Return an evaluation with its errors computed again without the split's outlying rows."""
+    residual = evaluation.residual
+    estimation, outlying = split.estimation, split.outlying
+    held_out = ~estimation
+    return replace(
+        evaluation,
+        estimation=summarise_errors(residual[estimation], outlying[estimation]),
+        held_out=summarise_errors(residual[held_out], outlying[held_out]),
+    )

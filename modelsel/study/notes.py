@@ -1,0 +1,113 @@
+"""Collect the warnings of a finished analysis, in the order in which they are reported."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..config.study_file import Study
+from ..diagnosis.outcome import Diagnosis
+from ..diagnosis.unexplained import count_rows_seen, is_subsampled
+from ..fitting.noise import Floor
+from ..notices import Note
+from ..results.cautions import restriction_notes
+from ..results.finding_notes import (
+    opposed_finding_notes,
+    partial_map_notes,
+    surprise_notes,
+    uneven_noise_notes,
+)
+from ..results.finding_records import Finding
+from ..results.goodness_of_fit import lack_of_fit_notes, measure_lack_of_fit
+from ..selection.comparison import SubsetComparison
+from ..selection.evaluation import Evaluation, Split
+from .model_ladder import searches_cells
+from .stated_noise import check_stated_orientation_noise
+
+
+def collect_diagnosis_notes(
+    study: Study, split: Split, diagnosis: Diagnosis, noise_notes: Sequence[Note]
+) -> list[Note]:
+    """Return the warnings on what was searched, and on the noise that the search assumed.
+
+    `noise_notes` are those of `check_stated_noise`.
+    """
+    notes: list[Note] = []
+    if is_subsampled(diagnosis, split):
+        notes.append(
+            Note(
+                "scan-of-some",
+                f"The search for causes used {count_rows_seen(diagnosis, split)} of the "
+                f"{int(split.used.sum())} estimation rows, drawn by the seed; all fits, errors and "
+                "gains use all rows.",
+            )
+        )
+    notes += restriction_notes(study.model.candidates)
+    notes += noise_notes
+    notes += check_stated_orientation_noise(split, diagnosis.fit)
+    notes += uneven_noise_notes(diagnosis)
+    if searches_cells(study):
+        notes += partial_map_notes(split.problem)
+    return notes
+
+
+def collect_comparison_notes(comparison: SubsetComparison | None, chosen: Evaluation) -> list[Note]:
+    """Return whether the table of subsets chooses another model, and whether its best is proven."""
+    if comparison is None:
+        return []
+    notes: list[Note] = []
+    if set(comparison.choice) != set(chosen.names):
+        notes.append(
+            Note(
+                "table-differs",
+                "The one-standard-error choice of the table of subsets is "
+                f"{' + '.join(comparison.choice)}; the chosen model follows what was named.",
+            )
+        )
+    certified = comparison.certified
+    if certified is not None and not certified.proven:
+        notes.append(
+            Note(
+                "search-unproven",
+                f"The best of 2^{len(comparison.considered)} subsets of the candidates by BIC is "
+                f"not proven: another may have a BIC up to {certified.gap:.3g} lower.",
+            )
+        )
+    return notes
+
+
+def collect_held_out_notes(
+    split: Split, chosen: Evaluation, findings: Sequence[Finding]
+) -> list[Note]:
+    """Return the warnings on findings and on a model that held-out rows speak against."""
+    return [*opposed_finding_notes(findings), *surprise_notes(split, chosen)]
+
+
+def collect_fit_notes(
+    split: Split, ladder: Sequence[Evaluation], known_floor: Floor | None, floor_doubted: bool
+) -> list[Note]:
+    """Return the warnings on lack of fit and on models that could not be cross-validated.
+
+    `known_floor`: None where it is estimated; `floor_doubted`: whether another warning says already
+    how far the floor is from what is left.
+    """
+    notes: list[Note] = []
+    if not floor_doubted:
+        stated = known_floor is not None and bool(np.isinf(known_floor.freedom))
+        notes += lack_of_fit_notes(measure_lack_of_fit(ladder[-1], known_floor, split), stated)
+    unvalidated = [
+        " + ".join(evaluation.names)
+        for evaluation in ladder
+        if evaluation.cv_rms_mm is None or not np.isfinite(evaluation.cv_rms_mm)
+    ]
+    if unvalidated:
+        notes.append(
+            Note(
+                "cv-not-estimable",
+                f"No cross-validation of {', '.join(unvalidated)}: without one of the folds the "
+                "data do not determine it, and its cv_rms_mm is null. More folds or configurations "
+                "are needed.",
+            )
+        )
+    return notes

@@ -1,0 +1,202 @@
+"""Choose the rows that estimate, and leave out the held-out rows that nothing can be said about."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._random import generator
+from .._typing import Array, Index
+from ..config.study_file import SplitTable, Study
+from ..exceptions import StudyError, sentence_list
+from ..measurements.features import KINDS
+from ..measurements.measurements import Measurements
+from ..notices import Note
+from ..selection.splits import split_configurations
+from ..setup.feature_positions import find_unmeasured_features
+
+Mask = NDArray[np.bool_]
+
+SMALL_FILE = 30  # configurations, below which all of them estimate by default
+MIN_ESTIMATION = 20  # configurations that estimate by default in a larger file
+ESTIMATION_SHARE = 0.4  # of the configurations, where that is more
+
+
+def choose_estimation_rows(
+    study: Study,
+    data: Measurements,
+    labels: NDArray[np.object_] | None,
+    prismatic: tuple[bool, ...],
+) -> Mask:
+    """Return the mask (m,) of the estimation rows: by the column's labels, else D-optimal.
+
+    Raises StudyError where the split cannot be made.
+    """
+    if study.split.column is not None and labels is not None:
+        return _split_by_labels(study.split, data, labels)
+    configurations = data.configurations
+    wanted = study.split.estimation
+    if wanted is None and configurations < SMALL_FILE:
+        wanted = configurations
+    elif wanted is None:
+        wanted = max(MIN_ESTIMATION, round(ESTIMATION_SHARE * configurations))
+    if wanted > configurations:
+        raise StudyError(
+            f"split.estimation = {wanted}, but the file has {configurations} configurations: "
+            "ask for fewer."
+        )
+    return split_configurations(data, wanted, prismatic, generator(study.seed, "split"))
+
+
+def _split_by_labels(table: SplitTable, data: Measurements, labels: NDArray[np.object_]) -> Mask:
+    held_out = labels == table.held_out
+    if table.held_out == "held-out":
+        _check_labels(table, labels[~held_out])
+    if held_out.all():
+        raise StudyError(
+            f'split.column: every row of column {table.column} is "{table.held_out}": '
+            "nothing is left for estimation."
+        )
+    torn = np.intersect1d(data.block[held_out], data.block[~held_out])
+    if len(torn):
+        first = np.flatnonzero(data.block == torn[0])[0]
+        place = data.where.named(int(data.row[first]))
+        raise StudyError(
+            "split.column: equal joint readings are on both sides of the split "
+            f"({place}, for example): held-out configurations must not have been seen."
+        )
+    return np.asarray(~held_out)
+
+
+def _check_labels(table: SplitTable, labels: NDArray[np.object_]) -> None:
+    """Check that labels other than "held-out" are "estimation". Raises StudyError."""
+    unknown = sorted({str(label) for label in labels} - {"estimation"})
+    if unknown:
+        raise StudyError(
+            f'split.column: column {table.column} holds "{unknown[0]}"; expected "estimation" or '
+            f'"held-out" (or name the held-out value: held_out = "{unknown[0]}").'
+        )
+
+
+def center_unknown_times(data: Measurements, estimation: Mask) -> tuple[Measurements, list[Note]]:
+    """Place groups without an estimation row at the middle of the estimated campaign.
+
+    A drift must not be extrapolated to them. The progress of the other rows runs from 0 to 1 over
+    the estimation rows. Unchanged where every group has an estimation row.
+    """
+    estimated_groups = data.group[estimation]
+    unknown = ~np.isin(data.group, estimated_groups)
+    if not unknown.any():
+        return data, []
+    estimated = data.progress[estimation]
+    gauges = data.gauges
+    if gauges is not None and gauges.origin is not None:
+        origin_unknown = ~np.isin(gauges.origin.group, estimated_groups)
+        gauges = replace(gauges, origin=_rescale(gauges.origin, estimated, origin_unknown))
+    names = ", ".join(data.groups[g] for g in np.unique(data.group[unknown]))
+    note = Note(
+        "other-session",
+        f"No estimation configuration belongs to {names}: the model does not know when in the "
+        "campaign that was measured, and assumes the drift of the campaign's middle there.",
+    )
+    return replace(_rescale(data, estimated, unknown), gauges=gauges), [note]
+
+
+def _rescale(data: Measurements, estimated: Array, unknown: Mask) -> Measurements:
+    """Scale progress to 0 … 1 over the `estimated` values; set it to the middle where unknown."""
+    start = estimated.min()
+    span = max(float(np.ptp(estimated)), 1e-12)
+    progress = (data.progress - start) / span
+    progress[unknown] = 0.5
+    return replace(data, progress=progress)
+
+
+def drop_unknown_targets(
+    data: Measurements, estimation: Mask
+) -> tuple[Measurements, Mask, list[Note]]:
+    """Leave out held-out rows of targets that no estimation row measures.
+
+    Needed where the targets' positions are found by registration from the estimation rows.
+    """
+    origin = None if data.gauges is None else data.gauges.origin
+    measured = data.target[estimation]
+    if origin is not None:
+        measured = np.concatenate([measured, origin.target[estimation]])
+    known = np.unique(measured)
+    dropped = ~np.isin(data.target, known)
+    if not dropped.any():
+        return data, estimation, []
+    names = [f'"{data.targets[k]}"' for k in np.unique(data.target[dropped])]
+    note = Note(
+        "target-unseen",
+        f"{int(dropped.sum())} held-out rows are left out: no estimation row measures target "
+        f"{sentence_list(names)}, and its position is found from estimation rows. Let some of its "
+        "configurations estimate, or give [robot.tools_mm] without register.",
+    )
+    kept = _renumber_targets(data.take(~dropped), known)
+    if origin is not None and kept.gauges is not None:
+        kept_origin = _renumber_targets(origin.take(~dropped), known)
+        kept = replace(kept, gauges=replace(kept.gauges, origin=kept_origin))
+    return kept, estimation[~dropped], [note]
+
+
+def _renumber_targets(data: Measurements, known: Index) -> Measurements:
+    """Number targets by their place among the `known` ones."""
+    names = tuple(data.targets[k] for k in known)
+    target = np.searchsorted(known, data.target)
+    return replace(data, target=target, targets=names)
+
+
+def drop_unknown_features(
+    data: Measurements, estimation: Mask
+) -> tuple[Measurements, Mask, list[Note]]:
+    """Leave out held-out rows of features that neither the study nor an estimation row gives."""
+    gauges = data.gauges
+    if gauges is None:
+        return data, estimation, []
+    unknown = find_unmeasured_features(data, estimation)
+    dropped = np.isin(gauges.feature, unknown)
+    if not dropped.any():
+        return data, estimation, []
+    names = ", ".join(gauges.features[k].name for k in unknown)
+    note = Note(
+        "feature-unseen",
+        f"{int(dropped.sum())} held-out rows are left out: no estimation row measures {names}, and "
+        "its position has to be found from estimation rows.",
+    )
+    return data.take(~dropped), estimation[~dropped], [note]
+
+
+def check_features_in_one_group(data: Measurements) -> None:
+    """Check that no feature is measured by trackers of several groups. Raises StudyError."""
+    gauges = data.gauges
+    if gauges is None:
+        return
+    for k, feature in enumerate(gauges.features):
+        rows = gauges.feature == k
+        groups = data.group[rows]
+        if gauges.origin is not None:
+            groups = np.concatenate([groups, gauges.origin.group[rows]])
+        if len(np.unique(groups)) > 1:
+            raise StudyError(
+                f'robot.register = "per group": feature "{feature.name}" is in several groups, '
+                "whose trackers are at different places; give it a name in each."
+            )
+
+
+def warn_of_equal_weights(data: Measurements) -> list[Note]:
+    """Return a note where rows of several kinds are weighted equally."""
+    if data.gauges is None or data.sigma is not None:
+        return []
+    kinds = [KINDS[k] for k in np.unique(data.gauges.kind)]
+    if len(kinds) < 2 or {"x", "y", "z"} >= set(kinds):
+        return []
+    return [
+        Note(
+            "kinds-alike",
+            f"Rows of different kinds ({', '.join(kinds)}) have the same weight: a column s_mm "
+            "would give the standard uncertainty of each.",
+        )
+    ]

@@ -1,0 +1,134 @@
+"""Compare stated and measured uncertainties with what a fitted model leaves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._typing import Array
+from ..fitting.design import whitened
+from ..fitting.least_squares import Fit
+from ..fitting.noise import Floor
+from ..fitting.noise_check import Lack, describe_lack, lack, name_likeliest_mistake
+from ..fitting.problem import Problem
+from ..measurements.columns import MIN_UNCERTAINTY
+from ..notices import Note
+from ..selection.evaluation import Split
+from .preparation import POSITION, ROTATION
+
+
+def check_stated_noise(
+    split: Split, floor: Floor | None, fitted: Fit
+) -> tuple[Split, Floor | None, tuple[Note, ...]]:
+    """Check the noise floor against the residuals of a fitted model.
+
+    A floor that cannot be true is dropped (None), to be estimated from the residuals instead. The
+    notes hold what is far off; what is a little off is left to the chosen model's lack-of-fit test.
+    """
+    comparison = _compare_with_floor(split.training(), fitted, floor, POSITION)
+    if floor is None or comparison is None:
+        return split, floor, ()
+    mismatch, left_mm = comparison
+    measured = np.isfinite(floor.freedom)  # by repeats or target pairs
+    if measured:
+        if not mismatch.refuted or mismatch.factor <= 1:
+            return split, floor, ()
+        note = _describe_unlike_floor(floor, mismatch, left_mm)
+        return replace(split, known_sigma=False), None, (note,)
+    if not mismatch.far:
+        return split, floor, ()
+    note = _describe_wrong_statement(split, floor, mismatch, left_mm)
+    if mismatch.refuted:
+        return replace(split, known_sigma=False), None, (note,)
+    return split, floor, (note,)
+
+
+def check_stated_orientation_noise(split: Split, fitted: Fit) -> tuple[Note, ...]:
+    """Check stated uncertainties of orientations against the residuals of a fitted model."""
+    training = split.training()
+    sigma = training.data.sigma_rotation
+    if sigma is None:
+        return ()
+    rms = float(np.sqrt(np.square(sigma).mean()))
+    stated = Floor(rms, "stated")
+    comparison = _compare_with_floor(training, fitted, stated, ROTATION)
+    if comparison is None or not comparison[0].far:
+        return ()
+    mismatch, left_rad = comparison
+    columns = "srx_rad, sry_rad and srz_rad"
+    text = describe_lack(columns, stated.coordinate_mm, left_rad, mismatch, "rad")
+    reason = name_likeliest_mistake(1 / mismatch.factor, columns, "rad")
+    return (Note("stated-uncertainty", f"{text} {reason}"),)
+
+
+def _compare_with_floor(
+    problem: Problem, fitted: Fit, floor: Floor | None, part: slice
+) -> tuple[Lack, float] | None:
+    """Compare a fitted model's residuals with a floor, in the coordinates `part`.
+
+    Returns the test and the root mean square [mm or rad] of one coordinate; None where there is no
+    floor or no degree of freedom. The model's own degrees of freedom are divided among the
+    coordinates.
+    """
+    residual = fitted.residuals(problem)
+    measured = problem.measured
+    if measured is None:
+        measured = np.ones(residual.shape, bool)
+    count, total = int(measured[:, part].sum()), int(measured.sum())
+    used_freedom = fitted.rows - fitted.freedom
+    freedom = count * (1 - used_freedom / total)
+    if floor is None or freedom < 1:
+        return None
+    left = _rms_of_part(residual, measured, part, freedom)
+    factor = left / max(floor.coordinate_mm, MIN_UNCERTAINTY)
+    if np.isinf(floor.freedom):  # stated, row by row
+        weighted = whitened(problem, residual)
+        factor = _rms_of_part(weighted, measured, part, freedom)
+    return lack(floor, factor, freedom), left
+
+
+def _rms_of_part(
+    residual: Array, measured: NDArray[np.bool_], part: slice, freedom: float
+) -> float:
+    squares = np.where(measured, np.square(residual), 0.0)
+    total = squares[:, part].sum()
+    return float(np.sqrt(total / freedom))
+
+
+def _describe_wrong_statement(split: Split, floor: Floor, mismatch: Lack, left_mm: float) -> Note:
+    """Return the note on a floor that the study, its data or the instrument's figures state."""
+    data = split.problem.data
+    if floor.source == "instrument":
+        place = "[noise] range_mm, range_ppm, angle_urad"
+    elif data.sigma is None:
+        place = "[noise] floor_mm"
+    elif data.gauges is not None:
+        place = "s_mm"
+    else:
+        place = "sx_mm, sy_mm, sz_mm"
+    sentences = [
+        describe_lack(place, floor.coordinate_mm, left_mm, mismatch),
+        name_likeliest_mistake(1 / mismatch.factor, place),
+    ]
+    if mismatch.refuted:
+        sentences.append("The figure is not used: what the model leaves takes its place.")
+    return Note("stated-uncertainty", " ".join(sentences))
+
+
+def _describe_unlike_floor(floor: Floor, mismatch: Lack, left_mm: float) -> Note:
+    """Return the note on repeats or target pairs that show far less noise than a model leaves.
+
+    That a model leaves more than they show is usual; so much more is not.
+    """
+    remedy = "Check whether repeated rows were measured again, or copied."
+    if floor.source == "target pairs":
+        remedy = "Check whether the tracking software computes the markers from one rigid body."
+    return Note(
+        "floor-unlike",
+        f"The {floor.source} show a noise of {floor.coordinate_mm:.2g} mm per coordinate, and the "
+        f"model leaves {left_mm:.3g} mm, {mismatch.factor:.3g} times as much: they cannot be the "
+        "noise of the measurement, and the noise floor is estimated from what the model leaves. "
+        f"{remedy}",
+    )
