@@ -127,11 +127,11 @@ def test_an_effect_that_only_held_out_rows_feel(rng) -> None:
     role = np.where(later, "held-out", "estimation").astype(object)
     slip = one("slip", "joint 2 slips", acting(2, "rz", lambda s: later * 0.5e-3), 1.0)
     calm, slipped = (study(body, state, effects, role, rng) for effects in ([], [slip]))
-    assert not slipped.findings
+    assert not slipped.diagnosis.findings
     codes = [{w.code: w.sentence for w in r.warnings} for r in (calm, slipped)]
     assert "held-out-surprise" not in codes[0]
     assert "0.0" in codes[1]["held-out-surprise"]
-    assert slipped.chosen.held_out.rms_mm > 2 * slipped.chosen.estimation.rms_mm
+    assert slipped.models.chosen.held_out.rms_mm > 2 * slipped.models.chosen.estimation.rms_mm
 
 
 def test_an_effect_that_the_geometry_absorbs(rng) -> None:

@@ -103,7 +103,7 @@ def test_a_geometry_is_as_good_as_geometry_alone(form, puma) -> None:
 
 def test_what_carries_everything_is_the_whole_model(puma) -> None:
     for form in ("json", "csv", "python"):
-        assert export(puma[1], form).errors[2:] == (puma[0].chosen.held_out.rms_mm,) * 2
+        assert export(puma[1], form).errors[2:] == (puma[0].models.chosen.held_out.rms_mm,) * 2
         assert not export(puma[1], form).left_out
     assert restrict_to_form(puma[1], "whole") is puma[1]
 
@@ -237,7 +237,7 @@ def test_a_table_needs_nothing_beside_the_nominal_chain() -> None:
 
 
 def test_worse_than_nominal_is_said_first(puma, tmp_path) -> None:
-    record = json.parse_calibration(calibration_text(puma[1]))
+    record = json.loads(calibration_text(puma[1]))
     record["refits"]["alone"]["nominal"]["held_out_rms_mm"] = 1.0
     (tmp_path / "calibration.json").write_text(json.dumps(record))
     words = ["export", str(tmp_path), "--format", "urdf", "--out", str(tmp_path / "a.urdf")]
@@ -270,7 +270,7 @@ def test_without_held_out_rows_the_fitted_ones_are_said(form) -> None:
     ],
 )
 def test_damaged_refits_are_refused(change, says, puma) -> None:
-    record = json.parse_calibration(calibration_text(puma[1]))
+    record = json.loads(calibration_text(puma[1]))
     change(record["refits"])
     with pytest.raises(StudyError, match=says):
         parse_calibration(json.dumps(record))
