@@ -55,7 +55,8 @@ ALLOWED = {
     ("fleet_file", "pydantic"),
     ("_records", "pydantic"),
     ("schema", "pydantic"),
-    ("calibration_schema", "pydantic"),
+    ("finding_schema", "pydantic"),
+    ("details_schema", "pydantic"),
     ("serialization", "pydantic"),
 }  # a file is its schema, imported to read one
 # What a reader must hold at once. Lines alone say little: they can be made longer.

@@ -29,11 +29,12 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import mechanism
-from modelsel.results.storage import WRITES, load_result
+from modelsel.results.storage import WRITES
 from modelsel.robot.files import load
 from modelsel.selection.streaming import Parts, fit_parts, list_parts
 from modelsel.study import fleet_runner as fleets
 from modelsel.study.fleet_runner import FleetOptions, cluster, run_fleet, save_summary
+from modelsel.study.result import load_result
 from modelsel.study.runner import run_study
 
 TOOL = (40.0, -25.0, 100.0)

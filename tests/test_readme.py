@@ -26,7 +26,7 @@ from modelsel.exceptions import StudyError
 from modelsel.fitting.design import compute_design, residuals
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import BUILTIN, build_mechanisms, with_plugins
-from modelsel.report.terminal import show
+from modelsel.report.terminal import show_study
 from modelsel.robot.files import load
 
 ROOT = Path(__file__).parents[1]
@@ -62,7 +62,7 @@ def excerpt(result: modelsel.Result) -> str:
     from rich.console import Console
 
     stream = io.StringIO()
-    show(result, Console(file=stream, width=10_000))
+    show_study(result.record, result.details, Console(file=stream, width=10_000))
     lines = [line for line in stream.getvalue().splitlines() if line.startswith(EXCERPT)]
     return (
         "\n".join(
