@@ -37,12 +37,6 @@ if (
     from .mechanisms.terms import Mechanism as Mechanism
     from .mechanisms.terms import Screw as Screw
     from .mechanisms.terms import Term as Term
-    from .report.drawing import report as report
-    from .results.result import Result as Result
-    from .results.storage import StoredResult as StoredResult
-    from .results.storage import calibration_of as calibration_of
-    from .results.storage import load_result as load_result
-    from .results.storage import save as save
     from .robot.files import builtin_names as builtin_names
     from .robot.files import load as load
     from .robot.files import read_robot as read_robot
@@ -53,6 +47,8 @@ if (
     from .selection.splits import split_configurations as split_configurations
     from .study.planning import MeasurementPlan as MeasurementPlan
     from .study.planning import plan_next as plan_next
+    from .study.result import Result as Result
+    from .study.result import load_result as load_result
     from .study.runner import rehearse_study as rehearse_study
     from .study.runner import run_study as run_study
     from .study.simulation import simulate_study as simulate_study
@@ -75,14 +71,12 @@ _NAMES = {
     "mechanisms.causes": "Cause",
     "mechanisms.registry": "BUILTIN PerJoint every mechanism with_plugins",
     "mechanisms.terms": "Mechanism Screw Term",
-    "report.drawing": "report",
-    "results.result": "Result",
-    "results.storage": "StoredResult calibration_of load_result save",
     "robot.files": "builtin_names load read_robot",
     "robot.kinematics": "Robot forward screw_field",
     "selection.evaluation": "estimate_gain",
     "selection.splits": "split_configurations",
     "study.planning": "MeasurementPlan plan_next",
+    "study.result": "Result load_result",
     "study.runner": "rehearse_study run_study",
     "study.simulation": "simulate_study",
 }
