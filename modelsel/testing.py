@@ -49,8 +49,8 @@ def require(holds: object, what: str) -> None:
 def simulate_campaign(
     robot: Robot, rng: np.random.Generator, m: int, needs: frozenset[str] = frozenset()
 ) -> Problem:
-    """Simulate m configurations within the limits, measured where the nominal robot has a target off
-    its last axis, with every known covariate and those that are needed."""
+    """Simulate m configurations within the limits, measured where the nominal robot has a target
+    off its last axis, with every known covariate and those that are needed."""
     q = robot.draw(rng, m)
     tool = np.array(TOOL_MM)
     covariates: dict[str, Array] = {
@@ -170,7 +170,7 @@ def exact_residuals(at: Problem, terms: Sequence[Term], thetas: Array) -> Array:
 
 
 def list_reach(term: Term, at: Problem) -> list[tuple[str, float]]:
-    """(axis, largest size of the cause) of every screw."""
+    """List the axis and the largest size of the cause of every screw."""
     reach = []
     for screw in term.screws:
         cause = screw.cause.of(at)

@@ -213,8 +213,8 @@ class Calibration:
         return np.tile(identity, (count, 1, 1))
 
     def to_frame(self) -> pd.DataFrame:
-        """Tabulate the terms: mechanism, symbol, screws, estimate, standard error, unit, and whether
-        the data determine it."""
+        """Tabulate the terms: mechanism, symbol, screws, estimate, standard error, unit, and
+        whether the data determine it."""
         import pandas as pd
 
         owner = {t.key: m.name for m in reversed(self.model.mechanisms) for t in m.terms}

@@ -84,7 +84,7 @@ class Commands:
         )
 
     def figures(self) -> dict[str, Array]:
-        """What is expected of every row, by the names of a table's columns."""
+        """Return what is expected of every row, by the names of a table's columns."""
         out = {
             "error_before_mm": self.before_mm,
             "error_left_mm": self.left_mm,

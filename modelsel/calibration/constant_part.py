@@ -50,7 +50,8 @@ class ConstantChain:
 
 
 def resolve_form(c: Calibration, form: str) -> str:
-    """ "whole" where a form ("geometry", "table", "whole") carries all terms, else the form."""
+    """Return "whole" where a form ("geometry", "table", "whole") carries all terms, else the
+    form."""
     carries = select_carried(c.model, form)
     if all(map(carries, c.terms)):
         return "whole"

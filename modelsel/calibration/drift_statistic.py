@@ -27,8 +27,8 @@ class ResidualTest:
         return float(ratio)
 
     def p(self, freedom: float) -> float:
-        """Probability of a larger T under no change: χ², or F where the noise has a finite
-        `freedom`."""
+        """Return the probability of a larger T under no change: χ², or F where the noise has a
+        finite `freedom`."""
         from scipy.special import fdtrc
 
         if not np.isfinite(freedom):

@@ -51,7 +51,7 @@ class Pool:
     configurations: int  # known ones
 
     def of(self, some: Sequence[Term]) -> list[int]:
-        """Columns of some terms; features of the set-up have none."""
+        """Return the columns of some terms; features of the set-up have none."""
         place = {term.key: column for column, term in enumerate(self.terms)}
         columns = dict[int, None]()
         for term in some:
@@ -65,8 +65,8 @@ class Pool:
 def build_pool(
     known: Problem, possible: Problem, terms: Sequence[Term], at: Linearisation, sigma: float
 ) -> Pool:
-    """Columns of the known rows and of every configuration of the possible ones, linearised at the
-    fitted model; what the known rows say of features they share is projected out. Raises DataError
+    """Linearise the known rows and every configuration of the possible ones at the fitted model;
+    what the known rows say of features they share is projected out. Raises DataError
     where configurations have different numbers of rows."""
     distinct = tuple({t.key: t for t in terms if not t.fixture}.values())
     features = tuple({t.key: t for t in terms if t.fixture}.values())
@@ -125,26 +125,26 @@ class _Pair:
         self.base = [columns.index(k) for k in base]
 
     def add_all(self) -> None:
-        """With the whole pool measured."""
+        """Add the whole pool to what is measured."""
         self.G = self.G + np.einsum("pri,prj->ij", self.A, self.A)
         self.b = self.b + np.einsum("pri,pr->i", self.A, self.y)
         self.total += float(np.square(self.y).sum())
 
     def add(self, k: int) -> None:
-        """With a configuration of the pool measured."""
+        """Add a configuration of the pool to what is measured."""
         self.G = self.G + self.A[k].T @ self.A[k]
         self.b = self.b + self.A[k].T @ self.y[k]
         self.total += float(self.y[k] @ self.y[k])
 
     def left(self, columns: Sequence[int] | slice) -> float:
-        """χ² of the true displacement that some columns cannot follow."""
+        """Return the χ² of the true displacement that some columns cannot follow."""
         inner = self.G[columns][:, columns]
         return max(
             self.total - float(self.b[columns] @ np.linalg.solve(inner, self.b[columns])), 0.0
         )
 
     def told(self) -> float:
-        """Probability that the true one is named, now."""
+        """Return the probability that the true rival is named with what is measured now."""
         size = self.left(self.base)
         left = self.left(slice(None))
         probability = _naming_probability(
@@ -154,7 +154,7 @@ class _Pair:
         return float(probability)
 
     def with_each(self) -> tuple[Array, Array]:
-        """(P,) the same with each configuration of the pool added, and Δ there."""
+        """Return that probability (P,) and Δ (P,) with each configuration of the pool added."""
         out = []
         for columns in (self.base, list(range(len(self.b)))):
             inner = np.linalg.inv(self.G[np.ix_(columns, columns)])
@@ -180,8 +180,10 @@ def _naming_probability(size: Array, left: Array) -> Array:
 
 
 def merge_indistinct(p: Pool, rivals: Rivals) -> tuple[Rivals | None, tuple[str, ...]]:
-    """(the rivals without those that the whole pool would not tell from a more probable one, whose
-    probability goes to that one; None where one is left; their names)."""
+    """Merge rivals that the whole pool would not tell from a more probable one.
+
+    Returns the rivals left, with the probabilities summed (None where one is left), and which were
+    merged."""
     kept = list[int]()
     twins = list[str]()
     weight = rivals.probability.copy()
@@ -211,15 +213,12 @@ def merge_indistinct(p: Pool, rivals: Rivals) -> tuple[Rivals | None, tuple[str,
 
 
 def _build_pairs(p: Pool, sets: Sequence[Rivals]) -> list[tuple[float, list[_Pair]]]:
-    """(weight, pairs against every other) of every rival as the true one."""
-    pairs = []
-    for rivals in sets:
-        count = len(rivals.names)
-        for i, weight in enumerate(rivals.probability.tolist()):
-            others = [j for j in range(count) if j != i]
-            against = [_Pair(p, rivals, i, j) for j in others]
-            pairs.append((weight, against))
-    return pairs
+    """Pair every rival, as the true one with its probability, with every other of its effect."""
+    return [
+        (float(r.probability[i]), [_Pair(p, r, i, j) for j in range(len(r.names)) if j != i])
+        for r in sets
+        for i in range(len(r.names))
+    ]
 
 
 def _mean_naming_probability(pairs: list[tuple[float, list[_Pair]]], sets: int) -> float:
@@ -231,8 +230,10 @@ def _mean_naming_probability(pairs: list[tuple[float, list[_Pair]]], sets: int) 
 
 
 def choose_for_rivals(p: Pool, sets: Sequence[Rivals], count: int) -> tuple[list[int], list[float]]:
-    """(configurations of the pool in the order to measure them, probability that the true rival is
-    told from its nearest before the first and after each). Greedy: each raises that probability
+    """Choose the configurations that tell rivals apart, in the order to measure them.
+
+    Returns them with the probability that the true rival is told from its nearest, before the first
+    and after each. Greedy: each raises that probability
     most; exchanging them afterwards gained nothing."""
     pairs = _build_pairs(p, sets)
     chosen: list[int] = []
@@ -250,7 +251,7 @@ def choose_for_rivals(p: Pool, sets: Sequence[Rivals], count: int) -> tuple[list
 
 
 def _choose_next(pairs: list[tuple[float, list[_Pair]]], blocked: Sequence[int]) -> int:
-    """The configuration that tells best, beside what is in the pairs already."""
+    """Choose the configuration that tells rivals best, beside what is in the pairs already."""
     value: Array = np.zeros(1)
     for weight, against in pairs:
         probabilities, distances = [], []
@@ -263,15 +264,13 @@ def _choose_next(pairs: list[tuple[float, list[_Pair]]], blocked: Sequence[int])
         # the farther apart, where all are sure
         preference = 1e-3 * np.tanh(apart / 1e3)
         value = value + weight * (right + preference)
-    blocked_places = list(blocked)
-    value[blocked_places] = -np.inf
-    best = np.argmax(value)
-    return int(best)
+    value[list(blocked)] = -np.inf
+    return int(np.argmax(value))
 
 
 def compute_naming_probability(p: Pool, sets: Sequence[Rivals], some: Sequence[int]) -> float:
-    """Probability that the true rival is told from its nearest with these configurations
-    measured."""
+    """Compute the probability that the true rival is told from its nearest, with some
+    configurations of the pool measured."""
     pairs = _build_pairs(p, sets)
     for _, against in pairs:
         for pair in against:
@@ -309,8 +308,9 @@ def _indices(information: Array, configurations: int) -> dict[str, Array]:
 
 
 def scale_columns(p: Pool, some: Sequence[Term]) -> tuple[Array, Array]:
-    """(known information (k, k), columns of the pool (P, r, k)): every term in units of what moves
-    the target by 1 mm rms over the pool, so that mm and rad compare; in units of the noise."""
+    """Return the known information (k, k) and the pool's columns (P, r, k): every term in units of
+    what moves the target by 1 mm rms over the pool, so that mm and rad compare; in units of the
+    noise."""
     columns = p.of(some)
     size = np.sqrt(np.square(p.possible[:, :, columns]).sum(1).mean(0))
     X = p.possible[:, :, columns] / np.maximum(size, 1e-12) / p.sigma
@@ -319,7 +319,7 @@ def scale_columns(p: Pool, some: Sequence[Term]) -> tuple[Array, Array]:
 
 
 def compute_indices(p: Pool, some: Sequence[Term], rows: Sequence[int]) -> dict[str, float]:
-    """Every criterion with some configurations of the pool measured beside the known ones."""
+    """Compute every criterion with configurations of the pool measured beside the known ones."""
     information, X = scale_columns(p, some)
     configurations = list(rows)
     count = len(information)
@@ -336,8 +336,8 @@ def compute_indices(p: Pool, some: Sequence[Term], rows: Sequence[int]) -> dict[
 
 
 def choose_for_parameters(p: Pool, some: Sequence[Term], count: int, criterion: str) -> list[int]:
-    """Configurations of the pool in the order to measure them: greedy, then each exchanged once for
-    a better one, where there is one (Fedorov 1972)."""
+    """Choose the configurations that determine parameters best, in the order to measure them:
+    greedy, then each exchanged once for a better one, where there is one (Fedorov 1972)."""
     information, X = scale_columns(p, some)
     gains = X.transpose(0, 2, 1) @ X
     known = p.configurations
@@ -352,8 +352,7 @@ def choose_for_parameters(p: Pool, some: Sequence[Term], count: int, criterion: 
             configurations,
         )
         value[list(blocked)] = -np.inf
-        place = np.argmax(value)
-        return int(place)
+        return int(np.argmax(value))
 
     chosen: list[int] = []
     inner = information
@@ -372,7 +371,7 @@ def choose_for_parameters(p: Pool, some: Sequence[Term], count: int, criterion: 
 def _evaluate_additions(
     inner: Array, X: Array, gains: Array, criterion: str, configurations: int
 ) -> Array:
-    """(P,) the criterion with each configuration added; D and A by the matrix determinant lemma."""
+    """Evaluate the criterion (P,) with each configuration added; D and A by the determinant lemma."""
     if criterion in ("d", "o1", "a"):
         C = np.linalg.inv(inner)
         XC = X @ C
@@ -391,8 +390,9 @@ def _evaluate_additions(
 
 
 def count_more_needed(limit_mm: float, configurations: int, size_mm: float) -> int:
-    """Further configurations until an effect of a size (rms mm at the target, beyond the model) is
-    found with 90 %: the limit falls with the square root of the number of configurations."""
+    """Count the configurations still needed until an effect of a size (rms mm at the target, beyond
+    the model) is found with 90 %: the limit falls with the square root of the number of
+    configurations."""
     ratio = limit_mm / size_mm
     needed = configurations * ratio**2
     total = int(np.ceil(needed))

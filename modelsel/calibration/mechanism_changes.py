@@ -89,7 +89,7 @@ class Motions:
         return project_out(X, basis)
 
     def named(self, k: int) -> dict[str, list[int]]:
-        """The mechanisms of campaign k (0 or 1) but the geometry: places of their terms."""
+        """Return the mechanisms of campaign k (0 or 1) but the geometry: places of their terms."""
         place = dict[Hashable, int]()
         for column, term in enumerate(self.terms):
             place.setdefault(term.key, column)
@@ -103,15 +103,15 @@ class Motions:
         return named
 
     def whole(self, k: int, own: list[int]) -> Array:
-        """(3 m,) the motion by the terms `own` in campaign k."""
+        """Return the motion (3 m,) by the terms `own` in campaign k."""
         columns = self.X[:, :, own]
         estimates = self.theta[k, own]
         motion = columns @ estimates
         return np.asarray(motion).ravel()
 
     def size(self, k: int, own: list[int], along: Array) -> tuple[float, float]:
-        """(rms size, its standard error) [mm] along a direction (3 m,) of what the terms do beyond
-        the geometry."""
+        """Return the rms size and its standard error [mm] along a direction (3 m,) of what the
+        terms do beyond the geometry."""
         columns = self.beyond[:, own]
         estimates = self.theta[k, own]
         direction = _unit(along)
@@ -123,7 +123,7 @@ class Motions:
         return float(size), float(error)
 
     def motion(self, k: int, own: list[int]) -> Array:
-        """(3 m,) what the terms do beyond the geometry."""
+        """Return the motion (3 m,) by the terms beyond the geometry."""
         columns = self.beyond[:, own]
         estimates = self.theta[k, own]
         motion = columns @ estimates

@@ -66,8 +66,8 @@ class Refits:
         return nominal.terms == carried.terms
 
     def errors(self, form: str) -> tuple[str, float, float, float] | None:
-        """(which rows, rms [mm] of the nominal arm, of what is carried ("whole": everything), of
-        the whole model); None where one of them is not known."""
+        """Return which rows, and the rms [mm] of the nominal arm, of what is carried ("whole":
+        everything), of the whole model; None where one of them is not known."""
         held_out = {}
         estimation = {}
         for name, refit in self.alone.items():
@@ -107,7 +107,7 @@ def is_tabled(term: Term) -> bool:
 
 
 def select_carried(model: Model, form: str) -> Callable[[Term], bool]:
-    """Whether "nominal", "geometry", "table" or "whole" carries a term of a model."""
+    """Select what a form carries: whether "nominal", "geometry", "table" or "whole" has a term."""
     setting = set[Hashable]()
     for mechanism in model.mechanisms:
         if mechanism.name == SETUP:
@@ -122,7 +122,7 @@ def select_carried(model: Model, form: str) -> Callable[[Term], bool]:
 
 
 def part_of(model: Model, keep: Callable[[Term], bool]) -> Model:
-    """A model of some of its terms, in the same order."""
+    """Return a model of some of its terms, in the same order."""
     mechanisms = []
     for mechanism in model.mechanisms:
         terms = tuple(filter(keep, mechanism.terms))
@@ -133,8 +133,8 @@ def part_of(model: Model, keep: Callable[[Term], bool]) -> Model:
 
 
 def refit_forms(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> Refits:
-    """The refits of a model that was fitted to a study's rows; models that stand among the `known`
-    are not fitted again."""
+    """Refit a model that was fitted to a study's rows, for every form; models that stand among the
+    `known` are not fitted again."""
     of_arm = [term for term in fitted.terms if not term.fixture]
     place = {term.key: k for k, term in enumerate(of_arm)}
     own = dict[frozenset[Hashable], Evaluation]()
@@ -198,7 +198,7 @@ def _cross_validation_error(made: Evaluation) -> float:
 
 
 def refits_record(refits: Refits, symbols: Sequence[str]) -> dict[str, Any]:
-    """As JSON values; `symbols` of the calibration's terms."""
+    """Return refits as JSON values; `symbols` of the calibration's terms."""
     return {
         "says": "terms that a form can carry, fitted without the others; rms lengths of what is left",
         "whole": {"estimation_rms_mm": refits.whole[0], "held_out_rms_mm": refits.whole[1]},

@@ -115,8 +115,8 @@ def _is_overstated(c: Calibration) -> bool:
 
 
 def _list_doubts(c: Calibration, data: Measurements, residual: Array, found: Lack) -> list[str]:
-    """List what seems mistaken in the uncertainties that the calibration or the data state; `found`:
-    errors over those expected."""
+    """List what seems mistaken in the uncertainties that the calibration or the data state;
+    `found`: errors over those expected."""
     squares = np.square(residual)
     left = float(np.sqrt(squares.mean()))
     doubts = []

@@ -114,7 +114,8 @@ def _measure_left_out(c: Calibration, restricted: Calibration, target: int) -> A
 
 
 def to_json(c: Calibration, notes: Sequence[str] = ()) -> Exported:
-    """Constant corrections of every frame and every other screw, with its cause as structure."""
+    """Write the constant corrections of every frame and every other screw, with its cause as
+    structure."""
     record = {
         "schema": 1,
         "kind": "corrections",
@@ -161,8 +162,8 @@ def _parse_json(record: Mapping[str, Any], target: str) -> list[Part]:
 
 
 def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
-    """Every correction: the constant ones, and those of one or two values of the state on a grid to
-    interpolate in."""
+    """Tabulate every correction: the constant ones, and those of one or two values of the state on
+    a grid to interpolate in."""
     constant, varying = split_parts(c)
     at = sample_workspace(c)
     made, over = build_tables(c, varying, at)

@@ -35,8 +35,8 @@ def measure_chain(
     read: Callable[[str, int], Callable[[Array], Array]],
     notes: tuple[str, ...],
 ) -> Exported:
-    """Measured as a chain: `read` gives, of the file's text, the target's position in frame 0 at
-    joint readings."""
+    """Measure an exported chain: `read` gives, of the file's text, the target's position in frame 0
+    at joint readings."""
     worst = 0.0
     for t in range(len(c.targets)):
         at = sample_workspace(c, t)
@@ -56,7 +56,7 @@ def measure_chain(
 
 
 def to_urdf(c: Calibration, notes: Sequence[str] = ()) -> Exported:
-    """The calibrated chain as a URDF: targets on the flange, the tracker on the base."""
+    """Write the calibrated chain as a URDF: targets on the flange, the tracker on the base."""
     made = build_constant_chain(c)
     links = _name_links(c.targets)
     tips = {}
@@ -92,8 +92,8 @@ def to_urdf(c: Calibration, notes: Sequence[str] = ()) -> Exported:
 def _bound_slides(
     robot: Robot, ranges: Mapping[str, tuple[float, float]]
 ) -> tuple[Robot, tuple[str, ...]]:
-    """(the robot, what is to be said): a URDF's slide must have limits; where the robot file has
-    none, those of the readings."""
+    """Give every slide the limits that a URDF wants: where the robot file has none, those of the
+    readings. Returns the robot and the notes on it."""
     bounded = []
     joints = []
     for j, joint in enumerate(robot.joints, 1):
@@ -111,7 +111,7 @@ def _bound_slides(
 
 
 def _name_links(targets: Sequence[str]) -> dict[str, str]:
-    """Target -> the name of its link: its own, unless a link of the arm or another target's has
+    """Name every target's link: as the target, unless a link of the arm or another target's has
     it."""
     out: dict[str, str] = {}
     for name in sorted(

@@ -33,7 +33,7 @@ HEADER = (
 
 
 def to_csv(c: Calibration, notes: Sequence[str] = ()) -> Exported:
-    """A row a screw: place, cause, value. A free function has a row a knot: a cubic B-spline
+    """Write a row a screw: place, cause, value. A free function has a row a knot: a cubic B-spline
     centred there."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
@@ -72,7 +72,7 @@ def _find_bump(cause: Cause) -> Bump | None:
 
 
 def _restore_bump(cause: Cause, bump: Bump) -> Cause:
-    """With the spline back where its name stands."""
+    """Return a cause with the spline back where its name stands."""
     if isinstance(cause, Combined):
         return Combined(
             cause.operator, _restore_bump(cause.left, bump), _restore_bump(cause.right, bump)

@@ -43,7 +43,7 @@ class Exported:
 
 
 def describe_left_out(some: Sequence[Part]) -> tuple[str, ...]:
-    """What a set of screws is, in words, once each mechanism."""
+    """Describe what a form leaves out, once each mechanism."""
     out: dict[str, list[str]] = {}
     for part in some:
         places = out.setdefault(part.mechanism, [])
@@ -60,7 +60,7 @@ def describe_left_out(some: Sequence[Part]) -> tuple[str, ...]:
 
 
 def measure_whole(c: Calibration, text: str, read: Callable[[str, int], list[Part]]) -> Exported:
-    """Measured as screws put back into the nominal chain."""
+    """Measure exported screws, put back into the nominal chain."""
     worst = 0.0
     for t in range(len(c.targets)):
         at = sample_workspace(c, t)

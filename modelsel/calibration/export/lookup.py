@@ -49,9 +49,11 @@ class _State:
 def build_tables(
     c: Calibration, varying: Sequence[Part], at: Problem
 ) -> tuple[list[Table], list[Part]]:
-    """(a table for every axis and set of at most two names, the parts that hang on more). Each
-    covers what was seen of a name, and what the configurations `at` make of it: torques grow beyond
-    what was seen where joints combine anew."""
+    """Build a table for every axis and set of at most two names; return the parts that hang on
+    more.
+
+    Each covers what was seen of a name, and what the configurations `at` make of it: torques grow
+    beyond what was seen where joints combine anew."""
     ranges = {}
     for name, (low, high) in c.ranges.items():
         value = at.value(name)
@@ -95,8 +97,8 @@ def build_tables(
 
 
 def build_constant_tables(entries: Array) -> list[Table]:
-    """A table of no value for every constant correction that is not nought; entries (n+1, 6) mm and
-    rad."""
+    """Build a table of no name for every constant correction that is not zero; entries (n+1, 6) mm
+    and rad."""
     tables = []
     frames, axes = np.nonzero(entries)
     places = zip(frames.tolist(), axes.tolist(), strict=True)
@@ -164,8 +166,8 @@ def _refine_grid(
 
 
 def write_tables(made: Sequence[Table]) -> str:
-    """One CSV: table, frame, axis, name and value of at most two values of the state, correction
-    (mm or rad)."""
+    """Write tables as one CSV: table, frame, axis, name and value of at most two values of the
+    state, correction (mm or rad)."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(["table", "frame", "axis", "name1", "value1", "name2", "value2", "correction"])
@@ -190,8 +192,8 @@ def write_tables(made: Sequence[Table]) -> str:
 
 
 def evaluate_tables(text: str, at: Problem) -> list[tuple[int, str, Array]]:
-    """(frame, axis, correction (m,)) of every table in a file at the rows of a problem, by linear
-    interpolation."""
+    """Evaluate every table of a file at the rows of a problem, by linear interpolation: frame,
+    axis, correction (m,)."""
     own: dict[str, list[dict[str, str]]] = {}
     for row in csv.DictReader(io.StringIO(text)):
         table = row["table"]
@@ -223,7 +225,7 @@ def evaluate_tables(text: str, at: Problem) -> list[tuple[int, str, Array]]:
 
 
 def interpolate(grid: Sequence[Array], values: Array, where: Sequence[Array]) -> Array:
-    """Linear interpolation in one or two values; beyond the grid its edge holds."""
+    """Interpolate linearly in one or two values; beyond the grid its edge holds."""
     lower = []
     share = []
     for points, x in zip(grid, where, strict=True):

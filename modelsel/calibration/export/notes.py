@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 
 def list_notes(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:
-    """Of a file that carries the "geometry", the "table" or the "whole" of a calibration, as a
-    `geometry` or as corrections."""
+    """List the notes on a file that carries the "geometry", the "table" or the "whole" of a
+    calibration, as a `geometry` or as corrections."""
     out = []
     accuracy = describe_accuracy(c, what)
     if accuracy:
@@ -44,8 +44,8 @@ def list_notes(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:
 
 
 def describe_accuracy(c: Calibration, what: str) -> str:
-    """How good the file is, beside the whole model and the nominal arm; empty where that is not
-    known."""
+    """Describe how good the file is, beside the whole model and the nominal arm; empty where that
+    is not known."""
     if c.refits is None:
         return ""
     found = c.refits.errors(what)
@@ -59,7 +59,7 @@ def describe_accuracy(c: Calibration, what: str) -> str:
 
 
 def _describe_origin(c: Calibration, what: str) -> str:
-    """Where the numbers of a file come from."""
+    """Describe where the numbers of a file come from."""
     if what == "whole":
         return "lengths and angles are those of the calibrated geometry"
     if c.refits is None:
@@ -81,7 +81,7 @@ def _describe_origin(c: Calibration, what: str) -> str:
 
 
 def _describe_temperature(c: Calibration, what: str) -> str:
-    """Of which temperature the file is."""
+    """Describe the temperature at which the file holds."""
     keep = select_carried(c.model, what)
     some = [t for t in c.terms if any(TEMPERATURE in s.cause.names() for s in t.screws)]
     if (

@@ -1,5 +1,5 @@
-"""A Python module of a calibration: the program of `exported.py`, which is the same for every arm,
-and data, which are only data.
+"""A Python module of a calibration: the program of `standalone.py`, the same for every arm, and
+data, which are only data.
 
 Names come from files that anyone may have written. They are written as literals, read back as
 literals, and never run here."""
@@ -27,11 +27,11 @@ from .standalone import predict_both
 if TYPE_CHECKING:
     from ..calibration import Calibration
 
-START = "DATA: Data = "  # of the last line of exported.py, and of what a module has in its place
+START = "DATA: Data = "  # of the last line of standalone.py, and of what a module has in its place
 
 
 def load_program() -> str:
-    """The text of exported.py up to its data."""
+    """Load the text of standalone.py up to its data."""
     folder = files(__package__)
     program = folder.joinpath("standalone.py")
     text = program.read_text(encoding="utf-8")
@@ -41,7 +41,7 @@ def load_program() -> str:
 
 
 def write_module(data: dict[str, Any]) -> str:
-    """The module's text: the program, then its data as one literal of plain ASCII, so that no
+    """Write the module's text: the program, then its data as one literal of plain ASCII, so that no
     letter in it changes how the lines are read."""
     literal = pformat(
         data,
@@ -55,7 +55,7 @@ def write_module(data: dict[str, Any]) -> str:
 
 
 def read_module_data(text: str) -> dict[str, Any]:
-    """The data of a module's text, read as a literal. Raises ValueError where the text is another
+    """Read the data of a module's text as a literal. Raises ValueError where the text is another
     program, or its data are no literal."""
     mark = f"\n{START}"
     before, _, literal = text.partition(mark)
@@ -67,7 +67,7 @@ def read_module_data(text: str) -> dict[str, Any]:
 
 
 def cause_tree(cause: Cause) -> Any:
-    """A cause as the nested lists that `exported.cause` reads."""
+    """Write a cause as the nested lists that `evaluate_cause` of standalone.py reads."""
     match cause:
         case Number(number):
             return float(number)
@@ -83,7 +83,7 @@ def cause_tree(cause: Cause) -> Any:
 
 
 def module_data(c: Calibration) -> dict[str, Any]:
-    """The numbers of `exported.DATA`, for the first group."""
+    """Return the numbers of `DATA` in standalone.py, for the first group."""
     R = c.placement[0][0]
     t = c.placement[1][0]
     tools = {}
@@ -122,7 +122,7 @@ def module_data(c: Calibration) -> dict[str, Any]:
 
 
 def list_inputs(c: Calibration) -> list[str]:
-    """Names that the model looks at and joint readings do not say: covariates, directions of
+    """List the names that the model uses and joint readings do not say: covariates, directions of
     approach, moves, progress."""
     return sorted(
         n
@@ -136,7 +136,7 @@ def list_inputs(c: Calibration) -> list[str]:
 
 
 def to_python(c: Calibration, notes: Sequence[str] = ()) -> Exported:
-    """A module of its own: numpy only, the numbers in it."""
+    """Write a module that needs numpy only, with the numbers in it."""
     text = write_module(module_data(c))
     there = read_module_data(text)
 

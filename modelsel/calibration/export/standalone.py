@@ -28,7 +28,7 @@ OPERATORS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide}
 
 
 def rotation_about(axis: int, angle: Array) -> Array:
-    """(m, 3, 3) rotations about x, y or z."""
+    """Return the rotations (m, 3, 3) about x, y or z."""
     i, j = [(1, 2), (2, 0), (0, 1)][axis]
     count = len(angle)
     cosine = np.cos(angle)
@@ -42,8 +42,9 @@ def rotation_about(axis: int, angle: Array) -> Array:
 
 
 def walk_chain(data: Data, q: Array, tool: Array, H: Array) -> tuple[Array, Array]:
-    """(origins (n+1, m, 3), rotations (n+1, m, 3, 3)) of every joint's frame before it turns, and
-    of the target, in frame 0; H (n+1, 6, m): the small shifts and turns in every frame."""
+    """Return origins (n+1, m, 3) and rotations (n+1, m, 3, 3) of every joint's frame before it
+    turns, and of the target, in frame 0; H (n+1, 6, m): the small shifts and turns in every
+    frame."""
     m, n = q.shape
     prismatic = data["prismatic"]
     links = [*data["before"][:n], data["last"]]
@@ -75,12 +76,11 @@ def walk_chain(data: Data, q: Array, tool: Array, H: Array) -> tuple[Array, Arra
 
 
 def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
-    """What follows from the readings on the nominal arm: torques and moments [N m] of gravity,
-    where the target is [mm]."""
+    """Derive what follows from the readings on the nominal arm: torques and moments [N m] of
+    gravity, where the target is [mm]."""
     m, n = q.shape
     prismatic = data["prismatic"]
-    nominal_entries = np.zeros((n + 1, 6, m))
-    o, R = walk_chain(data, q, tool, nominal_entries)
+    o, R = walk_chain(data, q, tool, np.zeros((n + 1, 6, m)))
     x = o[n]
     P = np.array(data["placement"])
     tracker = np.array(data["tracker"])
@@ -91,9 +91,8 @@ def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     if data["gravity"] is None:
         return out
     g = np.array(data["gravity"])
-    masses = data["masses"]
     bodies = [(1.0, p) for p in (*o[1:n], x)]
-    if any(masses):
+    if any(data["masses"]):
         bodies = []
         for k in range(n):
             reading = q[:, k]
@@ -103,7 +102,7 @@ def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
             else:
                 moved = R[k] @ rotation_about(2, reading)
             com = np.array(data["coms"][k])
-            bodies.append((masses[k], o[k] + slide + moved @ com))
+            bodies.append((data["masses"][k], o[k] + slide + moved @ com))
     down = R[n].transpose(0, 2, 1) @ g
     out |= dict(zip(("down_x", "down_y", "down_z"), down.T, strict=True))
     whole = sum((np.cross(p / 1e3, mass * G * g) for mass, p in bodies), np.zeros((m, 3)))
@@ -134,7 +133,7 @@ def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
 
 
 def evaluate_cause(tree: Any, values: dict[str, Array]) -> Any:
-    """The value of a cause: a number, ["name", "q4"], ["sin", cause], ["+", cause, cause],
+    """Evaluate a cause: a number, ["name", "q4"], ["sin", cause], ["+", cause, cause],
     ["spline", cause, centre, width]."""
     if isinstance(tree, float):
         return tree
@@ -165,7 +164,7 @@ def evaluate_cause(tree: Any, values: dict[str, Array]) -> Any:
 def predict_both(
     data: Data, q: Any, target: str | None, given: dict[str, Any]
 ) -> tuple[Array, Array]:
-    """(nominal, calibrated) positions (m, 3) in the tracker's frame."""
+    """Predict nominal and calibrated positions (m, 3) in the tracker's frame."""
     q = np.atleast_2d(np.asarray(q, float))
     m, n = q.shape
     name = target
@@ -195,7 +194,7 @@ def predict_both(
 
 
 def position(q: Any, /, target: str | None = None, **given: Any) -> Array:
-    """(m, 3) mm: where the calibrated arm has the target."""
+    """Return where the calibrated arm has the target, (m, 3) mm."""
     _, calibrated = predict_both(
         DATA,
         q,
@@ -206,7 +205,7 @@ def position(q: Any, /, target: str | None = None, **given: Any) -> Array:
 
 
 def correction(q: Any, /, target: str | None = None, **given: Any) -> Array:
-    """(m, 3) mm: calibrated minus nominal position."""
+    """Return the calibrated minus the nominal position, (m, 3) mm."""
     nominal, calibrated = predict_both(
         DATA,
         q,
