@@ -91,23 +91,36 @@ def build_columns(
         for term in mechanism.terms:
             terms.setdefault(term.key, term)
     place = {key: k for k, key in enumerate(terms)}
-    slices = [np.array([place[t.key] for t in m.terms], dtype=np.intp) for m in mechanisms]
-    evaluated = blocks(problem, tuple(terms.values()), at)
-    parts = [flatten_measured(problem, rows, columns) for rows, columns, _ in evaluated]
-    XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
-    most = _compute_largest(problem, list(terms.values()))
+    slices = []
+    for mechanism in mechanisms:
+        places = [place[term.key] for term in mechanism.terms]
+        slices.append(np.array(places, dtype=np.intp))
+    distinct = tuple(terms.values())
+    parts = []
+    for rows, columns, _ in blocks(problem, distinct, at):
+        measured = flatten_measured(problem, rows, columns)
+        parts.append(measured)
+    XT = parts[0]
+    if len(parts) > 1:
+        XT = np.concatenate(parts, axis=1)
+    most = _compute_largest(problem, distinct)
     grams = _build_blocks(mechanisms, XT, slices, most)
-    signs = tuple(np.array(m.signs, dtype=float) for m in mechanisms)
-    return Columns(XT, tuple(slices), tuple(grams), signs)
+    return Columns(
+        XT=XT,
+        slices=tuple(slices),
+        grams=tuple(grams),
+        signs=tuple(np.array(m.signs, dtype=float) for m in mechanisms),
+    )
 
 
 def _build_blocks(
     mechanisms: Sequence[Mechanism], XT: Array, slices: Sequence[Index], most: Array
 ) -> Iterator[Block]:
     """Build a block of every number of columns, free functions apart."""
-    keys = [
-        (len(s), spline(m.terms[0]) is not None) for s, m in zip(slices, mechanisms, strict=True)
-    ]
+    keys = []
+    for columns, mechanism in zip(slices, mechanisms, strict=True):
+        is_smooth = spline(mechanism.terms[0]) is not None
+        keys.append((len(columns), is_smooth))
     for size, is_smooth in sorted(set(keys)):
         members = [g for g, key in enumerate(keys) if key == (size, is_smooth)]
         index = np.stack([slices[g] for g in members])
@@ -117,10 +130,19 @@ def _build_blocks(
             gram = compute_grams(XT, index)
         root = None
         if is_smooth:
+            roots = []
             norms = np.einsum("nkk->nk", gram)
-            pairs = zip(members, norms, strict=True)
-            root = np.stack([_compute_root(mechanisms[g].terms, norm) for g, norm in pairs])
-        yield Block(np.array(members, dtype=np.intp), index, gram, most[index], root)
+            for g, norm in zip(members, norms, strict=True):
+                terms = mechanisms[g].terms
+                roots.append(_compute_root(terms, norm))
+            root = np.stack(roots)
+        yield Block(
+            which=np.array(members, dtype=np.intp),
+            index=index,
+            gram=gram,
+            most=most[index],
+            root=root,
+        )
 
 
 def compute_grams(XT: Array, index: Index) -> Array:
@@ -142,24 +164,31 @@ def split_range(count: int, size: int) -> Iterator[slice]:
 def flatten_measured(problem: Problem, rows: slice, values: NDArray[Any]) -> NDArray[Any]:
     """Flatten values (k, c, rows) to their measured coordinates (k, N)."""
     k, components, count = values.shape
-    every = values.reshape(k, components * count)
+    coordinates = components * count
+    every = values.reshape(k, coordinates)
     if problem.measured is None:
         return every
-    is_measured = problem.measured[rows].T.reshape(-1)
+    of_rows = problem.measured[rows]
+    is_measured = of_rows.T.reshape(-1)
     return every[:, is_measured]
 
 
 def _compute_largest(problem: Problem, terms: Sequence[Term]) -> Array:
     """Compute (C,) the largest coefficients with which every screw of a term is small, root mean
     square over the rows."""
-    rms: dict[int, float] = {}  # by the cause's identity: a hundred places share one
+    # by the cause's identity: a hundred places share one
+    rms: dict[int, float] = {}
     largest = []
     for term in terms:
+        limits = []
         for screw in term.screws:
-            if id(screw.cause) not in rms:
-                value = np.atleast_1d(problem.cause(screw.cause))
-                rms[id(screw.cause)] = max(sqrt(float(value @ value) / len(value)), TINY)
-        limits = (LARGEST_SCREW[s.axis[0]] / rms[id(s.cause)] for s in term.screws)
+            cause = screw.cause
+            motion = screw.axis[0]
+            if id(cause) not in rms:
+                value = np.atleast_1d(problem.cause(cause))
+                mean_square = float(value @ value) / len(value)
+                rms[id(cause)] = max(sqrt(mean_square), TINY)
+            limits.append(LARGEST_SCREW[motion] / rms[id(cause)])
         largest.append(min(limits))
     return np.array(largest)
 
@@ -169,17 +198,22 @@ def _compute_root(terms: Sequence[Term], norms: Array) -> Array:
 
     The places of one mechanism move the target by equal amounts, whatever their units; `norms`
     (k,): squared norms of the columns."""
-    whole = np.zeros((len(terms), len(terms)))
+    count = len(terms)
+    whole = np.zeros((count, count))
     for index, root in spline_groups(terms):
-        size = np.sqrt(max(float(norms[index].mean()), TINY))
-        whole[np.ix_(index, index)] = root / size
+        mean_square = float(norms[index].mean())
+        size = np.sqrt(max(mean_square, TINY))
+        own = np.ix_(index, index)
+        whole[own] = root / size
     return whole
 
 
 def select_columns(cols: Columns, which: Index) -> Columns:
     """Select the columns of some candidates alone, in the order of `which`."""
-    used, place = np.unique(np.concatenate([cols.slices[g] for g in which]), return_inverse=True)
-    bounds = np.cumsum([0, *(len(cols.slices[g]) for g in which)])
+    selected = [cols.slices[g] for g in which]
+    used, place = np.unique(np.concatenate(selected), return_inverse=True)
+    widths = [len(columns) for columns in selected]
+    bounds = np.cumsum([0, *widths])
     slices = tuple(place[start:end] for start, end in pairwise(bounds))
     position = {int(g): k for k, g in enumerate(which)}
     grams = []
@@ -187,11 +221,25 @@ def select_columns(cols: Columns, which: Index) -> Columns:
         inside = np.flatnonzero(np.isin(block.which, which))
         if not len(inside):
             continue
-        members = np.array([position[int(g)] for g in block.which[inside]], dtype=np.intp)
-        index = np.stack([slices[k] for k in members])
-        root = None if block.root is None else block.root[inside]
-        grams.append(Block(members, index, block.gram[inside], block.most[inside], root))
-    return Columns(cols.XT[used], slices, tuple(grams), tuple(cols.signs[g] for g in which))
+        members = [position[g] for g in block.which[inside].tolist()]
+        root = None
+        if block.root is not None:
+            root = block.root[inside]
+        grams.append(
+            Block(
+                which=np.array(members, dtype=np.intp),
+                index=np.stack([slices[k] for k in members]),
+                gram=block.gram[inside],
+                most=block.most[inside],
+                root=root,
+            )
+        )
+    return Columns(
+        XT=cols.XT[used],
+        slices=slices,
+        grams=tuple(grams),
+        signs=tuple(cols.signs[g] for g in which),
+    )
 
 
 def stack_design(

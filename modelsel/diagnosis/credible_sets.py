@@ -80,36 +80,62 @@ class _Question:
             log_prior[without] = -np.inf
         value, joint = sum_evidence(self.factors, log_prior)
         # with no evidence at all every candidate has probability 0
-        log_probability = joint - value if np.isfinite(value) else joint
+        log_probability = joint
+        if np.isfinite(value):
+            log_probability = joint - value
         probability = np.exp(log_probability)
         probability /= max(probability.sum(), np.finfo(float).tiny)
         order = np.argsort(-probability, kind="stable")
-        size = int(np.searchsorted(np.cumsum(probability[order]), CREDIBLE) + 1)
-        listed = order[: min(max(size, 1), LISTED)]
+        cumulative = np.cumsum(probability[order])
+        size = int(np.searchsorted(cumulative, CREDIBLE) + 1)
+        count = min(max(size, 1), LISTED)
+        listed = order[:count]
         entries = self._build_entries(listed, probability)
-        more = max(size - len(listed), 0)
-        verdict = _judge(entries)
-        return CredibleSet(value, entries, more, verdict, log_probability, int(order[0]))
+        return CredibleSet(
+            evidence=value,
+            entries=entries,
+            more=max(size - len(listed), 0),
+            verdict=_judge(entries),
+            log_probability=log_probability,
+            top=int(order[0]),
+        )
 
     def _build_entries(self, listed: Index, probability: Array) -> tuple[Entry, ...]:
-        first = compute_displacement(self.scan, int(listed[0]), self.response)
-        return tuple(self._build_entry(int(g), probability, first) for g in listed)
+        strongest = int(listed[0])
+        first = compute_displacement(self.scan, strongest, self.response)
+        entries = []
+        for g in listed.tolist():
+            entry = self._build_entry(g, probability, first)
+            entries.append(entry)
+        return tuple(entries)
 
     def _build_entry(self, g: int, probability: Array, first: Array) -> Entry:
         displacement = compute_displacement(self.scan, g, self.response)
-        alike = compute_cosine(first, displacement) > ALIKE
-        estimate = fit_candidate_alone(self.scan, g, self.response)
-        return Entry(self.candidates[g], float(probability[g]), bool(alike), estimate, g)
+        cosine = compute_cosine(first, displacement)
+        return Entry(
+            candidate=self.candidates[g],
+            probability=float(probability[g]),
+            alike=cosine > ALIKE,
+            estimate=fit_candidate_alone(self.scan, g, self.response),
+            place=g,
+        )
 
 
 def _judge(entries: Sequence[Entry]) -> str:
-    together = sum(entry.probability for entry in entries if entry.alike)
-    return FOUND if together >= SURE else NOT_TOLD_APART
+    probabilities = [entry.probability for entry in entries if entry.alike]
+    if sum(probabilities) >= SURE:
+        return FOUND
+    return NOT_TOLD_APART
 
 
 def _ask(seen: Scan, candidates: Sequence[Candidate], response: Array) -> _Question:
-    log_prior = np.log([c.prior for c in candidates])
-    return _Question(seen, candidates, response, compute_factors(seen, response), log_prior)
+    return _Question(
+        scan=seen,
+        candidates=candidates,
+        response=response,
+        factors=compute_factors(seen, response),
+        log_prior=np.log([c.prior for c in candidates]),
+    )
 
 
 def name_effect(
@@ -117,7 +143,8 @@ def name_effect(
 ) -> CredibleSet:
     """Name what explains a response (N,) that the model's basis has been projected off; `without`:
     indices of candidates to leave out."""
-    return _ask(seen, candidates, response).answer(without)
+    question = _ask(seen, candidates, response)
+    return question.answer(without)
 
 
 def rename_effect(
@@ -155,12 +182,22 @@ def include_candidate(
     not tell, and the verdict says so."""
     if named.contains(g):
         return named
-    probability = float(np.exp(named.log_probability[g]))
-    estimate = fit_candidate_alone(seen, g, response)
-    entry = Entry(candidates[g], probability, False, estimate, g)
-    kept, dropped = named.entries[: LISTED - 1], named.entries[LISTED - 1 :]
+    entry = Entry(
+        candidate=candidates[g],
+        probability=float(np.exp(named.log_probability[g])),
+        alike=False,
+        estimate=fit_candidate_alone(seen, g, response),
+        place=g,
+    )
+    kept = named.entries[: LISTED - 1]
+    dropped = named.entries[LISTED - 1 :]
     more = max(named.more - 1, 0) + len(dropped)
-    return replace(named, entries=(*kept, entry), verdict=NOT_TOLD_APART, more=more)
+    return replace(
+        named,
+        entries=(*kept, entry),
+        verdict=NOT_TOLD_APART,
+        more=more,
+    )
 
 
 def compute_own_evidence(seen: Scan, named: CredibleSet, g: int, response: Array) -> float:

@@ -132,16 +132,28 @@ def find_misplaced_rows(
 
 def _collect_outlying(problem: Problem, outlying: Mask, fitted: Fit) -> _Outlying | None:
     gauges = problem.data.gauges
-    is_point = np.ones(len(outlying), bool) if gauges is None else gauges.of("point")
+    is_point = np.ones(len(outlying), bool)
+    if gauges is not None:
+        is_point = gauges.of("point")
     index = np.flatnonzero(outlying & is_point)
     if not 2 <= len(index) <= MAX_OUTLIERS:
         return None
     residual = fitted.residuals(problem)[:, :3]
-    scale = estimate_scale(np.linalg.norm(residual[~outlying & is_point], axis=1))
+    regular = residual[~outlying & is_point]
+    size = np.linalg.norm(regular, axis=1)
+    scale = estimate_scale(size)
+    near = MATCH_THRESHOLD * scale
     measured = problem.data.position[index]
     predicted = measured - residual[index]
-    partner, fits = _match(measured, predicted, MATCH_THRESHOLD * scale)
-    return _Outlying(index, measured, residual[index], partner, fits, scale)
+    partner, fits = _match(measured, predicted, near)
+    return _Outlying(
+        index=index,
+        measured=measured,
+        residual=residual[index],
+        partner=partner,
+        fits=fits,
+        scale=scale,
+    )
 
 
 def _match(measured: Array, predicted: Array, near: float) -> tuple[Index, Mask]:
@@ -173,10 +185,17 @@ def _generate_faults(problem: Problem, rows: _Outlying, p: float) -> Iterator[Fa
         is_swap = kind is FaultKind.SWAPPED_REFLECTORS
         concerned = rows.fits & (same_configuration == is_swap)
         probability = _compute_probability(log_ratio, concerned)
-        if concerned.sum() >= 2 and probability >= MIN_PROBABILITY:
-            index = data.row[rows.index[concerned]]
-            sentence = f"A fault of the data: {words} ({data.where.listed(index)})."
-            yield Fault(kind, index, sentence, p, probability)
+        if concerned.sum() < 2 or probability < MIN_PROBABILITY:
+            continue
+        index = data.row[rows.index[concerned]]
+        where = data.where.listed(index)
+        yield Fault(
+            kind=kind,
+            rows=index,
+            sentence=f"A fault of the data: {words} ({where}).",
+            p=p,
+            probability=probability,
+        )
 
 
 def _compute_log_ratio(rows: _Outlying, reach: float) -> Array:
@@ -213,5 +232,7 @@ def _compute_probability(log_ratio: Array, concerned: Mask) -> float:
     not concerned."""
     from scipy.special import expit
 
-    log_factors = np.logaddexp(0.0, np.where(concerned, log_ratio, -np.inf)) - np.log(2)
-    return float(expit(log_factors.sum()))
+    log_ratio_concerned = np.where(concerned, log_ratio, -np.inf)
+    log_factors = np.logaddexp(0.0, log_ratio_concerned) - np.log(2)
+    log_odds = log_factors.sum()
+    return float(expit(log_odds))

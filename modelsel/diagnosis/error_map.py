@@ -62,15 +62,22 @@ def build_error_map(diagnosis: Diagnosis, found: Sequence[Candidate]) -> ErrorMa
 
 def _locate(candidate: Candidate) -> tuple[Place, Causes] | None:
     """Find the cell of a candidate; None where it is no cell of the map."""
-    if not candidate.registered and candidate.kind not in MAP_KINDS:
+    is_in_map = candidate.registered or candidate.kind in MAP_KINDS
+    if not is_in_map:
         return None
-    screws = [screw for term in candidate.mechanism.terms for screw in term.screws]
-    places = {(screw.frame, screw.axis) for screw in screws}
-    causes = tuple(dict.fromkeys(screw.cause for screw in screws))
-    is_free = isinstance(causes[0], Bump)
-    if len(places) != 1 or len(causes) > 2 or is_free:
+    places: set[Place] = set()
+    causes: dict[Cause, None] = {}
+    for term in candidate.mechanism.terms:
+        for screw in term.screws:
+            place = screw.frame, screw.axis
+            places.add(place)
+            causes[screw.cause] = None
+    first_cause = next(iter(causes))
+    if isinstance(first_cause, Bump):
         return None
-    return places.pop(), causes
+    if len(places) != 1 or len(causes) > 2:
+        return None
+    return places.pop(), tuple(causes)
 
 
 def select_strongest_causes(whole: ErrorMap, most: int) -> tuple[int, ...]:
