@@ -91,10 +91,11 @@ def build_columns(
         for term in mechanism.terms:
             terms.setdefault(term.key, term)
     place = {key: k for k, key in enumerate(terms)}
-    slices = []
+    slices, signs = [], []
     for mechanism in mechanisms:
         places = [place[term.key] for term in mechanism.terms]
         slices.append(np.array(places, dtype=np.intp))
+        signs.append(np.array(mechanism.signs, dtype=float))
     distinct = tuple(terms.values())
     parts = []
     for rows, columns, _ in blocks(problem, distinct, at):
@@ -109,7 +110,7 @@ def build_columns(
         XT=XT,
         slices=tuple(slices),
         grams=tuple(grams),
-        signs=tuple(np.array(m.signs, dtype=float) for m in mechanisms),
+        signs=tuple(signs),
     )
 
 
@@ -119,10 +120,12 @@ def _build_blocks(
     """Build a block of every number of columns, free functions apart."""
     keys = []
     for columns, mechanism in zip(slices, mechanisms, strict=True):
-        is_smooth = spline(mechanism.terms[0]) is not None
+        first_term = mechanism.terms[0]
+        is_smooth = spline(first_term) is not None
         keys.append((len(columns), is_smooth))
     for size, is_smooth in sorted(set(keys)):
         members = [g for g, key in enumerate(keys) if key == (size, is_smooth)]
+        which = np.array(members, dtype=np.intp)
         index = np.stack([slices[g] for g in members])
         if size > FEW_COLUMNS:
             gram = np.stack([XT[columns] @ XT[columns].T for columns in index])
@@ -137,7 +140,7 @@ def _build_blocks(
                 roots.append(_compute_root(terms, norm))
             root = np.stack(roots)
         yield Block(
-            which=np.array(members, dtype=np.intp),
+            which=which,
             index=index,
             gram=gram,
             most=most[index],
@@ -211,14 +214,16 @@ def _compute_root(terms: Sequence[Term], norms: Array) -> Array:
 def select_columns(cols: Columns, which: Index) -> Columns:
     """Select the columns of some candidates alone, in the order of `which`."""
     selected = [cols.slices[g] for g in which]
-    used, place = np.unique(np.concatenate(selected), return_inverse=True)
+    every_column = np.concatenate(selected)
+    used, place = np.unique(every_column, return_inverse=True)
     widths = [len(columns) for columns in selected]
     bounds = np.cumsum([0, *widths])
     slices = tuple(place[start:end] for start, end in pairwise(bounds))
     position = {int(g): k for k, g in enumerate(which)}
     grams = []
     for block in cols.grams:
-        inside = np.flatnonzero(np.isin(block.which, which))
+        is_inside = np.isin(block.which, which)
+        inside = np.flatnonzero(is_inside)
         if not len(inside):
             continue
         members = [position[g] for g in block.which[inside].tolist()]

@@ -206,9 +206,13 @@ def compute_own_evidence(seen: Scan, named: CredibleSet, g: int, response: Array
     displacement = compute_displacement(seen, g, response)
     probability = np.exp(named.log_probability[g])
     for entry in named.entries:
-        if entry.place != g and _is_related(seen, entry, displacement, response):
+        if entry.place == g:
+            continue
+        if _is_related(seen, entry, displacement, response):
             probability += entry.probability
-    return named.evidence + float(np.log(max(probability, TINY)))
+    positive = max(probability, TINY)
+    log_probability = float(np.log(positive))
+    return named.evidence + log_probability
 
 
 def _is_related(seen: Scan, entry: Entry, displacement: Array, response: Array) -> bool:

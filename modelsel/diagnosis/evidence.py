@@ -246,8 +246,12 @@ def compute_smallest_p(largest: LargestShares, freedom: int) -> Array:
     where there are no candidates."""
     if not largest:
         return np.ones(1)
-    by_size = [_compute_tail(value, size, freedom) for size, value in largest.items()]
-    return np.asarray(np.min(by_size, axis=0))
+    by_size = []
+    for size, share in largest.items():
+        tail = _compute_tail(share, size, freedom)
+        by_size.append(tail)
+    smallest = np.min(by_size, axis=0)
+    return np.asarray(smallest)
 
 
 def _compute_tail(share: Array, size: Array | float, freedom: int) -> Array:
@@ -255,8 +259,11 @@ def _compute_tail(share: Array, size: Array | float, freedom: int) -> Array:
     explains at least this share by chance."""
     from scipy.special import betainc
 
-    left, own = np.maximum(freedom - size, 1e-9), np.maximum(size, 1e-9)
-    return np.asarray(betainc(left / 2, own / 2, 1 - np.minimum(share, 1.0)))
+    own = np.maximum(size, 1e-9)
+    left = np.maximum(freedom - size, 1e-9)
+    unexplained = 1 - np.minimum(share, 1.0)
+    tail = betainc(left / 2, own / 2, unexplained)
+    return np.asarray(tail)
 
 
 def compute_familywise_p(seen: Scan, response: Array, smallest: Array) -> Array:
@@ -284,5 +291,8 @@ def compute_p_value(observed: float, sorted_null: Array) -> float:
     """Compute (1 + #{null >= observed}) / (B + 1); 1 where there is no evidence at all."""
     if not np.isfinite(observed):
         return 1.0
-    as_large = len(sorted_null) - np.searchsorted(sorted_null, observed, side="left")
-    return float((1 + as_large) / (len(sorted_null) + 1))
+    draws = len(sorted_null)
+    smaller = np.searchsorted(sorted_null, observed, side="left")
+    as_large = draws - smaller
+    p = (1 + as_large) / (draws + 1)
+    return float(p)

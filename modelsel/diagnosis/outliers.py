@@ -47,8 +47,11 @@ def _rescale_lengths(size: Array, measured: Mask | None) -> Array:
     """Scale the lengths (m,) of rows with one coordinate so that their median is that of three."""
     if measured is None:
         return size
-    has_one = measured[:, :3].sum(1) == 1
-    return np.asarray(size * np.where(has_one, MEDIAN_3 / MEDIAN_1, 1.0))
+    coordinates = measured[:, :3].sum(1)
+    has_one = coordinates == 1
+    three_over_one = MEDIAN_3 / MEDIAN_1
+    factor = np.where(has_one, three_over_one, 1.0)
+    return np.asarray(size * factor)
 
 
 def find_gross_outliers(problem: Problem, base: Model) -> Mask:
@@ -77,7 +80,8 @@ def _concentrate(X: Array, residual: Array, measured: Mask | None, keep: int) ->
     inside = np.ones(len(X), bool)
     size = compute_lengths(residual)
     for _ in range(CONCENTRATION_STEPS):
-        order = np.argsort(_rescale_lengths(size, measured), kind="stable")
+        rescaled = _rescale_lengths(size, measured)
+        order = np.argsort(rescaled, kind="stable")
         chosen = np.zeros(len(X), bool)
         chosen[order[:keep]] = True
         if (chosen == inside).all():
@@ -91,11 +95,15 @@ def _reweight(X: Array, residual: Array, measured: Mask | None, flagged: Mask) -
     """Refit the rows that are not flagged, and flag again, until the flags stay the same."""
     for _ in range(REWEIGHTING_STEPS):
         size = _refit(X, residual, ~flagged, measured)
-        again = size > GROSS_THRESHOLD * estimate_scale(size, measured)
-        if (again == flagged).all() or again.mean() > MAX_OUTLIER_SHARE:
+        scale = estimate_scale(size, measured)
+        again = size > GROSS_THRESHOLD * scale
+        is_settled = (again == flagged).all()
+        if is_settled or again.mean() > MAX_OUTLIER_SHARE:
             break
         flagged = again
-    return flagged if flagged.mean() <= MAX_OUTLIER_SHARE else np.zeros(len(flagged), bool)
+    if flagged.mean() > MAX_OUTLIER_SHARE:
+        return np.zeros(len(flagged), bool)
+    return flagged
 
 
 def _trimmed_median_ratio(share: float, coordinates: int) -> float:
@@ -103,10 +111,12 @@ def _trimmed_median_ratio(share: float, coordinates: int) -> float:
     all."""
     from scipy.special import gammaincinv
 
-    trimmed = np.sqrt(2 * gammaincinv(coordinates / 2, share / 2))
-    if coordinates == 3:
-        return float(trimmed / MEDIAN_3)
-    return float(trimmed / np.sqrt(2 * gammaincinv(coordinates / 2, 0.5)))
+    shape = coordinates / 2
+    trimmed = np.sqrt(2 * gammaincinv(shape, share / 2))
+    median = MEDIAN_3
+    if coordinates != 3:
+        median = np.sqrt(2 * gammaincinv(shape, 0.5))
+    return float(trimmed / median)
 
 
 def _refit(X: Array, residual: Array, inside: Mask, measured: Mask | None) -> Array:
@@ -129,5 +139,8 @@ def find_far_rows(
 ) -> Mask:
     """Find rows of `residual` (m, c) longer than `threshold` robust standard deviations of the
     `reference` rows, whose coordinates are `measured` (None: all)."""
-    scale = estimate_scale(compute_lengths(reference), measured)
-    return np.asarray(compute_lengths(residual) > threshold * scale)
+    length = compute_lengths(residual)
+    reference_length = compute_lengths(reference)
+    scale = estimate_scale(reference_length, measured)
+    is_far = length > threshold * scale
+    return np.asarray(is_far)

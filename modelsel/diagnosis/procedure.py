@@ -68,13 +68,26 @@ def diagnose(
 
     Raises StudyError for an unknown name, NotEstimable where the data do not determine the base."""
     rows = len(problem)
-    used = np.ones(rows, bool) if estimation is None else np.asarray(estimation, bool)
-    folds = np.zeros(rows, np.intp)
-    split = Split(problem, used, np.zeros(rows, bool), folds, known_sigma=False)
-    model = Model(tuple(mechanism(name, problem.robot, registry) for name in base))
-    is_open = candidates == ALL
-    offered = _resolve_candidates(problem, candidates, registry)
-    return diagnose_split(split, model, offered, seed, is_open, options=options)[1]
+    used = np.ones(rows, bool)
+    if estimation is not None:
+        used = np.asarray(estimation, bool)
+    split = Split(
+        problem,
+        used,
+        np.zeros(rows, bool),
+        np.zeros(rows, np.intp),
+        known_sigma=False,
+    )
+    mechanisms = [mechanism(name, problem.robot, registry) for name in base]
+    _, diagnosis, _ = diagnose_split(
+        split,
+        base=Model(tuple(mechanisms)),
+        everything=_resolve_candidates(problem, candidates, registry),
+        seed=seed,
+        cells=candidates == ALL,
+        options=options,
+    )
+    return diagnosis
 
 
 def _resolve_candidates(
@@ -83,8 +96,13 @@ def _resolve_candidates(
     robot = problem.robot
     if candidates == ALL:
         return (*build_faults(robot), *every(robot, registry))
-    names = [candidates] if isinstance(candidates, str) else candidates
-    return tuple(part for name in names for part in build_mechanisms(name, robot, registry))
+    names: Sequence[str] = candidates
+    if isinstance(candidates, str):
+        names = [candidates]
+    mechanisms: list[Mechanism] = []
+    for name in names:
+        mechanisms += build_mechanisms(name, robot, registry)
+    return tuple(mechanisms)
 
 
 def diagnose_split(
@@ -102,13 +120,22 @@ def diagnose_split(
     too. Of more than `options.max_rows` estimation rows, configurations drawn by the seed are
     scanned; outliers are judged in all rows. Returns the split with its outliers marked, the
     diagnosis, and the candidates."""
-    inquiry = _Inquiry(base, everything, seed, cells, say, options)
+    inquiry = _Inquiry(
+        base,
+        everything,
+        seed,
+        cells,
+        say,
+        options,
+    )
     if split.estimation.sum() <= options.max_rows:
         return _alternate(split, inquiry)
-    sample = replace(split, estimation=_draw_configurations(split, seed, options.max_rows))
+    drawn = _draw_configurations(split, seed, options.max_rows)
+    sample = replace(split, estimation=drawn)
     sample, diagnosis, found = _alternate(sample, inquiry)
     outlying = _find_outliers_everywhere(split, sample, diagnosis)
-    return replace(split, outlying=outlying), diagnosis, found
+    marked = replace(split, outlying=outlying)
+    return marked, diagnosis, found
 
 
 class _Inquiry(NamedTuple):
@@ -125,7 +152,14 @@ class _Inquiry(NamedTuple):
         """Search for effects in a training problem, with the study's random stream of naming."""
         rng = generator(self.seed, "naming")
         base_fit = fit(problem, self.base)
-        return run_stepwise_search(problem, self.base, base_fit, found, rng, self.say)
+        return run_stepwise_search(
+            problem,
+            self.base,
+            base_fit,
+            found,
+            rng,
+            self.say,
+        )
 
 
 def _alternate(split: Split, inquiry: _Inquiry) -> tuple[Split, Diagnosis, tuple[Candidate, ...]]:
@@ -137,14 +171,19 @@ def _alternate(split: Split, inquiry: _Inquiry) -> tuple[Split, Diagnosis, tuple
         split = replace(split, outlying=_expand_mask(split.estimation, outlying))
         kept = split.training()
         found = build_candidates(
-            kept, inquiry.base, inquiry.everything, inquiry.cells, inquiry.options
+            kept,
+            inquiry.base,
+            inquiry.everything,
+            inquiry.cells,
+            inquiry.options,
         )
         inquiry.say(f"naming: {len(found)} candidates")
         diagnosis = inquiry.search(kept, found)
         again = _find_outliers(training, diagnosis, outlying)
         if outlying.any():
             again = _reconsider_outliers(training, inquiry, found, outlying, again)
-        if (again == outlying).all() or again.mean() > MAX_OUTLIER_SHARE:
+        is_settled = (again == outlying).all()
+        if is_settled or again.mean() > MAX_OUTLIER_SHARE:
             break
         outlying = again
     return split, diagnosis, found
@@ -161,28 +200,49 @@ def _reconsider_outliers(
     until it may be named. Returns the outliers of that search if they are at most half as many,
     else `again`."""
     with_all = inquiry.search(training, found)
-    fewer = _find_outliers(training, with_all, np.zeros(len(training), bool))
-    return fewer if fewer.sum() <= outlying.sum() / 2 else again
+    none = np.zeros(len(training), bool)
+    fewer = _find_outliers(training, with_all, none)
+    half = outlying.sum() / 2
+    if fewer.sum() <= half:
+        return fewer
+    return again
 
 
 def _find_outliers(problem: Problem, diagnosis: Diagnosis, outlying: Mask) -> Mask:
     """Find rows far off the extended model, in robust standard deviations of the rows that are not
     `outlying`, to which it was fitted."""
     size = whitened(problem, diagnosis.fit.residuals(problem))
-    measured = None if problem.measured is None else problem.measured[~outlying]
-    return find_far_rows(size, size[~outlying], _choose_threshold(diagnosis), measured)
+    measured = problem.measured
+    if measured is not None:
+        measured = measured[~outlying]
+    return find_far_rows(
+        size,
+        size[~outlying],
+        _choose_threshold(diagnosis),
+        measured,
+    )
 
 
 def _find_outliers_everywhere(split: Split, sample: Split, diagnosis: Diagnosis) -> Mask:
     """Find outliers among all estimation rows, in robust standard deviations of the sampled rows;
     those of the sample alone where they would be too many."""
-    problem, used = split.problem, sample.used
+    problem = split.problem
+    used = sample.used
     size = whitened(problem, diagnosis.fit.residuals(problem))
-    measured = None if problem.measured is None else problem.measured[used]
-    far = find_far_rows(size, size[used], _choose_threshold(diagnosis), measured)
-    outlying = split.estimation & far
-    is_plausible = outlying[split.estimation].mean() <= MAX_OUTLIER_SHARE
-    return outlying if is_plausible else sample.outlying
+    measured = problem.measured
+    if measured is not None:
+        measured = measured[used]
+    is_far = find_far_rows(
+        size,
+        size[used],
+        _choose_threshold(diagnosis),
+        measured,
+    )
+    outlying = split.estimation & is_far
+    share = outlying[split.estimation].mean()
+    if share <= MAX_OUTLIER_SHARE:
+        return outlying
+    return sample.outlying
 
 
 def _choose_threshold(diagnosis: Diagnosis) -> float:
@@ -201,7 +261,8 @@ def _draw_configurations(split: Split, seed: int, max_rows: int) -> Mask:
 def _expand_mask(rows: Mask, marked: Mask) -> Mask:
     """Expand a mask of the selected rows to all rows (m,)."""
     mask = np.zeros(len(rows), bool)
-    mask[np.flatnonzero(rows)[marked]] = True
+    selected = np.flatnonzero(rows)
+    mask[selected[marked]] = True
     return mask
 
 
@@ -235,14 +296,21 @@ def _run_fold(
     fold: Index,
 ) -> _Fold:
     outside = fold == k
-    inside = replace(
-        split, estimation=split.estimation & ~outside, outlying=np.zeros(len(fold), bool)
+    rest = replace(
+        split,
+        estimation=split.estimation & ~outside,
+        outlying=np.zeros(len(fold), bool),
     )
-    inside, diagnosis, _ = diagnose_split(inside, base, everything, seed, cells)
+    inside, diagnosis, _ = diagnose_split(rest, base, everything, seed, cells)
     problem = split.problem.take(outside)
     base_fit = fit(inside.training(), base)
     names = [effect.candidate.label for effect in diagnosis.effects]
-    return _Fold(outside, base_fit.residuals(problem), diagnosis.fit.residuals(problem), names)
+    return _Fold(
+        rows=outside,
+        base=base_fit.residuals(problem),
+        chosen=diagnosis.fit.residuals(problem),
+        names=names,
+    )
 
 
 def run_nested_folds(
@@ -250,24 +318,36 @@ def run_nested_folds(
 ) -> Nested:
     """Repeat outliers, naming and fit without each fold of the estimation configurations, in
     parallel; the result does not depend on the number of workers."""
-    fold = np.full(len(split.estimation), -1, dtype=np.intp)
-    estimation = split.problem.data.take(split.estimation)
-    fold[split.estimation] = assign_folds(estimation, folds, generator(seed, "nested"))
+    rows = split.estimation
+    estimation = split.problem.data.take(rows)
+    fold = np.full(len(rows), -1, dtype=np.intp)
+    fold[rows] = assign_folds(estimation, folds, generator(seed, "nested"))
     count = int(fold.max()) + 1
     run = partial(
-        _run_fold, split=split, base=base, everything=everything, seed=seed, cells=cells, fold=fold
+        _run_fold,
+        split=split,
+        base=base,
+        everything=everything,
+        seed=seed,
+        cells=cells,
+        fold=fold,
     )
-    with ProcessPoolExecutor(max_workers=min(count, os.cpu_count() or 1)) as pool:
+    workers = min(count, os.cpu_count() or 1)
+    with ProcessPoolExecutor(max_workers=workers) as pool:
         done = list(pool.map(run, range(count)))
-    before, after = (np.full((len(fold), split.problem.components), np.nan) for _ in range(2))
+    shape = len(fold), split.problem.components
+    before = np.full(shape, np.nan)
+    after = np.full(shape, np.nan)
     for one in done:
-        before[one.rows], after[one.rows] = one.base, one.chosen
-    rows, outlying = split.estimation, split.outlying[split.estimation]
-    base_errors, chosen_errors = (
-        summarise_errors(before[rows], outlying),
-        summarise_errors(after[rows], outlying),
+        before[one.rows] = one.base
+        after[one.rows] = one.chosen
+    outlying = split.outlying[rows]
+    return Nested(
+        folds=count,
+        base=summarise_errors(before[rows], outlying),
+        chosen=summarise_errors(after[rows], outlying),
+        named=_count_names(done),
     )
-    return Nested(count, base_errors, chosen_errors, _count_names(done))
 
 
 def _count_names(folds: Sequence[_Fold]) -> dict[str, int]:
