@@ -105,7 +105,12 @@ def build_columns(
     if len(parts) > 1:
         XT = np.concatenate(parts, axis=1)
     most = _compute_largest(problem, distinct)
-    grams = _build_blocks(mechanisms, XT, slices, most)
+    grams = _build_blocks(
+        mechanisms,
+        XT,
+        slices,
+        most,
+    )
     return Columns(
         XT=XT,
         slices=tuple(slices),

@@ -39,25 +39,37 @@ def build_error_map(diagnosis: Diagnosis, found: Sequence[Candidate]) -> ErrorMa
     why: dict[str, Causes] = {}
     for g, candidate in enumerate(found):
         cell = _locate(candidate)
-        if cell is not None:
-            place, causes = cell
-            name = " & ".join(map(str, causes))
-            cells.setdefault((place, name), g)
-            why.setdefault(name, causes)
-    where = sorted({place for place, _ in cells}, key=lambda p: (p[0], AXES.index(p[1])))
+        if cell is None:
+            continue
+        place, causes = cell
+        name = " & ".join(map(str, causes))
+        why.setdefault(name, causes)
+        cells.setdefault((place, name), g)
+    where = list({place for place, _ in cells})
+    where.sort(key=lambda place: (place[0], AXES.index(place[1])))
     names = list(why)
-    f = np.full((len(where), len(names)), np.nan)
-    p = np.ones((len(where), len(names)))
-    named = {}
     row_of = {place: k for k, place in enumerate(where)}
     column_of = {name: k for k, name in enumerate(names)}
+    shape = len(where), len(names)
+    f = np.full(shape, np.nan)
+    p = np.ones(shape)
+    named = {}
     for (place, name), g in cells.items():
-        index = row_of[place], column_of[name]
-        f[index], p[index] = diagnosis.single_f[g], diagnosis.map_p[g]
+        row = row_of[place]
+        column = column_of[name]
+        f[row, column] = diagnosis.single_f[g]
+        p[row, column] = diagnosis.map_p[g]
         if found[g].registered:
-            named[index] = found[g].mechanism
-    places = tuple(f"{frame} {axis}" for frame, axis in where)
-    return ErrorMap(places, tuple(names), f, p, tuple(where), tuple(why.values()), named)
+            named[row, column] = found[g].mechanism
+    return ErrorMap(
+        places=tuple(f"{frame} {axis}" for frame, axis in where),
+        causes=tuple(names),
+        f=f,
+        p=p,
+        where=tuple(where),
+        why=tuple(why.values()),
+        named=named,
+    )
 
 
 def _locate(candidate: Candidate) -> tuple[Place, Causes] | None:

@@ -186,10 +186,15 @@ def compute_null_evidence(
     for ratio in map(float, RATIOS[1:]):
         growth = (at_ratio.bound(ratio) + start).max(0)
         needed = np.flatnonzero(growth > best - first)
-        if len(needed) > MAX_SELECTED_SHARE * len(best):
-            best = np.maximum(best, at_ratio.compute(ratio))
-        elif len(needed):
-            best[needed] = np.maximum(best[needed], at_ratio.compute(ratio, needed))
+        count = len(needed)
+        if not count:
+            continue
+        if count > MAX_SELECTED_SHARE * len(best):
+            evidence = at_ratio.compute(ratio)
+            best = np.maximum(best, evidence)
+        else:
+            evidence = at_ratio.compute(ratio, needed)
+            best[needed] = np.maximum(best[needed], evidence)
     return best
 
 

@@ -135,9 +135,10 @@ def describe_slips(
     else:
         scale = usual / np.sqrt(3)
     near = MATCH_THRESHOLD * max(scale, MIN_SCALE_MM)
+    far = MIN_RATIO * near
     selected = problem.take(suspected)
     before = compute_lengths(left(selected))
-    is_open = before > MIN_RATIO * near
+    is_open = before > far
     sentences = []
     stale = _build_stale(problem, suspected)
     for slip in (*_generate_slips(selected), stale):
@@ -189,16 +190,19 @@ def describe_slip_before_fit(
         return None
     selected = problem.take(is_point).plain_points()
     before = compute_lengths(residuals(selected))
-    if before.mean() < BAD_SHARE * problem.reach_mm:
+    mean_before = before.mean()
+    if mean_before < BAD_SHARE * problem.reach_mm:
         return None
     guesses = []
     for slip in _generate_slips(selected):
         after, marked = _find_slipped_rows(selected, slip, registered, per_group)
-        guesses.append((after, marked, slip))
-    after, marked, slip = min(guesses, key=lambda guess: float(guess[0].mean()))
-    concerns_some = 0 < marked.mean() < MAX_SLIPPED_SHARE
-    largest_left = before.mean() / MIN_IMPROVEMENT
-    if not concerns_some or after.mean() > largest_left:
+        mean_after = after.mean()
+        guesses.append((mean_after, after, marked, slip))
+    mean_after, after, marked, slip = min(guesses, key=lambda guess: float(guess[0]))
+    largest_left = mean_before / MIN_IMPROVEMENT
+    if not 0 < marked.mean() < MAX_SLIPPED_SHARE:
+        return None
+    if mean_after > largest_left:
         return None
     return _describe(slip, selected, marked, before, after)
 

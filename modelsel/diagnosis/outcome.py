@@ -39,9 +39,12 @@ class Diagnosis:
     @property
     def findings(self) -> tuple[str, ...]:
         """One sentence per effect: what, how much, how probable, and its p-value."""
-        return tuple(
-            f"{describe_effect(effect).rstrip('.')}; p = {effect.p:.2g}." for effect in self.effects
-        )
+        findings = []
+        for effect in self.effects:
+            sentence = describe_effect(effect)
+            stem = sentence.rstrip(".")
+            findings.append(f"{stem}; p = {effect.p:.2g}.")
+        return tuple(findings)
 
     def __repr__(self) -> str:
         base = ", ".join(mechanism.name for mechanism in self.base.mechanisms)

@@ -355,5 +355,8 @@ def _count_names(folds: Sequence[_Fold]) -> dict[str, int]:
     counts: dict[str, int] = {}
     for one in folds:
         for name in dict.fromkeys(one.names):
-            counts[name] = counts.get(name, 0) + 1
-    return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+            before = counts.get(name, 0)
+            counts[name] = before + 1
+    names = sorted(counts)
+    names.sort(key=lambda name: -counts[name])
+    return {name: counts[name] for name in names}

@@ -46,8 +46,9 @@ def settle_names(
     visited = {frozenset(chosen)}
     standing: dict[int, _Standing] = {}
     if before is not None:
-        unmoved = [g for g in chosen if not _has_moved(before, view, search.found[g])]
-        standing = {g: _Standing(np.inf, g) for g in unmoved}
+        for g in chosen:
+            if not _has_moved(before, view, search.found[g]):
+                standing[g] = _Standing(np.inf, g)
     for _ in range(MAX_CHANGES):
         for g in chosen:
             if g not in standing:
@@ -59,7 +60,8 @@ def settle_names(
         after = search.try_fit(change.trial, view.fitted)
         if after is None:
             if change.effect is not None:
-                standing[change.effect] = standing[change.effect]._replace(better=change.effect)
+                refused = standing[change.effect]
+                standing[change.effect] = refused._replace(better=change.effect)
             continue
         path.append(change.words)
         standing = {
@@ -67,7 +69,8 @@ def settle_names(
             for g in change.trial
             if g in standing and not _has_moved(view, after, search.found[g])
         }
-        chosen, view = change.trial, after
+        chosen = change.trial
+        view = after
     return chosen, view
 
 
@@ -87,10 +90,15 @@ def _has_moved(before: View, after: View, candidate: Candidate) -> bool:
 def _assess(search: Search, g: int, view: View) -> _Standing:
     """Assess an effect given the others: does chance explain it, or another name better?"""
     named, evidence = search.rename(g, view)
-    if compute_p_value(evidence, search.null) > LEVEL:
+    p = compute_p_value(evidence, search.null)
+    if p > LEVEL:
         return _Standing(evidence, None)
-    log_odds = named.log_probability[named.top] - named.log_probability[g]
-    return _Standing(evidence, named.top if log_odds > MIN_LOG_ODDS else g)
+    best = named.top
+    log_probability = named.log_probability
+    log_odds = log_probability[best] - log_probability[g]
+    if log_odds > MIN_LOG_ODDS:
+        return _Standing(evidence, best)
+    return _Standing(evidence, g)
 
 
 def _find_change(
@@ -103,11 +111,17 @@ def _find_change(
     """Find the first change that gives a new set of candidates: of single effects, the weakest
     first, then of the effects of one joint together."""
     changing = [g for g in chosen if standing[g].better != g]
-    for g in sorted(changing, key=lambda effect: (standing[effect].evidence, effect)):
-        trial = _replace(search, chosen, g, standing[g].better)
-        if frozenset(trial) not in visited:
-            words = _describe_change(search, chosen, trial, g, standing[g].better)
-            return _Change(g, trial, words)
+    changing.sort(key=lambda effect: (standing[effect].evidence, effect))
+    for g in changing:
+        better = standing[g].better
+        trial = _replace(search, chosen, g, better)
+        if frozenset(trial) in visited:
+            continue
+        return _Change(
+            effect=g,
+            trial=trial,
+            words=_describe_change(search, chosen, trial, g, better),
+        )
     for trial, words in search.generate_better_curves(chosen, view):
         if frozenset(trial) not in visited:
             return _Change(None, trial, words)

@@ -114,14 +114,19 @@ class Scan:
 
         A joint that turns about its own target would have to turn by radians to explain a tenth of
         a millimetre, and is not its cause."""
-        products = self.columns.dot(response[:, None])
+        single = response[:, None]
+        products = self.columns.dot(single)
         is_small = np.ones(len(self.sizes), bool)
         coordinates = []
         for bucket in self.buckets:
-            z = np.matmul(bucket.W, products[bucket.block.index])
+            block = bucket.block
+            own_products = products[block.index]
+            z = np.matmul(bucket.W, own_products)
             coordinates.append(z)
-            is_small[bucket.block.which] = _has_small_terms(bucket, z)
-        return self.gather(coordinates), is_small
+            which = block.which
+            is_small[which] = _has_small_terms(bucket, z)
+        strength = self.gather(coordinates)
+        return strength, is_small
 
     def gather(self, products: Sequence[Array]) -> Strength:
         """Gather the strength from every bucket's Z_gᵀr (n, k, B), in their precision; overwrites
@@ -177,15 +182,23 @@ def build_scan_without(seen: Scan, D: Array) -> Scan:
 
 
 def _build(cols: Columns, Q: Array, lefts: Sequence[Array], freedom: int) -> Scan:
-    buckets, sizes = [], np.zeros(cols.groups)
+    buckets = []
+    sizes = np.zeros(cols.groups)
     for block, left in zip(cols.grams, lefts, strict=True):
         W, size = _whiten(block, left)
         sizes[block.which] = size
         weights = None
         if block.root is not None:
             W, weights = _separate_by_prior(W, left, block.root)
-        buckets.append(Bucket(block, left, W, weights))
-    return Scan(cols, Q, tuple(buckets), sizes, freedom)
+        bucket = Bucket(block, left, W, weights)
+        buckets.append(bucket)
+    return Scan(
+        columns=cols,
+        Q=Q,
+        buckets=tuple(buckets),
+        sizes=sizes,
+        freedom=freedom,
+    )
 
 
 def _whiten(block: Block, left: Array) -> tuple[Array, Array]:

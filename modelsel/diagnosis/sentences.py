@@ -10,7 +10,7 @@ from .._typing import Array
 from ..mechanisms.causes import Applied, Bump
 from ..mechanisms.terms import LETTERS, Mechanism, Term
 from .candidates import Candidate
-from .credible_sets import FOUND
+from .credible_sets import FOUND, Entry
 from .effects import Effect
 
 PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"))
@@ -40,7 +40,9 @@ def choose_prefix(size: float, unit: str) -> tuple[float, str]:
         return factor, prefix + unit
     if unit.startswith("mm") and 0 < size < 1e-3:
         return 1e-3, "µm" + unit[2:]
-    return 1.0, "" if unit == "1" else unit
+    if unit == "1":
+        return 1.0, ""
+    return 1.0, unit
 
 
 def _choose_angle_prefix(size: float) -> tuple[float, str]:
@@ -57,13 +59,18 @@ def format_quantity(value: float, error: float | None, unit: str) -> str:
 
     The error has two digits and the value ends at the same place (GUM 7.2.6); without an error the
     value has three digits."""
-    factor, shown_unit = choose_prefix(max(abs(value), error or 0.0), unit)
+    largest = max(abs(value), error or 0.0)
+    factor, shown_unit = choose_prefix(largest, unit)
+    size = value / factor
     if error and np.isfinite(error):
-        exponent = int(f"{error / factor:.1e}".partition("e")[2])
+        shown_error = error / factor
+        exponent = int(f"{shown_error:.1e}".partition("e")[2])
         places = max(1 - exponent, 0)
-        shown = f"{value / factor:.{places}f} ± {error / factor:.{places}f}"
+        shown = f"{size:.{places}f} ± {shown_error:.{places}f}"
+    elif value:
+        shown = f"{size:#.3g}".rstrip(".")
     else:
-        shown = f"{value / factor:#.3g}".rstrip(".") if value else "0"
+        shown = "0"
     return f"{shown} {shown_unit}".rstrip()
 
 
@@ -76,31 +83,46 @@ def is_wave(terms: Sequence[Term]) -> bool:
     """Return whether the terms are a sine and a cosine at one place: a wave of unknown phase."""
     if len(terms) != 2:
         return False
-    screws = [term.screws[0] for term in terms]
-    functions = {s.cause.function for s in screws if isinstance(s.cause, Applied)}
-    return functions == {"sin", "cos"} and screws[0].axis == screws[1].axis
+    functions = set()
+    axes = set()
+    for term in terms:
+        screw = term.screws[0]
+        axes.add(screw.axis)
+        if isinstance(screw.cause, Applied):
+            functions.add(screw.cause.function)
+    return functions == {"sin", "cos"} and len(axes) == 1
 
 
 def describe_amount(terms: Sequence[Term], estimate: Array, error: Array) -> str:
     """Describe the size of an effect: the amplitude of a wave, the range of a free function, else
     every term (k,) with its standard error."""
+    first_term = terms[0]
     if is_wave(terms):
-        return _describe_amplitude(terms[0].unit, estimate, error)
-    if isinstance(terms[0].screws[0].cause, Bump):
+        return _describe_amplitude(first_term.unit, estimate, error)
+    first_screw = first_term.screws[0]
+    if isinstance(first_screw.cause, Bump):
         return _describe_free_function(terms, estimate)
-    return ", ".join(
-        f"{term.symbol} = {format_quantity(float(value), float(sigma), term.unit)}"
-        for term, value, sigma in zip(terms, estimate, error, strict=True)
-    )
+    amounts = []
+    for term, value, sigma in zip(terms, estimate, error, strict=True):
+        amount = format_quantity(
+            float(value),
+            float(sigma),
+            term.unit,
+        )
+        amounts.append(f"{term.symbol} = {amount}")
+    return ", ".join(amounts)
 
 
 def _describe_amplitude(unit: str, estimate: Array, error: Array) -> str:
     amplitude = float(np.hypot(*estimate))
     if amplitude:
-        sigma = float(np.sqrt(np.square(estimate * error).sum())) / amplitude
+        products = np.square(estimate * error)
+        root_sum = float(np.sqrt(products.sum()))
+        sigma = root_sum / amplitude
     else:
         sigma = float(error.max())
-    return f"amplitude {format_quantity(amplitude, sigma, unit)}"
+    shown = format_quantity(amplitude, sigma, unit)
+    return f"amplitude {shown}"
 
 
 def _describe_free_function(terms: Sequence[Term], estimate: Array) -> str:
@@ -172,10 +194,16 @@ def describe_candidate(candidate: Candidate, estimate: Array) -> str:
         return mechanism.contrary.rstrip(".")
     if mechanism.sentence:
         return mechanism.sentence.rstrip(".")
-    screw = mechanism.terms[0].screws[0]
-    motion, axis = MOTIONS[screw.axis[0]], screw.axis[1]
-    place = f"Frame {screw.frame} {motion} its {axis} axis ({LETTERS[screw.axis]}{screw.frame})"
-    return f"{place} with {candidate.causes(' and ')}; no registered mechanism describes this"
+    first_term = mechanism.terms[0]
+    screw = first_term.screws[0]
+    motion = MOTIONS[screw.axis[0]]
+    axis = screw.axis[1]
+    symbol = f"{LETTERS[screw.axis]}{screw.frame}"
+    causes = candidate.causes(" and ")
+    return (
+        f"Frame {screw.frame} {motion} its {axis} axis ({symbol}) with {causes}; "
+        "no registered mechanism describes this"
+    )
 
 
 def list_cautions(effect: Effect) -> list[str]:
@@ -204,17 +232,25 @@ def list_cautions(effect: Effect) -> list[str]:
 def _generate_sign_cautions(effect: Effect) -> Iterator[str]:
     """Generate a caution for every registered mechanism with the same screws that physics allows
     with the opposite sign only."""
-    alike = [(e.candidate, e.estimate) for e in effect.named.entries if e.alike]
-    names: dict[str, None] = {}
-    for candidate, estimate in [(effect.candidate, effect.estimate), *alike]:
-        contrary = [m for m in candidate.but_for_sign if has_contrary_signs(m, estimate)]
-        names |= dict.fromkeys(m.name for m in contrary)
-    for name in names:
-        yield f"{name} would do the same with the opposite sign only, so this is not {name}"
+    entries = effect.named.entries
+    alike = [entry for entry in entries if entry.alike]
+    explanations: list[Effect | Entry] = [effect, *alike]
+    named: set[str] = set()
+    for explanation in explanations:
+        estimate = explanation.estimate
+        for mechanism in explanation.candidate.but_for_sign:
+            name = mechanism.name
+            is_contrary = has_contrary_signs(mechanism, estimate)
+            if not is_contrary or name in named:
+                continue
+            named.add(name)
+            yield f"{name} would do the same with the opposite sign only, so this is not {name}"
 
 
 def _generate_size_cautions(term: Term, value: float, error: float) -> Iterator[str]:
-    largest = USUAL_SIZE.get(term.unit, np.inf) if term.size is None else term.size[1]
+    largest = USUAL_SIZE.get(term.unit, np.inf)
+    if term.size is not None:
+        largest = term.size[1]
     limit = format_quantity(largest, None, term.unit)
     if error > largest:
         yield (
@@ -227,39 +263,61 @@ def _generate_size_cautions(term: Term, value: float, error: float) -> Iterator[
 
 def describe_effect(effect: Effect) -> str:
     """Describe one finding in one sentence."""
-    what = describe_candidate(effect.candidate, effect.estimate)
-    terms = effect.candidate.mechanism.terms
-    amount = describe_amount(terms, effect.estimate, effect.standard_error)
-    is_found = effect.named.verdict == FOUND
-    standing = _describe_probability(effect) if is_found else _describe_rivals(effect)
-    return "; ".join([f"{what}: {amount}{standing}", *list_cautions(effect)]) + "."
+    candidate = effect.candidate
+    what = describe_candidate(candidate, effect.estimate)
+    amount = describe_amount(
+        candidate.mechanism.terms,
+        effect.estimate,
+        effect.standard_error,
+    )
+    if effect.named.verdict == FOUND:
+        standing = _describe_probability(effect)
+    else:
+        standing = _describe_rivals(effect)
+    parts = [f"{what}: {amount}{standing}", *list_cautions(effect)]
+    return "; ".join(parts) + "."
 
 
 def _list_rivals(effect: Effect) -> list[str]:
     """List the labels of other mechanisms in the credible set, the most probable first."""
     candidate = effect.candidate
-    others = (e.candidate for e in effect.named.entries)
-    labels = (c.label for c in others if c.mechanism != candidate.mechanism)
-    return [label for label in dict.fromkeys(labels) if label != candidate.label]
+    labels: list[str] = []
+    for entry in effect.named.entries:
+        rival = entry.candidate
+        label = rival.label
+        is_other = rival.mechanism != candidate.mechanism
+        if is_other and label != candidate.label:
+            labels.append(label)
+    return list(dict.fromkeys(labels))
 
 
 def _describe_probability(effect: Effect) -> str:
-    label, entries = effect.candidate.label, effect.named.entries
+    label = effect.candidate.label
+    entries = effect.named.entries
     probability = sum(e.probability for e in entries if e.candidate.label == label)
-    scope = " among those considered" if effect.candidate.asked else ""
+    scope = ""
+    if effect.candidate.asked:
+        scope = " among those considered"
+    text = f" ({label}, probability {probability:.2f}{scope}"
     alike = [e for e in entries if e.alike]
     labels_alike = {e.candidate.label for e in alike}
-    twins = [rival for rival in _list_rivals(effect) if rival in labels_alike]
-    text = f" ({label}, probability {probability:.2f}{scope}"
+    rivals = _list_rivals(effect)
+    twins = [rival for rival in rivals if rival in labels_alike]
     if twins:
         together = sum(e.probability for e in alike)
-        named = ", ".join(twins[:NAMED_RIVALS])
-        text += f"; {named} would move the target in the same way, together {together:.2f}"
+        listed = twins[:NAMED_RIVALS]
+        named = ", ".join(listed)
+        same_move = f"{named} would move the target in the same way"
+        text += f"; {same_move}, together {together:.2f}"
     return text + ")"
 
 
 def _describe_rivals(effect: Effect) -> str:
-    listed = effect.named.entries[: NAMED_RIVALS + 1]
-    odds = ", ".join(f"{e.candidate.label} {e.probability:.2f}" for e in listed)
-    rivals = ", ".join(_list_rivals(effect)[:NAMED_RIVALS]) or "others"
-    return f"; the data cannot tell this apart from {rivals} ({odds})"
+    odds = []
+    for entry in effect.named.entries[: NAMED_RIVALS + 1]:
+        label = entry.candidate.label
+        odds.append(f"{label} {entry.probability:.2f}")
+    listed = ", ".join(odds)
+    others = _list_rivals(effect)[:NAMED_RIVALS]
+    rivals = ", ".join(others) or "others"
+    return f"; the data cannot tell this apart from {rivals} ({listed})"

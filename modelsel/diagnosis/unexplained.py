@@ -79,7 +79,9 @@ def estimate_predictability(
 def _thin(count: int) -> Index:
     if count <= MAX_CONFIGURATIONS:
         return np.arange(count)
-    return np.unique(np.linspace(0, count - 1, MAX_CONFIGURATIONS).astype(int))
+    places = np.linspace(0, count - 1, MAX_CONFIGURATIONS)
+    whole_places = places.astype(int)
+    return np.unique(whole_places)
 
 
 def _compute_distances(q: Array, prismatic: tuple[bool, ...]) -> Array:
@@ -155,7 +157,9 @@ def is_subsampled(diagnosis: Diagnosis, split: Split) -> bool:
 def count_rows_seen(diagnosis: Diagnosis, split: Split) -> int:
     """Count the rows that naming used."""
     training = split.training()
-    return diagnosis.fit.rows * len(training) // training.coordinates
+    rows = len(training)
+    coordinates = diagnosis.fit.rows
+    return coordinates * rows // training.coordinates
 
 
 def describe_unexplained(
