@@ -33,10 +33,11 @@ FEW_COLUMNS = 4
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Candidates of one number of columns k: `which` (n,) among all candidates, their columns'
-    `index` (n, k), their Gram matrices `gram` (n, k, k), the largest coefficients of small screws
-    `most` (n, k); of free functions also the `root` (n, k, k) of their coefficients' prior
-    covariance, up to a factor."""
+    """Candidates of one number of columns k, with what their columns have in common.
+
+    `which` (n,): their indices among all candidates; `index` (n, k): their columns; `gram` (n, k,
+    k): their Gram matrices; `most` (n, k): the largest coefficients of small screws; `root` (n, k,
+    k), of free functions alone: the root of their coefficients' prior covariance, up to a factor."""
 
     which: Index
     index: Index
@@ -47,9 +48,10 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """All candidates' whitened columns, transposed `XT` (C, N), the columns of each candidate
-    `slices`, their Gram blocks, and the signs (k,) that physics allows each candidate's terms, 0
-    for either."""
+    """All candidates' whitened columns, with their Gram blocks.
+
+    `XT` (C, N): the columns, transposed; `slices`: the columns of each candidate; `signs`, (k,) for
+    each candidate: the signs that physics allows its terms, 0 for either."""
 
     XT: Array
     slices: tuple[Index, ...]
@@ -68,14 +70,16 @@ class Columns:
         return np.asarray(block.most[row])
 
     def dot(self, values: Array) -> Array:
-        """Compute (C, ...) products of every column with values (N + k, ...); in the k rows of a
-        model's prior the columns are zero."""
+        """Compute (C, ...) products of every column with values (N + k, ...).
+
+        In the k rows of a model's prior the columns are zero."""
         rows = self.XT.shape[1]
         return np.asarray(self.XT @ values[:rows])
 
     def sum_of(self, weights: Array, g: int, rows: int) -> Array:
-        """Sum up (rows, ...) candidate g's columns times weights (k, ...), zero in the rows of a
-        model's prior."""
+        """Sum up (rows, ...) candidate g's columns times weights (k, ...).
+
+        The sum is zero in the rows of a model's prior."""
         total = np.zeros((rows, *weights.shape[1:]))
         total[: self.XT.shape[1]] = self.XT[self.slices[g]].T @ weights
         return total
@@ -154,8 +158,9 @@ def _build_blocks(
 
 
 def compute_grams(XT: Array, index: Index) -> Array:
-    """Compute (n, k, k) products of the columns `index` (n, k) of candidates of few columns, as many
-    at a time as stay in cache."""
+    """Compute (n, k, k) Gram matrices of candidates of few columns, `index` (n, k).
+
+    As many are computed at a time as stay in cache."""
     grams = np.empty((*index.shape, index.shape[1]))
     for piece in split_range(len(index), CACHED_NUMBERS // (index.shape[1] * XT.shape[1])):
         X = XT[index[piece]]
@@ -182,8 +187,9 @@ def flatten_measured(problem: Problem, rows: slice, values: NDArray[Any]) -> NDA
 
 
 def _compute_largest(problem: Problem, terms: Sequence[Term]) -> Array:
-    """Compute (C,) the largest coefficients with which every screw of a term is small, root mean
-    square over the rows."""
+    """Compute (C,) the largest coefficients with which every screw of a term is small.
+
+    A screw counts with its root mean square over the rows."""
     # by the cause's identity: a hundred places share one
     rms: dict[int, float] = {}
     largest = []

@@ -152,8 +152,9 @@ def _select_applicable(
 
 
 def _drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
-    """Keep one of a scanned mechanism's constants that do the same on these rows, such as steps
-    between the same two configurations."""
+    """Keep one of a scanned mechanism's constants that do the same on these rows.
+
+    For example, steps between the same two configurations do."""
     distinct: dict[tuple[object, ...], Mechanism] = {}
     for m in mechanisms:
         key: list[object] = [m.name]
@@ -170,8 +171,9 @@ def _drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> 
 
 
 def _find_one_sided(mechanisms: Sequence[Mechanism]) -> dict[Screws, tuple[Mechanism, ...]]:
-    """Map screws to the mechanisms that have them, where these all allow the same one sign: with
-    the other sign the screws are an unregistered explanation."""
+    """Map screws to the mechanisms that have them, where these all allow the same one sign.
+
+    With the other sign the screws are an unregistered explanation."""
     same: dict[Screws, list[Mechanism]] = {}
     for m in mechanisms:
         screws = collect_screws(m)
@@ -283,8 +285,9 @@ def choose_strongest(
 def _find_best_constants(
     found: Sequence[Candidate], single_f: Array, named: Sequence[Candidate]
 ) -> list[tuple[float, int]]:
-    """Find (F, index) of the best candidate of every registered name; F is infinite for the
-    `named`."""
+    """Find (F, index) of the best candidate of every registered name.
+
+    F is infinite for the `named`."""
     best: dict[str, tuple[float, int]] = {}
     for g, candidate in enumerate(found):
         if not candidate.registered:

@@ -35,8 +35,10 @@ FOUND, NOT_TOLD_APART = "found", "cannot be told apart"
 
 @dataclass(frozen=True)
 class Entry:
-    """An explanation in a credible set; `alike`: it moves the target as the most probable one does;
-    `estimate` (p,): its terms fitted alone; `place`: its index among all candidates."""
+    """An explanation in a credible set, with its probability.
+
+    `alike`: it moves the target as the most probable one does; `estimate` (p,): its terms fitted
+    alone; `place`: its index among all candidates."""
 
     candidate: Candidate
     probability: float
@@ -47,8 +49,10 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class CredibleSet:
-    """The explanations of one effect: log evidence, the listed entries (`more` are not listed), the
-    verdict, the log probability (G,) of every candidate, the index of the most probable (`top`)."""
+    """The explanations of one effect, with their log evidence and the verdict.
+
+    `entries`: those that are listed (`more` are not); `log_probability` (G,): of every candidate;
+    `top`: the index of the most probable one."""
 
     evidence: float
     entries: tuple[Entry, ...]
@@ -64,8 +68,10 @@ class CredibleSet:
 
 @dataclass(frozen=True, eq=False)
 class _Question:
-    """What a credible set is asked for: the scan, the candidates, the response (N,) that the model's
-    basis has been projected off, the log Bayes factors (ratios, G) and the log priors (G,)."""
+    """What a credible set is asked for.
+
+    The scan, the candidates, the response (N,) that the model's basis has been projected off, the
+    log Bayes factors (ratios, G) and the log priors (G,)."""
 
     scan: Scan
     candidates: Sequence[Candidate]
@@ -141,8 +147,9 @@ def _ask(seen: Scan, candidates: Sequence[Candidate], response: Array) -> _Quest
 def name_effect(
     seen: Scan, candidates: Sequence[Candidate], response: Array, without: Index | None = None
 ) -> CredibleSet:
-    """Name what explains a response (N,) that the model's basis has been projected off; `without`:
-    indices of candidates to leave out."""
+    """Name what explains a response (N,) that the model's basis has been projected off.
+
+    `without`: indices of candidates to leave out."""
     question = _ask(seen, candidates, response)
     return question.answer(without)
 
@@ -201,8 +208,9 @@ def include_candidate(
 
 
 def compute_own_evidence(seen: Scan, named: CredibleSet, g: int, response: Array) -> float:
-    """Compute the log evidence of candidate g together with the listed explanations of the same
-    effect; what else may be left in the response does not count."""
+    """Compute the log evidence of candidate g and the listed explanations of the same effect.
+
+    What else may be left in the response does not count."""
     displacement = compute_displacement(seen, g, response)
     probability = np.exp(named.log_probability[g])
     for entry in named.entries:

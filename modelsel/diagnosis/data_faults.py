@@ -60,8 +60,10 @@ BY_MECHANISM = {kind.label: kind for kind in (FaultKind.TRACKER_BUMPED, FaultKin
 
 @dataclass(frozen=True, eq=False)
 class Fault:
-    """A fault of single rows: its kind, the rows of the file that it concerns (0-based), a sentence,
-    the p-value under chance, and its posterior `probability` against unrelated gross errors."""
+    """A fault of single rows, with a sentence that describes it.
+
+    `rows`: the rows of the file that it concerns (0-based); `p`: the p-value under chance;
+    `probability`: its posterior probability against unrelated gross errors."""
 
     kind: FaultKind
     rows: Index
@@ -81,8 +83,9 @@ def find_fault_kind(mechanism: Mechanism) -> FaultKind | None:
 
 
 def find_concerned_rows(mechanism: Mechanism, problem: Problem) -> Index:
-    """Find the rows of the file (0-based) that a mechanism's fault concerns: from the bump on, or
-    all of them."""
+    """Find the rows of the file (0-based) that a mechanism's fault concerns.
+
+    A bump concerns the rows that follow it, any other fault all rows."""
     if find_fault_kind(mechanism) is not FaultKind.TRACKER_BUMPED:
         return problem.data.row
     moved = problem.cause(mechanism.terms[0].screws[0].cause)
@@ -91,9 +94,11 @@ def find_concerned_rows(mechanism: Mechanism, problem: Problem) -> Index:
 
 @dataclass(frozen=True, eq=False)
 class _Outlying:
-    """Outlying rows `index` (k,) of a problem: measured positions and residuals (k, 3) [mm], for each
-    the other outlying row `partner` (k,) whose prediction is nearest, whether that `fits` (k,), and
-    the good rows' `scale` [mm]."""
+    """Outlying rows of a problem, and what other outlying row each may belong to.
+
+    `index` (k,): the rows; `measured` and `residual` (k, 3) [mm]; `partner` (k,): the other
+    outlying row whose prediction is nearest; `fits` (k,): whether it is near enough; `scale` [mm]:
+    that of the good rows."""
 
     index: Index
     measured: Array
@@ -157,8 +162,9 @@ def _collect_outlying(problem: Problem, outlying: Mask, fitted: Fit) -> _Outlyin
 
 
 def _match(measured: Array, predicted: Array, near: float) -> tuple[Index, Mask]:
-    """Find for every position (k, 3) the other row with the nearest prediction (k,), and whether
-    that is within `near` [mm]."""
+    """Find for every position (k, 3) the other row with the nearest prediction.
+
+    Returns those rows (k,), and whether (k,) the prediction is within `near` [mm]."""
     distance = np.linalg.norm(measured[:, None] - predicted[None], axis=2)
     np.fill_diagonal(distance, np.inf)
     partner = distance.argmin(1)
@@ -199,8 +205,9 @@ def _generate_faults(problem: Problem, rows: _Outlying, p: float) -> Iterator[Fa
 
 
 def _compute_log_ratio(rows: _Outlying, reach: float) -> Array:
-    """Compute (k,) log ratios of a position's density if it belongs to another outlying row to that
-    if it is any gross error.
+    """Compute (k,) log density ratios of positions: exchanged rows over gross errors.
+
+    An exchanged position belongs to another outlying row; a gross error may be anywhere.
 
     If it belongs to another row: a Student t of TAIL_FREEDOM degrees of freedom and the good rows'
     scale about the prediction of that row, one of k - 1 equally likely. If it is any gross error:

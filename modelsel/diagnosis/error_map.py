@@ -19,9 +19,11 @@ from .unregistered import Causes, Place
 
 @dataclass(frozen=True, eq=False)
 class ErrorMap:
-    """The F statistic of each cell alone `f` (P, C), NaN where there is no cell, and its family-wise
-    p-value `p` (P, C). `where` and `why`: places and causes as values; `named`: the registered
-    mechanism of a cell (row, column)."""
+    """What every cell of the error map, a place with a cause, would explain alone.
+
+    `f` (P, C): the F statistic of each cell, NaN where there is no cell; `p` (P, C): its family-
+    wise p-value; `where` and `why`: places and causes as values; `named`: the registered mechanism
+    of a cell (row, column)."""
 
     places: tuple[str, ...]
     causes: tuple[str, ...]
@@ -33,8 +35,9 @@ class ErrorMap:
 
 
 def build_error_map(diagnosis: Diagnosis, found: Sequence[Candidate]) -> ErrorMap:
-    """Build the map of every candidate that acts at one place with one cause (or one wave of unknown
-    phase), seen from the base."""
+    """Build the map of every candidate that is one cell, seen from the base.
+
+    A cell acts at one place with one cause, or with one wave of unknown phase."""
     cells: dict[tuple[Place, str], int] = {}
     why: dict[str, Causes] = {}
     for g, candidate in enumerate(found):
@@ -93,7 +96,8 @@ def _locate(candidate: Candidate) -> tuple[Place, Causes] | None:
 
 
 def select_strongest_causes(whole: ErrorMap, most: int) -> tuple[int, ...]:
-    """Select the indices of at most `most` causes whose best cells stand out most, in the map's
-    order."""
+    """Select at most `most` causes whose best cells stand out most.
+
+    Returns their indices in the map's order."""
     best = np.nanmax(np.where(np.isnan(whole.f), 0.0, whole.f), axis=0)
     return tuple(sorted(np.argsort(-best, kind="stable")[:most].tolist()))

@@ -24,7 +24,8 @@ MAX_EFFECTS_PER_CURVE = 4
 
 
 def find_own_joint(candidate: Candidate) -> int | None:
-    """Find the joint through whose own angle alone a candidate acts, at that joint's own rotation;
+    """Find the joint at whose rotation alone, by whose own angle alone, a candidate acts.
+
     None for any other candidate."""
     first_term = candidate.mechanism.terms[0]
     frame = first_term.screws[0].frame
@@ -40,8 +41,10 @@ def find_own_joint(candidate: Candidate) -> int | None:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """The candidates (indices `which` among all) of one joint's own angle; `free` (k,) marks the
-    free functions among them."""
+    """The candidates of one joint's own angle.
+
+    `which` (k,): their indices among all candidates; `free` (k,) marks the free functions among
+    them."""
 
     which: Index
     columns: Columns
@@ -126,8 +129,9 @@ def _absorb(curve: Curve, member: int, Q: Array, response: Array) -> tuple[Array
 def find_better_curve(
     curve: Curve, Q: Array, response: Array, now: Sequence[int], odds: float
 ) -> list[int] | None:
-    """Find candidates that explain a joint's curve better than `now` by `odds` in log evidence: a
-    free function (and what it leaves), or a few waves; None where there are none.
+    """Find candidates that explain a joint's curve better than `now` by `odds` in log evidence.
+
+    They are a free function (and what it leaves), or a few waves; None where there are none.
 
     `response` (N,) has the effects `now` put back, and Q does not hold them."""
     first = score_each(curve, Q, response)

@@ -37,8 +37,10 @@ Residuals = Callable[[Problem], Array]
 
 @dataclass(frozen=True, eq=False)
 class Slip:
-    """A slip in words, what to do about it, and the readings (m, n) and positions (m, 3) without it;
-    `scale`: the factor of the positions where it concerns a unit."""
+    """A slip in words, what to do about it, and the data without it.
+
+    `q` (m, n) and `position` (m, 3): readings and positions without the slip; `scale`: the factor
+    of the positions where it concerns a unit."""
 
     words: str
     remedy: str
@@ -94,8 +96,9 @@ def _generate_slips(problem: Problem) -> Iterator[Slip]:
 
 
 def _build_stale(problem: Problem, rows: Mask) -> Slip:
-    """Build the slip of positions that were not measured anew: every row has the readings of the one
-    before."""
+    """Build the slip of positions that were not measured anew.
+
+    Every row has the readings of the one before."""
     data = problem.data
     q = np.roll(data.q, 1, axis=0)
     return Slip(
@@ -113,8 +116,9 @@ def describe_slips(
     usual: float | None = None,
     named: Mask | None = None,
 ) -> tuple[str, ...]:
-    """Describe every slip that explains some of the `rows` (mask): how many, where, and how well
-    they fit without it.
+    """Describe every slip that explains some of the `rows` (mask).
+
+    A sentence says how many rows, where, and how well they fit without the slip.
 
     `left`: computes residuals (m, c) of a problem under the model. A corrected row fits where it is
     as near as the other rows, or as the `usual` length [mm]. Rows that are `named` (mask) are left
@@ -177,8 +181,10 @@ def _describe(slip: Slip, problem: Problem, rows: Mask, before: Array, after: Ar
 def describe_slip_before_fit(
     problem: Problem, registered: bool, per_group: bool = False
 ) -> str | None:
-    """Describe the slip of some rows that explains what a problem's points leave at its placement
-    and tools; None where they leave little, or no slip of less than half of the rows explains it.
+    """Describe the slip of some rows that explains what a problem's points leave before a fit.
+
+    The points are judged at the problem's placement and tools. None where they leave little, or no
+    slip of less than half of the rows explains it.
 
     Where placement and tools were found from the rows (`registered`), they are found again with
     every guess."""
@@ -210,8 +216,9 @@ def describe_slip_before_fit(
 def _find_slipped_rows(
     problem: Problem, slip: Slip, registered: bool, per_group: bool
 ) -> tuple[Array, Mask]:
-    """Find the rows that have a slip, until no row changes sides any more: (lengths (m,) that every
-    row leaves, mask of the slipped rows)."""
+    """Find the rows that have a slip, until no row changes sides any more.
+
+    Returns the lengths (m,) that every row leaves, and the mask of the slipped rows."""
     marked = _guess_from_lengths(problem, slip)
     current = _correct_rows(problem, slip, marked, registered, per_group)
     given = problem.data
@@ -235,8 +242,9 @@ def _find_slipped_rows(
 
 
 def _guess_from_lengths(problem: Problem, slip: Slip) -> Mask:
-    """Guess which rows have another unit: those whose distance from the tracker is usual with the
-    slip's scale only."""
+    """Guess which rows have another unit.
+
+    They are those whose distance from the tracker is usual with the slip's scale only."""
     length = np.linalg.norm(problem.data.position, axis=1)
     if slip.scale == 1.0:
         return np.zeros(len(length), bool)
@@ -249,8 +257,9 @@ def _guess_from_lengths(problem: Problem, slip: Slip) -> Mask:
 def _correct_rows(
     problem: Problem, slip: Slip, marked: Mask, registered: bool, per_group: bool
 ) -> Problem:
-    """Correct the slip in the marked rows, and find tracker and targets again where they were found
-    before."""
+    """Correct the slip in the marked rows.
+
+    Tracker and targets are found again where they were found before."""
     given = problem.data
     rows = marked[:, None]
     data = replace(

@@ -61,22 +61,36 @@ def find_gross_outliers(problem: Problem, base: Model) -> Mask:
     too few to trim."""
     fitted = fit(problem, base)
     X, residual = compute_design(problem, base.terms, fitted.at())
-    X = X[:, :, list(fitted.representatives)]
-    rows, coordinates = len(X), problem.coordinates / len(X)
-    needed = int(np.ceil(2 * X.shape[2] / coordinates)) + 1
+    representatives = list(fitted.representatives)
+    X = X[:, :, representatives]
+    rows, _, columns = X.shape
+    coordinates = problem.coordinates / rows
+    fewest = np.ceil(2 * columns / coordinates)
+    needed = int(fewest) + 1
     keep = max(int(TRIM_SHARE * rows), needed)
     if keep >= rows:
         return np.zeros(rows, bool)
-    inside, size = _concentrate(X, residual, problem.measured, keep)
-    seen = None if problem.measured is None else problem.measured[inside]
+    measured = problem.measured
+    inside, size = _concentrate(
+        X,
+        residual,
+        measured,
+        keep,
+    )
+    seen = None
+    if measured is not None:
+        seen = measured[inside]
     trimmed = estimate_scale(size[inside], seen)
-    scale = trimmed / _trimmed_median_ratio(TRIM_SHARE, round(min(coordinates, 3)))
-    return _reweight(X, residual, problem.measured, size > GROSS_THRESHOLD * scale)
+    dimension = round(min(coordinates, 3))
+    scale = trimmed / _trimmed_median_ratio(TRIM_SHARE, dimension)
+    flagged = size > GROSS_THRESHOLD * scale
+    return _reweight(X, residual, measured, flagged)
 
 
 def _concentrate(X: Array, residual: Array, measured: Mask | None, keep: int) -> tuple[Mask, Array]:
-    """Fit the `keep` rows with the smallest residuals until they stay the same; returns their mask
-    (m,) and the standardised lengths (m,) of all rows."""
+    """Fit the `keep` rows with the smallest residuals until they stay the same.
+
+    Returns their mask (m,) and the standardised lengths (m,) of all rows."""
     inside = np.ones(len(X), bool)
     size = compute_lengths(residual)
     for _ in range(CONCENTRATION_STEPS):
@@ -107,8 +121,9 @@ def _reweight(X: Array, residual: Array, measured: Mask | None, flagged: Mask) -
 
 
 def _trimmed_median_ratio(share: float, coordinates: int) -> float:
-    """Compute the median length among the smallest `share` of normal vectors over the median of
-    all."""
+    """Compute the median length of trimmed normal vectors over the median of all.
+
+    Trimming keeps the smallest `share` of them."""
     from scipy.special import gammaincinv
 
     shape = coordinates / 2
@@ -120,8 +135,9 @@ def _trimmed_median_ratio(share: float, coordinates: int) -> float:
 
 
 def _refit(X: Array, residual: Array, inside: Mask, measured: Mask | None) -> Array:
-    """Compute (m,) lengths of the residuals of a fit to the rows `inside`, each over the factor that
-    its leverage puts on it; X (m, c, p), `measured` (m, c)."""
+    """Compute (m,) standardised lengths of the residuals of a fit to the rows `inside`.
+
+    Each is divided by the factor that its leverage puts on it; X (m, c, p), `measured` (m, c)."""
     _, c, p = X.shape
     reduction = reduce(X[inside].reshape(int(inside.sum()) * c, p), residual[inside].ravel())
     kept = list(identify(reduction).kept)
@@ -137,8 +153,9 @@ def _refit(X: Array, residual: Array, inside: Mask, measured: Mask | None) -> Ar
 def find_far_rows(
     residual: Array, reference: Array, threshold: float, measured: Mask | None = None
 ) -> Mask:
-    """Find rows of `residual` (m, c) longer than `threshold` robust standard deviations of the
-    `reference` rows, whose coordinates are `measured` (None: all)."""
+    """Find rows of `residual` (m, c) longer than `threshold` robust standard deviations.
+
+    The deviations are those of the `reference` rows, whose coordinates are `measured` (None: all)."""
     length = compute_lengths(residual)
     reference_length = compute_lengths(reference)
     scale = estimate_scale(reference_length, measured)

@@ -163,8 +163,10 @@ class _Inquiry(NamedTuple):
 
 
 def _alternate(split: Split, inquiry: _Inquiry) -> tuple[Split, Diagnosis, tuple[Candidate, ...]]:
-    """Alternate outliers and names: where the extended model shows other outliers than the base
-    did, effects are named once more without those."""
+    """Alternate outliers and names, until the outliers stay the same.
+
+    Where the extended model shows other outliers than the base did, effects are named once more
+    without those."""
     training = split.problem.take(split.estimation)
     outlying = find_gross_outliers(training, inquiry.base)
     for _ in range(MAX_ROUNDS):
@@ -196,9 +198,10 @@ def _reconsider_outliers(
     outlying: Mask,
     again: Mask,
 ) -> Mask:
-    """Reconsider outliers with all rows in the search: an effect of a few rows resembles outliers
-    until it may be named. Returns the outliers of that search if they are at most half as many,
-    else `again`."""
+    """Reconsider outliers with all rows in the search.
+
+    An effect of a few rows resembles outliers until it may be named. Returns the outliers of that
+    search if they are at most half as many, else `again`."""
     with_all = inquiry.search(training, found)
     none = np.zeros(len(training), bool)
     fewer = _find_outliers(training, with_all, none)
@@ -209,8 +212,10 @@ def _reconsider_outliers(
 
 
 def _find_outliers(problem: Problem, diagnosis: Diagnosis, outlying: Mask) -> Mask:
-    """Find rows far off the extended model, in robust standard deviations of the rows that are not
-    `outlying`, to which it was fitted."""
+    """Find rows far off the extended model.
+
+    They are judged in robust standard deviations of the rows that are not `outlying`, to which it
+    was fitted."""
     size = whitened(problem, diagnosis.fit.residuals(problem))
     measured = problem.measured
     if measured is not None:
@@ -224,8 +229,9 @@ def _find_outliers(problem: Problem, diagnosis: Diagnosis, outlying: Mask) -> Ma
 
 
 def _find_outliers_everywhere(split: Split, sample: Split, diagnosis: Diagnosis) -> Mask:
-    """Find outliers among all estimation rows, in robust standard deviations of the sampled rows;
-    those of the sample alone where they would be too many."""
+    """Find outliers among all estimation rows, judged by the sampled rows.
+
+    Where they would be too many, those of the sample alone are returned."""
     problem = split.problem
     used = sample.used
     size = whitened(problem, diagnosis.fit.residuals(problem))
@@ -268,8 +274,10 @@ def _expand_mask(rows: Mask, marked: Mask) -> Mask:
 
 @dataclass(frozen=True)
 class Nested:
-    """The whole procedure repeated without each fold: errors of base and chosen model on rows that
-    it has not seen, and how often each name was found."""
+    """The whole procedure repeated without each fold.
+
+    `base` and `chosen`: errors of both models on rows that the procedure has not seen; `named`: in
+    how many folds each name was found."""
 
     folds: int
     base: Errors
@@ -316,8 +324,9 @@ def _run_fold(
 def run_nested_folds(
     split: Split, base: Model, everything: tuple[Mechanism, ...], seed: int, cells: bool, folds: int
 ) -> Nested:
-    """Repeat outliers, naming and fit without each fold of the estimation configurations, in
-    parallel; the result does not depend on the number of workers."""
+    """Repeat outliers, naming and fit without each fold of the estimation configurations.
+
+    The folds run in parallel; the result does not depend on the number of workers."""
     rows = split.estimation
     estimation = split.problem.data.take(rows)
     fold = np.full(len(rows), -1, dtype=np.intp)

@@ -18,16 +18,20 @@ MIN_CHANGE = 0.1
 
 
 class _Standing(NamedTuple):
-    """Where an effect stands given the others: the log evidence for it, and the candidate that
-    should stand in its place: itself, a better name, or None if chance explains it."""
+    """Where an effect stands given the others.
+
+    `evidence`: the log evidence for it; `better`: the candidate that should stand in its place:
+    itself, a better name, or None if chance explains it."""
 
     evidence: float
     better: int | None
 
 
 class _Change(NamedTuple):
-    """A change of names to try: the effect it concerns (None for several effects of one joint), the
-    candidates after it, and what it is in words."""
+    """A change of names to try.
+
+    `effect`: the effect it concerns (None for several effects of one joint); `trial`: the
+    candidates after it; `words`: what it is in words."""
 
     effect: int | None
     trial: list[int]
@@ -37,8 +41,9 @@ class _Change(NamedTuple):
 def settle_names(
     search: Search, chosen: list[int], view: View, before: View | None, path: list[str]
 ) -> tuple[list[int], View]:
-    """Identify effects again, given the others, until their names stay; drop those that chance
-    explains.
+    """Identify effects again, given the others, until their names stay.
+
+    Effects that chance explains are dropped.
 
     Concerns the effects that changed since the view `before` (all, where that is None). One change
     at a time is made, the weakest effect first, and a change concerns only the effects that it
@@ -75,8 +80,7 @@ def settle_names(
 
 
 def _has_moved(before: View, after: View, candidate: Candidate) -> bool:
-    """Return whether what an effect does to the target changed by more than MIN_CHANGE between two
-    fits."""
+    """Return whether an effect at the target changed by more than MIN_CHANGE between two fits."""
     terms_before = (term.key for term in before.model.terms)
     theta_before = dict(zip(terms_before, before.fitted.theta, strict=True))
     own = np.flatnonzero(after.mask_terms(candidate))
@@ -88,7 +92,7 @@ def _has_moved(before: View, after: View, candidate: Candidate) -> bool:
 
 
 def _assess(search: Search, g: int, view: View) -> _Standing:
-    """Assess an effect given the others: does chance explain it, or another name better?"""
+    """Assess an effect given the others: whether chance explains it, or another name better."""
     named, evidence = search.rename(g, view)
     p = compute_p_value(evidence, search.null)
     if p > LEVEL:
@@ -108,8 +112,10 @@ def _find_change(
     standing: dict[int, _Standing],
     visited: set[frozenset[int]],
 ) -> _Change | None:
-    """Find the first change that gives a new set of candidates: of single effects, the weakest
-    first, then of the effects of one joint together."""
+    """Find the first change that gives a new set of candidates.
+
+    Single effects change first, the weakest before the others, then the effects of one joint
+    together."""
     changing = [g for g in chosen if standing[g].better != g]
     changing.sort(key=lambda effect: (standing[effect].evidence, effect))
     for g in changing:

@@ -63,8 +63,9 @@ def partition_rows(
 
 
 def compute_group_p(data: Measurements, residual: Array, rng: np.random.Generator) -> float:
-    """Compute how often configurations dealt to the groups at random have residual sums as large as
-    theirs; 1 with few groups."""
+    """Compute how often chance makes the residual sums of the groups as large as they are.
+
+    Configurations are dealt to the groups at random; the p-value is 1 with few groups."""
     _, first, configuration = np.unique(data.configuration, return_index=True, return_inverse=True)
     count = len(first)
     sums = np.stack([np.bincount(configuration, residual[:, a], count) for a in range(3)], 1)
@@ -83,8 +84,9 @@ def compute_group_p(data: Measurements, residual: Array, rng: np.random.Generato
 
 
 def adjust_residual(Q: Array, residual: Array, unit: Index) -> Array:
-    """Compute (N,) the residual with what the fit took from every unit given back,
-    (I - H_uu)^(-1/2) e_u (Bell & McCaffrey 2002); unchanged where `unit` (N,) is -1.
+    """Compute (N,) the residual with what the fit took from every unit given back.
+
+    That is (I - H_uu)^(-1/2) e_u (Bell & McCaffrey 2002); unchanged where `unit` (N,) is -1.
 
     Units of one size are computed together."""
     adjusted = residual.copy()
@@ -105,8 +107,9 @@ def adjust_residual(Q: Array, residual: Array, unit: Index) -> Array:
 def draw_flips(
     seen: Scan, log_prior: Array, e: Array, unit: Index, draws: int, rng: np.random.Generator
 ) -> Iterator[tuple[Array, Array]]:
-    """Draw sign flips of an adjusted residual e (N,), CHUNK after CHUNK: their evidences (CHUNK,),
-    and the smallest p-values (CHUNK,) of single candidates.
+    """Draw sign flips of an adjusted residual e (N,), CHUNK after CHUNK.
+
+    Yields their evidences (CHUNK,), and the smallest p-values (CHUNK,) of single candidates.
 
     `unit` (N,): which rows go together, -1 where a row keeps its sign (a prior's). Where no
     candidate is left, there is no evidence."""

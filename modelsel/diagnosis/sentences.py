@@ -31,8 +31,9 @@ NAMED_RIVALS = 3
 
 
 def choose_prefix(size: float, unit: str) -> tuple[float, str]:
-    """Choose (factor, prefixed unit): a value of this size [unit], divided by the factor, reads well
-    in the prefixed unit."""
+    """Choose (factor, prefixed unit) in which a value of this size [unit] reads well.
+
+    The value is to be divided by the factor."""
     if unit.startswith("1/"):
         return 1e-6, f"ppm{unit[1:]}"
     if unit.startswith("rad"):
@@ -94,8 +95,10 @@ def is_wave(terms: Sequence[Term]) -> bool:
 
 
 def describe_amount(terms: Sequence[Term], estimate: Array, error: Array) -> str:
-    """Describe the size of an effect: the amplitude of a wave, the range of a free function, else
-    every term (k,) with its standard error."""
+    """Describe the size of an effect.
+
+    That is the amplitude of a wave, the range of a free function, else every term (k,) with its
+    standard error."""
     first_term = terms[0]
     if is_wave(terms):
         return _describe_amplitude(first_term.unit, estimate, error)
@@ -129,25 +132,38 @@ def _describe_free_function(terms: Sequence[Term], estimate: Array) -> str:
     """Describe the range of a free function, of shifts and of rotations, and its strongest waves."""
     values: dict[str, list[float]] = {}
     for term, value in zip(terms, estimate, strict=True):
-        values.setdefault(term.unit, []).append(float(value))
-    ranges = {unit: float(np.ptp(v)) for unit, v in values.items()}
-    moved = {unit: size * (LEVER_MM if unit == "rad" else 1.0) for unit, size in ranges.items()}
-    shown = [unit for unit in ranges if moved[unit] >= MIN_SHARE * max(moved.values())]
-    sizes = " and ".join(format_quantity(ranges[unit], None, unit) for unit in shown)
-    text = f"peak to peak {sizes}"
-    is_angle = len(values) == 1 and terms[0].unit == "rad"
-    waves = find_waves(terms, estimate) if is_angle else []
-    if waves:
-        named = (
-            f"{count} waves per turn of {format_quantity(a, None, 'rad')}" for count, a in waves
-        )
+        of_unit = values.setdefault(term.unit, [])
+        of_unit.append(float(value))
+    ranges = {}
+    moved = {}
+    for unit, coefficients in values.items():
+        size = float(np.ptp(coefficients))
+        ranges[unit] = size
+        moved[unit] = size
+        if unit == "rad":
+            moved[unit] = size * LEVER_MM
+    least_shown = MIN_SHARE * max(moved.values())
+    sizes = []
+    for unit, size in ranges.items():
+        shown = format_quantity(size, None, unit)
+        if moved[unit] >= least_shown:
+            sizes.append(shown)
+    text = f"peak to peak {' and '.join(sizes)}"
+    if set(values) != {"rad"}:
+        return text
+    named = []
+    for count, amplitude in find_waves(terms, estimate):
+        shown = format_quantity(amplitude, None, "rad")
+        named.append(f"{count} waves per turn of {shown}")
+    if named:
         text += f", mostly {' and '.join(named)}"
     return text
 
 
 def find_waves(terms: Sequence[Term], estimate: Array) -> list[tuple[int, float]]:
-    """Find (waves per turn, amplitude) of the two strongest waves of a free function beyond a
-    straight line, one after the other.
+    """Find (waves per turn, amplitude) of the two strongest waves of a free function.
+
+    They are found beyond a straight line, one after the other.
 
     A wave must repeat at least twice within the range, and explain a tenth of the rest."""
     causes = (term.screws[0].cause for term in terms)
@@ -187,8 +203,9 @@ def has_contrary_signs(mechanism: Mechanism, estimate: Array) -> bool:
 
 
 def describe_candidate(candidate: Candidate, estimate: Array) -> str:
-    """Describe what a candidate says of the arm, without its size; the sentence follows the signs of
-    its fitted terms `estimate` (k,)."""
+    """Describe what a candidate says of the arm, without its size.
+
+    The sentence follows the signs of its fitted terms `estimate` (k,)."""
     mechanism = candidate.mechanism
     if mechanism.contrary and has_contrary_signs(mechanism, estimate):
         return mechanism.contrary.rstrip(".")
@@ -207,8 +224,9 @@ def describe_candidate(candidate: Candidate, estimate: Array) -> str:
 
 
 def list_cautions(effect: Effect) -> list[str]:
-    """List what the catalogue does not expect of an effect: signs, sizes, and another effect that
-    cancels it."""
+    """List what the catalogue does not expect of an effect.
+
+    Such are signs, sizes, and another effect that cancels it."""
     cautions = list(_generate_sign_cautions(effect))
     mechanism = effect.candidate.mechanism
     for term, value, error in zip(
@@ -230,8 +248,9 @@ def list_cautions(effect: Effect) -> list[str]:
 
 
 def _generate_sign_cautions(effect: Effect) -> Iterator[str]:
-    """Generate a caution for every registered mechanism with the same screws that physics allows
-    with the opposite sign only."""
+    """Generate a caution for every registered mechanism that only the opposite sign would allow.
+
+    Such a mechanism has the same screws, and physics gives it one sign."""
     entries = effect.named.entries
     alike = [entry for entry in entries if entry.alike]
     explanations: list[Effect | Entry] = [effect, *alike]
@@ -292,13 +311,14 @@ def _list_rivals(effect: Effect) -> list[str]:
 
 
 def _describe_probability(effect: Effect) -> str:
-    label = effect.candidate.label
+    candidate = effect.candidate
+    label = candidate.label
     entries = effect.named.entries
-    probability = sum(e.probability for e in entries if e.candidate.label == label)
-    scope = ""
-    if effect.candidate.asked:
-        scope = " among those considered"
-    text = f" ({label}, probability {probability:.2f}{scope}"
+    of_label = [e.probability for e in entries if e.candidate.label == label]
+    probability = f"probability {sum(of_label):.2f}"
+    if candidate.asked:
+        probability += " among those considered"
+    text = f" ({label}, {probability}"
     alike = [e for e in entries if e.alike]
     labels_alike = {e.candidate.label for e in alike}
     rivals = _list_rivals(effect)

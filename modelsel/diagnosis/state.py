@@ -127,8 +127,10 @@ class Renamed(NamedTuple):
 
 
 class Search:
-    """What the steps of the search share: the training problem, all candidates with their columns,
-    the view of the base (`first`), and the null distribution of the first scan.
+    """What the steps of the search share: the data, the candidates and the null distribution.
+
+    All candidates have their columns here; `first` is the view of the base, and the null
+    distribution is that of the first scan.
 
     Names that were asked for are remembered for each view, as long as the view lives: a view and
     the candidates never change, so that an answer stays valid."""
@@ -196,8 +198,9 @@ class Search:
             return None
 
     def is_unbounded(self, g: int, view: View) -> bool:
-        """Return whether the fit leaves an effect's size open: a term, or its standard error, is
-        beyond what a small screw can be."""
+        """Return whether the fit leaves an effect's size open.
+
+        Then a term, or its standard error, is beyond what a small screw can be."""
         terms = self.locate_terms(g, view)
         fitted = view.fitted
         estimate = fitted.theta[terms]
@@ -221,8 +224,9 @@ class Search:
         return np.asarray(moved - Q @ (Q.T @ moved))
 
     def name_strongest(self, view: View, known: Sequence[int]) -> CredibleSet:
-        """Name what explains most of the residual; `known` candidates have had their turn (what the
-        fit drops of them is no cause)."""
+        """Name what explains most of the residual.
+
+        `known` candidates have had their turn (what the fit drops of them is no cause)."""
         return name_effect(
             view.scan,
             self.found,
@@ -234,9 +238,10 @@ class Search:
         return np.union1d(self.dead, np.array(known, dtype=np.intp))
 
     def compute_sign_p(self, view: View, known: Sequence[int], observed: float) -> float:
-        """Compute how often the residual's own rows have as much evidence beyond the model when the
-        signs of whole postures (and of whole groups, where their rows go together) are drawn at
-        random; the largest of these p-values."""
+        """Compute how often the residual's own rows have as much evidence when signs are drawn.
+
+        Signs are drawn for whole postures, and for whole groups where their rows go together; the
+        largest of these p-values is returned."""
         log_prior = self.log_prior.copy()
         excluded = self._exclude(known)
         log_prior[excluded] = -np.inf
@@ -255,8 +260,9 @@ class Search:
         return max(p)
 
     def expand_partitions(self, view: View) -> list[Index]:
-        """Expand every partition of the rows to coordinates (N,): which change sign together, -1
-        where a row is the prior's."""
+        """Expand every partition of the rows to coordinates (N,).
+
+        Equal numbers change sign together; -1 where a row is the prior's."""
         problem = self.problem
         fitted_residual = view.fitted.residuals(problem)
         residual = fitted_residual[:, :3]
@@ -279,8 +285,10 @@ class Search:
         return partitions
 
     def draw_final_nulls(self, view: View) -> tuple[list[Array], Array]:
-        """Draw the nulls that the final effects are held against: (sorted evidences of each null,
-        (G,) family-wise p-values of every candidate alone on the base).
+        """Draw the nulls that the final effects are held against.
+
+        Returns sorted evidences of each null, and family-wise p-values (G,) of every candidate
+        alone on the base.
 
         The nulls are equal normal noise, and the signs of what `view` leaves; a p-value is the
         largest by any of them. Where the model of `view` has every candidate already, evidences
@@ -349,8 +357,9 @@ class Search:
     def generate_better_curves(
         self, chosen: Sequence[int], view: View
     ) -> Iterator[tuple[list[int], str]]:
-        """Generate models in which a joint's own-angle effects are explained better together:
-        (chosen candidates, what changed)."""
+        """Generate models in which a joint's own-angle effects are explained better together.
+
+        Yields the chosen candidates, and what changed in words."""
         for curve in self.curves.values():
             now = [g for g in chosen if g in curve.which]
             if not now:

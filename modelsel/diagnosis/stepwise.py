@@ -36,8 +36,9 @@ MAX_CANCELLED = 0.5
 
 
 class _Remainder(NamedTuple):
-    """The strongest explanation of what a model leaves, its p-value, and its p-value under equal
-    normal noise where only that would have named it."""
+    """The strongest explanation of what a model leaves, with its p-value.
+
+    `held_back`: its p-value under equal normal noise where only that would have named it."""
 
     strongest: CredibleSet
     p: float
@@ -46,8 +47,10 @@ class _Remainder(NamedTuple):
 
 @dataclass
 class _Progress:
-    """Where the search stands: the chosen candidates, the view of their model, the steps so far, and
-    the sets of candidates that were tried."""
+    """Where the search stands.
+
+    The chosen candidates, the view of their model, the steps so far, and the sets of candidates
+    that were tried."""
 
     chosen: list[int]
     view: View
@@ -63,8 +66,9 @@ def run_stepwise_search(
     rng: np.random.Generator,
     say: Say = lambda _: None,
 ) -> Diagnosis:
-    """Extend the base on a training problem by what the candidates `found` explain beyond chance,
-    one named effect at a time."""
+    """Extend the base by what the candidates `found` explain beyond chance.
+
+    One effect is named at a time, on a training problem."""
     if not found:
         return _build_empty(base, base_fit)
     search = Search(
@@ -150,8 +154,9 @@ def _find_untried(search: Search, strongest: CredibleSet, progress: _Progress) -
 
 
 def _add_effect(search: Search, progress: _Progress, new: int, say: Say) -> None:
-    """Add a candidate, refit, and identify again the effects that it moved; what the fit cannot
-    determine is not added."""
+    """Add a candidate, refit, and identify again the effects that it moved.
+
+    What the fit cannot determine is not added."""
     label = search.found[new].label
     say(f"found {label}")
     trial = search.add(progress.chosen, new)
@@ -179,11 +184,16 @@ def _add_effect(search: Search, progress: _Progress, new: int, say: Say) -> None
 
 
 def _is_determined(search: Search, g: int, view: View) -> bool:
-    """Return whether a fit determines an effect: its size is bounded, and one of its terms is not
-    covered by others."""
-    own = np.flatnonzero(view.mask_terms(search.found[g]))
-    has_own_term = bool(set(own) & set(view.fitted.found.kept))
-    return has_own_term and not search.is_unbounded(g, view)
+    """Return whether a fit determines an effect.
+
+    Then its size is bounded, and one of its terms is not covered by others."""
+    candidate = search.found[g]
+    is_own = view.mask_terms(candidate)
+    own = np.flatnonzero(is_own)
+    kept = view.fitted.found.kept
+    if set(own).isdisjoint(kept):
+        return False
+    return not search.is_unbounded(g, view)
 
 
 def _identify_all(search: Search, progress: _Progress) -> bool:
@@ -207,8 +217,9 @@ def _identify_all(search: Search, progress: _Progress) -> bool:
 def prune_effects(
     search: Search, chosen: list[int], view: View, path: list[str]
 ) -> tuple[list[int], View]:
-    """Drop the effects whose size the others leave open, and those that chance alone would explain,
-    the weakest first."""
+    """Drop the effects that the others make dispensable, the weakest first.
+
+    Such are those whose size the others leave open, and those that chance alone would explain."""
     while chosen:
         g = _find_dispensable(search, chosen, view)
         if g is None:
@@ -238,8 +249,9 @@ def _find_dispensable(search: Search, chosen: Sequence[int], view: View) -> int 
 def _confirm_effects(
     search: Search, chosen: list[int], view: View, path: list[str]
 ) -> tuple[dict[int, float], Array, View]:
-    """Confirm every effect given the others, under every null: (p of every effect that stays, the
-    map's family-wise p (G,), the model's view).
+    """Confirm every effect given the others, under every null.
+
+    Returns p of every effect that stays, the map's family-wise p (G,), and the model's view.
 
     An effect that passed when it came may fail once the others stand, and is dropped, the weakest
     first; one that stands alone was tested when it came."""
@@ -334,8 +346,11 @@ def _build_effects(
 def _find_cancelling(
     search: Search, chosen: Sequence[int], view: View
 ) -> dict[int, tuple[str, float]]:
-    """Find the effects of which another one takes back more than half at the target: (its label,
-    the share of the smaller one that is left of both)."""
+    """Find the effects of which another one takes back more than half at the target.
+
+    Maps each to the other's label, and the share of the smaller one that is left of both.
+
+    Returns its label, and the share of the smaller one that is left of both."""
     displacement = {}
     size = {}
     for g in chosen:

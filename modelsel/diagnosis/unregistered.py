@@ -56,8 +56,9 @@ class Unregistered(NamedTuple):
 
 
 def generate_unregistered(problem: Problem, adjacent_only: bool) -> Iterator[Unregistered]:
-    """Generate every unregistered explanation; with `adjacent_only`, the error map is restricted to
-    causes of joints at or next to the place."""
+    """Generate every unregistered explanation.
+
+    With `adjacent_only`, the error map is restricted to causes of joints at or next to the place."""
     yield from _generate_cells(problem, adjacent_only)
     yield from build_waves(problem.robot)
     yield from build_pitch_waves(problem)
@@ -69,8 +70,9 @@ def generate_unregistered(problem: Problem, adjacent_only: bool) -> Iterator[Unr
 
 
 def list_places(problem: Problem) -> tuple[Place, ...]:
-    """List (frame, axis) of every place where a screw can show: the target frame's rotations only
-    where orientations are measured."""
+    """List (frame, axis) of every place where a screw can show.
+
+    The target frame's rotations show only where orientations are measured."""
     robot = problem.robot
     target = robot.n + 1
     places: list[Place] = []
@@ -84,8 +86,9 @@ def list_places(problem: Problem) -> tuple[Place, ...]:
 
 
 def build_cell_causes(problem: Problem) -> tuple[Causes, ...]:
-    """List the causes of the error map's columns, each a tuple of functions with coefficients of
-    their own."""
+    """List the causes of the error map's columns.
+
+    Each is a tuple of functions with coefficients of their own."""
     return (
         *_causes_of_readings(problem),
         *_causes_of_joint_pairs(problem.robot),
@@ -105,7 +108,9 @@ def _sliding_joints(robot: Robot) -> list[int]:
 
 
 def _causes_of_readings(problem: Problem) -> Iterator[Causes]:
-    """Single readings: proportional, one and two waves a turn; a slide's bow and thermal scale."""
+    """Generate causes of single readings.
+
+    Proportional, one and two waves a turn; a slide's bow and thermal scale."""
     robot = problem.robot
     covariates = problem.data.covariates
     for j in range(1, robot.n + 1):
@@ -126,8 +131,9 @@ def _causes_of_readings(problem: Problem) -> Iterator[Causes]:
 
 
 def _causes_of_joint_pairs(robot: Robot) -> Iterator[Causes]:
-    """Waves of the sum and of the difference of two angles; together, any product of a wave of one
-    joint and a wave of the other."""
+    """Generate waves of the sum and of the difference of two angles.
+
+    Together they are any product of a wave of one joint and a wave of the other."""
     turning = _turning_joints(robot)
     for j, k in combinations(turning, 2):
         first = q(j)
@@ -142,7 +148,7 @@ def _causes_of_joint_pairs(robot: Robot) -> Iterator[Causes]:
 
 
 def _causes_of_gravity(robot: Robot) -> Iterator[Causes]:
-    """Gravity torques of the joints and their signs; moments of the arm's two long links."""
+    """Generate gravity torques of the joints and their signs, and moments of the two long links."""
     loaded = find_gravity_joints(robot)
     for j in loaded:
         yield (torque(j),)
@@ -156,8 +162,9 @@ def _causes_of_gravity(robot: Robot) -> Iterator[Causes]:
 
 
 def build_warming_causes(problem: Problem) -> Causes:
-    """List drift and exponential warm-up, by the clock where the data have one, else by the place
-    in the order of motion."""
+    """List drift and exponential warm-up.
+
+    They follow the clock where the data have one, else the place in the order of motion."""
     covariates = problem.data.covariates
     if "time_s" not in covariates:
         progress = Named("progress")
@@ -179,7 +186,9 @@ def build_warming_causes(problem: Problem) -> Causes:
 
 
 def _causes_of_covariates(problem: Problem) -> Iterator[Causes]:
-    """Every further column of the data; temperature from its reference; payload with moments."""
+    """Generate causes of every further column of the data.
+
+    Temperature counts from its reference; payload also with moments."""
     pair = find_arm_pair(problem.robot)
     units = problem.names()
     reference = problem.data.reference_celsius
@@ -248,8 +257,10 @@ def _classify(causes: Causes) -> CandidateKind:
 
 
 def build_waves(robot: Robot) -> Iterator[Unregistered]:
-    """Generate waves of every turning joint's own angle, 3 to 60 a turn, at its own rotation: whole
-    numbers (for joints whose ripple is not registered) and quarters between."""
+    """Generate waves of every turning joint's own angle at its own rotation.
+
+    They are 3 to 60 a turn: whole numbers (for joints whose ripple is not registered) and quarters
+    between."""
     for j in _turning_joints(robot):
         for counts, weight in ((WAVES, 1.0), (BETWEEN, RARE_WEIGHT)):
             for count in counts:
@@ -262,8 +273,9 @@ def build_waves(robot: Robot) -> Iterator[Unregistered]:
 
 
 def build_pitch_waves(problem: Problem) -> Iterator[Unregistered]:
-    """Generate waves of every slide's own reading, half to 60 over the measured travel: a screw's
-    pitch, a rack's teeth, a scale's joints.
+    """Generate waves of every slide's own reading, half to 60 over the measured travel.
+
+    They stand for a screw's pitch, a rack's teeth, a scale's joints.
 
     The travel is no multiple of their length, so that eighths of a wave are offered, with an eighth
     of the weight each."""
@@ -298,8 +310,9 @@ def _build_pitch_wave(joint: int, count: float, travel: float) -> Mechanism:
 
 
 def build_free_functions(problem: Problem) -> Iterator[Mechanism]:
-    """Generate cubic splines of every turning joint's own angle at its own rotation, with knots 40
-    to 2 degrees apart, where the data are dense enough to carry them."""
+    """Generate cubic splines of every turning joint's own angle at its own rotation.
+
+    Knots are 40 to 2 degrees apart, where the data are dense enough to carry them."""
     data = problem.data
     _, first = np.unique(data.block, return_index=True)
     for j in _turning_joints(problem.robot):
