@@ -79,33 +79,64 @@ class Arm:
 
     def compute_residuals(self, problem: Problem) -> tuple[Pose, Array]:
         """Compute (the chain at the rows' readings, (m, 3) measured minus predicted positions)."""
-        at = pose(self.robot(problem.robot), problem.data.q + self.zeros, self.tool)
-        return at, problem.data.position - at.target.T @ self.R.T - self.t
+        arm = self.robot(problem.robot)
+        at = pose(
+            arm,
+            problem.data.q + self.zeros,
+            self.tool,
+        )
+        x = problem.data.position
+        base = at.target.T
+        predicted = base @ self.R.T
+        residual = x - predicted
+        residual -= self.t
+        return at, residual
 
     def compute_misfit(self, problem: Problem) -> float:
         """Compute the median distance that is left [mm]."""
-        residual = self.compute_residuals(problem)[1]
-        return float(np.median(np.linalg.norm(residual, axis=1)))
+        _, residual = self.compute_residuals(problem)
+        distance = np.linalg.norm(
+            residual,
+            axis=1,
+        )
+        return float(np.median(distance))
 
     def has_right_angles(self) -> bool:
         """Return whether only zeros are off, by right angles."""
-        from_right = (self.zeros + np.pi / 4) % (np.pi / 2) - np.pi / 4
-        return bool((np.abs(from_right) < NEAR_RIGHT).all() and not self.links.any())
+        if self.links.any():
+            return False
+        quarter = np.pi / 2
+        eighth = np.pi / 4
+        from_right = (self.zeros + eighth) % quarter - eighth
+        size = np.abs(from_right)
+        is_near = size < NEAR_RIGHT
+        return bool(is_near.all())
 
     def apply(self, problem: Problem) -> Problem:
         """Apply this arm and set-up to the rows as the nominal ones."""
-        groups, targets = len(problem.placement[0]), len(problem.tools)
+        groups = len(problem.placement[0])
+        targets = len(problem.tools)
+        readings = problem.data.q + self.zeros
+        data = replace(problem.data, q=readings)
+        R = np.tile(self.R, (groups, 1, 1))
+        t = np.tile(self.t, (groups, 1))
         return replace(
             problem,
             robot=self.robot(problem.robot),
-            data=replace(problem.data, q=problem.data.q + self.zeros),
-            placement=(np.tile(self.R, (groups, 1, 1)), np.tile(self.t, (groups, 1))),
+            data=data,
+            placement=(R, t),
             tools=np.tile(self.tool, (targets, 1)),
         )
 
     def offsets(self) -> Array:
         """(4 n,) zeros and lengths of the links."""
-        return np.concatenate([self.zeros, self.links.ravel()])
+        lengths = self.links.ravel()
+        return np.concatenate(
+            [
+                self.zeros,
+                lengths,
+            ]
+        )
 
 
 # The unknowns: turn and shift of the placement, target, zeros, lengths of the links.
@@ -117,22 +148,44 @@ def build_nominal_arm(problem: Problem) -> Arm:
     """Build the nominal arm with the set-up of a problem of one target and one placement."""
     n = problem.robot.n
     R, t = problem.placement
-    group, target = problem.data.group[0], problem.data.target[0]
-    return Arm(R[group], t[group], problem.tools[target], np.zeros(n), np.zeros((n, 3)))
+    group = problem.data.group[0]
+    target = problem.data.target[0]
+    return Arm(
+        R=R[group],
+        t=t[group],
+        tool=problem.tools[target],
+        zeros=np.zeros(n),
+        links=np.zeros((n, 3)),
+    )
 
 
 def _compute_jacobian(problem: Problem, arm: Arm, at: Pose) -> Array:
     """Compute (m, 3, 9 + 4 n) changes of the predicted positions per unit of turn and shift (about
     the middle), tool, zeros and links."""
-    n, y = problem.robot.n, at.target.T @ arm.R.T
+    n = problem.robot.n
+    y = at.target.T @ arm.R.T
     field = at.displacement()
-    motions = [5 if not slides else 2 for slides in problem.robot.prismatic]
-    zeros = np.stack([field[j, axis] for j, axis in enumerate(motions)])
-    links = at.axes[:n, :3].reshape(3 * n, 3, -1)
-    in_base = np.concatenate([at.axes[n, :3], zeros, links])  # (3 + 4 n, 3, m)
-    turn = -cross_matrices(y - np.median(y, axis=0))
+    zeros = []
+    for j, slides in enumerate(problem.robot.prismatic):
+        motion = 2 if slides else 5
+        zeros.append(field[j, motion])
+    links = at.axes[:n, :3]
+    # (3 + 4 n, 3, m)
+    in_base = np.concatenate(
+        [
+            at.axes[n, :3],
+            np.stack(zeros),
+            links.reshape(3 * n, 3, -1),
+        ]
+    )
+    middle = np.median(y, axis=0)
+    turn = -cross_matrices(y - middle)
     shift = np.tile(np.eye(3), (len(y), 1, 1))
-    of_arm = np.einsum("ij,kjm->mik", arm.R, in_base)
+    of_arm = np.einsum(
+        "ij,kjm->mik",
+        arm.R,
+        in_base,
+    )
     return np.concatenate([turn, shift, of_arm], axis=2)
 
 
@@ -141,15 +194,23 @@ def _take_step(problem: Problem, arm: Arm, step: Array) -> Arm:
     from scipy.spatial.transform import Rotation
 
     n = problem.robot.n
-    W = Rotation.from_rotvec(step[:3]).as_matrix()
-    y = arm.compute_residuals(problem)[0].target.T @ arm.R.T
+    turn = Rotation.from_rotvec(step[:3])
+    W = turn.as_matrix()
+    shift = step[3:SET_UP]
+    tool = step[SET_UP:TARGET]
+    zeros = step[TARGET : TARGET + n]
+    lengths = step[TARGET + n :]
+    links = lengths.reshape(n, 3)
+    at, _ = arm.compute_residuals(problem)
+    y = at.target.T @ arm.R.T
     middle = np.median(y, axis=0)
+    turned_middle = W @ middle
     return Arm(
         R=nearest_rotation(W @ arm.R),
-        t=arm.t + step[3:SET_UP] + middle - W @ middle,
-        tool=arm.tool + step[SET_UP:TARGET],
-        zeros=arm.zeros + step[TARGET : TARGET + n],
-        links=arm.links + step[TARGET + n :].reshape(n, 3),
+        t=arm.t + shift + middle - turned_middle,
+        tool=arm.tool + tool,
+        zeros=arm.zeros + zeros,
+        links=arm.links + links,
     )
 
 
@@ -160,110 +221,209 @@ class _Objective:
     loss and the prior."""
 
     def __init__(self, problem: Problem, free: Index, median: float):
-        self.problem, self.free = problem, free
+        self.problem = problem
+        self.free = free
         self.scale = LOSS * median
         n = problem.robot.n
-        self.usual = problem.tools[problem.data.target[0]]
-        tool_sigma = np.full(3, STATED_MM if self.usual.any() else USUAL_MM)
-        zero_sigma = np.where(problem.robot.prismatic, LENGTH_SIGMA_MM, ZERO_SIGMA)
-        sigma = np.concatenate([tool_sigma, zero_sigma, np.full(3 * n, LENGTH_SIGMA_MM)])
-        self.prior = np.concatenate([np.zeros(SET_UP), (median / MEDIAN_3 / sigma) ** 2])
+        target = problem.data.target[0]
+        self.usual = problem.tools[target]
+        is_stated = self.usual.any()
+        tool_mm = STATED_MM if is_stated else USUAL_MM
+        zero_sigma = np.where(
+            problem.robot.prismatic,
+            LENGTH_SIGMA_MM,
+            ZERO_SIGMA,
+        )
+        sigma = np.concatenate(
+            [
+                np.full(3, tool_mm),
+                zero_sigma,
+                np.full(3 * n, LENGTH_SIGMA_MM),
+            ]
+        )
+        of_set_up = np.zeros(SET_UP)
+        of_offsets = (median / MEDIAN_3 / sigma) ** 2
+        self.prior = np.concatenate([of_set_up, of_offsets])
 
     def _offset(self, arm: Arm) -> Array:
         """Compute (9 + 4 n,) offsets of the unknowns from where they are expected."""
-        return np.concatenate([np.zeros(SET_UP), arm.tool - self.usual, arm.offsets()])
+        of_set_up = np.zeros(SET_UP)
+        of_tool = arm.tool - self.usual
+        return np.concatenate(
+            [
+                of_set_up,
+                of_tool,
+                arm.offsets(),
+            ]
+        )
 
     def cost(self, arm: Arm) -> float:
         """Compute the redescending loss and the prior's squares."""
-        square = np.square(arm.compute_residuals(self.problem)[1]).sum(1)
-        loss = compute_redescending_loss(square, self.scale)[0]
-        return float(loss.sum() + self.prior @ self._offset(arm) ** 2)
+        _, residual = arm.compute_residuals(self.problem)
+        square = np.square(residual).sum(1)
+        loss, _ = compute_redescending_loss(
+            square,
+            self.scale,
+        )
+        total = loss.sum()
+        offset = self._offset(arm)
+        penalty = self.prior @ offset**2
+        return float(total + penalty)
 
     def equations(self, arm: Arm) -> tuple[Array, Array]:
         """Compute the normal equations of a step of the free unknowns."""
         free = self.free
         at, residual = arm.compute_residuals(self.problem)
-        J = _compute_jacobian(self.problem, arm, at)[:, :, free]
-        weight = compute_redescending_loss(np.square(residual).sum(1), self.scale)[1]
-        H = np.einsum("m,mik,mil->kl", weight, J, J, optimize=True) + np.diag(self.prior[free])
-        g = np.einsum("m,mik,mi->k", weight, J, residual)
-        return H, g - self.prior[free] * self._offset(arm)[free]
+        J = _compute_jacobian(self.problem, arm, at)
+        J = J[:, :, free]
+        square = np.square(residual).sum(1)
+        _, weight = compute_redescending_loss(square, self.scale)
+        prior = self.prior[free]
+        offset = self._offset(arm)
+        H = np.einsum(
+            "m,mik,mil->kl",
+            weight,
+            J,
+            J,
+            optimize=True,
+        )
+        g = np.einsum(
+            "m,mik,mi->k",
+            weight,
+            J,
+            residual,
+        )
+        return H + np.diag(prior), g - prior * offset[free]
 
     def move(self, arm: Arm, step: Array) -> Arm:
         """Take a step of the free unknowns."""
-        whole = np.zeros(TARGET + 4 * self.problem.robot.n)
+        n = self.problem.robot.n
+        unknowns = TARGET + 4 * n
+        whole = np.zeros(unknowns)
         whole[self.free] = step
-        return _take_step(self.problem, arm, whole)
+        return _take_step(
+            self.problem,
+            arm,
+            whole,
+        )
 
 
 def fit_offsets(problem: Problem, arm: Arm, free: Sequence[int], set_up: bool) -> Arm:
     """Fit the numbers `free` of the arm (0 … n-1 zeros, n … 4n-1 lengths of links) and, where
     `set_up`, the placement and target, from where they are."""
-    of_set_up = range(TARGET) if set_up else ()
-    unknowns = np.array([*of_set_up, *(TARGET + k for k in free)], dtype=np.intp)
+    unknowns = [TARGET + k for k in free]
+    if set_up:
+        unknowns = [*range(TARGET), *unknowns]
+    indices = np.array(unknowns, dtype=np.intp)
     before = np.inf
     for _ in range(SCALE_ROUNDS):
-        median = max(arm.compute_misfit(problem), MIN_MEDIAN_MM)
+        misfit = arm.compute_misfit(problem)
+        median = max(misfit, MIN_MEDIAN_MM)
         if median > STALLED * before:
             break
         before = median
-        objective = _Objective(problem, unknowns, median)
-        arm = minimise(arm, objective.cost, objective.equations, objective.move, COARSE)
+        objective = _Objective(problem, indices, median)
+        arm = minimise(
+            arm,
+            objective.cost,
+            objective.equations,
+            objective.move,
+            COARSE,
+        )
     return arm
 
 
 def _place(problem: Problem, arm: Arm) -> Arm:
     """Place an arm by a reweighted rigid fit."""
-    x, y = problem.data.position, arm.compute_residuals(problem)[0].target.T
+    x = problem.data.position
+    at, _ = arm.compute_residuals(problem)
+    y = at.target.T
     weight = np.ones(len(y))
     for _ in range(MAX_ROUNDS):
         R, t = fit_rigid_transform(x, y, weight)
-        size = np.linalg.norm(x - y @ R.T - t, axis=1)
-        scale = max(LOSS * float(np.median(size)), MIN_MEDIAN_MM)
-        weight = compute_redescending_weights(size, scale)
+        rest = x - y @ R.T - t
+        distance = np.linalg.norm(rest, axis=1)
+        median = float(np.median(distance))
+        scale = max(
+            LOSS * median,
+            MIN_MEDIAN_MM,
+        )
+        weight = compute_redescending_weights(
+            distance,
+            scale,
+        )
     return replace(arm, R=R, t=t)
 
 
 def _link_numbers(n: int, j: int) -> list[int]:
     """List the indices of the lengths of joint j's link among the numbers of an arm."""
-    return [n + 3 * j + axis for axis in range(3)]
+    first = n + 3 * j
+    beyond = first + 3
+    numbers = range(first, beyond)
+    return list(numbers)
 
 
 def fit_each_zero(problem: Problem, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
     """Fit every joint's zero, off by any angle, one at a time."""
     for j, slides in enumerate(problem.robot.prismatic):
-        arm = fit_offsets(problem, build_nominal_arm(problem), [j], set_up)
+        nominal = build_nominal_arm(problem)
+        arm = fit_offsets(
+            problem,
+            nominal,
+            [j],
+            set_up,
+        )
+        fitted = [arm]
         if not slides:
-            far = [
-                _fit_from(problem, start, j, set_up) for start in _find_peaks(problem, j, set_up)
-            ]
-            arm = min([arm, *far], key=lambda a: a.compute_misfit(problem))
-        yield from _describe(problem, arm)
+            peaks = _find_peaks(problem, j, set_up)
+            fitted += [_fit_from(problem, start, j, set_up) for start in peaks]
+        best = min(fitted, key=lambda a: a.compute_misfit(problem))
+        yield from _describe(problem, best)
 
 
 def _fit_from(problem: Problem, start: Arm, j: int, set_up: bool) -> Arm:
-    placed = _place(problem, start) if set_up else start
-    return fit_offsets(problem, placed, [j], set_up)
+    if set_up:
+        start = _place(problem, start)
+    return fit_offsets(problem, start, [j], set_up)
 
 
 def _find_peaks(problem: Problem, j: int, set_up: bool) -> list[Arm]:
     """Find the arms with a zero of joint j, among angles all around, that promise most."""
-    n, nominal = problem.robot.n, build_nominal_arm(problem)
-    angles = np.arange(1, 36) * ANGLE_STEP
-    arms = [replace(nominal, zeros=angle * np.eye(n)[j]) for angle in angles]
+    n = problem.robot.n
+    nominal = build_nominal_arm(problem)
+    unit = np.eye(n)[j]
+    arms = []
+    for step in range(1, 36):
+        angle = step * ANGLE_STEP
+        arms.append(replace(nominal, zeros=angle * unit))
     if set_up:
-        mistakes = [Mistake("", "", np.eye(n), arm.zeros, np.eye(3)) for arm in arms]
-        misfit = score_linearly(problem, mistakes)[0]
+        mistakes = []
+        for arm in arms:
+            mistake = Mistake(
+                words="",
+                look="",
+                A=np.eye(n),
+                c=arm.zeros,
+                B=np.eye(3),
+            )
+            mistakes.append(mistake)
+        misfit, _ = score_linearly(problem, mistakes)
     else:
-        misfit = np.array([arm.compute_misfit(problem) for arm in arms])
-    return [arms[k] for k in np.argsort(misfit, kind="stable")[:PEAKS]]
+        misfits = [arm.compute_misfit(problem) for arm in arms]
+        misfit = np.array(misfits)
+    likeliest = np.argsort(misfit, kind="stable")
+    return [arms[k] for k in likeliest[:PEAKS]]
 
 
 def fit_each_link(problem: Problem, set_up: bool) -> Iterator[tuple[Mistake, Arm]]:
     """Fit every link's a b c, off by any length, one link at a time."""
-    n, nominal = problem.robot.n, build_nominal_arm(problem)
-    for j in range(1 if set_up else 0, n):
-        arm = fit_offsets(problem, nominal, _link_numbers(n, j), set_up)
+    n = problem.robot.n
+    nominal = build_nominal_arm(problem)
+    # a set-up found from the rows takes up the first link
+    first = 1 if set_up else 0
+    for j in range(first, n):
+        numbers = _link_numbers(n, j)
+        arm = fit_offsets(problem, nominal, numbers, set_up)
         yield from _describe(problem, arm)
 
 
@@ -277,12 +437,27 @@ def fit_several(
     leaves least."""
     n = problem.robot.n
     zeros = [[j] for j in range(n)]
-    from_zeros = [arm for arm in first if not arm.links.any()]
-    best = _fit_best(problem, good, from_zeros, zeros, _fit_resting(problem))
-    if best.compute_misfit(problem) > good and links:
+    of_zeros = [arm for arm in first if not arm.links.any()]
+    resting = _fit_resting(problem)
+    best = _fit_best(
+        problem,
+        good,
+        of_zeros,
+        zeros,
+        resting,
+    )
+    is_bad = best.compute_misfit(problem) > good
+    if is_bad and links:
         frames = [_link_numbers(n, j) for j in range(1, n)]
-        best = _fit_best(problem, good, first, [*zeros, *frames], [])
-    if best.compute_misfit(problem) <= good:
+        best = _fit_best(
+            problem,
+            good,
+            first,
+            [*zeros, *frames],
+            [],
+        )
+    misfit = best.compute_misfit(problem)
+    if misfit <= good:
         yield from _describe(problem, best)
 
 
@@ -295,9 +470,22 @@ def _fit_best(
 ) -> Arm:
     """Add offsets, of `groups` of numbers, to the best of the arms `first`: the best of these and of
     `others`."""
-    starts = sorted(first or [build_nominal_arm(problem)], key=lambda a: a.compute_misfit(problem))
-    extended = [_add_offsets(problem, good, arm, groups) for arm in starts[:PEAKS]]
-    return min([*extended, *others], key=lambda a: a.compute_misfit(problem))
+
+    def compute_misfit(arm: Arm) -> float:
+        return arm.compute_misfit(problem)
+
+    nominal = build_nominal_arm(problem)
+    starts = sorted(first or [nominal], key=compute_misfit)
+    extended = []
+    for start in starts[:PEAKS]:
+        arm = _add_offsets(
+            problem,
+            good,
+            start,
+            groups,
+        )
+        extended.append(arm)
+    return min([*extended, *others], key=compute_misfit)
 
 
 def _add_offsets(problem: Problem, good: float, arm: Arm, groups: Sequence[list[int]]) -> Arm:
@@ -305,18 +493,34 @@ def _add_offsets(problem: Problem, good: float, arm: Arm, groups: Sequence[list[
     falls no more."""
     offsets = arm.offsets()
     taken = [group for group in groups if offsets[group].any()]
-    before, misfit = np.inf, arm.compute_misfit(problem)
+    before = np.inf
+    misfit = arm.compute_misfit(problem)
     while len(taken) < MAX_PARTS and good < misfit < MIN_FALL * before:
-        allows_link = sum(len(group) > 1 for group in taken) < MAX_LINKS
-        offered = [g for g in groups if g not in taken and (len(g) == 1 or allows_link)]
+        links = sum(len(group) > 1 for group in taken)
+        offered = []
+        for group in groups:
+            is_link = len(group) > 1
+            is_allowed = not is_link or links < MAX_LINKS
+            if is_allowed and group not in taken:
+                offered.append(group)
         if not offered:
             break
         present = [k for group in taken for k in group]
-        fitted = [fit_offsets(problem, arm, [*present, *group], True) for group in offered]
-        best = int(np.argmin([a.compute_misfit(problem) for a in fitted]))
+        fitted = []
+        for group in offered:
+            extended = fit_offsets(
+                problem,
+                arm,
+                [*present, *group],
+                True,
+            )
+            fitted.append(extended)
+        misfits = [a.compute_misfit(problem) for a in fitted]
+        best = int(np.argmin(misfits))
         arm = fitted[best]
         taken.append(offered[best])
-        before, misfit = misfit, arm.compute_misfit(problem)
+        before = misfit
+        misfit = misfits[best]
     return arm
 
 
@@ -324,21 +528,35 @@ def _fit_resting(problem: Problem) -> list[Arm]:
     """Fit joints that rest between others that move, from all combinations of angles: readings that
     were not recorded."""
     resting = _find_resting(problem)
-    if not 2 <= len(resting) <= MAX_RESTING:
+    count = len(resting)
+    if not 2 <= count <= MAX_RESTING:
         return []
-    n, nominal = problem.robot.n, build_nominal_arm(problem)
+    identity = np.eye(problem.robot.n)
+    nominal = build_nominal_arm(problem)
     fitted = []
-    for angles in product(THIRDS, repeat=len(resting)):
-        arm = replace(nominal, zeros=np.eye(n)[resting].T @ np.array(angles))
-        fitted.append(fit_offsets(problem, _place(problem, arm), resting, True))
+    for angles in product(THIRDS, repeat=count):
+        zeros = identity[resting].T @ np.array(angles)
+        turned = replace(nominal, zeros=zeros)
+        start = _place(problem, turned)
+        arm = fit_offsets(problem, start, resting, True)
+        fitted.append(arm)
     return fitted
 
 
 def _find_resting(problem: Problem) -> list[int]:
     """Find the turning joints that rest between the first and the last that moves."""
-    moving = np.flatnonzero(np.ptp(problem.data.q, axis=0) >= REST_RANGE).tolist()
-    between = range(moving[0], moving[-1]) if moving else range(0)
-    return [j for j in between if j not in moving and not problem.robot.prismatic[j]]
+    spread = np.ptp(problem.data.q, axis=0)
+    is_moving = spread >= REST_RANGE
+    moving = np.flatnonzero(is_moving).tolist()
+    if not moving:
+        return []
+    slides = problem.robot.prismatic
+    resting = []
+    for j in range(moving[0], moving[-1]):
+        rests = j not in moving
+        if rests and not slides[j]:
+            resting.append(j)
+    return resting
 
 
 def _describe(problem: Problem, arm: Arm) -> Iterator[tuple[Mistake, Arm]]:
