@@ -1,6 +1,6 @@
 """Registration: where the tracker stands and where the targets sit, without a start value.
 
-Several starts are minimised on the exact model (`placement`), and the one with the least robust
+Several starts are minimised on the exact model (`adjustment`), and the one with the least robust
 misfit is taken (`starting_values`). A linear solve for a free affine map from the tracker to frame 0
 fails where the points lie on a line or a plane, and where the target may sit at a point that no
 joint moves, as on a two-axis positioner; rigid fits and measured orientations are tried too. Groups
@@ -9,28 +9,24 @@ that share no target are placed apart. What the rows leave open is refused, or r
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from .._linalg import connected_components
 from .._typing import Array, Index, Mask
 from ..exceptions import DataError, NotEstimable, sentence_list
 from ..fitting.problem import Problem
 from ..notices import Note
+from .adjustment import GROSS, refine_robustly, refine_without_gross_rows
+from .independent_parts import Part, build_sight, name_group, number_groups, split_independent
 from .placement import (
-    GROSS,
     MEDIAN_3,
     Placed,
     Sight,
     compute_misfits,
     compute_trimmed_median,
-    compute_uncertainty,
-    refine_robustly,
-    refine_without_gross_rows,
 )
+from .placement_uncertainty import compute_uncertainty
 from .starting_values import THIN, generate_starts, turn_about_lines
 
 # configurations per placement
@@ -61,7 +57,7 @@ def register(problem: Problem, use: Mask, per_group: bool) -> Problem:
         points = use & gauges.of("point")
         return _register_points(problem, points, per_group)
     selected = problem.take(use)
-    group, count = _number_groups(selected, per_group)
+    group, count = number_groups(selected, per_group)
     _require_configurations(
         selected,
         group,
@@ -74,12 +70,12 @@ def register(problem: Problem, use: Mask, per_group: bool) -> Problem:
     turned = None
     if problem.tool_rotations is not None:
         turned = problem.tool_rotations.copy()
-    sight = _build_sight(
+    sight = build_sight(
         selected,
         group,
         count,
     )
-    for part in _split_independent(sight):
+    for part in split_independent(sight):
         at, good = _find_placement(part.sight)
         _require_known_turns(
             part,
@@ -128,7 +124,7 @@ def _require_configurations(problem: Problem, group: Index, count: int, per_grou
         configurations = len(np.unique(problem.data.configuration[group == g]))
         if configurations < MIN_CONFIGURATIONS:
             raise DataError(
-                f"{_name_group(problem, g, per_group)} has {configurations} estimation "
+                f"{name_group(problem, g, per_group)} has {configurations} estimation "
                 f"configurations; registration needs {MIN_CONFIGURATIONS} per placement.",
                 remedy="Measure more, or choose another [split].",
             )
@@ -143,15 +139,15 @@ def note_undetermined(
     if gauges is not None:
         use = use & gauges.of("point")
     selected = problem.take(use)
-    group, count = _number_groups(selected, per_group)
-    sight = _build_sight(
+    group, count = number_groups(selected, per_group)
+    sight = build_sight(
         selected,
         group,
         count,
     )
     expected = replace(sight, usual=usual)
     notes: list[Note] = []
-    for part in _split_independent(expected):
+    for part in split_independent(expected):
         at = _read_placement(
             selected,
             part,
@@ -173,7 +169,7 @@ def note_undetermined(
                 at,
                 int(k),
                 float(turn[k]),
-                name=_name_group(selected, g, per_group),
+                name=name_group(selected, g, per_group),
             )
             notes.append(note)
         weak = part.targets[place > REPORTED_MM]
@@ -183,7 +179,7 @@ def note_undetermined(
     return tuple(notes)
 
 
-def _read_placement(problem: Problem, part: _Part, group: Index) -> Placed:
+def _read_placement(problem: Problem, part: Part, group: Index) -> Placed:
     """Read the placement of a part from a registered problem."""
     rows = []
     for g in part.groups:
@@ -202,80 +198,6 @@ def _read_placement(problem: Problem, part: _Part, group: Index) -> Placed:
         problem.tools[part.targets],
         turned,
     )
-
-
-def _number_groups(problem: Problem, per_group: bool) -> tuple[Index, int]:
-    """Number the groups that have a placement each: (group of every row (m,), their count)."""
-    if per_group:
-        groups = problem.data.groups
-        return problem.data.group, len(groups)
-    count = len(problem)
-    one_group = np.zeros(count, np.intp)
-    return one_group, 1
-
-
-def _name_group(problem: Problem, g: int, per_group: bool) -> str:
-    if not per_group:
-        return "the data"
-    name = problem.data.groups[g]
-    return f"group {name}"
-
-
-def _build_sight(problem: Problem, group: Index, count: int) -> Sight:
-    flange = replace(problem, tools=np.zeros_like(problem.tools)).pose(slice(None))
-    has_orientations = problem.tool_rotations is not None
-    return Sight(
-        x=problem.data.position,
-        o=flange.target.T,
-        F=np.ascontiguousarray(flange.axes[-1, :3].transpose(2, 1, 0)),
-        group=group,
-        target=problem.data.target,
-        groups=count,
-        usual=problem.tools,
-        seen=np.asarray(problem.data.rotation) if has_orientations else None,
-    )
-
-
-class _Part(NamedTuple):
-    """Rows whose placements and targets no row joins to others: their sight with groups and targets
-    numbered anew, and the original numbers of the groups and targets."""
-
-    sight: Sight
-    groups: Index
-    targets: Index
-
-
-def _split_independent(sight: Sight) -> Iterator[_Part]:
-    """Split the rows into parts that share neither a group nor a target."""
-    G = sight.groups
-    T = len(sight.usual)
-    pairs = np.column_stack(
-        [
-            sight.group,
-            G + sight.target,
-        ]
-    )
-    label = connected_components(G + T, pairs)
-    of_group = label[:G]
-    of_target = label[G:]
-    of_row = of_group[sight.group]
-    for k in np.unique(of_row):
-        rows = np.flatnonzero(of_row == k)
-        groups = np.flatnonzero(of_group == k)
-        targets = np.flatnonzero(of_target == k)
-        part = sight.take(rows)
-        renumbered = replace(
-            part,
-            group=np.searchsorted(groups, part.group),
-            groups=len(groups),
-            usual=sight.usual[targets],
-            target=np.searchsorted(targets, part.target),
-        )
-        yield _Part(
-            renumbered,
-            groups,
-            targets,
-        )
 
 
 def _find_placement(sight: Sight) -> tuple[Placed, Mask]:
@@ -413,7 +335,7 @@ def _note_weak_targets(names: list[str]) -> Note:
 
 
 def _require_known_turns(
-    part: _Part, at: Placed, good: Mask, problem: Problem, per_group: bool
+    part: Part, at: Placed, good: Mask, problem: Problem, per_group: bool
 ) -> None:
     """Raise NotEstimable where the rows leave a placement's turn open."""
     turn, _ = compute_uncertainty(
@@ -426,7 +348,7 @@ def _require_known_turns(
     if least_certain <= MAX_TURN:
         return
     g = int(part.groups[k])
-    name = _name_group(
+    name = name_group(
         problem,
         g,
         per_group,
