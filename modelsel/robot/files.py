@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from .._text import parse_toml, read_text
-from .._typing import LARGEST, Array
+from .._typing import Array
 from ..exceptions import StudyError, suggest
 from .kinematics import Joint, Robot
 from .plain_values import check_robot_name
 from .rigid import align_z, from_rpy, inverse, rotation_matrix, transform
+from .value_reader import Reader
 
 # the forms of a fixed transform, one of which every joint has
 JOINT_FORMS = ("transform_mm", "xyz_mm", "dh")
@@ -44,104 +45,12 @@ TOP_KEYS = {
 DH_KEYS = ("theta_deg", "d_mm", "a_mm", "alpha_deg")
 JOINT_KINDS = ("revolute", "prismatic")
 DH_CONVENTIONS = ("standard", "modified")
-# a direction shorter than this has no length
-MIN_DIRECTION = 1e-9
 # entries of R Rᵀ of a rotation in a file differ from the identity's by less
 ROTATION_TOLERANCE = 1e-6
 
 
-class _Reader:
-    """Reads values of one file and collects every problem, so that all are said at once."""
-
-    def __init__(self, where: str):
-        self.where = where
-        self.problems: list[str] = []
-
-    def report(self, place: str, problem: str) -> None:
-        """Note a problem at a place of the file."""
-        is_sentence = problem.endswith((".", "?"))
-        if not is_sentence:
-            problem += "."
-        message = f"{self.where}: {place}: {problem}"
-        self.problems.append(message)
-
-    def check_keys(self, place: str, table: Mapping[str, Any], known: set[str]) -> None:
-        """Note the keys of a table that are not known."""
-        for key in table:
-            if key in known:
-                continue
-            suggestion = suggest(key, known)
-            self.report(
-                place,
-                f'unknown key "{key}". {suggestion}',
-            )
-
-    def word(self, place: str, value: Any, choices: tuple[str, str]) -> str:
-        """Return one of two words; the first, and a problem noted, for any other value."""
-        if value in choices:
-            return str(value)
-        first, second = choices
-        self.report(
-            place,
-            f'expected "{first}" or "{second}", found "{value}"',
-        )
-        return first
-
-    def array(self, place: str, value: Any, shape: tuple[int, ...]) -> Array:
-        """Return a finite array of the wanted shape; zeros, and a problem noted, for any other
-        value."""
-        try:
-            array = np.array(value, dtype=float)
-        except (TypeError, ValueError, OverflowError):
-            array = np.array(np.nan)
-        is_numeric = not isinstance(value, (bool, str))
-        has_shape = array.shape == shape
-        is_bounded = (np.abs(array) <= LARGEST).all()
-        if is_numeric and has_shape and is_bounded:
-            return array
-        expected = "one finite number"
-        if shape:
-            lengths = " x ".join(map(str, shape))
-            expected = f"{lengths} finite numbers"
-        if has_shape and np.isfinite(array).all():
-            expected += f" below {LARGEST:g}"
-        found = str(value)[:120]
-        self.report(
-            place,
-            f"expected {expected}, found {found}",
-        )
-        return np.zeros(shape)
-
-    def number(self, place: str, value: Any) -> float:
-        """Return a finite number; 0, and a problem noted, for any other value."""
-        number = self.array(
-            place,
-            value,
-            shape=(),
-        )
-        return float(number)
-
-    def vector(self, place: str, value: Any) -> tuple[float, float, float]:
-        """Return three finite numbers; zeros, and a problem noted, for any other value."""
-        array = self.array(
-            place,
-            value,
-            shape=(3,),
-        )
-        x, y, z = array.tolist()
-        return x, y, z
-
-    def direction(self, place: str, value: Any, problem: str) -> Array | None:
-        """Return a vector; None, and the problem noted, where it has no length."""
-        direction = self.array(place, value, (3,))
-        if np.linalg.norm(direction) >= MIN_DIRECTION:
-            return direction
-        self.report(place, problem)
-        return None
-
-
 def _read_transform(
-    read: _Reader, place: str, row: Mapping[str, Any], modified: bool
+    read: Reader, place: str, row: Mapping[str, Any], modified: bool
 ) -> tuple[Array, Array]:
     """Return (transform before the joint, what is left for the next row) of one joint or of
     [last]."""
@@ -172,7 +81,7 @@ def _read_transform(
     )
 
 
-def _read_matrix(read: _Reader, place: str, value: Any) -> Array:
+def _read_matrix(read: Reader, place: str, value: Any) -> Array:
     """Return the transform (4, 4) of its upper three rows."""
     N = read.array(
         place,
@@ -191,7 +100,7 @@ def _read_matrix(read: _Reader, place: str, value: Any) -> Array:
     return transform(R, offset)
 
 
-def _read_origin(read: _Reader, place: str, row: Mapping[str, Any]) -> tuple[Array, Array]:
+def _read_origin(read: Reader, place: str, row: Mapping[str, Any]) -> tuple[Array, Array]:
     """Return the transforms before and after a joint given as in a URDF: xyz, rpy, axis."""
     rpy = read.array(
         f"{place}.rpy_deg",
@@ -217,7 +126,7 @@ def _read_origin(read: _Reader, place: str, row: Mapping[str, Any]) -> tuple[Arr
     return before, inverse(to_axis)
 
 
-def _read_dh(read: _Reader, place: str, row: Any, modified: bool) -> tuple[Array, Array]:
+def _read_dh(read: Reader, place: str, row: Any, modified: bool) -> tuple[Array, Array]:
     """Return the transforms before and after a joint given as a row of DH parameters."""
     if not isinstance(row, Mapping):
         read.report(place, "expected { theta_deg = …, d_mm = …, a_mm = …, alpha_deg = … }")
@@ -244,7 +153,7 @@ def _read_dh(read: _Reader, place: str, row: Any, modified: bool) -> tuple[Array
     return Rz, after
 
 
-def _read_joint(read: _Reader, place: str, row: Mapping[str, Any], before: Array) -> Joint:
+def _read_joint(read: Reader, place: str, row: Mapping[str, Any], before: Array) -> Joint:
     kind = read.word(
         f"{place}.kind",
         row.get("kind", "revolute"),
@@ -277,7 +186,7 @@ def _read_joint(read: _Reader, place: str, row: Mapping[str, Any], before: Array
 
 
 def _read_limits(
-    read: _Reader, place: str, row: Mapping[str, Any], prismatic: bool
+    read: Reader, place: str, row: Mapping[str, Any], prismatic: bool
 ) -> tuple[float, float] | None:
     key, scale = "limits_deg", np.pi / 180
     if prismatic:
@@ -298,7 +207,7 @@ def _read_limits(
     return float(low), float(high)
 
 
-def _read_usual(read: _Reader, table: Mapping[str, Any]) -> tuple[float, float]:
+def _read_usual(read: Reader, table: Mapping[str, Any]) -> tuple[float, float]:
     """Return the usual size of such an arm's errors: (mm, rad)."""
     sizes = []
     for key in ("usual_mm", "usual_mrad"):
@@ -313,7 +222,7 @@ def _read_usual(read: _Reader, table: Mapping[str, Any]) -> tuple[float, float]:
     return sizes[0], sizes[1] * 1e-3
 
 
-def _read_gravity(read: _Reader, table: Mapping[str, Any]) -> tuple[float, float, float] | None:
+def _read_gravity(read: Reader, table: Mapping[str, Any]) -> tuple[float, float, float] | None:
     if "gravity" not in table:
         return None
     remedy = "the direction has no length; leave the key out where it is not known"
@@ -325,7 +234,7 @@ def _read_gravity(read: _Reader, table: Mapping[str, Any]) -> tuple[float, float
 
 
 def _read_chain(
-    read: _Reader, table: Mapping[str, Any], rows: list[Mapping[str, Any]]
+    read: Reader, table: Mapping[str, Any], rows: list[Mapping[str, Any]]
 ) -> tuple[tuple[Joint, ...], Array]:
     """Return the joints and the transform (4, 4) from the last of them to the flange."""
     convention = table.get("convention", "standard")
@@ -381,11 +290,10 @@ def _read_chain(
 def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
     """Build the robot that a TOML table describes. Raises StudyError with every problem, each with
     its place in `where`."""
-    read = _Reader(where)
+    read = Reader(where)
     read.check_keys("robot file", table, TOP_KEYS)
     rows = table.get("joint")
-    has_joints = isinstance(rows, list) and len(rows) > 0
-    if not has_joints or not all(isinstance(row, Mapping) for row in rows):
+    if not isinstance(rows, list) or not rows or not all(isinstance(row, Mapping) for row in rows):
         raise StudyError(
             *read.problems,
             f"{where}: no [[joint]] found: one table per joint, from the base on, is expected.",

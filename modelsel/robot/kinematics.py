@@ -39,9 +39,11 @@ class Joint:
     """A joint and the fixed transform before it; `mass` [kg] and `com` [mm, this joint's frame] of
     the link it moves."""
 
-    before: Array = field(repr=False)  # N_k, (4, 4)
+    # N_k, (4, 4)
+    before: Array = field(repr=False)
     prismatic: bool = False
-    limits: tuple[float, float] | None = None  # rad or mm
+    # rad or mm
+    limits: tuple[float, float] | None = None
     mass: float | None = None
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
@@ -64,7 +66,8 @@ class Robot:
     name: str
     source: str
     joints: tuple[Joint, ...]
-    last: Array = field(repr=False)  # last joint to flange, (4, 4)
+    # last joint to flange, (4, 4)
+    last: Array = field(repr=False)
     gravity: tuple[float, float, float] | None = (0.0, 0.0, -1.0)
     usual: tuple[float, float] = (1.0, 1e-3)
 
@@ -76,34 +79,27 @@ class Robot:
     @property
     def prismatic(self) -> tuple[bool, ...]:
         """Which joints slide, as `read_measurements` wants to know."""
-        slides = []
-        for joint in self.joints:
-            is_slide = joint.prismatic
-            slides.append(is_slide)
-        return tuple(slides)
+        return tuple(joint.prismatic for joint in self.joints)
 
     @cached_property
     def reach(self) -> float:
         """Upper bound of the distance [mm] from joint 1 to the flange: the sum of the fixed
         translations after it and of the travels of its slides."""
-        lengths = []
+        links = []
         for joint in self.joints[1:]:
             offset = joint.before[:3, 3]
             length = np.linalg.norm(offset)
-            lengths.append(float(length))
-        slides = 0.0
+            links.append(float(length))
+        slides = []
         for joint in self.joints:
             limits = joint.limits
             if joint.prismatic and limits:
                 low, high = limits
-                travel = max(
-                    abs(low),
-                    abs(high),
-                )
-                slides += travel
-        links = sum(lengths)
-        last = np.linalg.norm(self.last[:3, 3])
-        return links + slides + float(last)
+                travel = max(abs(low), abs(high))
+                slides.append(travel)
+        offset = self.last[:3, 3]
+        last = np.linalg.norm(offset)
+        return sum(links) + sum(slides) + float(last)
 
     @cached_property
     def fixed(self) -> tuple[FixedTransform, ...]:
@@ -201,8 +197,9 @@ class _Walk:
     origins: Array
     twist: Array | None
     space: Workspace
-    scratch: Array  # (2, 3, m)
-    rotated: Array  # (3, 3, m)
+    # (2, 3, m) and (3, 3, m)
+    scratch: Array
+    rotated: Array
 
     def offset(self, frame: int) -> Sequence[tuple[int, Array | float]]:
         """Origin of a frame relative to the one before, along its own axes; the last one's
@@ -250,14 +247,7 @@ class _Walk:
         """Write the axes of a frame: R after its revolute joint and the next fixed rotation."""
         fixed = self.robot.fixed[frame]
         if not fixed.moves:
-            rotate_about_axis(
-                R,
-                2,
-                turn,
-                AXES_IN_PLACE,
-                self.rotated,
-                self.scratch,
-            )
+            rotate_about_axis(R, 2, turn, AXES_IN_PLACE, self.rotated, self.scratch)
             rotate_by_fixed(
                 self.rotated,
                 fixed.columns,

@@ -124,12 +124,38 @@ def nearest_rotation(A: Array) -> Array:
 
 def from_quaternion(wxyz: Array) -> Array:
     """Convert quaternions (m, 4), given as w x y z and normalised here, to rotations (m, 3, 3)."""
-    w, x, y, z = (wxyz / np.linalg.norm(wxyz, axis=1, keepdims=True)).T
+    length = np.linalg.norm(
+        wxyz,
+        axis=1,
+        keepdims=True,
+    )
+    w, x, y, z = (wxyz / length).T
+    xx = x * x
+    yy = y * y
+    zz = z * z
+    xy = x * y
+    xz = x * z
+    yz = y * z
+    xw = x * w
+    yw = y * w
+    zw = z * w
     R = np.array(
         [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            [
+                1 - 2 * (yy + zz),
+                2 * (xy - zw),
+                2 * (xz + yw),
+            ],
+            [
+                2 * (xy + zw),
+                1 - 2 * (xx + zz),
+                2 * (yz - xw),
+            ],
+            [
+                2 * (xz - yw),
+                2 * (yz + xw),
+                1 - 2 * (xx + yy),
+            ],
         ]
     )
     return np.moveaxis(R, -1, 0)

@@ -117,14 +117,17 @@ def _compute_jacobian(
         at,
         group,
     )
+    lever = arm - turning_point
     residuals = 6 if with_turns else 3
     unknowns = 12 if with_turns else 9
-    J = np.zeros((len(rows), residuals, unknowns))
-    J[:, :3, :3] = -cross_matrices(arm - turning_point)
+    count = len(rows)
+    J = np.zeros((count, residuals, unknowns))
+    J[:, :3, :3] = -cross_matrices(lever)
     J[:, :3, 3:6] = np.eye(3)
     J[:, :3, 6:9] = RF
     if with_turns:
-        J[:, 3:, :3] = LEVER_MM * np.eye(3)
+        identity = np.eye(3)
+        J[:, 3:, :3] = LEVER_MM * identity
         J[:, 3:, 9:] = LEVER_MM * RF
     return J
 
