@@ -49,7 +49,7 @@ class Joint:
 
     @property
     def range(self) -> tuple[float, float]:
-        """Its limits, or ±π rad or 0…500 mm where none are known."""
+        """Limits of its reading, or ±π rad or 0…500 mm where none are known."""
         if self.limits is not None:
             return self.limits
         if self.prismatic:
@@ -78,13 +78,14 @@ class Robot:
 
     @property
     def prismatic(self) -> tuple[bool, ...]:
-        """Which joints slide, as `read_measurements` wants to know."""
+        """Whether each joint slides, as `read_measurements` wants to know."""
         return tuple(joint.prismatic for joint in self.joints)
 
     @cached_property
     def reach(self) -> float:
-        """Upper bound of the distance [mm] from joint 1 to the flange: the sum of the fixed
-        translations after it and of the travels of its slides."""
+        """Upper bound of the distance [mm] from joint 1 to the flange.
+
+        The sum of the fixed translations after joint 1 and of the travels of its slides."""
         links = []
         for joint in self.joints[1:]:
             offset = joint.before[:3, 3]
@@ -113,7 +114,7 @@ class Robot:
         return tuple(prepared)
 
     def unit(self, joint: int) -> str:
-        """Unit of a joint's reading (1-based joint)."""
+        """Return the unit of a joint's reading (1-based joint)."""
         index = joint - 1
         if self.joints[index].prismatic:
             return "mm"
@@ -202,8 +203,9 @@ class _Walk:
     rotated: Array
 
     def offset(self, frame: int) -> Sequence[tuple[int, Array | float]]:
-        """Origin of a frame relative to the one before, along its own axes; the last one's
-        includes the tool."""
+        """Return the origin of a frame relative to the one before, along its own axes.
+
+        The last one's includes the tool."""
         robot = self.robot
         fixed = robot.fixed[frame].offset
         if frame < robot.n:

@@ -109,7 +109,7 @@ class Arm:
         )
 
     def offsets(self) -> Array:
-        """(4 n,) zeros and lengths of the links."""
+        """Concatenate the zeros and the lengths of the links, (4 n,)."""
         lengths = self.links.ravel()
         return np.concatenate(
             [

@@ -76,8 +76,9 @@ def _find_labels(problem: Problem, before: float, registered: bool, per_group: b
 
 
 def _prefer_given(given: Index, label: Index) -> Index:
-    """Exchange the names of two targets if most rows then have the given one: for targets that were
-    found from the rows, which of the two is which is a choice."""
+    """Exchange the names of two targets if most rows then have the given one.
+
+    For targets that were found from the rows, which of the two is which is a choice."""
     names = np.unique(given)
     if len(names) != 2:
         return label
