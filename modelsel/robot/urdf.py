@@ -18,9 +18,9 @@ from .urdf_elements import (
     MOVING,
     child_of,
     group_by_parent,
-    name_of,
     parent_of,
     read_axis,
+    read_joint_name,
     read_origin,
     read_vector,
 )
@@ -114,7 +114,7 @@ def _sum_weights(root: ET.Element, start: str, stop: set[str]) -> tuple[float, A
         if body is not None:
             bodies.append(body)
         for joint in joints_on.get(name, []):
-            if name_of(joint) in stop:
+            if read_joint_name(joint) in stop:
                 continue
             child = child_of(joint)
             origin = read_origin(joint)
@@ -178,30 +178,22 @@ def _read_chain(root: ET.Element, where: str, base: str | None, tip: str | None)
         name = element.get("name")
         place = f'{where}: joint "{name}"'
         _check_kind(element, place)
-        kind = element.get("type")
-        if kind == "fixed":
+        if element.get("type") == "fixed":
             continue
         axis = _check_axis(element, place)
         to_axis = transform(align_z(axis))
         limits = _read_limits(element, place)
-        mass = None
-        com = np.zeros(3)
         weights = _sum_weights(
             root,
             child_of(element),
             moving,
         )
-        if weights is not None:
-            mass, centre = weights
-            R = to_axis[:3, :3]
-            com = R.T @ centre
-        x, y, z = com.tolist()
-        joint = Joint(
-            before=pending @ to_axis,
-            prismatic=kind == "prismatic",
-            limits=limits,
-            mass=mass,
-            com=(x, y, z),
+        joint = _build_joint(
+            element,
+            pending,
+            to_axis,
+            limits,
+            weights,
         )
         joints.append(joint)
         pending = inverse(to_axis)
@@ -216,6 +208,30 @@ def _read_chain(root: ET.Element, where: str, base: str | None, tip: str | None)
         joints=tuple(joints),
         last=pending,
         gravity=_find_gravity(root, first_link, where),
+    )
+
+
+def _build_joint(
+    element: ET.Element,
+    pending: Array,
+    to_axis: Array,
+    limits: tuple[float, float] | None,
+    weights: tuple[float, Array] | None,
+) -> Joint:
+    """Build the joint of an element from the transform that leads to it and the one to its axis."""
+    mass = None
+    com = np.zeros(3)
+    if weights is not None:
+        mass, centre = weights
+        R = to_axis[:3, :3]
+        com = R.T @ centre
+    x, y, z = com.tolist()
+    return Joint(
+        before=pending @ to_axis,
+        prismatic=element.get("type") == "prismatic",
+        limits=limits,
+        mass=mass,
+        com=(x, y, z),
     )
 
 

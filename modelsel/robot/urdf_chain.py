@@ -14,7 +14,7 @@ from .urdf_elements import (
     find_end,
     group_by_parent,
     is_moving,
-    name_of,
+    read_joint_name,
     read_origin,
 )
 
@@ -171,7 +171,7 @@ def list_moving_names(path: Sequence[ET.Element]) -> tuple[str, ...]:
     """List the names of the joints that move on a path."""
     names = []
     for joint in path:
-        name = name_of(joint)
+        name = read_joint_name(joint)
         if is_moving(joint):
             names.append(name)
     return tuple(names)

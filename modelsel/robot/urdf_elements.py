@@ -66,7 +66,7 @@ def read_axis(joint: ET.Element) -> Array:
     )
 
 
-def name_of(joint: ET.Element) -> str:
+def read_joint_name(joint: ET.Element) -> str:
     """Return the name of a joint."""
     return str(joint.get("name"))
 

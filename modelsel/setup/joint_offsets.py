@@ -14,9 +14,10 @@ from itertools import product
 import numpy as np
 
 from ..fitting.problem import Problem
+from .linear_scores import score_linearly
 from .offset_arms import Arm, build_nominal_arm, fit_offsets, place_arm
 from .offset_words import REST_RANGE, describe_offsets
-from .simple_mistakes import Mistake, score_linearly
+from .simple_mistakes import Mistake
 
 # angles of a joint's zero that are tried, and how many of the best are fitted from
 ANGLE_STEP = np.pi / 18

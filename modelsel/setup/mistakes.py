@@ -31,6 +31,7 @@ from .explanations import (
     try_registration,
 )
 from .joint_offsets import fit_each_link, fit_each_zero, fit_several
+from .linear_scores import score_linearly
 from .offset_arms import Arm
 from .other_robots import describe_improvement, sample_positions
 from .simple_mistakes import (
@@ -41,7 +42,6 @@ from .simple_mistakes import (
     list_joint_mistakes,
     list_position_mistakes,
     list_reversed_joints,
-    score_linearly,
 )
 
 # configurations below which chance fits too much; twice as many for two mistakes at once

@@ -241,21 +241,19 @@ def _fit_robustly(x: Array, y: Array) -> tuple[Array, Array]:
     """Fit one rigid transform to points (k, 3) of which up to half may be gross."""
     m = len(x)
     irrationals = np.sqrt([5.0, 2.0, 3.0, 7.0])
-    subsets = np.arange(SUBSETS) + 0.5
-    shares = np.outer(subsets, irrationals) % 1.0
+    shares = np.outer(np.arange(SUBSETS) + 0.5, irrationals) % 1.0
     fours = (shares * m).astype(int)
-    R_all, t_all = fit_rigid_transform(
+    of_all = fit_rigid_transform(
         x[None],
         y[None],
         np.ones((1, m)),
     )
-    R_fours, t_fours = fit_rigid_transform(
+    of_fours = fit_rigid_transform(
         x[fours],
         y[fours],
         np.ones(fours.shape),
     )
-    Rs = np.concatenate([R_all, R_fours])
-    ts = np.concatenate([t_all, t_fours])
+    Rs, ts = (np.concatenate(fits) for fits in zip(of_all, of_fours, strict=True))
     rotated = y @ Rs.transpose(0, 2, 1)
     distances = np.linalg.norm(
         x - rotated - ts[:, None],
@@ -267,10 +265,10 @@ def _fit_robustly(x: Array, y: Array) -> tuple[Array, Array]:
     t = ts[best]
     near = distances[best]
     for _ in range(MAX_ROUNDS):
-        median = compute_trimmed_median(near, 6)
+        scale = LOSS * compute_trimmed_median(near, 6)
         weight = compute_redescending_weights(
             near,
-            LOSS * median,
+            scale,
         )
         R, t = fit_rigid_transform(x, y, weight)
         near = np.linalg.norm(

@@ -9,6 +9,7 @@ that share no target are placed apart. What the rows leave open is refused, or r
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -153,30 +154,39 @@ def note_undetermined(
             part,
             group,
         )
-        size = compute_misfits(part.sight, at)
-        unknowns = part.sight.unknowns
-        median = compute_trimmed_median(size, unknowns)
-        good = size <= GROSS * median
-        turn, place = compute_uncertainty(
-            part.sight,
+        notes += _note_weak_part(
+            part,
             at,
-            good,
+            selected,
+            per_group,
         )
-        for k in np.flatnonzero(turn > REPORTED_TURN):
-            g = int(part.groups[k])
-            note = _note_weak_turn(
-                part.sight,
-                at,
-                int(k),
-                float(turn[k]),
-                name=name_group(selected, g, per_group),
-            )
-            notes.append(note)
-        weak = part.targets[place > REPORTED_MM]
-        if len(weak):
-            names = [selected.data.targets[k] for k in weak]
-            notes.append(_note_weak_targets(names))
     return tuple(notes)
+
+
+def _note_weak_part(part: Part, at: Placed, problem: Problem, per_group: bool) -> Iterator[Note]:
+    """Note which placements and targets of a part its rows determine poorly."""
+    sight = part.sight
+    misfits = compute_misfits(sight, at)
+    median = compute_trimmed_median(misfits, sight.unknowns)
+    good = misfits <= GROSS * median
+    turn, place = compute_uncertainty(
+        sight,
+        at,
+        good,
+    )
+    for k in np.flatnonzero(turn > REPORTED_TURN):
+        g = int(part.groups[k])
+        yield _note_weak_turn(
+            sight,
+            at,
+            int(k),
+            float(turn[k]),
+            name=name_group(problem, g, per_group),
+        )
+    weak = part.targets[place > REPORTED_MM]
+    if len(weak):
+        names = [problem.data.targets[k] for k in weak]
+        yield _note_weak_targets(names)
 
 
 def _read_placement(problem: Problem, part: Part, group: Index) -> Placed:

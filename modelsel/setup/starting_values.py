@@ -161,6 +161,23 @@ def _fill_places(M: Array, sight: Sight) -> None:
         ] = 1.0
 
 
+def _fill_maps(M: Array, sight: Sight, scaled: Array) -> None:
+    """Fill the columns of one affine map per group (12 G, the first ones) of a design M (m, 3, p),
+    for scaled positions (m, 3)."""
+    m = len(scaled)
+    ones = np.ones((m, 1))
+    row = np.concatenate([scaled, ones], axis=1)
+    rows = np.arange(m)[:, None]
+    first = 12 * sight.group[:, None]
+    for a in range(3):
+        columns = first + 4 * a + np.arange(4)
+        M[
+            rows,
+            a,
+            columns,
+        ] = row
+
+
 def _start_from_affine_map(sight: Sight) -> Placed:
     """Solve A_g x + b_g − F_i t_i = o_i for affine maps and targets.
 
@@ -169,42 +186,30 @@ def _start_from_affine_map(sight: Sight) -> Placed:
     groups = sight.groups
     targets = len(sight.usual)
     m = len(sight.x)
-    middles = [sight.middle(g) for g in range(groups)]
-    middle = np.array(middles)
+    middle = np.array([sight.middle(g) for g in range(groups)])
     centred = sight.x - middle[sight.group]
     largest = float(np.abs(centred).max())
     span = max(largest, 1.0)
-    ones = np.ones((m, 1))
-    row = np.concatenate(
-        [
-            centred / span,
-            ones,
-        ],
-        axis=1,
-    )
     of_targets = 12 * groups
     unknowns = of_targets + 3 * targets
     M = np.zeros((m, 3, unknowns))
-    rows = np.arange(m)[:, None]
-    first = 12 * sight.group[:, None]
-    for a in range(3):
-        columns = first + 4 * a + np.arange(4)
-        M[rows, a, columns] = row
+    _fill_maps(M, sight, centred / span)
     _fill_targets(
         M,
         sight,
         of_targets,
         -sight.F,
     )
-    expected = sight.points(sight.usual)
-    solution = _solve_robustly(M, expected)
-    maps = solution[:of_targets]
+    solution = _solve_robustly(
+        M,
+        sight.points(sight.usual),
+    )
+    maps = solution[:of_targets].reshape(groups, 3, 4)
     offsets = solution[of_targets:]
     R = np.empty((groups, 3, 3))
     t = np.empty((groups, 3))
-    for g, affine in enumerate(maps.reshape(groups, 3, 4)):
-        linear = affine[:, :3] / span
-        to_base = nearest_rotation(linear)
+    for g, affine in enumerate(maps):
+        to_base = nearest_rotation(affine[:, :3] / span)
         R[g] = to_base.T
         t[g] = middle[g] - R[g] @ affine[:, 3]
     return Placed(
@@ -306,11 +311,12 @@ def _fit_hand_eye(sight: Sight, g: int) -> Array | None:
             b,
         )
         R = nearest_rotation(covariance)
-        rest = a - b @ R.T
-        size = np.linalg.norm(rest, axis=1)
+        size = np.linalg.norm(
+            a - b @ R.T,
+            axis=1,
+        )
         scale = compute_scale(size, MIN_SCALE)
-        robust = compute_cauchy_weights(size, scale)
-        weight = is_trusted * robust
+        weight = is_trusted * compute_cauchy_weights(size, scale)
     return R
 
 
