@@ -16,6 +16,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
@@ -97,7 +98,8 @@ class _Regression:
 
     def columns(self, members: Mask) -> Index:
         """Return the columns of a subset."""
-        return np.flatnonzero(members[self.group])
+        inside = members[self.group]
+        return np.flatnonzero(inside)
 
     def rss(self, members: Mask) -> float:
         """Compute the residual sum of squares of a subset."""
@@ -114,7 +116,9 @@ class _Regression:
 
     def price(self, members: Mask) -> float:
         """Compute what BIC charges for a subset's columns beyond the base."""
-        return float(len(self.columns(members)) * np.log(self.rows))
+        count = len(self.columns(members))
+        per_column = np.log(self.rows)
+        return float(count * per_column)
 
     def bic(self, members: Mask) -> float:
         """Compute BIC of a subset, all its columns counted; remembered."""
@@ -176,11 +180,16 @@ class _Search:
     def beats(self, bound: float) -> bool:
         """Whether a subset of that BIC would be better than the best, beyond rounding."""
         value = self.problem.bic(self.best)
-        return bound < value - ROUNDING * abs(value)
+        rounding = ROUNDING * abs(value)
+        limit = value - rounding
+        return bound < limit
 
     def promising(self) -> bool:
         """Whether a waiting node may hold a better subset."""
-        return bool(self.waiting) and self.beats(self.waiting[0][0])
+        if not self.waiting:
+            return False
+        lowest_bound = self.waiting[0][0]
+        return self.beats(lowest_bound)
 
     def visit(self, node: _Node) -> None:
         """Bound a node; keep it where it may hold a better subset."""
@@ -203,20 +212,24 @@ def _project(
     rest = [c for g in groups for c in g]
     R = total.select([*base, *rest]).R
     size = np.linalg.norm(R, axis=0)
+    size = size[count:]
     beyond = R[count:, count:]
     bases: list[Array] = []
     group: list[int] = []
     start = 0
     for g, columns in enumerate(groups):
-        place = slice(start, start + len(columns))
-        start += len(columns)
-        unit = beyond[:, place] / np.maximum(size[count:][place], TINY)
+        stop = start + len(columns)
+        place = slice(start, stop)
+        start = stop
+        length = np.maximum(size[place], TINY)
+        unit = beyond[:, place] / length
         basis = _orthonormalise(unit)
         if any(_spans_same(other, basis) for other in bases):
             basis = basis[:, :0]
         bases.append(basis)
         group += [g] * basis.shape[1]
-    Q = np.concatenate([*bases, np.zeros((len(beyond), 0))], axis=1)
+    none = np.zeros((len(beyond), 0))
+    Q = np.concatenate([*bases, none], axis=1)
     y = beyond[:, -1]
     return _Regression(
         Q.T @ Q,
@@ -241,24 +254,30 @@ def _orthonormalise(columns: Array) -> Array:
 
 def _spans_same(basis: Array, other: Array) -> bool:
     """Whether two orthonormal bases span the same space."""
-    if basis.shape != other.shape or not other.size:
+    same_shape = basis.shape == other.shape
+    if not same_shape or not other.size:
         return False
-    cosines = np.linalg.svd(basis.T @ other, compute_uv=False)
-    return bool(cosines.min() > 1 - ROUNDING)
+    products = basis.T @ other
+    cosines = np.linalg.svd(products, compute_uv=False)
+    smallest = cosines.min()
+    return bool(smallest > 1 - ROUNDING)
 
 
 def _improve(problem: _Regression, members: Mask) -> Mask:
     """Add, drop or exchange groups as long as BIC falls (splicing; Zhu et al. 2020)."""
     real = np.flatnonzero(problem.real).tolist()
     while True:
+        value = problem.bic(members)
         trials = [_flip(members, [g]) for g in real]
         best = min(trials, key=problem.bic, default=members)
-        if problem.bic(best) >= problem.bic(members):
+        if problem.bic(best) >= value:
             inside = [g for g in real if members[g]]
             outside = [g for g in real if not members[g]]
-            trials = [_flip(members, [g, h]) for g in inside for h in outside]
+            pairs = product(inside, outside)
+            trials = [_flip(members, pair) for pair in pairs]
             best = min(trials, key=problem.bic, default=members)
-        if problem.bic(best) >= problem.bic(members) - ROUNDING:
+        enough = value - ROUNDING
+        if problem.bic(best) >= enough:
             return members
         members = best
 
@@ -319,9 +338,16 @@ def _eliminate(problem: _Regression, inside: Index, columns: Index) -> tuple[Arr
 def _solve_members(A: Array, b: Array, members: Index) -> Array:
     """Least squares (p,) of some columns, zero elsewhere."""
     coefficients = np.zeros(len(b))
-    if len(members):
-        gram = A[np.ix_(members, members)]
-        coefficients[members] = np.linalg.lstsq(gram, b[members], rcond=ROUNDING)[0]
+    if not len(members):
+        return coefficients
+    gram = A[np.ix_(members, members)]
+    products = b[members]
+    solution = np.linalg.lstsq(
+        gram,
+        products,
+        rcond=ROUNDING,
+    )
+    coefficients[members] = solution[0]
     return coefficients
 
 

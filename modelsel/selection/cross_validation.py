@@ -47,29 +47,40 @@ class FoldedData:
     def select(self, columns: Sequence[int] | Index) -> FoldedData:
         """Select columns; the response stays last."""
         chosen = [*columns, -1]
-        prior = None if self.prior is None else self.prior[:, chosen]
-        return FoldedData(self.blocks[:, :, chosen], self.rows, prior)
+        blocks = self.blocks[:, :, chosen]
+        prior = self.prior
+        if prior is not None:
+            prior = prior[:, chosen]
+        return FoldedData(blocks, self.rows, prior)
 
     @cached_property
     def total(self) -> Reduction:
         """All folds as one triangle."""
         width = self.blocks.shape[2]
-        data = Reduction.empty(width - 1).add(self.blocks.reshape(-1, width))
+        rows = self.blocks.reshape(-1, width)
+        empty = Reduction.empty(width - 1)
+        data = empty.add(rows)
         if self.prior is not None:
             data = data.add(self.prior)
-        return Reduction(data.R, int(self.rows.sum()))
+        count = self.rows.sum()
+        return Reduction(data.R, int(count))
 
 
 def pad_blocks(parts: Sequence[Array], rows: Sequence[int] | Index) -> FoldedData:
     """Pad blocks of different heights to one array; tall ones are reduced to triangles first."""
     width = parts[0].shape[1]
-    short = [
-        part if len(part) <= width else Reduction.empty(width - 1).add(part).R for part in parts
-    ]
-    blocks = np.zeros((len(short), max(map(len, short)), width))
+    empty = Reduction.empty(width - 1)
+    short = []
+    for part in parts:
+        tall = len(part) > width
+        short.append(empty.add(part).R if tall else part)
+    height = max(map(len, short))
+    shape = (len(short), height, width)
+    blocks = np.zeros(shape)
     for block, part in zip(blocks, short, strict=True):
         block[: len(part)] = part
-    return FoldedData(blocks, np.array(rows, dtype=np.intp))
+    counts = np.array(rows, dtype=np.intp)
+    return FoldedData(blocks, counts)
 
 
 def fold(
@@ -83,17 +94,24 @@ def fold(
 
     `fold_of` (m,): the rows' folds; `at`: where the model is linearised; `only`: the terms that are
     wanted, the other columns are zero where there are many rows."""
-    return fold_models(problem, [(terms, at, only)], fold_of)[0]
+    point = (terms, at, only)
+    folded = fold_models(problem, [point], fold_of)
+    return folded[0]
 
 
 def fold_models(problem: Problem, points: Sequence[Point], fold_of: Index) -> list[FoldedData]:
     """Reduce the designs of several models fold by fold (`fold`), in one pass over the rows.
 
     A block's causes are evaluated once for all models."""
-    rows_of = problem.counted(fold_of, int(fold_of.max()) + 1)
+    folds = int(fold_of.max()) + 1
+    rows_of = problem.counted(fold_of, folds)
     if len(problem) > BLOCK:
         return _fold_blockwise(problem, points, fold_of, rows_of)
-    return [_fold_at_once(problem, terms, at, fold_of, rows_of) for terms, at, _ in points]
+    folded = []
+    for terms, at, _ in points:
+        data = _fold_at_once(problem, terms, at, fold_of, rows_of)
+        folded.append(data)
+    return folded
 
 
 def _fold_at_once(
@@ -104,10 +122,15 @@ def _fold_at_once(
     rows_of: Index,
 ) -> FoldedData:
     """Reduce one design that fits in memory; `rows_of` (K,) coordinates in every fold."""
-    design = whiten(problem, assemble(problem, terms, at))
+    design = assemble(problem, terms, at)
+    design = whiten(problem, design)
     rows = design.transpose(2, 1, 0)  # (m, c, p+1)
     width = len(terms) + 1
-    parts = [rows[fold_of == k].reshape(-1, width) for k in range(len(rows_of))]
+    parts = []
+    for k in range(len(rows_of)):
+        in_fold = fold_of == k
+        part = rows[in_fold]
+        parts.append(part.reshape(-1, width))
     return pad_blocks(parts, rows_of)
 
 
@@ -116,22 +139,33 @@ def _fold_blockwise(
 ) -> list[FoldedData]:
     """Reduce several designs block of rows by block of rows, the wanted columns only."""
     wanted = []
+    reductions = []
     for terms, _, only in points:
         columns = range(len(terms)) if only is None else only
+        empty = Reduction.empty(len(columns))
         wanted.append([*columns, len(terms)])
-    reductions = [[Reduction.empty(len(columns) - 1)] * len(rows_of) for columns in wanted]
+        reductions.append([empty] * len(rows_of))
     spaces = [Workspace() for _ in points]
     order = np.argsort(fold_of, kind="stable")
     for start in range(0, len(problem), STREAM):
-        rows = order[start : start + STREAM]
+        stop = start + STREAM
+        rows = order[start:stop]
+        folds = fold_of[rows]
         part = problem.take(rows)
         for k, (terms, at, _) in enumerate(points):
-            design = whiten(part, assemble(part, terms, at, space=spaces[k]))[wanted[k]]
-            _add_to_folds(reductions[k], design, fold_of[rows])
+            design = assemble(part, terms, at, space=spaces[k])
+            design = whiten(part, design)
+            chosen = design[wanted[k]]
+            _add_to_folds(reductions[k], chosen, folds)
     folded = []
-    for (terms, _, _), columns, folds in zip(points, wanted, reductions, strict=True):
-        parts = [scatter_columns(reduction.R, columns, len(terms) + 1) for reduction in folds]
-        folded.append(pad_blocks(parts, rows_of))
+    for k, (terms, _, _) in enumerate(points):
+        width = len(terms) + 1
+        parts = []
+        for reduction in reductions[k]:
+            R = scatter_columns(reduction.R, wanted[k], width)
+            parts.append(R)
+        data = pad_blocks(parts, rows_of)
+        folded.append(data)
     return folded
 
 
@@ -153,21 +187,35 @@ def fold_by_unit(
     """Reduce a design with a fold per unit (m,), a configuration or a group, in order.
 
     Yields some units at a time, so that only one block of rows is held in memory."""
-    unit = np.unique(unit, return_inverse=True)[1].reshape(-1)
+    _, unit = np.unique(unit, return_inverse=True)
+    unit = unit.reshape(-1)
     order = np.argsort(unit, kind="stable")
-    edges = np.append(np.flatnonzero(np.diff(unit[order], prepend=-1)), len(problem))
+    new = np.diff(unit[order], prepend=-1)
+    edges = np.append(np.flatnonzero(new), len(problem))
     count = len(edges) - 1
     first = 0
     while first < count:
-        last = int(np.searchsorted(edges, edges[first] + BLOCK, side="right")) - 1
-        last = max(last, first + 1)
+        stop = edges[first] + BLOCK
+        place = np.searchsorted(edges, stop, side="right")
+        last = max(int(place) - 1, first + 1)
         rows = order[edges[first] : edges[last]]
         if len(rows) == len(problem):
-            design = whiten(problem, assemble(problem, terms, at))[:, :, rows]
+            design = assemble(problem, terms, at)
+            design = whiten(problem, design)
+            design = design[:, :, rows]
         else:
             part = problem.take(rows)
-            design = whiten(part, assemble(part, terms, at))
-        yield _fold_units(problem, design, rows, unit[rows] - first, edges[first : last + 1])
+            design = assemble(part, terms, at)
+            design = whiten(part, design)
+        numbers = unit[rows] - first
+        starts = edges[first : last + 1]
+        yield _fold_units(
+            problem,
+            design,
+            rows,
+            numbers,
+            starts,
+        )
         first = last
 
 
@@ -179,17 +227,25 @@ def _fold_units(
     `edges` (K+1,) are the units' first rows."""
     width, c, _ = design.shape
     height = np.diff(edges)
-    place = np.arange(len(rows)) - (edges[:-1] - edges[0])[unit]
-    blocks = np.zeros((len(height), height.max(), c, width))
+    units = len(height)
+    starts = edges[:-1] - edges[0]
+    place = np.arange(len(rows))
+    place = place - starts[unit]
+    shape = (units, height.max(), c, width)
+    blocks = np.zeros(shape)
     blocks[unit, place] = design.transpose(2, 1, 0)
-    blocks = blocks.reshape(len(height), -1, width)
+    blocks = blocks.reshape(units, -1, width)
     if problem.measured is None:
         counts = height * c
     else:
-        counts = problem.take(rows).counted(unit, len(height))
+        part = problem.take(rows)
+        counts = part.counted(unit, units)
     if blocks.shape[1] <= width:
         return FoldedData(blocks, counts)
-    tall = [block[: h * c] for block, h in zip(blocks, height, strict=True)]
+    tall = []
+    for block, h in zip(blocks, height, strict=True):
+        filled = block[: h * c]
+        tall.append(filled)
     return pad_blocks(tall, counts)
 
 
@@ -224,7 +280,10 @@ class CrossValidation:
     @property
     def rms(self) -> float:
         """Root mean square of one whitened coordinate, held out."""
-        return float(np.sqrt(self.held_out.sum() / self.rows.sum()))
+        square_sum = self.held_out.sum()
+        count = self.rows.sum()
+        mean_square = square_sum / count
+        return float(np.sqrt(mean_square))
 
 
 def cross_validate(
@@ -237,27 +296,37 @@ def cross_validate(
     estimable without some fold."""
     total = folded.total
     if prior is not None:
-        total = Reduction(total.add(prior).R, total.rows)
-    kept = list(identify(total).kept if kept is None else kept)
+        joined = total.add(prior)
+        total = Reduction(joined.R, total.rows)
+    if kept is None:
+        kept = identify(total).kept
+    kept = list(kept)
     beta, factor, rss = solve(total, kept)
-    X, y = folded.blocks[:, :, kept], folded.blocks[:, :, -1]
+    X = folded.blocks[:, :, kept]
+    y = folded.blocks[:, :, -1]
     Q = X @ factor
     residual = y - X @ beta
     Qt = Q.transpose(0, 2, 1)
     gram = Qt @ Q
     _check_estimable(gram)
-    shift = np.linalg.solve(np.eye(len(kept)) - gram, Qt @ residual[:, :, None])[:, :, 0]
-    without = np.zeros((len(X), folded.blocks.shape[2] - 1))
+    freedom = np.eye(len(kept)) - gram
+    projected = Qt @ residual[:, :, None]
+    shift = np.linalg.solve(freedom, projected)
+    shift = shift[:, :, 0]
+    width = folded.blocks.shape[2]
+    without = np.zeros((len(X), width - 1))
     without[:, kept] = beta - shift @ factor.T
     held_out = residual + np.einsum("khr,kr->kh", Q, shift)
+    quadratic = np.einsum("kh,kh->k", residual, held_out)
+    by_prior = 0 if prior is None else len(prior)
     return CrossValidation(
         without,
         np.square(held_out).sum(1),
         folded.rows,
         rss,
         gram,
-        np.einsum("kh,kh->k", residual, held_out),
-        0 if prior is None else len(prior),
+        quadratic,
+        by_prior,
     )
 
 
