@@ -16,7 +16,6 @@ from __future__ import annotations
 import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import product
 
 import numpy as np
 
@@ -116,9 +115,11 @@ class _Regression:
 
     def price(self, members: Mask) -> float:
         """Compute what BIC charges for a subset's columns beyond the base."""
-        count = len(self.columns(members))
+        columns = self.columns(members)
+        count = len(columns)
         per_column = np.log(self.rows)
-        return float(count * per_column)
+        price = count * per_column
+        return float(price)
 
     def bic(self, members: Mask) -> float:
         """Compute BIC of a subset, all its columns counted; remembered."""
@@ -180,7 +181,8 @@ class _Search:
     def beats(self, bound: float) -> bool:
         """Whether a subset of that BIC would be better than the best, beyond rounding."""
         value = self.problem.bic(self.best)
-        rounding = ROUNDING * abs(value)
+        size = abs(value)
+        rounding = ROUNDING * size
         limit = value - rounding
         return bound < limit
 
@@ -227,14 +229,17 @@ def _project(
         if any(_spans_same(other, basis) for other in bases):
             basis = basis[:, :0]
         bases.append(basis)
-        group += [g] * basis.shape[1]
-    none = np.zeros((len(beyond), 0))
+        rank = basis.shape[1]
+        group += [g] * rank
+    rows = len(beyond)
+    none = np.zeros((rows, 0))
     Q = np.concatenate([*bases, none], axis=1)
     y = beyond[:, -1]
+    square = float(y @ y)
     return _Regression(
         Q.T @ Q,
         Q.T @ y,
-        float(y @ y),
+        square,
         np.array(group, dtype=np.intp),
         len(groups),
         count,
@@ -260,24 +265,22 @@ def _spans_same(basis: Array, other: Array) -> bool:
     products = basis.T @ other
     cosines = np.linalg.svd(products, compute_uv=False)
     smallest = cosines.min()
-    return bool(smallest > 1 - ROUNDING)
+    least = 1 - ROUNDING
+    return bool(smallest > least)
 
 
 def _improve(problem: _Regression, members: Mask) -> Mask:
     """Add, drop or exchange groups as long as BIC falls (splicing; Zhu et al. 2020)."""
     real = np.flatnonzero(problem.real).tolist()
     while True:
-        value = problem.bic(members)
         trials = [_flip(members, [g]) for g in real]
         best = min(trials, key=problem.bic, default=members)
-        if problem.bic(best) >= value:
+        if problem.bic(best) >= problem.bic(members):
             inside = [g for g in real if members[g]]
             outside = [g for g in real if not members[g]]
-            pairs = product(inside, outside)
-            trials = [_flip(members, pair) for pair in pairs]
+            trials = [_flip(members, [g, h]) for g in inside for h in outside]
             best = min(trials, key=problem.bic, default=members)
-        enough = value - ROUNDING
-        if problem.bic(best) >= enough:
+        if problem.bic(best) >= problem.bic(members) - ROUNDING:
             return members
         members = best
 

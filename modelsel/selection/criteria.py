@@ -36,7 +36,8 @@ def aicc(rss: ArrayLike, n: int, rank: ArrayLike, sigma: float | None = None) ->
     plain = aic(rss, n, rank, sigma)
     if sigma is not None:
         return plain
-    K = np.asarray(rank) + 1
+    rank = np.asarray(rank)
+    K = rank + 1
     room = n - K - 1.0
     unsaturated = room > 0
     room = np.where(unsaturated, room, 1)
@@ -73,14 +74,13 @@ def gcv(rss: ArrayLike, n: int, rank: ArrayLike) -> Array:
     room = n - rank
     unsaturated = room > 0
     divisor = np.where(unsaturated, room, 1)
-    scaled = n * rss
-    value = scaled / divisor**2
-    value = np.where(
+    divisor = divisor**2
+    value = n * rss / divisor
+    return np.where(
         unsaturated,
         value,
         np.inf,
     )
-    return value
 
 
 def ebic(

@@ -51,34 +51,45 @@ class FoldedData:
         prior = self.prior
         if prior is not None:
             prior = prior[:, chosen]
-        return FoldedData(blocks, self.rows, prior)
+        return FoldedData(
+            blocks,
+            self.rows,
+            prior,
+        )
 
     @cached_property
     def total(self) -> Reduction:
         """All folds as one triangle."""
-        width = self.blocks.shape[2]
-        rows = self.blocks.reshape(-1, width)
-        empty = Reduction.empty(width - 1)
-        data = empty.add(rows)
-        if self.prior is not None:
-            data = data.add(self.prior)
+        blocks = self.blocks
+        width = blocks.shape[2]
+        rows = blocks.reshape(-1, width)
+        data = Reduction.empty(width - 1)
+        data = data.add(rows)
+        prior = self.prior
+        if prior is not None:
+            data = data.add(prior)
         count = self.rows.sum()
-        return Reduction(data.R, int(count))
+        count = int(count)
+        return Reduction(data.R, count)
 
 
 def pad_blocks(parts: Sequence[Array], rows: Sequence[int] | Index) -> FoldedData:
     """Pad blocks of different heights to one array; tall ones are reduced to triangles first."""
-    width = parts[0].shape[1]
+    first = parts[0]
+    width = first.shape[1]
     empty = Reduction.empty(width - 1)
     short = []
     for part in parts:
-        tall = len(part) > width
-        short.append(empty.add(part).R if tall else part)
+        block = part
+        if len(part) > width:
+            block = empty.add(part).R
+        short.append(block)
+    count = len(short)
     height = max(map(len, short))
-    shape = (len(short), height, width)
-    blocks = np.zeros(shape)
-    for block, part in zip(blocks, short, strict=True):
-        block[: len(part)] = part
+    blocks = np.zeros((count, height, width))
+    for k, block in enumerate(short):
+        h = len(block)
+        blocks[k, :h] = block
     counts = np.array(rows, dtype=np.intp)
     return FoldedData(blocks, counts)
 
@@ -95,7 +106,8 @@ def fold(
     `fold_of` (m,): the rows' folds; `at`: where the model is linearised; `only`: the terms that are
     wanted, the other columns are zero where there are many rows."""
     point = (terms, at, only)
-    folded = fold_models(problem, [point], fold_of)
+    points = [point]
+    folded = fold_models(problem, points, fold_of)
     return folded[0]
 
 
@@ -103,7 +115,8 @@ def fold_models(problem: Problem, points: Sequence[Point], fold_of: Index) -> li
     """Reduce the designs of several models fold by fold (`fold`), in one pass over the rows.
 
     A block's causes are evaluated once for all models."""
-    folds = int(fold_of.max()) + 1
+    last = fold_of.max()
+    folds = int(last) + 1
     rows_of = problem.counted(fold_of, folds)
     if len(problem) > BLOCK:
         return _fold_blockwise(problem, points, fold_of, rows_of)
@@ -126,8 +139,9 @@ def _fold_at_once(
     design = whiten(problem, design)
     rows = design.transpose(2, 1, 0)  # (m, c, p+1)
     width = len(terms) + 1
+    folds = len(rows_of)
     parts = []
-    for k in range(len(rows_of)):
+    for k in range(folds):
         in_fold = fold_of == k
         part = rows[in_fold]
         parts.append(part.reshape(-1, width))
@@ -141,7 +155,9 @@ def _fold_blockwise(
     wanted = []
     reductions = []
     for terms, _, only in points:
-        columns = range(len(terms)) if only is None else only
+        columns = [*range(len(terms))]
+        if only is not None:
+            columns = [*only]
         empty = Reduction.empty(len(columns))
         wanted.append([*columns, len(terms)])
         reductions.append([empty] * len(rows_of))
@@ -159,13 +175,12 @@ def _fold_blockwise(
             _add_to_folds(reductions[k], chosen, folds)
     folded = []
     for k, (terms, _, _) in enumerate(points):
-        width = len(terms) + 1
         parts = []
+        width = len(terms) + 1
         for reduction in reductions[k]:
             R = scatter_columns(reduction.R, wanted[k], width)
             parts.append(R)
-        data = pad_blocks(parts, rows_of)
-        folded.append(data)
+        folded.append(pad_blocks(parts, rows_of))
     return folded
 
 
@@ -229,10 +244,8 @@ def _fold_units(
     height = np.diff(edges)
     units = len(height)
     starts = edges[:-1] - edges[0]
-    place = np.arange(len(rows))
-    place = place - starts[unit]
-    shape = (units, height.max(), c, width)
-    blocks = np.zeros(shape)
+    place = np.arange(len(rows)) - starts[unit]
+    blocks = np.zeros((units, height.max(), c, width))
     blocks[unit, place] = design.transpose(2, 1, 0)
     blocks = blocks.reshape(units, -1, width)
     if problem.measured is None:
@@ -242,10 +255,7 @@ def _fold_units(
         counts = part.counted(unit, units)
     if blocks.shape[1] <= width:
         return FoldedData(blocks, counts)
-    tall = []
-    for block, h in zip(blocks, height, strict=True):
-        filled = block[: h * c]
-        tall.append(filled)
+    tall = [block[: h * c] for block, h in zip(blocks, height, strict=True)]
     return pad_blocks(tall, counts)
 
 
@@ -309,14 +319,15 @@ def cross_validate(
     Qt = Q.transpose(0, 2, 1)
     gram = Qt @ Q
     _check_estimable(gram)
-    freedom = np.eye(len(kept)) - gram
+    identity = np.eye(len(kept))
     projected = Qt @ residual[:, :, None]
-    shift = np.linalg.solve(freedom, projected)
+    shift = np.linalg.solve(identity - gram, projected)
     shift = shift[:, :, 0]
     width = folded.blocks.shape[2]
     without = np.zeros((len(X), width - 1))
     without[:, kept] = beta - shift @ factor.T
-    held_out = residual + np.einsum("khr,kr->kh", Q, shift)
+    change = np.einsum("khr,kr->kh", Q, shift)
+    held_out = residual + change
     quadratic = np.einsum("kh,kh->k", residual, held_out)
     by_prior = 0 if prior is None else len(prior)
     return CrossValidation(

@@ -31,10 +31,12 @@ def split_configurations(
     blocks = len(first)
     pairs = np.stack([block, data.configuration])
     configurations = np.unique(pairs, axis=1)
-    weight = np.bincount(configurations[0])
+    block_of = configurations[0]
+    weight = np.bincount(block_of)
     order = rng.permutation(blocks)
     # configurations of the blocks drawn so far
-    cumulated = np.cumsum(weight[order])
+    drawn_weight = weight[order]
+    cumulated = np.cumsum(drawn_weight)
     place = np.searchsorted(cumulated, count)
     chosen = int(place) + 1
     drawn = order[:chosen]
@@ -105,7 +107,8 @@ def _find_swap(features: Array, inside: Mask, weight: Index) -> tuple[int, int] 
     width = features.shape[1]
     X = features[inside]
     information = X.T @ X
-    information = information + 1e-6 * np.eye(width)
+    regularisation = 1e-6 * np.eye(width)
+    information = information + regularisation
     C = np.linalg.inv(information)
     # blocks that may leave and join, nearest to an exchange first
     out = np.flatnonzero(inside)
@@ -116,8 +119,10 @@ def _find_swap(features: Array, inside: Mask, weight: Index) -> tuple[int, int] 
     projected_in = features_in @ C
     leave = np.einsum("id,id->i", projected_out, features_out)
     enter = np.einsum("id,id->i", projected_in, features_in)
-    keep = np.argsort(leave)[:CANDIDATES]
-    join = np.argsort(-enter)[:CANDIDATES]
+    keep = np.argsort(leave)
+    keep = keep[:CANDIDATES]
+    join = np.argsort(-enter)
+    join = join[:CANDIDATES]
     leaving = out[keep]
     joining = into[join]
     candidates = features[joining]
@@ -133,12 +138,17 @@ def _find_swap(features: Array, inside: Mask, weight: Index) -> tuple[int, int] 
     unequal = weight_out[:, None] != weight_in[None, :]
     ratio[unequal] = 0.0
     largest = int(ratio.argmax())
-    i, j = np.unravel_index(largest, ratio.shape)
+    i, j = np.unravel_index(
+        largest,
+        ratio.shape,
+    )
     least = 1 + MIN_INCREASE
     if ratio[i, j] <= least:
         return None
-    swap = int(leaving[i]), int(joining[j])
-    return swap
+    return (
+        int(leaving[i]),
+        int(joining[j]),
+    )
 
 
 def assign_folds(
