@@ -186,6 +186,7 @@ def _changes(
     model's."""
     tables = [table for table in constant.tables if table[1] in index]
     places = sorted({place for place, _, _ in tables})
+    # a term per place with a constant cause
     terms = []
     for frame, axis in places:
         number = frame + 1
@@ -203,7 +204,8 @@ def _changes(
             i = places.index(place)
             j = index.index(k)
             cause = table[n]
-            product = unit[i] * cause
+            by_unit_cause = unit[i]
+            product = by_unit_cause * cause
             product = product.reshape(-1)
             column = problem.select_measured(product)
             measured = len(column)
@@ -223,6 +225,7 @@ def _fit_prior(grid: Array, response: Array, others: Array, freedom: float) -> t
     gram = np.einsum("gnk,gnl->gkl", alone, alone)
     cross = rest @ alone
     products = cross[:, :, None]
+    # squared length of the response beyond the other coefficients
     total = rest @ rest
     typical = gram.mean(0)
     half_freedom = 0.5 * freedom

@@ -69,6 +69,7 @@ def _autocovariance(series: Array) -> Array:
 def r_hat(chain: Array) -> Array:
     """Compute rank-normalised split R-hat (d,), the larger of bulk and folded (Vehtari, Gelman,
     Simpson, Carpenter & Bürkner 2021); the walkers' halves are the chains."""
+    # the walkers' halves
     half = len(chain) // 2
     first = chain[:half]
     second = chain[-half:]
@@ -169,6 +170,7 @@ def propose_snooker(x: Array, z: Array, difference: Array) -> tuple[Array, Array
     x, z, difference: (W, d) walkers, others, and z1 − z2. Returns the proposals (W, d) and the
     logarithm (W,) of (|x*−z|/|x−z|)^(d−1)."""
     _, d = x.shape
+    # the line from z to x, and the step along it
     line = x - z
     before = np.linalg.norm(line, axis=1)
     direction = line / before[:, None]

@@ -183,17 +183,21 @@ class Constant:
             coefficient = theta[:, k, None]
             change = coefficient * cause
             known = twist.get(place, none)
-            twist[place] = known + change
+            changed = known + change
+            twist[place] = changed
 
     def interpolate(self, value: Array) -> tuple[Index, Array]:
         """Return the grid point below each value (W,), and the share of the way to the next one."""
+        last = GRID - 1
         width = self.high - self.low
-        share = (value - self.low) / width
-        position = share * (GRID - 1)
+        departure = value - self.low
+        share = departure / width
+        position = share * last
+        # the last value belongs to the interval before it
         below = np.clip(position, 0, GRID - 2)
-        below = below.astype(np.intp)
-        rest = position - below
-        return below, rest
+        index = below.astype(np.intp)
+        rest = position - index
+        return index, rest
 
 
 def list_constants(problem: Problem, model: Model, registry: Registry) -> tuple[Constant, ...]:
@@ -289,7 +293,8 @@ def _tabulate(
             held = _evaluate_cause(problem, screw)
             causes = []
             for variant in variants:
-                other = variant.terms[i].screws[j]
+                same_term = variant.terms[i]
+                other = same_term.screws[j]
                 cause = _evaluate_cause(problem, other)
                 causes.append(cause)
             change = np.stack(causes) - held
