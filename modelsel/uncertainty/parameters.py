@@ -152,6 +152,7 @@ def compute_displacement(split: Split, fitted: Fit) -> tuple[Array, Array]:
     count = len(theta)
     total = np.zeros(count)
     largest = np.zeros(count)
+    # the columns are displacements per unit of a parameter
     at = fitted.at()
     for _, columns, _ in blocks(problem, fitted.terms, at):
         positions = columns[:, :3]

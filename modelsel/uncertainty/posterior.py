@@ -192,7 +192,8 @@ def _exact_cost(problem: Problem, fitted: Fit, theta: Array) -> Array:
     cost = np.empty(draws)
     rows = len(problem)
     work = 10 * rows
-    count = max(1, MAX_WORK // work)
+    at_once = MAX_WORK // work
+    count = max(1, at_once)
     for start in range(0, draws, count):
         stop = start + count
         part = slice(start, stop)

@@ -133,15 +133,15 @@ def _terms(model: Model, mechanism: Mechanism) -> list[int]:
 
 def _unshared_terms(model: Model, mechanism: Mechanism, fitted: Fit) -> list[int]:
     """Indices of the estimable terms that this mechanism alone brings."""
-    others = set()
-    for other in model.mechanisms:
-        if other != mechanism:
-            others.update(term.key for term in other.terms)
     kept = fitted.found.kept
+    mechanisms = [m for m in model.mechanisms if m != mechanism]
+    others = {term.key for m in mechanisms for term in m.terms}
     unshared = []
     for k in _terms(model, mechanism):
         term = model.terms[k]
-        if k in kept and term.key not in others:
+        alone = term.key not in others
+        estimable = k in kept
+        if estimable and alone:
             unshared.append(k)
     return unshared
 
@@ -240,7 +240,8 @@ class _ReducedModels:
         self.plain = self._unweighted()
         outside = ~split.estimation
         good = ~split.outlying
-        held = split.problem.take(outside & good)
+        rows = outside & good
+        held = split.problem.take(rows)
         self.held_rows = len(held)
         self.held_triangle = None
         if self.held_rows:
@@ -297,12 +298,13 @@ class _ReducedModels:
     def rms(self, terms: Sequence[int]) -> tuple[float | None, float | None]:
         """Compute the (cross-validated, held-out) rms [mm] of the lengths of the residual vectors
         without some terms."""
-        fitted = self.fitted
-        folded = self.folded
+        theta = self.fitted.theta
+        estimable = self.fitted.found.kept
         removed = list(terms)
-        kept = [k for k in fitted.found.kept if k not in removed]
-        blocks = self._put_back(folded.blocks, removed)
-        data = FoldedData(blocks, folded.rows)
+        kept = [k for k in estimable if k not in removed]
+        rows = self.folded.rows
+        blocks = self._put_back(self.folded.blocks, removed)
+        data = FoldedData(blocks, rows)
         total = data.total
         prior = self._prior_without(removed, kept)
         if prior is not None:
@@ -315,22 +317,25 @@ class _ReducedModels:
         if triangle is None:
             return crossed, None
         beta, _, _ = solve(total, kept)
-        theta = fitted.theta
-        step = np.zeros(len(theta))
+        count = len(theta)
+        step = np.zeros(count)
         step[kept] = beta
         step[removed] = -theta[removed]
         response = triangle[:, -1]
         columns = triangle[:, :-1]
-        residual = response - columns @ step
+        predicted = columns @ step
+        residual = response - predicted
         squares = np.square(residual)
-        mean_square = squares.sum() / self.held_rows
-        rms = float(np.sqrt(mean_square))
-        return crossed, rms
+        square_sum = squares.sum()
+        mean_square = square_sum / self.held_rows
+        rms = np.sqrt(mean_square)
+        return crossed, float(rms)
 
     def _put_back(self, rows: Array, removed: Sequence[int]) -> Array:
         """Rows (..., p+1) with the part of the removed terms in the response."""
         columns = list(removed)
-        theta = self.fitted.theta[columns]
+        theta = self.fitted.theta
+        theta = theta[columns]
         changed = rows.copy()
         part = changed[..., columns]
         changed[..., -1] += part @ theta
@@ -365,7 +370,8 @@ class _ReducedModels:
         predicted = np.einsum("khp,kp->kh", design, without)
         squares = np.square(response - predicted)
         square_sum = squares.sum()
-        mean_square = square_sum / len(self.training)
+        rows = len(self.training)
+        mean_square = square_sum / rows
         return float(np.sqrt(mean_square))
 
 

@@ -30,12 +30,17 @@ def count_determined(fitted: Fit, terms: Sequence[int]) -> float:
     Those that a prior holds count by what the data determine of them: the trace of the hat matrix
     that goes with them."""
     kept = fitted.found.kept
+    reduction = fitted.reduction
     rest = [k for k in kept if k not in terms]
     spent = 0.0
     if rest:
-        full = with_prior(fitted.reduction, fitted.root, fitted.theta)
+        full = with_prior(
+            reduction,
+            fitted.root,
+            fitted.theta,
+        )
         _, factor, _ = solve(full, rest)
-        columns = fitted.reduction.R[:-1, rest]
+        columns = reduction.R[:-1, rest]
         influence = np.square(columns @ factor)
         spent = influence.sum()
     used = fitted.rows - fitted.freedom
@@ -104,7 +109,8 @@ class _HalfSolution:
         """Compute the nested F of some columns that count as `size` parameters."""
         beta = self.beta[position]
         block = np.ix_(position, position)
-        covariance = self.covariance[block]
+        covariance = self.covariance
+        covariance = covariance[block]
         scaled = np.linalg.solve(covariance, beta)
         increase = beta @ scaled
         mean = increase / size
@@ -117,22 +123,26 @@ class _HalfSamples:
 
     def __init__(self, folded: FoldedData, fitted: Fit):
         kept = list(fitted.found.kept)
-        self.fitted = fitted
-        self.kept = kept
-        self.rows = folded.rows
+        theta = fitted.theta[kept]
         blocks = folded.blocks
         residual = blocks[:, :, -1]
         columns = blocks[:, :, kept]
-        prior = fitted.root[:, kept]
+        response = residual + columns @ theta
+        prior = fitted.root
+        prior = prior[:, kept]
         length = np.linalg.norm(columns, axis=(0, 1))
         prior_length = np.linalg.norm(prior, axis=0)
+        # the prior's rows count as rows of the data
         scale = np.hypot(length, prior_length)
-        theta = fitted.theta[kept]
+        root = prior / scale
+        precision = root.T @ root
+        self.fitted = fitted
+        self.kept = kept
+        self.rows = folded.rows
         self.columns = columns
         self.scale = scale
-        self.response = residual + columns @ theta
-        root = prior / scale
-        self.precision = root.T @ root
+        self.response = response
+        self.precision = precision
 
     def positions(self, terms: Sequence[int]) -> Index:
         """Positions of some terms among the columns; none for shrunk terms."""
@@ -140,7 +150,10 @@ class _HalfSamples:
             term = self.fitted.terms[k]
             if spline(term) is not None:
                 return np.zeros(0, dtype=np.intp)
-        places = [self.kept.index(k) for k in terms]
+        places = []
+        for k in terms:
+            place = self.kept.index(k)
+            places.append(place)
         return np.array(places, dtype=np.intp)
 
     def solve(self, half: Index) -> _HalfSolution | None:
