@@ -155,11 +155,10 @@ def _fold_blockwise(
     wanted = []
     reductions = []
     for terms, _, only in points:
-        columns = [*range(len(terms))]
-        if only is not None:
-            columns = [*only]
+        count = len(terms)
+        columns = range(count) if only is None else only
         empty = Reduction.empty(len(columns))
-        wanted.append([*columns, len(terms)])
+        wanted.append([*columns, count])
         reductions.append([empty] * len(rows_of))
     spaces = [Workspace() for _ in points]
     order = np.argsort(fold_of, kind="stable")
@@ -169,18 +168,22 @@ def _fold_blockwise(
         folds = fold_of[rows]
         part = problem.take(rows)
         for k, (terms, at, _) in enumerate(points):
-            design = assemble(part, terms, at, space=spaces[k])
+            space = spaces[k]
+            design = assemble(part, terms, at, space=space)
             design = whiten(part, design)
             chosen = design[wanted[k]]
             _add_to_folds(reductions[k], chosen, folds)
     folded = []
     for k, (terms, _, _) in enumerate(points):
         parts = []
+        columns = wanted[k]
         width = len(terms) + 1
         for reduction in reductions[k]:
-            R = scatter_columns(reduction.R, wanted[k], width)
+            R = reduction.R
+            R = scatter_columns(R, columns, width)
             parts.append(R)
-        folded.append(pad_blocks(parts, rows_of))
+        data = pad_blocks(parts, rows_of)
+        folded.append(data)
     return folded
 
 

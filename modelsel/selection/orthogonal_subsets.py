@@ -121,22 +121,27 @@ def project_base(folded: FoldedData, base: Sequence[int], columns: Sequence[int]
     everything = blocks.reshape(-1, width)
     base_columns = everything[:, :b]
     size = np.linalg.norm(base_columns, axis=0)
-    triangles = []
-    residuals = []
+    T = np.empty((folds + 1, left, left))
+    E = []
     for k, block in enumerate(blocks):
         others = np.delete(blocks, k, axis=0)
         training = others.reshape(-1, width)
-        R, absent = _reduce_training(training, prior, size)
+        R, absent = _reduce_training(
+            training,
+            prior,
+            size,
+        )
         residual = _predict_fold(block, R, absent)
-        triangle = R[b:, b:]
-        triangles.append(triangle)
-        residuals.append(residual)
-    R, _ = _reduce_training(everything, prior, size)
-    triangle = R[b:, b:]
-    triangles.append(triangle)
-    T = np.empty((folds + 1, left, left))
-    T[:] = triangles
-    return T, residuals
+        T[k] = R[b:, b:]
+        E.append(residual)
+    # all rows are the last entry
+    R, _ = _reduce_training(
+        everything,
+        prior,
+        size,
+    )
+    T[folds] = R[b:, b:]
+    return T, E
 
 
 def _reduce_training(training: Array, prior: Array, size: Array) -> tuple[Array, Mask]:
@@ -195,8 +200,9 @@ def refine_subsets(
     `project_base` gives for the groups' columns in the order of the walk."""
     order = order_groups(groups)
     members = members[:, order]
-    sizes = [len(groups[g]) for g in order]
-    columns = [c for g in order for c in groups[g]]
+    walked = [groups[g] for g in order]
+    sizes = [len(group) for group in walked]
+    columns = [c for group in walked for c in group]
     if projection is None:
         projection = project_base(folded, base, columns)
     T, E = projection
@@ -207,6 +213,7 @@ def refine_subsets(
         scaled = e[None] / scale
         triangle = _triangulate(scaled)
         rows.append(triangle[0])
+    # the root: no group decided
     T = T / scale
     E_root = np.stack(rows)
     rank = np.zeros(1, np.intp)
@@ -218,6 +225,7 @@ def refine_subsets(
         np.empty(count),
         np.empty((count, folds)),
     )
+    # subsets that begin alike share a batch
     alike_first = np.arange(count)
     if members.shape[1]:
         reversed_order = members.T[::-1]
@@ -250,7 +258,11 @@ def _scale_columns(folded: FoldedData, base: Sequence[int], columns: Sequence[in
     largest = norms.max(initial=0)
     smallest = ZERO_COLUMN * largest
     nonzero = norm > smallest
-    norm = np.where(nonzero, norm, np.inf)
+    norm = np.where(
+        nonzero,
+        norm,
+        np.inf,
+    )
     return np.append(norm, 1.0)
 
 

@@ -44,7 +44,8 @@ def hash_folds(data: Measurements, count: int, by: str = "configuration") -> Ind
     No machine has to know what others hold, and equal readings stay together."""
     modulus = np.uint64(count)
     if by == "group":
-        codes = [crc32(name.encode()) for name in data.groups]
+        names = data.groups
+        codes = [crc32(name.encode()) for name in names]
         by_name = np.array(codes, np.uint64)
         code = by_name[data.group]
     else:
@@ -115,7 +116,8 @@ class Stream:
             in_fold = fold == k
             part = configurations.take(in_fold)
             reduction = reduce_problem(part, terms, point)
-            folds[k] = folds[k].merge(reduction)
+            known = folds[k]
+            folds[k] = known.merge(reduction)
         return replace(self, folds=tuple(folds))
 
     def merge(self, other: Stream) -> Stream:
@@ -123,7 +125,8 @@ class Stream:
 
         Raises ValueError where they differ in terms, folds or point."""
         same_terms = self.terms == other.terms
-        same_count = len(self.folds) == len(other.folds)
+        count = len(self.folds)
+        same_count = count == len(other.folds)
         same_units = self.by == other.by
         same_folds = same_count and same_units
         same_point = _same_point(self.at, other.at)

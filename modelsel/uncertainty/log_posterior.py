@@ -79,7 +79,8 @@ class LogPosterior:
     def _scales(self) -> slice:
         """Positions of the log scales."""
         first = len(self.sampled)
-        stop = first + self.noise.count
+        scales = self.noise.count
+        stop = first + scales
         return slice(first, stop)
 
     @property
@@ -191,14 +192,15 @@ class LogPosterior:
     @cached_property
     def _reduced(self) -> Array:
         """(ψ, ψ) triangle of the linear problem with β projected out, the prior's rows included."""
-        reduction = self.fitted.reduction
-        prior = self.fitted.prior
-        if prior is not None:
-            joined = reduction.add(prior)
+        fitted = self.fitted
+        reduction = fitted.reduction
+        if fitted.prior is not None:
+            joined = reduction.add(fitted.prior)
             reduction = Reduction(joined.R, reduction.rows)
         integrated = self._integrated
         count = len(integrated)
-        selected = reduction.select([*integrated, *self.sampled])
+        order = [*integrated, *self.sampled]
+        selected = reduction.select(order)
         R = selected.R
         return R[count:-1, count:-1]
 
@@ -315,9 +317,10 @@ class LogPosterior:
         """Departure (W, ψ) of the sampled coefficients from the optimum."""
         sampled = list(self.sampled)
         count = len(sampled)
-        optimum = self.fitted.theta
         coefficients = points[:, :count]
-        step = coefficients - optimum[sampled]
+        optimum = self.fitted.theta
+        optimum = optimum[sampled]
+        step = coefficients - optimum
         return np.asarray(step)
 
     def _linear(self, points: Array) -> Array:
@@ -347,8 +350,9 @@ class LogPosterior:
         count = len(points)
         sampled = list(self.sampled)
         integrated = self._integrated
-        response = self._basis[2]
-        theta = np.tile(self.fitted.theta, (count, 1))
+        _, _, response = self._basis
+        optimum = self.fitted.theta
+        theta = np.tile(optimum, (count, 1))
         step = self._step(points)
         theta[:, sampled] += step
         theta[:, integrated] -= step @ response.T
@@ -376,11 +380,12 @@ class LogPosterior:
 
     def values(self, walkers: Array) -> Array:
         """Convert walkers (..., d) to the units of the report: scales not as logarithms."""
+        positions = self._scales
         values = self.natural(walkers)
-        log_scales = values[..., self._scales]
+        log_scales = values[..., positions]
         scales = np.exp(log_scales)
         scales = scales * self.noise.factor
-        values[..., self._scales] = scales
+        values[..., positions] = scales
         return values
 
     def closed_form(self, probability: Sequence[float]) -> Array:

@@ -81,6 +81,7 @@ def r_hat(chain: Array) -> Array:
     tail_scores = _normal_scores(folded)
     bulk = _plain_r_hat(bulk_scores)
     tail = _plain_r_hat(tail_scores)
+    # bulk shows different places, tail different spreads
     larger = np.maximum(bulk, tail)
     return np.asarray(larger)
 

@@ -178,10 +178,13 @@ class Constant:
         none = np.zeros((1, 1))
         for place, k, table in self.tables:
             cause = table[below] * lower
-            step = table[above] * upper
+            next_cause = table[above]
+            step = next_cause * upper
             cause = cause + step
-            coefficient = theta[:, k, None]
+            coefficient = theta[:, k]
+            coefficient = coefficient[:, None]
             change = coefficient * cause
+            # added to what other constants change there
             known = twist.get(place, none)
             changed = known + change
             twist[place] = changed

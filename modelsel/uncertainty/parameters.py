@@ -287,14 +287,15 @@ def mask_free_functions(model: Model) -> Mask:
 
 def correlate_parameters(fitted: Fit) -> Correlation:
     """Compute the correlation matrix of the fitted parameters, its strong pairs and clusters."""
+    model = fitted.model
     # free functions have no coefficient of their own to compare
-    inside = mask_free_functions(fitted.model)
+    inside = mask_free_functions(model)
     index = [k for k in fitted.found.kept if not inside[k]]
     factor = fitted.factor[index]
     length = np.linalg.norm(factor, axis=1)
     unit = factor / length[:, None]
     matrix = np.clip(unit @ unit.T, -1, 1)
-    labels = label_terms(fitted.model)
+    labels = label_terms(model)
     names = tuple(labels[k] for k in index)
     # parameters that rest on their prior are reported as not determined
     leaning = fitted.leaning

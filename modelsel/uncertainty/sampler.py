@@ -102,11 +102,8 @@ class Sampling:
     @property
     def effective(self) -> Array:
         """(d,) effective number of independent samples: all steps of all walkers over tau."""
-        stored = len(self.chain)
-        steps = stored * self.thin
-        samples = steps * self.walkers
-        number = samples / self.tau
-        return np.asarray(number)
+        steps = self.chain.shape[0] * self.thin
+        return np.asarray(steps * self.walkers / self.tau)
 
     @property
     def quantiles(self) -> Array:

@@ -44,6 +44,7 @@ class SamplingOptions:
         wanted = max(enough, least)
         latest = self.growth * check
         wanted = min(latest, wanted)
+        # the chain grows by whole chunks
         chunks = np.ceil(wanted / CHUNK)
         steps = CHUNK * int(chunks)
         return min(self.max_steps, steps)

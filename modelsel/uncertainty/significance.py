@@ -136,12 +136,14 @@ def _unshared_terms(model: Model, mechanism: Mechanism, fitted: Fit) -> list[int
     kept = fitted.found.kept
     mechanisms = [m for m in model.mechanisms if m != mechanism]
     others = {term.key for m in mechanisms for term in m.terms}
+    own = _terms(model, mechanism)
     unshared = []
-    for k in _terms(model, mechanism):
+    for k in own:
         term = model.terms[k]
         alone = term.key not in others
-        estimable = k in kept
-        if estimable and alone:
+        if k not in kept:
+            continue
+        if alone:
             unshared.append(k)
     return unshared
 
@@ -302,23 +304,24 @@ class _ReducedModels:
         estimable = self.fitted.found.kept
         removed = list(terms)
         kept = [k for k in estimable if k not in removed]
-        rows = self.folded.rows
-        blocks = self._put_back(self.folded.blocks, removed)
-        data = FoldedData(blocks, rows)
+        folded = self.folded
+        blocks = self._put_back(folded.blocks, removed)
+        data = FoldedData(blocks, folded.rows)
         total = data.total
         prior = self._prior_without(removed, kept)
         if prior is not None:
             joined = total.add(prior)
             total = Reduction(joined.R, total.rows)
-        found = identify(total.select(kept))
-        kept = [kept[i] for i in found.kept]
+        selected = total.select(kept)
+        found = identify(selected).kept
+        kept = [kept[i] for i in found]
         crossed = self._cross_validate(data, removed, kept, prior)
         triangle = self.held_triangle
         if triangle is None:
             return crossed, None
+        # the fit without the terms, as a step from the model's coefficients
         beta, _, _ = solve(total, kept)
-        count = len(theta)
-        step = np.zeros(count)
+        step = np.zeros(len(theta))
         step[kept] = beta
         step[removed] = -theta[removed]
         response = triangle[:, -1]
