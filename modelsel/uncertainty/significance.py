@@ -79,18 +79,17 @@ def assess_significance(
     names: what the report calls the model's last mechanisms.
     max_bundles: configurations that are drawn singly into half-samples; more are drawn in bundles.
     """
-    model = fitted.model
-    kept = set(fitted.found.kept)
+    model, kept = fitted.model, set(fitted.found.kept)
     last = model.mechanisms[-len(names) :] if names else ()
     reported = dict(zip(last, names, strict=True))
-    named = [m for m in model.mechanisms if m.name != SETUP]
-    judged = [m for m in named if not kept.isdisjoint(_terms(model, m))]
+    judged = [
+        m for m in model.mechanisms if m.name != SETUP and not kept.isdisjoint(_terms(model, m))
+    ]
     terms = [_terms(model, m) for m in judged]
     unshared = [_unshared_terms(model, m, fitted) for m in judged]
     reduced = _ReducedModels(split, fitted)
     displaced = _displace(split, fitted, terms)
-    bundles = reduced.bundles(max_bundles)
-    stability = measure_stability(bundles, fitted, unshared, rng)
+    stability = measure_stability(reduced.bundles(max_bundles), fitted, unshared, rng)
     cv, held_out = reduced.rms([])
     sigma = 1.0 if split.known_sigma else None
     assessed = []
@@ -99,26 +98,24 @@ def assess_significance(
         f, p, evidence = compare_nested(fitted, unshared[k], boot, sigma)
         if unshared[k]:
             without = reduced.rms(unshared[k])
-        mean, largest = displaced[k]
-        symbols = [model.terms[i].symbol for i in terms[k] if i in kept]
-        one = Significance(
-            mechanism=reported.get(mechanism, mechanism.name),
-            parameters=tuple(symbols),
-            mean_mm=mean,
-            max_mm=largest,
-            f=f,
-            p=p,
-            log10_evidence=evidence,
-            cv_rms_mm=cv,
-            cv_rms_without_mm=without[0],
-            held_out_rms_mm=held_out,
-            held_out_rms_without_mm=without[1],
-            catalogue=check_catalogue(fitted, terms[k]),
-            stability=stability[k],
+        assessed.append(
+            Significance(
+                mechanism=reported.get(mechanism, mechanism.name),
+                parameters=tuple(model.terms[i].symbol for i in terms[k] if i in kept),
+                mean_mm=displaced[k][0],
+                max_mm=displaced[k][1],
+                f=f,
+                p=p,
+                log10_evidence=evidence,
+                cv_rms_mm=cv,
+                cv_rms_without_mm=without[0],
+                held_out_rms_mm=held_out,
+                held_out_rms_without_mm=without[1],
+                catalogue=check_catalogue(fitted, terms[k]),
+                stability=stability[k],
+            )
         )
-        assessed.append(one)
-    assessed.sort(key=lambda s: -s.mean_mm)
-    return tuple(assessed)
+    return tuple(sorted(assessed, key=lambda s: -s.mean_mm))
 
 
 def _terms(model: Model, mechanism: Mechanism) -> list[int]:
