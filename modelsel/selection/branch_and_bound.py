@@ -249,7 +249,7 @@ def _project(
 
 
 def _orthonormalise(columns: Array) -> Array:
-    """Orthonormal basis of columns that had unit length before the base was projected out."""
+    """Orthonormalise columns that had unit length before the base was projected out."""
     columns = columns[:, np.linalg.norm(columns, axis=0) > MIN_COLUMN]
     kept, norm = independent(columns)
     if not kept:
@@ -320,8 +320,8 @@ def _bound_node(
 
 
 def _chord_slope(problem: _Regression, rss: float, excess: float) -> float:
-    """Slope of BIC over RSS: 1/σ², or that of the chord of n ln RSS from `rss` to the RSS at which
-    BIC has risen by `excess`."""
+    """Compute the slope of BIC over RSS: 1/σ², or that of the chord of n ln RSS from `rss` to the
+    RSS at which BIC has risen by `excess`."""
     if problem.sigma is not None:
         return 1 / problem.sigma**2
     largest = rss * np.exp(excess / problem.rows)
@@ -329,7 +329,7 @@ def _chord_slope(problem: _Regression, rss: float, excess: float) -> float:
 
 
 def _eliminate(problem: _Regression, inside: Index, columns: Index) -> tuple[Array, Array]:
-    """Gram and products of `columns` with the columns `inside` projected out."""
+    """Compute Gram and products of `columns` with the columns `inside` projected out."""
     value, vector = np.linalg.eigh(problem.gram[np.ix_(inside, inside)])
     half = (vector / np.sqrt(np.maximum(value, ROUNDING))).T
     cross = half @ problem.gram[np.ix_(inside, columns)]
@@ -339,7 +339,7 @@ def _eliminate(problem: _Regression, inside: Index, columns: Index) -> tuple[Arr
 
 
 def _solve_members(A: Array, b: Array, members: Index) -> Array:
-    """Least squares (p,) of some columns, zero elsewhere."""
+    """Compute the least squares (p,) of some columns, zero elsewhere."""
     coefficients = np.zeros(len(b))
     if not len(members):
         return coefficients
@@ -387,8 +387,8 @@ def _relax(
 
 
 def _diagonalise(A: Array, group: Index) -> Array:
-    """Diagonal D (p,), alike within a group, with A − diag(D) positive: each as large as it could
-    be alone, all scaled to fit."""
+    """Compute a diagonal D (p,), alike within a group, with A − diag(D) positive: each as large as
+    it could be alone, all scaled to fit."""
     value, vector = np.linalg.eigh(A)
     inverse = (vector / np.maximum(value, ROUNDING)) @ vector.T
     D = np.empty(len(A))

@@ -276,7 +276,7 @@ def _find_distinct(space: _Space, subsets: Subsets) -> Mask:
 
 
 def _weigh(space: _Space, subsets: Subsets, listed: Mask) -> Array:
-    """Posterior weights (S,) of the listed subsets."""
+    """Compute the posterior weights (S,) of the listed subsets."""
     rank = int(subsets.rank[0])
     evidence = log_evidence(
         subsets.rss,
@@ -291,7 +291,8 @@ def _weigh(space: _Space, subsets: Subsets, listed: Mask) -> Array:
 
 
 def _log_prior(members: Mask) -> Array:
-    """Log (S,) of the Beta-binomial(1, 1) model prior: 1 / [(G+1) C(G, s)] (Scott & Berger 2010)."""
+    """Compute the log (S,) of the Beta-binomial(1, 1) model prior: 1 / [(G+1) C(G, s)] (Scott &
+    Berger 2010)."""
     from scipy.special import gammaln
 
     G, s = members.shape[1], members.sum(1)
@@ -374,13 +375,14 @@ def _annotate(
 
 
 def _find_lowest(values: Sequence[tuple[float | None, int]]) -> int:
-    """The subset of the lowest value, None counted as infinite; −1 where there is no subset."""
+    """Find the subset of the lowest value, None counted as infinite; −1 where there is no
+    subset."""
     finite = ((np.inf if value is None else value, s) for value, s in values)
     return min(finite, default=(np.inf, -1))[1]
 
 
 def _describe_proof(certified: Certified | None) -> str:
-    """What is known of the best subset by BIC."""
+    """Describe what is known of the best subset by BIC."""
     if certified is None or certified.proven:
         return "lowest BIC of all subsets, proven"
     return f"lowest BIC found; another may have up to {certified.gap:.3g} less"

@@ -359,7 +359,8 @@ def _check_estimable(gram: Array) -> None:
 
 
 def _log_density(gram: Array, quadratic: Array, rss: float, rows: Index, rank: int) -> Array:
-    """Log (K,) of t_{n_k}(y_k | the other folds); −inf where the others leave no degree of freedom.
+    """Compute the log (K,) of t_{n_k}(y_k | the other folds); −inf where the others leave no degree
+    of freedom.
 
     With ν = n − n_k − rank and ν s² = RSS − eᵀ(I − H)⁻¹e, the RSS without the fold,
     ln Γ((ν+n_k)/2) − ln Γ(ν/2) − n_k/2 ln(ν π s²) + ½ ln|I − H| − (ν+n_k)/2 ln(1 + eᵀ(I − H)⁻¹e/(ν s²))."""

@@ -229,7 +229,8 @@ def measure_orientation(
 
 
 def _rms_angle(residual: Array) -> float:
-    """Rms length of the orientation part of residuals (m, 6); zero where there are no rows."""
+    """Compute the rms length of the orientation part of residuals (m, 6); zero where there are no
+    rows."""
     if not len(residual):
         return 0.0
     angles = residual[:, 3:]

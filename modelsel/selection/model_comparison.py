@@ -162,7 +162,7 @@ def _split(problem: Problem, folds: int, seed: int, estimation: Mask | None) -> 
 def _compare_to_best(
     evaluation: Evaluation, best: Evaluation, configuration: Index
 ) -> tuple[float | None, float | None]:
-    """Difference of cross-validated rms [mm] from the best model's, and its standard error.
+    """Compare cross-validated rms [mm] with the best model's: difference and its standard error.
 
     By the delta method over G configurations of n_g rows: with S_g the sum of squared lengths of a
     configuration and r the rms of all m rows, z_g = (S_g − n_g r²) / (2 m r) is its influence on
@@ -186,7 +186,7 @@ def _compare_to_best(
 
 
 def _influence(length: Array, configuration: Index) -> Array:
-    """Influence (G,) of every configuration on the rms of the lengths (m,) [mm]."""
+    """Compute the influence (G,) of every configuration on the rms of the lengths (m,) [mm]."""
     _, unit = np.unique(
         configuration,
         return_inverse=True,
@@ -219,7 +219,7 @@ def _note(
 
 
 def _cv_rms(evaluation: Evaluation) -> float:
-    """Cross-validated rms [mm]; infinite where it is undefined."""
+    """Return the cross-validated rms [mm]; infinite where it is undefined."""
     rms = evaluation.cv_rms_mm
     finite = _or_none(rms)
     return _or_infinite(finite)

@@ -145,8 +145,8 @@ def project_base(folded: FoldedData, base: Sequence[int], columns: Sequence[int]
 
 
 def _reduce_training(training: Array, prior: Array, size: Array) -> tuple[Array, Mask]:
-    """Triangle of training rows and prior, and the mask (b,) of base columns that the training rows
-    do not have; such a column stays as fitted."""
+    """Reduce training rows and prior to a triangle; also the mask (b,) of base columns that the
+    training rows do not have, which stay as fitted."""
     width = training.shape[1]
     b = len(size)
     base = training[:, :b]
@@ -166,7 +166,8 @@ def _reduce_training(training: Array, prior: Array, size: Array) -> tuple[Array,
 
 
 def _predict_fold(block: Array, R: Array, absent: Mask) -> Array:
-    """What the base leaves of a fold's rows (h, d) under the fit of the training triangle R."""
+    """Compute what the base leaves of a fold's rows (h, d) under the fit of the training triangle
+    R."""
     b = len(absent)
     base = R[:b, :b]
     rest = R[:b, b:]
@@ -243,7 +244,8 @@ def refine_subsets(
 
 
 def _scale_columns(folded: FoldedData, base: Sequence[int], columns: Sequence[int]) -> Array:
-    """Lengths (d,) of the columns and, as one, of the response; infinite for a column of zeros."""
+    """Compute the lengths (d,) of the columns and, as one, of the response; infinite for a column
+    of zeros."""
     blocks = folded.blocks
     count = len(columns)
     chosen = blocks[:, :, columns]
@@ -267,7 +269,7 @@ def _scale_columns(folded: FoldedData, base: Sequence[int], columns: Sequence[in
 
 
 def _walk(root: _Nodes, sizes: Sequence[int], members: Mask) -> OrthogonalSubsets:
-    """Figures of subsets (S, G), without the base's rank."""
+    """Compute the figures of subsets (S, G), without the base's rank."""
     nodes = root
     count = len(members)
     node = np.zeros(count, np.intp)
@@ -319,7 +321,7 @@ def _join(first: _Nodes, second: _Nodes) -> _Nodes:
 
 
 def _triangulate(matrix: Array) -> Array:
-    """Triangular factors (…, c, c) of matrices (…, r, c)."""
+    """Compute triangular factors (…, c, c) of matrices (…, r, c)."""
     R = np.asarray(np.linalg.qr(matrix, mode="r"))
     *leading, rows, width = R.shape
     missing = width - rows

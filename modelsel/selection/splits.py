@@ -51,8 +51,9 @@ def split_configurations(
 
 
 def _features(data: Measurements, first: Index, prismatic: tuple[bool, ...]) -> Array:
-    """Features (blocks, d) of the rows `first`, in order of motion: first and second harmonics of
-    every joint, approach, covariates and place in time, standardised, and a constant."""
+    """Build features (blocks, d) of the rows `first`, in order of motion: first and second
+    harmonics of every joint, approach, covariates and place in time, standardised, and a
+    constant."""
     time = np.linspace(-1, 1, len(first))
     approach = data.approach[first]
     parts: list[Array] = [approach, time[:, None]]

@@ -55,7 +55,7 @@ def hash_folds(data: Measurements, count: int, by: str = "configuration") -> Ind
 
 
 def _hash_readings(q: Array) -> NDArray[np.uint64]:
-    """Hash (m,) of joint readings (m, n), by multiplication with the golden ratio's bits."""
+    """Hash joint readings (m, n) to (m,) by multiplication with the golden ratio's bits."""
     golden = np.uint64(0x9E3779B97F4A7C15)
     half = np.uint64(32)
     rows = len(q)
@@ -329,7 +329,7 @@ def _check_model(source: Parts, model: Model) -> None:
 
 
 def _files_without_approach(source: Parts) -> list[str]:
-    """Names of the files without columns of approach."""
+    """List the names of the files without columns of approach."""
     import pyarrow.parquet as pq
 
     files = dict.fromkeys(part.path for part in source.parts)
@@ -342,7 +342,7 @@ def _files_without_approach(source: Parts) -> list[str]:
 
 
 def _state_names(mechanism: Mechanism) -> list[str]:
-    """Names of the state variables that a mechanism's causes use, sorted."""
+    """List the names of the state variables that a mechanism's causes use, sorted."""
     names: set[str] = set()
     for term in mechanism.terms:
         for screw in term.screws:

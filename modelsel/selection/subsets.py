@@ -120,8 +120,8 @@ def sweep_subsets(
 def _root(
     folded: FoldedData, columns: Sequence[int], projection: Projection, groups: int
 ) -> tuple[_Nodes, Array]:
-    """The root of the tree, columns scaled to unit length, and their sizes (columns, K+1) before
-    any sweep; infinite where the base spans the column, so that it is never a pivot."""
+    """Build the root of the tree, columns scaled to unit length, and their sizes (columns, K+1)
+    before any sweep; infinite where the base spans the column, so that it is never a pivot."""
     T, E = projection
     # Gram matrices (K+1, d, d) of training and held-out rows
     transposed = T.transpose(0, 2, 1)
@@ -167,7 +167,8 @@ def _root(
 
 
 def _walk(root: _Nodes, order: Sequence[int], sizes: Sequence[int], first: Array) -> _Nodes:
-    """Walk the tree in pieces that stay in cache; the leaves of all subsets, by their place."""
+    """Walk the tree in pieces that stay in cache; return the leaves of all subsets, by their
+    place."""
     groups = len(order)
     widths = [sizes[g] for g in order]
     edges = np.append(0, np.cumsum(widths))

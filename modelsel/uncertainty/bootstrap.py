@@ -111,7 +111,7 @@ def run_bootstrap(parts: Iterable[FoldedData], fitted: Fit, rng: np.random.Gener
 
 
 def _draw_steps(scores: Array, rng: np.random.Generator) -> Array:
-    """Sums (REPLICATES, r) of the units' scores (K, r) with random signs."""
+    """Draw sums (REPLICATES, r) of the units' scores (K, r) with random signs."""
     units = len(scores)
     at_once = MAX_SIGNS // units
     count = max(1, at_once)
@@ -125,8 +125,8 @@ def _draw_steps(scores: Array, rng: np.random.Generator) -> Array:
 
 
 def _symmetric_root(rows: Array) -> Array:
-    """Symmetric root (r, r) of rowsᵀ rows: invariant to rotations of a prior's rows among
-    themselves, which have the same meaning and must give the same draws."""
+    """Compute the symmetric root (r, r) of rowsᵀ rows: invariant to rotations of a prior's rows
+    among themselves, which have the same meaning and must give the same draws."""
     gram = rows.T @ rows
     value, vector = np.linalg.eigh(gram)
     # rounding may make an eigenvalue negative

@@ -91,12 +91,12 @@ class LogPosterior:
         return coefficients + scales
 
     def _position(self, constant: Constant) -> int:
-        """Position of a constant."""
+        """Return the position of a constant."""
         order = [c is constant for c in self.constants].index(True)
         return self._tail + self.tail + order
 
     def _values(self, points: Array, constant: Constant) -> Array:
-        """Values (W,) of a constant at natural points (W, d)."""
+        """Return the values (W,) of a constant at natural points (W, d)."""
         position = self._position(constant)
         values = points[:, position]
         return np.asarray(values)
@@ -314,7 +314,7 @@ class LogPosterior:
         return np.asarray(inside)
 
     def _step(self, points: Array) -> Array:
-        """Departure (W, ψ) of the sampled coefficients from the optimum."""
+        """Compute the departure (W, ψ) of the sampled coefficients from the optimum."""
         sampled = list(self.sampled)
         count = len(sampled)
         coefficients = points[:, :count]
@@ -324,8 +324,8 @@ class LogPosterior:
         return np.asarray(step)
 
     def _linear(self, points: Array) -> Array:
-        """Log density of normal noise of one scale, linear about the optimum, on the QR-reduced
-        data."""
+        """Compute the log density of normal noise of one scale, linear about the optimum, on the
+        QR-reduced data."""
         step = self._step(points) @ self._reduced.T
         log_s = points[:, self._scales.start]
         power = self._known.freedom + len(self.sampled)
@@ -333,7 +333,7 @@ class LogPosterior:
         return np.asarray(-power * log_s - cost / 2 * np.exp(-2 * log_s))
 
     def _exact(self, points: Array) -> Array:
-        """Log density on the exact chain."""
+        """Compute the log density on the exact chain."""
         theta = self._theta(points)
         twist: dict[tuple[int, int], Array] = {}
         for constant in self.constants:
@@ -346,7 +346,7 @@ class LogPosterior:
         return self._likelihood.log_density(np.hstack([data, prior]), log_s, nu)
 
     def _theta(self, points: Array) -> Array:
-        """Coefficients (W, p), with β at its linear answer to ψ."""
+        """Compute the coefficients (W, p), with β at its linear answer to ψ."""
         count = len(points)
         sampled = list(self.sampled)
         integrated = self._integrated

@@ -91,7 +91,7 @@ class MarginalLikelihood:
         return len(self.component)
 
     def _inverse_scale(self, log_s: Array, rows: int) -> Array:
-        """1/s of every row: (W, rows), or (W, 1) for one scale."""
+        """Compute 1/s of every row: (W, rows), or (W, 1) for one scale."""
         measured = self._measured
         inverse = np.exp(-log_s)
         if self.scales == 1:
@@ -103,8 +103,8 @@ class MarginalLikelihood:
         return np.asarray(by_row)
 
     def _information(self, log_s: Array, curvature: Array | None = None) -> Array:
-        """(W, r, r) information Σ_t s_t⁻² Q_tᵀQ_t about β; that of the data times the curvature
-        (W,)."""
+        """Compute the information (W, r, r) Σ_t s_t⁻² Q_tᵀQ_t about β; that of the data times the
+        curvature (W,)."""
         scales = self.scales
         component = [*range(scales), 0]
         log_scale = log_s[:, component]
@@ -167,7 +167,7 @@ class MarginalLikelihood:
         return residual, point_weight
 
     def _distance(self, scaled: Array) -> Array:
-        """Squared length d² (W, m) of every point's residual in units of the noise."""
+        """Compute the squared length d² (W, m) of every point's residual in units of the noise."""
         walkers = len(scaled)
         measured = self._measured
         data = scaled[:, :measured]
@@ -181,7 +181,8 @@ class MarginalLikelihood:
         return np.asarray(distance)
 
     def _scale_term(self, log_s: Array) -> Array:
-        """−Σ rows_t ln s_t (W,), the coefficients held by a prior counted with the first scale."""
+        """Compute −Σ rows_t ln s_t (W,), the coefficients held by a prior counted with the first
+        scale."""
         component = self.component
         count = self.scales
         rows = np.bincount(component, minlength=count)
@@ -190,7 +191,7 @@ class MarginalLikelihood:
         return np.asarray(term)
 
     def _prior_cost(self, scaled: Array) -> Array:
-        """Half the squared length (W,) of the prior's rows."""
+        """Compute half the squared length (W,) of the prior's rows."""
         measured = self._measured
         prior = scaled[:, measured:]
         squares = np.square(prior)
@@ -199,7 +200,8 @@ class MarginalLikelihood:
         return np.asarray(cost)
 
     def _student_curvature(self, weight: Array, distance: Array, nu: Array) -> Array:
-        """Average information (W,) of a row under the Student-t, of 1 under normal noise."""
+        """Compute the average information (W,) of a row under the Student-t, of 1 under normal
+        noise."""
         c = self.coordinates
         degrees = nu[:, None] + c
         excess = 2 / c * weight

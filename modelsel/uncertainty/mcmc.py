@@ -49,8 +49,8 @@ def autocorrelation_time(chain: Array) -> Array:
 
 
 def _autocovariance(series: Array) -> Array:
-    """Autocovariance (n,) of series (n, walkers) about their common mean, up to a factor, by the
-    power spectrum of the zero-padded series."""
+    """Compute the autocovariance (n,) of series (n, walkers) about their common mean, up to a
+    factor, by the power spectrum of the zero-padded series."""
     n = len(series)
     longest = 2 * n - 1
     bits = longest.bit_length()
@@ -87,8 +87,8 @@ def r_hat(chain: Array) -> Array:
 
 
 def _normal_scores(chain: Array) -> Array:
-    """Every draw replaced by the normal quantile of its rank among all (Blom 1958); ties share
-    their mean rank."""
+    """Replace every draw by the normal quantile of its rank among all (Blom 1958); ties share their
+    mean rank."""
     from scipy.special import ndtri
 
     names = chain.shape[2]
@@ -110,7 +110,7 @@ def _normal_scores(chain: Array) -> Array:
 
 
 def _plain_r_hat(chain: Array) -> Array:
-    """Square root (d,) of the pooled variance over the mean variance within chains."""
+    """Compute the square root (d,) of the pooled variance over the mean variance within chains."""
     n = len(chain)
     variance = chain.var(0, ddof=1)
     within = variance.mean(0)

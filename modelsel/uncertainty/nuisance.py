@@ -121,7 +121,7 @@ def align_with_beam(problem: Problem, instrument: Instrument) -> Problem:
 
 
 def _beam_basis(line: Array) -> Array:
-    """Orthonormal bases (m, 3, 3) whose rows are along the lines (m, 3), across, across."""
+    """Compute orthonormal bases (m, 3, 3) whose rows are along the lines (m, 3), across, across."""
     length = np.linalg.norm(line, axis=1)
     along = line / length[:, None]
     size = np.abs(along)
@@ -230,7 +230,7 @@ def _constant(
     bounds: tuple[float, float],
     place: dict[TermKey, int],
 ) -> Constant | None:
-    """The constant of a mechanism; None where no scanned value gives the mechanism."""
+    """Build the constant of a mechanism; None where no scanned value gives the mechanism."""
     robot = problem.robot
     joint = []
     if mechanism.joint is not None:
@@ -274,7 +274,7 @@ def _number_names(constants: Sequence[Constant]) -> tuple[Constant, ...]:
 def _held_value(
     entry: Scanned, robot: Robot, joint: Sequence[int], mechanism: Mechanism
 ) -> float | None:
-    """The scanned value that gives this mechanism."""
+    """Find the scanned value that gives this mechanism."""
     for value in entry.constants(robot, *joint):
         variant = entry.build(robot, *joint, value)
         if variant.terms == mechanism.terms:
@@ -288,7 +288,7 @@ def _tabulate(
     variants: Sequence[Mechanism],
     place: dict[TermKey, int],
 ) -> tuple[Table, ...]:
-    """How the causes of every screw of a mechanism change over its variants."""
+    """Tabulate how the causes of every screw of a mechanism change over its variants."""
     tables = []
     for i, term in enumerate(mechanism.terms):
         k = place[term.key]

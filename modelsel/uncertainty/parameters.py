@@ -316,7 +316,8 @@ def correlate_parameters(fitted: Fit) -> Correlation:
 
 
 def _find_strong(matrix: Array, determined: Mask) -> list[tuple[int, int]]:
-    """Pairs (i, j), j < i, of determined parameters with a strong correlation, strongest first."""
+    """Find the pairs (i, j), j < i, of determined parameters with a strong correlation, strongest
+    first."""
     size = np.abs(matrix)
     below = np.tril(size > STRONG, -1)
     both = np.logical_and.outer(determined, determined)
@@ -346,7 +347,7 @@ def _describe_pair(a: str, b: str, r: float) -> Pair:
 def _cluster(
     names: Sequence[str], joined: Sequence[tuple[int, int]]
 ) -> tuple[tuple[str, ...], ...]:
-    """Groups of names that the pairs connect, each in the names' order."""
+    """Group the names that the pairs connect, each group in the names' order."""
     count = len(names)
     edges = np.array(joined, dtype=np.intp)
     component = connected_components(count, edges)

@@ -186,7 +186,7 @@ def weight_draws(problem: Problem, fitted: Fit, draws: Draws, max_rows: int = MA
 
 
 def _exact_cost(problem: Problem, fitted: Fit, theta: Array) -> Array:
-    """Sums of squared whitened residuals (n,) of the exact chain at coefficients (n, p)."""
+    """Compute sums of squared whitened residuals (n,) of the exact chain at coefficients (n, p)."""
     ensemble = Ensemble(problem, fitted.terms)
     draws = len(theta)
     cost = np.empty(draws)

@@ -140,7 +140,7 @@ class Sampling:
         }
 
     def _quantile_records(self) -> list[dict[str, Any]]:
-        """Quantiles of every name, of the chain and of the closed form."""
+        """List the quantiles of every name, of the chain and of the closed form."""
         quantiles = np.full((len(self.names), 3), np.nan)
         if self.converged:
             quantiles = self.quantiles
@@ -154,7 +154,7 @@ class Sampling:
         return records
 
     def _trace_record(self) -> dict[str, Any]:
-        """Some draws of the most informative names, for pictures."""
+        """Select some draws of the most informative names, for pictures."""
         pictured = self._pictured()
         count = len(self.names)
         flat = self.chain.reshape(-1, count)
@@ -166,7 +166,7 @@ class Sampling:
         }
 
     def _pictured(self) -> list[int]:
-        """Positions of the names most correlated with another, in order."""
+        """Return the positions of the names most correlated with another, in order."""
         count = len(self.names)
         if count <= MAX_PICTURED:
             return list(range(count))
@@ -262,7 +262,8 @@ def _advance(walk: _Walk, steps: int, keeper: Keeper | None) -> None:
 
 
 def _autocorrelation_times(chain: Array, thin: int) -> Array:
-    """Autocorrelation times (d,) in steps, at least one, without the first tenth of the chain."""
+    """Compute autocorrelation times (d,) in steps, at least one, without the first tenth of the
+    chain."""
     tenth = len(chain) // 10
     rest = chain[tenth:]
     stored = autocorrelation_time(rest)
@@ -271,7 +272,8 @@ def _autocorrelation_times(chain: Array, thin: int) -> Array:
 
 
 def _burn_in(tau: Array, thin: int, stored: int) -> int:
-    """Stored steps to leave out at the start: two autocorrelation times, at most half of them."""
+    """Count the stored steps to leave out at the start: two autocorrelation times, at most half of
+    them."""
     half = stored // 2
     longest = float(tau.max())
     if not np.isfinite(longest):

@@ -119,7 +119,7 @@ def assess_significance(
 
 
 def _terms(model: Model, mechanism: Mechanism) -> list[int]:
-    """Indices of a mechanism's terms."""
+    """Return the indices of a mechanism's terms."""
     keys = {term.key for term in mechanism.terms}
     indices = []
     for k, term in enumerate(model.terms):
@@ -129,7 +129,7 @@ def _terms(model: Model, mechanism: Mechanism) -> list[int]:
 
 
 def _unshared_terms(model: Model, mechanism: Mechanism, fitted: Fit) -> list[int]:
-    """Indices of the estimable terms that this mechanism alone brings."""
+    """Return the indices of the estimable terms that this mechanism alone brings."""
     kept = fitted.found.kept
     mechanisms = [m for m in model.mechanisms if m != mechanism]
     others = {term.key for m in mechanisms for term in m.terms}
@@ -148,8 +148,8 @@ def _unshared_terms(model: Model, mechanism: Mechanism, fitted: Fit) -> list[int
 def _displace(
     split: Split, fitted: Fit, groups: Sequence[Sequence[int]]
 ) -> list[tuple[float, float]]:
-    """(mean, largest) displacement [mm] of the target that each group of terms causes on the exact
-    chain, over all measured configurations."""
+    """Compute the (mean, largest) displacement [mm] of the target that each group of terms causes
+    on the exact chain, over all measured configurations."""
     good = ~split.outlying
     problem = split.problem.take(good)
     problem = problem.unweighted()
@@ -254,7 +254,7 @@ class _ReducedModels:
         return fold(problem, terms, folds, at, kept)
 
     def _unweighted(self) -> FoldedData:
-        """The folds in mm."""
+        """Return the folds in mm."""
         folded = self.folded
         whitening = self.training.whitening
         if whitening.uniform:
@@ -264,7 +264,7 @@ class _ReducedModels:
         return self._fold(plain, self.folds)
 
     def _reduce_held(self, held: Problem) -> Array:
-        """Triangle of the held-out positions in mm."""
+        """Reduce the held-out positions in mm to a triangle."""
         whitening = UNIT
         if held.components == 6:
             rows = len(held)
@@ -332,7 +332,7 @@ class _ReducedModels:
         return crossed, float(rms)
 
     def _put_back(self, rows: Array, removed: Sequence[int]) -> Array:
-        """Rows (..., p+1) with the part of the removed terms in the response."""
+        """Put the part of the removed terms into the response of rows (..., p+1)."""
         columns = list(removed)
         theta = self.fitted.theta
         theta = theta[columns]
@@ -342,7 +342,7 @@ class _ReducedModels:
         return changed
 
     def _prior_without(self, removed: Sequence[int], kept: Sequence[int]) -> Array | None:
-        """The prior's rows that say something of the kept terms."""
+        """Select the prior's rows that say something of the kept terms."""
         prior = self.fitted.prior
         if prior is None:
             return None
@@ -356,7 +356,8 @@ class _ReducedModels:
     def _cross_validate(
         self, data: FoldedData, removed: Sequence[int], kept: Sequence[int], prior: Array | None
     ) -> float | None:
-        """Cross-validated rms [mm]; None where the model is not estimable without some fold."""
+        """Compute the cross-validated rms [mm]; None where the model is not estimable without some
+        fold."""
         columns = list(removed)
         try:
             validation = cross_validate(data, kept, prior)

@@ -145,7 +145,7 @@ class _HalfSamples:
         self.precision = precision
 
     def positions(self, terms: Sequence[int]) -> Index:
-        """Positions of some terms among the columns; none for shrunk terms."""
+        """Return the positions of some terms among the columns; none for shrunk terms."""
         for k in terms:
             term = self.fitted.terms[k]
             if spline(term) is not None:

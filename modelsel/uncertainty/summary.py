@@ -196,12 +196,10 @@ def build_log_posterior(
     units = [fitted.terms[k].unit for k in sampled]
     names += noise.names
     units += noise.units
-    if tail:
-        names.append(TAIL)
-        units.append("1")
-    for constant in constants:
-        names.append(constant.name)
-        units.append("1")
+    others = [TAIL] if tail else []
+    others += [constant.name for constant in constants]
+    names += others
+    units += ["1"] * len(others)
     return LogPosterior(
         fitted,
         noise,
@@ -217,7 +215,7 @@ def build_log_posterior(
 def _choose_coefficients(
     split: Split, fitted: Fit, base: Model, over: str
 ) -> tuple[tuple[int, ...], bool]:
-    """Term indices of the coefficients to sample, and whether any effect is named."""
+    """Choose the coefficients to sample, as term indices, and say whether any effect is named."""
     inside = mask_free_functions(fitted.model)
     known = {t.key for t in base.terms}
     plain = []
@@ -240,7 +238,7 @@ def _choose_coefficients(
 
 
 def _walk_cost(training: Problem, sampled: int, options: SamplingOptions) -> int:
-    """Cost of one step of all walkers, in rows."""
+    """Compute the cost of one step of all walkers, in rows."""
     names = sampled + 2
     wanted = options.walkers_per_name * names
     walkers = max(options.min_walkers, wanted)
