@@ -55,12 +55,8 @@ def compensate_command(
     (left out: where the nominal robot has the target) in the tracker's frame, wanted orientations,
     and what the model needs. Commands are written in the units in which they were given."""
     from .._files import write_frame
-    from ..calibration.compensation import (
-        build_commands_table,
-        correct_measurements,
-        describe_extrapolation,
-        describe_order_dependence,
-    )
+    from ..calibration.command_notes import describe_extrapolation, describe_order_dependence
+    from ..calibration.compensation import build_commands_table, correct_measurements
     from ..calibration.loading import load_calibration
     from ..measurements.reader import read_measurements
 
