@@ -73,19 +73,21 @@ def refuse_other_units(
     `q1_grad`, `temperature_K`), or in other letters (`SX_mm`) where the contract's own is not
     there. `known`: the contract's names; `gauged`: whether rows have kinds, and `length_mm` and
     `s_mm` a meaning. Raises DataError."""
-    small = {name.lower(): name for name in known}
+    known_in_small = {name.lower(): name for name in known}
     for name in table.columns:
         if name in known:
             continue
-        stem, _, unit = name.lower().rpartition("_")
+        small = name.lower()
+        stem, _, unit = small.rpartition("_")
         right, factor = _read_as(stem, unit, prismatic, gauged)
-        if (
-            right is None
-            and (wanted := small.get(name.lower())) is not None
-            and wanted not in table
-        ):
+        wanted = known_in_small.get(small)
+        is_other_spelling = wanted is not None and wanted not in table
+        if right is None and is_other_spelling:
             right, factor = wanted, "1"
-        if right is not None and not (right in table and factor == "1"):
+        if right is None:
+            continue
+        is_there_already = right in table and factor == "1"
+        if not is_there_already:
             raise _refused(table, name, right, factor)
 
 
@@ -96,11 +98,14 @@ def refuse_mapped_units(
     = "J1_deg"`). Raises DataError."""
     for wanted, given in columns.items():
         stem, _, unit = wanted.rpartition("_")
-        said = re.split(r"[^a-zµμ]+", given.strip("])} ").lower())[-1]
-        units = _units_of(stem, said, prismatic, True)[0]
+        small = given.strip("])} ").lower()
+        words = re.split(r"[^a-zµμ]+", small)
+        said = words[-1]
+        units, _ = _units_of(stem, said, prismatic, True)
         if JOINT.fullmatch(stem):
             units = {**LENGTHS} if unit in ("mm", "m") else {**ANGLES, **DEGREES}
-        if said in units and said not in (unit, *WORDS):
+        is_wanted = said in (unit, *WORDS)
+        if said in units and not is_wanted:
             raise where.refuse(
                 f'the study maps {wanted} to it, but its name says "{said}", not "{unit}".',
                 column=given,
@@ -128,12 +133,18 @@ def _read_as(
 ) -> tuple[str | None, str]:
     """(the contract's name for a quantity `stem` in some `unit`, None for what is none, what to do
     with its numbers)."""
-    if stem == "temperature" and unit in ("k", "f"):
-        return "temperature_C", "Subtract 273.15" if unit == "k" else "Subtract 32, divide by 1.8"
-    units, read = _units_of(stem, unit, prismatic, gauged)
+    if stem == "temperature" and unit == "k":
+        return "temperature_C", "Subtract 273.15"
+    if stem == "temperature" and unit == "f":
+        return "temperature_C", "Subtract 32, divide by 1.8"
+    units, unit_read = _units_of(stem, unit, prismatic, gauged)
     if unit not in units:
         return None, ""
-    return f"{stem}_{read}", "1" if units[unit] == 1 else f"Multiply it by {units[unit]:.10g}"
+    size = units[unit]
+    factor = "1"
+    if size != 1:
+        factor = f"Multiply it by {size:.10g}"
+    return f"{stem}_{unit_read}", factor
 
 
 def _units_of(

@@ -22,20 +22,33 @@ def number_keys(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tu
     """Number keys by their first appearance: (each key's number, the distinct keys in that
     order)."""
     numbers: dict[str, int] = {}
-    index = [numbers.setdefault(str(key), len(numbers)) for key in keys]
-    return np.array(index, dtype=np.intp), tuple(numbers)
+    index = []
+    for key in keys:
+        word = str(key)
+        number = numbers.setdefault(word, len(numbers))
+        index.append(number)
+    key_numbers = np.array(index, dtype=np.intp)
+    distinct = tuple(numbers)
+    return key_numbers, distinct
 
 
 def number_visits(q: Array, explicit: Sequence[object] | None, group: Index) -> Index:
     """Number the configuration of every row: by the given column, else adjacent rows with equal
     readings in one group."""
     if explicit is not None:
-        return number_keys(explicit)[0]
-    moved = np.abs(np.diff(q, axis=0)).max(1) > SAME_READING
-    other_group = np.diff(group) != 0
-    is_new = np.ones(len(q), bool)
+        numbers, _ = number_keys(explicit)
+        return numbers
+    rows = len(q)
+    step = np.diff(q, axis=0)
+    size = np.abs(step)
+    largest_step = size.max(1)
+    moved = largest_step > SAME_READING
+    group_step = np.diff(group)
+    other_group = group_step != 0
+    is_new = np.ones(rows, bool)
     is_new[1:] = moved | other_group
-    return np.asarray(np.cumsum(is_new) - 1, dtype=np.intp)
+    visit = np.cumsum(is_new) - 1
+    return np.asarray(visit, dtype=np.intp)
 
 
 def _find_near_pairs(
@@ -61,12 +74,17 @@ def number_blocks(q: Array, configuration: Index, max_lag: int = MAX_LAG) -> Ind
     _, first, visit = np.unique(configuration, return_index=True, return_inverse=True)
     visit = visit.reshape(-1)
     readings = q[first]
+    visits, joints = readings.shape
+    joint_numbers = np.arange(1, joints + 1)
     # readings alike in every joint are alike along any one direction
-    direction = np.sqrt(np.arange(1, q.shape[1] + 1))
+    direction = np.sqrt(joint_numbers)
     along = readings @ direction
     order = np.argsort(along, kind="stable")
-    steps = np.diff(along[order], prepend=-np.inf)
-    pairs = _find_near_pairs(readings, order, steps <= SAME_READING * direction.sum(), max_lag)
+    ordered = along[order]
+    steps = np.diff(ordered, prepend=-np.inf)
+    limit = SAME_READING * direction.sum()
+    close = steps <= limit
+    pairs = _find_near_pairs(readings, order, close, max_lag)
     if pairs is None:
         from scipy.spatial import cKDTree
 
@@ -74,7 +92,8 @@ def number_blocks(q: Array, configuration: Index, max_lag: int = MAX_LAG) -> Ind
         pairs = tree.query_pairs(SAME_READING, p=np.inf, output_type="ndarray")
     if not len(pairs):
         return np.asarray(visit, dtype=np.intp)
-    return connected_components(len(readings), pairs)[visit]
+    blocks = connected_components(visits, pairs)
+    return blocks[visit]
 
 
 def derive_motion(
@@ -106,9 +125,17 @@ def derive_motion(
 
 def _order_visits(configuration: Index, group: Index, order: Array) -> Index:
     """List one row per visit, in order of motion, group by group."""
-    sequence = np.lexsort((np.arange(len(group)), order, group))
-    _, first = np.unique(configuration[sequence], return_index=True)
-    return np.asarray(sequence[np.sort(first)], dtype=np.intp)
+    rows = np.arange(len(group))
+    keys = (rows, order, group)
+    sequence = np.lexsort(keys)
+    ordered = configuration[sequence]
+    _, first = np.unique(
+        ordered,
+        return_index=True,
+    )
+    first.sort()
+    visits = sequence[first]
+    return np.asarray(visits, dtype=np.intp)
 
 
 def order_units(unit: Index, progress: Array) -> tuple[Index, Index]:
@@ -116,8 +143,13 @@ def order_units(unit: Index, progress: Array) -> tuple[Index, Index]:
     (m,), the first row (u,) of each)."""
     _, number = np.unique(unit, return_inverse=True)
     sequence = np.lexsort((progress, number))
-    begins = np.flatnonzero(np.diff(number[sequence], prepend=-1))
+    ordered = number[sequence]
+    step = np.diff(ordered, prepend=-1)
+    begins = np.flatnonzero(step)
     first_rows = sequence[begins]
-    order = np.argsort(progress[first_rows], kind="stable")
+    first_progress = progress[first_rows]
+    order = np.argsort(first_progress, kind="stable")
     rank = np.argsort(order, kind="stable")
-    return np.asarray(rank[number], dtype=np.intp), first_rows[order]
+    row_rank = rank[number]
+    row_unit = np.asarray(row_rank, dtype=np.intp)
+    return row_unit, first_rows[order]
