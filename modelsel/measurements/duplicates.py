@@ -47,6 +47,7 @@ def _find_suspects(columns: Sequence[NDArray[Any]], m: int) -> Mask:
 def find_duplicates(table: Mapping[str, NDArray[Any]], m: int) -> Mask:
     """Mask (m,) the rows that repeat an earlier one cell for cell; compared one by one only where a
     hash of the numbers agrees."""
+    repeated = np.zeros(m, bool)
     columns = list(table.values())
     numeric = [column for column in columns if column.dtype != object]
     is_suspect = _find_suspects(numeric, m)
@@ -54,13 +55,14 @@ def find_duplicates(table: Mapping[str, NDArray[Any]], m: int) -> Mask:
     cells = [column[suspects] for column in columns]
     rows = zip(*cells, strict=True)
     earlier: set[tuple[Any, ...]] = set()
-    repeated_rows = []
-    for number, row in enumerate(rows):
-        if row in earlier:
-            repeated_rows.append(number)
-        earlier.add(row)
-    repeated = np.zeros(m, bool)
-    later = suspects[repeated_rows]
+    repeated_places = []
+    for place, row in enumerate(rows):
+        is_repeated = row in earlier
+        if is_repeated:
+            repeated_places.append(place)
+        else:
+            earlier.add(row)
+    later = suspects[repeated_places]
     repeated[later] = True
     return repeated
 

@@ -156,15 +156,18 @@ def _read_lengths(
     measured_bars = {feature[row] for row in measured_rows}
     of_measured_bar = [name in measured_bars for name in feature]
     has_length = np.array(of_measured_bar, bool)
-    rows = is_wire | (is_bar & has_length) | (is_distance & ~begins)
+    is_measured_bar = is_bar & has_length
+    is_measured_distance = is_distance & ~begins
+    rows = is_wire | is_measured_bar | is_measured_distance
     if not rows.any() and not has_column:
         return np.full(count, np.nan)
     length = read_quantity(table, "length", ("mm",), rows)
     is_wrong = length <= 0
     if is_wrong.any():
+        row = int(np.argmax(is_wrong))
         raise table.where.refuse(
             "a length must be above zero.",
-            row=int(np.argmax(is_wrong)),
+            row=row,
             column="length_mm",
             remedy="Correct the cell or remove the row.",
         )
@@ -190,21 +193,23 @@ def read_positions(table: Table, kinds: KindColumns) -> Array:
 def read_uncertainties(table: Table, kinds: KindColumns) -> Array | None:
     """Read standard uncertainties (m, 3) [mm]: `s_mm`, of whatever a row measures, or `sx_mm sy_mm
     sz_mm` for its coordinates; one or the other in every row, or none at all. Raises DataError."""
+    has_column = "s_mm" in table
     single = np.full(len(kinds.kind), np.nan)
-    if "s_mm" in table:
-        rows = ~find_blank_cells(table.columns["s_mm"])
-        single = read_numbers(table, "s_mm", -LARGEST, LARGEST, rows)
+    if has_column:
+        is_empty = find_blank_cells(table.columns["s_mm"])
+        single = read_numbers(table, "s_mm", -LARGEST, LARGEST, ~is_empty)
     axes = [axis for axis in "xyz" if f"s{axis}_mm" in table]
-    if not axes and "s_mm" not in table:
+    if not axes and not has_column:
         return None
     has_single = np.isfinite(single)
     sigma = np.repeat(single[:, None], 3, axis=1)
     for axis in axes:
         a = "xyz".index(axis)
-        rows = kinds.of("point", axis) & ~has_single
+        measured = kinds.of("point", axis)
+        rows = measured & ~has_single
         column = read_numbers(table, f"s{axis}_mm", -LARGEST, LARGEST, rows)
         is_given = np.isfinite(column)
-        sigma[:, a] = np.where(is_given, column, sigma[:, a])
+        sigma[is_given, a] = column[is_given]
     sigma = _fill_rows(sigma)
     is_filled = np.isfinite(sigma).all(1)
     # where a distance begins, nothing is measured
@@ -216,8 +221,9 @@ def read_uncertainties(table: Table, kinds: KindColumns) -> Array | None:
     is_valid = (is_finite & is_large_enough).all(1)
     if not is_valid.all():
         row = int(np.argmin(is_valid))
+        kind = kinds.kind[row]
         raise table.where.refuse(
-            f"a row of kind {kinds.kind[row]} has no standard uncertainty above zero, "
+            f"a row of kind {kind} has no standard uncertainty above zero, "
             f"{MIN_UNCERTAINTY:g} at least.",
             row=row,
             column="s_mm",

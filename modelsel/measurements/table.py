@@ -52,29 +52,41 @@ class Where:
     @property
     def is_text(self) -> bool:
         """Whether it is a file of lines."""
-        return self.is_file and self.lines
+        is_lines = self.lines
+        return self.is_file and is_lines
 
     def number(self, row: int) -> int:
         """Number the 0-based `row` as the user does."""
         if self.at is not None:
             return int(self.at[row])
-        return row + 2 if self.is_text else row + self.first
+        first = self.first
+        if self.is_text:
+            first = 2
+        return row + first
 
     def refuse(
         self, what: str, *, row: int | None = None, column: str | None = None, remedy: str = ""
     ) -> DataError:
         """The error to raise, with its place: 0-based `row`, without it the header's."""
         number = None if row is None else self.number(row)
-        if not self.is_text:
-            return DataError(
-                what, file=self.file or "DataFrame", row=number, column=column, remedy=remedy
-            )
-        line = 1 if number is None else number
-        return DataError(what, file=self.file, line=line, column=column, remedy=remedy)
+        if self.is_text:
+            line = 1 if number is None else number
+            return DataError(what, file=self.file, line=line, column=column, remedy=remedy)
+        place = self.file or "DataFrame"
+        return DataError(
+            what,
+            file=place,
+            row=number,
+            column=column,
+            remedy=remedy,
+        )
 
     def named(self, row: int) -> str:
         """Name a row: line 3, or row 1."""
-        return f"{'line' if self.is_text else 'row'} {self.number(row)}"
+        word = "row"
+        if self.is_text:
+            word = "line"
+        return f"{word} {self.number(row)}"
 
     def listed(self, rows: Sequence[int] | NDArray[np.intp], most: int = 10) -> str:
         """List the first so many rows: lines 3, 4, 9 … or rows 1, 2, 7 …, counted from 0."""
@@ -90,10 +102,11 @@ class Where:
 
     def _say_rows(self, shown: str, count: int, is_cut: bool) -> str:
         word = "line" if self.is_text else "row"
-        plural = "" if count == 1 else "s"
+        if count != 1:
+            word += "s"
         ellipsis = " …" if is_cut else ""
         base = "" if self.is_text else ", counted from 0"
-        return f"{word}{plural} {shown}{ellipsis}{base}"
+        return f"{word} {shown}{ellipsis}{base}"
 
     def record(self, rows: NDArray[np.intp]) -> dict[str, Any]:
         """Return plain values that say of the `rows` how they are numbered; `where_from_record`
@@ -136,8 +149,11 @@ def where_from_record(record: Mapping[str, Any] | None) -> Where:
     at = record["at"]
     if at is not None:
         at = {int(row): number for row, number in at.items()}
+    first = 0
     is_text = record["word"] == "line"
-    return Where("the file", is_text, 0 if is_text else record["first"], at)
+    if not is_text:
+        first = record["first"]
+    return Where("the file", is_text, first, at)
 
 
 def load_table(source: Source, group: int | None = None) -> Table:
@@ -185,16 +201,21 @@ def _load_frame(frame: pd.DataFrame, where: Where) -> Table:
         )
     names = [name.strip() for name in frame.columns]
     _check_distinct(names, where)
-    return Table({name: _load_series(frame.iloc[:, k]) for k, name in enumerate(names)}, where)
+    columns = {}
+    for k, name in enumerate(names):
+        columns[name] = _load_series(frame.iloc[:, k])
+    return Table(columns, where)
 
 
 def _load_series(column: pd.Series[Any]) -> NDArray[Any]:
     if column.dtype.kind not in "fiub":
         cells = column.to_numpy(dtype=object, copy=True)
-        cells[column.isna().to_numpy()] = None
+        is_missing = column.isna().to_numpy()
+        cells[is_missing] = None
         return np.asarray(cells)
     if column.hasnans:
-        return np.asarray(column.to_numpy(dtype=float, na_value=np.nan))
+        numbers = column.to_numpy(dtype=float, na_value=np.nan)
+        return np.asarray(numbers)
     return np.asarray(column.to_numpy())
 
 

@@ -102,8 +102,11 @@ def refuse_mapped_units(
         words = re.split(r"[^a-zµμ]+", small)
         said = words[-1]
         units, _ = _units_of(stem, said, prismatic, True)
-        if JOINT.fullmatch(stem):
-            units = {**LENGTHS} if unit in ("mm", "m") else {**ANGLES, **DEGREES}
+        is_joint = JOINT.fullmatch(stem)
+        if is_joint and unit in ("mm", "m"):
+            units = {**LENGTHS}
+        elif is_joint:
+            units = {**ANGLES, **DEGREES}
         is_wanted = said in (unit, *WORDS)
         if said in units and not is_wanted:
             raise where.refuse(
