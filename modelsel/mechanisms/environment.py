@@ -191,7 +191,7 @@ def _seen(robot: Robot) -> list[tuple[str, Cause]]:
     rotation = robot.joints[0].before[:3, :3]
     out: list[tuple[str, Cause]] = []
     for axis, direction in zip(AXES[:3], rotation.T, strict=True):
-        cause: Cause | None = None
+        summands = list[Cause]()
         for name, number in zip("xyz", direction, strict=True):
             if abs(number) <= 1e-9:
                 continue
@@ -199,10 +199,14 @@ def _seen(robot: Robot) -> list[tuple[str, Cause]]:
             summand: Cause = coordinate
             if number != 1:
                 summand = float(number) * coordinate
-            cause = summand if cause is None else cause + summand
-        if cause is not None:
-            seen = (axis, cause)
-            out.append(seen)
+            summands.append(summand)
+        if not summands:
+            continue
+        cause, *others = summands
+        for summand in others:
+            cause = cause + summand
+        seen = (axis, cause)
+        out.append(seen)
     return out
 
 

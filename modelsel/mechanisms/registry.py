@@ -169,7 +169,8 @@ def _choose_joints(
         return joints
     words = [str(j) for j in joints]
     if joint in words:
-        return (int(joint),)
+        chosen = int(joint)
+        return (chosen,)
     numbers = ", ".join(words)
     where = f"joint {numbers} of {robot.name}"
     if not words:
@@ -196,13 +197,15 @@ def _build_scanned(
         for value in values:
             word = f"{value:g}"
             is_wanted = constant in (None, word)
-            if is_wanted:
-                mechanism = entry.build(robot, *place, value)
-                built.append(mechanism)
-    if constant is not None and not built:
+            if not is_wanted:
+                continue
+            mechanism = entry.build(robot, *place, value)
+            built.append(mechanism)
+    if not built and constant is not None:
         stem, _, _ = name.partition(":")
-        problem = f"{constant} is not among the constants of {stem}"
-        raise StudyError(f'"{name}": {problem}.')
+        raise StudyError(
+            f'"{name}": {constant} is not among the constants of {stem}.',
+        )
     return tuple(built)
 
 

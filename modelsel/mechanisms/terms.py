@@ -146,8 +146,7 @@ def ratio(top: str, bottom: str) -> str:
 
 def _unit_factors(unit: str) -> list[str]:
     """Factors of a unit's part without a quotient, ones left out."""
-    factors = unit.split()
-    return [factor for factor in factors if factor != "1"]
+    return [factor for factor in unit.split() if factor != "1"]
 
 
 @dataclass(frozen=True)
