@@ -225,12 +225,10 @@ def _is_link_parameter(term: Term, joints: int) -> bool:
 
 def _format_value(value: float, error: float, unit: str) -> str:
     if unit == "rad":
-        value_deg = np.degrees(value)
-        error_deg = np.degrees(error)
-        shown_deg = f"{value_deg:.3g} ± {error_deg:.2g}"
-        return f"{shown_deg}°"
-    shown = f"{value:.4g} ± {error:.2g}"
-    return f"{shown} {unit}"
+        value = np.degrees(value)
+        error = np.degrees(error)
+        return f"{value:.3g} ± {error:.2g}°"
+    return f"{value:.4g} ± {error:.2g} {unit}"
 
 
 def _row_noise(floor: Floor) -> float:

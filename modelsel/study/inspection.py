@@ -266,10 +266,11 @@ def _format_noise_floor(inspection: dict[str, Any]) -> str:
 def _format_geometry(inspection: dict[str, Any]) -> list[str]:
     geometry = inspection["geometry"]
     x, y, z = ASSUMED_TOOL_MM
-    lines = [
+    line = (
         f"Geometry: {geometry['rank']} of {geometry['parameters']} parameters can be determined "
         f"(target assumed at {x:g}, {y:g}, {z:g} mm), condition {geometry['condition']:.0f}"
-    ]
+    )
+    lines = [line]
     for group in inspection["unidentifiable"]:
         sentence = group["sentence"]
         lines.append(f"  {sentence}")

@@ -75,7 +75,9 @@ def collect_held_out_notes(
     split: Split, chosen: Evaluation, findings: Sequence[Finding]
 ) -> list[Note]:
     """Return the warnings on findings and on a model that held-out rows speak against."""
-    return [*opposed(findings), *surprised(split, chosen)]
+    opposed_notes = opposed(findings)
+    surprise_notes = surprised(split, chosen)
+    return [*opposed_notes, *surprise_notes]
 
 
 def collect_fit_notes(
