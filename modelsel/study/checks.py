@@ -225,9 +225,9 @@ def _is_link_parameter(term: Term, joints: int) -> bool:
 
 def _format_value(value: float, error: float, unit: str) -> str:
     if unit == "rad":
-        value = np.degrees(value)
-        error = np.degrees(error)
-        return f"{value:.3g} ± {error:.2g}°"
+        value_deg = np.degrees(value)
+        error_deg = np.degrees(error)
+        return f"{value_deg:.3g} ± {error_deg:.2g}°"
     return f"{value:.4g} ± {error:.2g} {unit}"
 
 

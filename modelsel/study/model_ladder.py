@@ -79,9 +79,11 @@ def choose_constants(candidates: Sequence[Candidate], single_f: Array) -> dict[s
             numbers.append(k)
     best = {}
     for name, numbers in variants.items():
-        if len(numbers) > 1:
-            strongest = max(numbers, key=lambda k: single_f[k])
-            best[name] = candidates[strongest].mechanism
+        if len(numbers) < 2:
+            continue
+        strongest = max(numbers, key=lambda k: single_f[k])
+        candidate = candidates[strongest]
+        best[name] = candidate.mechanism
     return best
 
 
@@ -123,7 +125,8 @@ def evaluate_ladder(
     nominal_model = build_model(study, problem, registry, ())
     nominal = evaluate(split, nominal_model, NOMINAL)
     ladder = [nominal]
-    rungs = study.model.ladder or [list(base.names)]
+    own_rungs = study.model.ladder
+    rungs = own_rungs or [list(base.names)]
     for names in rungs:
         if tuple(names) == base.names:
             ladder.append(base)
@@ -132,8 +135,10 @@ def evaluate_ladder(
         step = evaluate(split, model, names)
         ladder.append(step)
 
-    usable_steps = steps if extends_base(study) else steps[:1]
-    present = [_identify(evaluation) for evaluation in ladder]
+    usable_steps = steps
+    if not extends_base(study):
+        usable_steps = [base]
+    present = [_identify(model) for model in ladder]
     ladder += [step for step in usable_steps if _identify(step) not in present]
 
     chosen = usable_steps[-1]

@@ -233,9 +233,10 @@ def find_data_faults(
 
 def resample_held_out(study: Study, split: Split) -> RowResampling:
     """Draw the held-out configurations anew, once for all gains."""
-    held_out = ~split.estimation & ~split.outlying
-    data = split.problem.data
-    configurations = data.block[held_out]
+    is_usual = ~split.outlying
+    held_out = ~split.estimation & is_usual
+    block = split.problem.data.block
+    configurations = block[held_out]
     seed = study.seed
     rng = generator(seed, "gain")
     return RowResampling.prepare(configurations, rng)

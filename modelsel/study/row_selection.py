@@ -112,9 +112,10 @@ def center_unknown_times(data: Measurements, estimation: Mask) -> tuple[Measurem
 def _rescale(data: Measurements, estimated: Array, unknown: Mask) -> Measurements:
     """Scale progress to 0 … 1 over the `estimated` values; set it to the middle where unknown."""
     start = estimated.min()
-    estimated_span = float(np.ptp(estimated))
-    span = max(estimated_span, 1e-12)
-    progress = (data.progress - start) / span
+    estimated_span = np.ptp(estimated)
+    span = max(float(estimated_span), 1e-12)
+    elapsed = data.progress - start
+    progress = elapsed / span
     progress[unknown] = 0.5
     return replace(data, progress=progress)
 
