@@ -13,7 +13,8 @@ def _parse_pairs(
     context: click.Context, option: click.Parameter, given: tuple[str, ...]
 ) -> dict[str, str]:
     """NAME=COLUMN pairs as contract name -> name in the file."""
-    if bad := [pair for pair in given if not all(pair.partition("="))]:
+    bad = [pair for pair in given if not all(pair.partition("="))]
+    if bad:
         raise click.BadParameter(
             f'"{bad[0]}" is no NAME=COLUMN: q1_rad=J1 says that the file calls q1_rad J1.'
         )

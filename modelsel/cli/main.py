@@ -57,7 +57,8 @@ def _terminable() -> Iterator[None]:
 
 def _readable() -> None:
     """A terminal or a log that has no ± or α in its encoding shows ? for it, and all the rest."""
-    for stream in (sys.stdout, sys.stderr):
+    streams = (sys.stdout, sys.stderr)
+    for stream in streams:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
 
@@ -80,8 +81,9 @@ class _Lazy(click.Group):
         return found
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        commands = list(COMMANDS.items())
         with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+            formatter.write_dl(commands)
 
     def invoke(self, ctx: click.Context) -> Any:
         from ..exceptions import ModelselError

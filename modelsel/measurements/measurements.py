@@ -127,13 +127,20 @@ class Measurements:
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Measurements:
         """Select the rows `index` (integers, a mask or a slice); approach and move stay as first
         read."""
-        values: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        rows: dict[str, Any] = {
-            name: v[index] for name, v in values.items() if isinstance(v, np.ndarray)
-        }
-        covariates = {name: column[index] for name, column in self.covariates.items()}
-        gauges = None if self.gauges is None else self.gauges.take(index)
-        return replace(self, **rows, covariates=covariates, gauges=gauges)
+        values: dict[str, Any] = {}
+        for column in fields(self):
+            name = column.name
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray):
+                values[name] = value[index]
+        covariates = {}
+        for name, covariate in self.covariates.items():
+            covariates[name] = covariate[index]
+        values["covariates"] = covariates
+        gauges = self.gauges
+        if gauges is not None:
+            values["gauges"] = gauges.take(index)
+        return replace(self, **values)
 
     def to_frame(self) -> pd.DataFrame:
         """Return the measurements in contract form, in rad and mm, indexed by the row of the file
@@ -200,18 +207,31 @@ class Measurements:
         places."""
         import pandas as pd
 
-        names = np.array([*(feature.name for feature in gauges.features), ""], dtype=object)
-        kinds = np.array(KINDS, dtype=object)[gauges.kind]
-        out = add_kind_columns(frame, KindColumns(kinds, names[gauges.feature], gauges.length))
+        feature_names = [feature.name for feature in gauges.features]
+        names = np.array([*feature_names, ""], dtype=object)
+        words = np.array(KINDS, dtype=object)
+        kinds = words[gauges.kind]
+        named = names[gauges.feature]
+        columns = KindColumns(kinds, named, gauges.length)
+        out = add_kind_columns(frame, columns)
         distances = np.flatnonzero(gauges.of("distance"))
-        if gauges.origin is None or not len(distances):
+        origin = gauges.origin
+        if origin is None or not len(distances):
             return out
-        features, first = np.unique(gauges.feature[distances], return_index=True)
+        distance_features = gauges.feature[distances]
+        features, first = np.unique(distance_features, return_index=True)
+        first_rows = distances[first]
+        start = origin.take(first_rows)
         count = len(features)
-        start = gauges.origin.take(distances[first]).to_frame()
-        begin = KindColumns(["distance"] * count, names[features], np.full(count, np.nan))
-        begins = add_kind_columns(start, begin).dropna(axis="columns", how="all")
-        return pd.concat([out, begins]).sort_index(kind="stable")
+        begin = KindColumns(
+            ["distance"] * count,
+            names[features],
+            np.full(count, np.nan),
+        )
+        begins = add_kind_columns(start.to_frame(), begin)
+        begins = begins.dropna(axis="columns", how="all")
+        joined = pd.concat([out, begins])
+        return joined.sort_index(kind="stable")
 
     def __repr__(self) -> str:
         rows = len(self)
@@ -224,7 +244,13 @@ class Measurements:
 
     def _repr_html_(self) -> str:
         """Show the number of rows and the first of them, for a notebook."""
-        return f"<p>{self!r}</p>{self.to_frame().to_html(max_rows=6, max_cols=10, float_format='%.4g')}"
+        frame = self.to_frame()
+        table = frame.to_html(
+            max_rows=6,
+            max_cols=10,
+            float_format="%.4g",
+        )
+        return f"<p>{self!r}</p>{table}"
 
 
 def _name_columns(names: str, values: Array) -> dict[str, Array]:
@@ -348,8 +374,7 @@ def _split_off_origins(data: Measurements, gauges: Gauges) -> Measurements:
         return replace(data, gauges=gauges)
     row = np.arange(len(data))
     origin = row.copy()
-    distances = np.unique(gauges.feature[is_distance])
-    for number in distances:
+    for number in np.unique(gauges.feature[is_distance]):
         is_of_feature = gauges.feature == number
         rows = np.flatnonzero(is_of_feature)
         origin[rows] = rows[0]
@@ -367,8 +392,8 @@ def _split_off_origins(data: Measurements, gauges: Gauges) -> Measurements:
     is_end = origin != row
     is_kept = ~is_distance | is_end
     kept = np.flatnonzero(is_kept)
-    silent = replace(joined, notes=())
-    start = silent.take(origin[kept])
+    start = replace(joined, notes=())
+    start = start.take(origin[kept])
     kept_gauges = gauges.take(kept)
     kept_gauges = replace(kept_gauges, origin=start)
     measured = joined.take(kept)

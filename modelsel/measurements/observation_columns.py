@@ -146,17 +146,15 @@ def _read_lengths(
     is_empty = np.ones(count, bool)
     if has_column:
         is_empty = find_blank_cells(table.columns["length_mm"])
-    first = [first_rows.get(name) == row for row, name in enumerate(feature)]
-    is_first = np.array(first, bool)
+    is_first = np.array([first_rows.get(name) == row for row, name in enumerate(feature)], bool)
     begins = is_first | (repeated & is_empty)
     is_wire = words == "wire"
     is_bar = words == "ball-bar"
     is_distance = words == "distance"
     measured_rows = np.flatnonzero(is_bar & ~is_empty).tolist()
     measured_bars = {feature[row] for row in measured_rows}
-    of_measured_bar = [name in measured_bars for name in feature]
-    has_length = np.array(of_measured_bar, bool)
-    is_measured_bar = is_bar & has_length
+    is_measured_bar = np.array([name in measured_bars for name in feature], bool)
+    is_measured_bar &= is_bar
     is_measured_distance = is_distance & ~begins
     rows = is_wire | is_measured_bar | is_measured_distance
     if not rows.any() and not has_column:
@@ -181,12 +179,13 @@ def read_positions(table: Table, kinds: KindColumns) -> Array:
     position = np.full((rows, 3), np.nan)
     for a, axis in enumerate("xyz"):
         measured = kinds.of("point", axis)
-        names = (f"{axis}_mm", f"{axis}_m")
-        has_column = any(name in table for name in names)
-        if not measured.any() and not has_column:
-            continue
-        coordinate = read_quantity(table, axis, ("mm", "m"), measured)
-        position[:, a] = coordinate
+        has_mm = f"{axis}_mm" in table
+        has_m = f"{axis}_m" in table
+        has_column = has_mm or has_m
+        is_needed = measured.any()
+        if is_needed or has_column:
+            coordinate = read_quantity(table, axis, ("mm", "m"), measured)
+            position[:, a] = coordinate
     return position
 
 
@@ -205,8 +204,8 @@ def read_uncertainties(table: Table, kinds: KindColumns) -> Array | None:
     sigma = np.repeat(single[:, None], 3, axis=1)
     for axis in axes:
         a = "xyz".index(axis)
-        measured = kinds.of("point", axis)
-        rows = measured & ~has_single
+        rows = kinds.of("point", axis)
+        rows &= ~has_single
         column = read_numbers(table, f"s{axis}_mm", -LARGEST, LARGEST, rows)
         is_given = np.isfinite(column)
         sigma[is_given, a] = column[is_given]
@@ -221,9 +220,8 @@ def read_uncertainties(table: Table, kinds: KindColumns) -> Array | None:
     is_valid = (is_finite & is_large_enough).all(1)
     if not is_valid.all():
         row = int(np.argmin(is_valid))
-        kind = kinds.kind[row]
         raise table.where.refuse(
-            f"a row of kind {kind} has no standard uncertainty above zero, "
+            f"a row of kind {kinds.kind[row]} has no standard uncertainty above zero, "
             f"{MIN_UNCERTAINTY:g} at least.",
             row=row,
             column="s_mm",

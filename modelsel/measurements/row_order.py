@@ -42,9 +42,6 @@ def _after_one_another(group: Index, time: Array | None) -> Index:
     overlaps = next_starts < ends
     if overlaps.any():
         return group
-    place = np.argsort(by_clock)
-    session = place[group]
-    return np.asarray(
-        session,
-        dtype=np.intp,
-    )
+    # place of each group by the clock
+    place: Index = np.argsort(by_clock)
+    return place[group]

@@ -90,8 +90,11 @@ class Where:
 
     def listed(self, rows: Sequence[int] | NDArray[np.intp], most: int = 10) -> str:
         """List the first so many rows: lines 3, 4, 9 … or rows 1, 2, 7 …, counted from 0."""
-        shown = ", ".join(str(self.number(int(row))) for row in rows[:most])
-        return self._say_rows(shown, len(rows), len(rows) > most)
+        return self._say_rows(
+            ", ".join(str(self.number(int(row))) for row in rows[:most]),
+            len(rows),
+            len(rows) > most,
+        )
 
     def spans(self, rows: NDArray[np.intp], most: int = 8) -> str:
         """List many rows, neighbours together: lines 12 to 40, 52, 60."""

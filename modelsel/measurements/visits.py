@@ -57,14 +57,24 @@ def _find_near_pairs(
     """Find pairs (k, 2) of rows with readings alike, among those that an order along one direction
     leaves `close` to the one before; None where too many are."""
     pairs = [np.zeros((0, 2), dtype=np.intp)]
-    later = np.flatnonzero(close)  # places in the order, each close to the place before
+    # places in the order, each close to the place before
+    later = np.flatnonzero(close)
     for lag in range(1, max_lag + 1):
         if not len(later):
             return np.concatenate(pairs)
-        couples = np.stack([order[later - lag], order[later]], 1)
-        difference = np.abs(q[couples[:, 0]] - q[couples[:, 1]]).max(1)
-        pairs.append(couples[difference <= SAME_READING])
-        later = later[(later > lag) & close[np.maximum(later - lag, 0)]]
+        earlier = later - lag
+        first = order[earlier]
+        second = order[later]
+        couples = np.stack([first, second], 1)
+        difference = q[first] - q[second]
+        largest = np.abs(difference).max(1)
+        is_alike = largest <= SAME_READING
+        alike = couples[is_alike]
+        pairs.append(alike)
+        place_before = np.maximum(earlier, 0)
+        is_close = close[place_before]
+        is_close &= later > lag
+        later = later[is_close]
     return None
 
 
@@ -129,27 +139,27 @@ def _order_visits(configuration: Index, group: Index, order: Array) -> Index:
     keys = (rows, order, group)
     sequence = np.lexsort(keys)
     ordered = configuration[sequence]
-    _, first = np.unique(
-        ordered,
-        return_index=True,
-    )
-    first.sort()
-    visits = sequence[first]
-    return np.asarray(visits, dtype=np.intp)
+    _, first = np.unique(ordered, return_index=True)
+    # in order of motion
+    places = np.sort(first)
+    visits: Index = sequence[places]
+    return visits
 
 
 def order_units(unit: Index, progress: Array) -> tuple[Index, Index]:
     """Number units as the arm came to them, the same whatever the rows' order: (every row's unit
     (m,), the first row (u,) of each)."""
     _, number = np.unique(unit, return_inverse=True)
-    sequence = np.lexsort((progress, number))
+    keys = (progress, number)
+    sequence = np.lexsort(keys)
     ordered = number[sequence]
     step = np.diff(ordered, prepend=-1)
     begins = np.flatnonzero(step)
     first_rows = sequence[begins]
     first_progress = progress[first_rows]
     order = np.argsort(first_progress, kind="stable")
-    rank = np.argsort(order, kind="stable")
-    row_rank = rank[number]
-    row_unit = np.asarray(row_rank, dtype=np.intp)
-    return row_unit, first_rows[order]
+    # as the arm came to them
+    rank: Index = np.argsort(order, kind="stable")
+    row_unit = rank[number]
+    unit_rows = first_rows[order]
+    return row_unit, unit_rows

@@ -199,7 +199,8 @@ class Combined(Cause):
         right_rank = _rank(self.right)
         is_product = rank > RANK["+"]
         is_negative = left.startswith("-")
-        if left_rank < rank or (is_negative and is_product):
+        is_negative_factor = is_negative and is_product
+        if left_rank < rank or is_negative_factor:
             left = f"({left})"
         if self.operator in "-/":
             rank += 1

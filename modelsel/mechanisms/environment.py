@@ -76,8 +76,7 @@ def growth_screws(robot: Robot, link: int, reference: float = REFERENCE) -> tupl
 def growing_links(robot: Robot) -> tuple[int, ...]:
     """Links with a length, after joint 1."""
     links = range(1, robot.n + 1)
-    growing = [link for link in links if growth_screws(robot, link)]
-    return tuple(growing)
+    return tuple(link for link in links if growth_screws(robot, link))
 
 
 def thermal_growth(robot: Robot, link: int, reference: float = REFERENCE) -> Mechanism:

@@ -109,25 +109,27 @@ def base_screws(robot: Robot, axis: int, cause: Cause) -> tuple[Screw, ...]:
     before = robot.joints[0].before
     R = before[:3, :3]
     x, y, z = before[:3, 3]
-    turn = R.T[:, axis]
     levers = [(0, -z, y), (z, 0, -x), (-y, x, 0)]
+    turn = R.T[:, axis]
     shift = R.T @ levers[axis]
-    screws = []
+    numbers = list[tuple[str, Number]]()
     for place, angle in zip(AXES[3:], turn, strict=True):
         if abs(angle) > 1e-12:
             number = Number(float(angle))
-            screws.append((place, number))
+            numbers.append((place, number))
     for place, length in zip(AXES[:3], shift, strict=True):
         if abs(length) > 1e-9:
             number = Number(float(length), "mm")
-            screws.append((place, number))
+            numbers.append((place, number))
     one = Number(1.0)
-    scaled = []
-    for place, number in screws:
-        share = cause if number == one else number * cause
+    screws = []
+    for place, number in numbers:
+        share = cause
+        if number != one:
+            share = number * cause
         screw = Screw(1, place, share)
-        scaled.append(screw)
-    return tuple(scaled)
+        screws.append(screw)
+    return tuple(screws)
 
 
 def base_tilt(robot: Robot) -> Mechanism | None:

@@ -143,7 +143,8 @@ def run_fleet(
     if rows:
         say(f"{len(rows)} of {count} are finished already")
     waiting = [task for task in tasks if task.name not in rows]
-    for row in _run_tasks(waiting, out, client, options):
+    finished = _run_tasks(waiting, out, client, options)
+    for row in finished:
         name = row["name"]
         state = row["state"]
         rows[name] = row
@@ -222,9 +223,9 @@ def _is_finished(task: Task, folder: Path, options: FleetOptions) -> bool:
 
 def _read_record(folder: Path) -> dict[str, Any]:
     path = folder / "result.json"
-    record: dict[str, Any]
-    text = path.read_text(encoding="utf-8")
-    record = json.loads(text)
+    content = path.read_bytes()
+    text = content.decode("utf-8")
+    record: dict[str, Any] = json.loads(text)
     return record
 
 

@@ -268,19 +268,19 @@ def tabulate_configurations(
     numbers = list(rows)
     chosen_rows = first[numbers]
     chosen = possible.take(chosen_rows)
+    q, approach = chosen.q, chosen.approach
     if not units:
         units = [robot.unit(j + 1) for j in joints]
     columns: dict[str, Array] = {}
     for j, unit in enumerate(units):
-        column = f"q{j + 1}_{unit}"
+        name = f"q{j + 1}_{unit}"
         factor = UNITS[unit]
-        reading = chosen.q[:, j]
-        columns[column] = reading / factor
+        readings = q[:, j]
+        columns[name] = readings / factor
     for j in joints:
-        column = f"approach{j + 1}"
-        approach = chosen.approach[:, j]
-        direction = approach.astype(int)
-        columns[column] = direction
+        name = f"approach{j + 1}"
+        directions = approach[:, j]
+        columns[name] = directions.astype(int)
     columns |= chosen.covariates
     return columns
 

@@ -43,14 +43,13 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
     """
     study, folder = open_study(study, folder)
     robot = read_nominal_robot(study, folder)
-    settings = study.simulate
     rng = generator(study.seed, "simulate")
     noise_mm = study.noise.floor_mm
     if noise_mm is None:
-        noise_mm = settings.noise_mm
+        noise_mm = study.simulate.noise_mm
     measured = _read_configurations(study, folder, robot)
     if measured is None:
-        q = robot.draw(rng, settings.configurations)
+        q = robot.draw(rng, study.simulate.configurations)
         position = np.zeros((len(q), 3))
         configurations = build_measurements(q, position)
     else:
@@ -210,7 +209,8 @@ def _list_stated_columns(data: Measurements) -> dict[str, Any]:
     if not np.array_equal(order, data.row):
         columns["order"] = order
     if not _approach_is_derived(data):
-        for j, approach in enumerate(data.approach.T, 1):
+        approaches = data.approach.T
+        for j, approach in enumerate(approaches, 1):
             name = f"approach{j}"
             columns[name] = approach.astype(int)
     groups = group.tolist()
