@@ -45,7 +45,7 @@ def _check(what: str, ok: bool, says: str) -> dict[str, Any]:
 
 
 def _libraries() -> list[dict[str, Any]]:
-    """Every required library against the lowest version that is asked for."""
+    """Check every required library against the lowest version that is asked for."""
     out = []
     for line in requires("modelsel") or []:
         name, least = re.match(r"([\w-]+)(?:>=([\d.]+))?", line.partition(";")[0]).groups()  # type: ignore[union-attr]

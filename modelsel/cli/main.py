@@ -43,7 +43,7 @@ COMMANDS = {  # name: what `modelsel --help` says of it; modelsel/cli/<name>.py 
 
 @contextlib.contextmanager
 def _terminable() -> Iterator[None]:
-    """SIGTERM ends a command as Ctrl-C does; outside the main thread signals stay as they are."""
+    """End a command on SIGTERM as Ctrl-C does; outside the main thread signals stay as they are."""
     try:
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     except ValueError:
@@ -56,7 +56,7 @@ def _terminable() -> Iterator[None]:
 
 
 def _readable() -> None:
-    """A terminal or a log that has no ± or α in its encoding shows ? for it, and all the rest."""
+    """Show ? on a terminal or in a log for a ± or α that its encoding lacks, and all the rest."""
     streams = (sys.stdout, sys.stderr)
     for stream in streams:
         if isinstance(stream, io.TextIOWrapper):

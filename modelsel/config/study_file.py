@@ -107,7 +107,7 @@ class RobotTable(_Table):
 
     @model_serializer(mode="wrap")
     def _without_none(self, plain: Plain) -> dict[str, Any]:
-        """A study's hash takes in a robot given as an object by its numbers."""
+        """Write a robot given as an object by its numbers, which the study's hash takes in."""
         robot = self.nominal
         rest = {
             key: value
@@ -162,7 +162,7 @@ class MeasurementsTable(_Table):
 
     @model_serializer(mode="wrap")
     def _since(self, plain: Plain) -> dict[str, Any]:
-        """A study without features is written, and hashed, as it was before there were any."""
+        """Write, and hash, a study without features as it was before there were any."""
         written: dict[str, Any] = plain(self)
         if not written.get("features"):
             written.pop("features", None)
@@ -242,7 +242,7 @@ class ComparisonTable(_Table):
 
     @model_serializer(mode="wrap")
     def _since(self, plain: Plain) -> dict[str, Any]:
-        """Without what studies before it did not have: their hash stays."""
+        """Write a study without what earlier ones did not have: their hash stays."""
         written: dict[str, Any] = plain(self)
         if written.get("mechanisms") is None:
             written.pop("mechanisms", None)
@@ -329,7 +329,7 @@ class Study(_Table):
             raise StudyError(*dict.fromkeys(sentences)) from None
 
     def with_measurements(self, measurements: Any) -> Study:
-        """The same study of other measurements: a path, a DataFrame or a table. Raises
+        """Return the same study of other measurements: a path, a DataFrame or a table. Raises
         StudyError."""
         return Study(
             **{name: getattr(self, name) for name in Study.model_fields}
@@ -393,7 +393,8 @@ def _describe_problem(error: Any) -> str:
 
 
 def parse_study(text: str, where: str) -> Study:
-    """Read a study from TOML text. Raises StudyError with every problem and its place in `where`."""
+    """Read a study from TOML text. Raises StudyError with every problem and its place in
+    `where`."""
     table = parse_toml(text, where)
     try:
         return Study(**table)
@@ -439,7 +440,8 @@ def find_source(study: Study, folder: Path) -> Source:
 
 
 def _list_shared_folders(beside: Path) -> list[Path]:
-    """List where the public data of a checkout may be, shared/data, which stands beside the project."""
+    """List where the public data of a checkout may be, shared/data, which stands beside the
+    project."""
     folder = beside.resolve()
     shared_folders = []
     for parent in folder.parents:

@@ -176,7 +176,8 @@ class Measurements:
         return columns
 
     def _measured_columns(self) -> dict[str, Array]:
-        """Columns of positions, orientations and their uncertainties, of those that there are."""
+        """Name the columns of positions, orientations and their uncertainties, of those that there
+        are."""
         columns = dict[str, Array]()
         if not np.isnan(self.position).all():
             columns |= _name_columns("x_mm y_mm z_mm", self.position)

@@ -57,7 +57,7 @@ class StateVariable:
         return self.family.template.format(joint=self.joint, axis=self.axis, frame=self.frame)
 
     def unit(self, robot: Robot) -> str:
-        """Unit on an arm, "1" where it has none."""
+        """Return the unit on an arm, "1" where it has none."""
         family_unit = self.family.unit
         if family_unit is not None:
             return family_unit
@@ -103,7 +103,7 @@ class StateFamily:
         return re.compile(self.template.format(**groups))
 
     def members(self, robot: Robot) -> Iterator[StateVariable]:
-        """Its variables on an arm, joint by joint, then by frame, then by axis."""
+        """List its variables on an arm, joint by joint, then by frame, then by axis."""
         joints: Iterable[int | None] = (None,)
         frames: Iterable[int | None] = (None,)
         axes = self.axes or (None,)

@@ -67,7 +67,7 @@ class Where:
     def refuse(
         self, what: str, *, row: int | None = None, column: str | None = None, remedy: str = ""
     ) -> DataError:
-        """The error to raise, with its place: 0-based `row`, without it the header's."""
+        """Return the error to raise, with its place: 0-based `row`, without it the header's."""
         number = None if row is None else self.number(row)
         if self.is_text:
             line = 1 if number is None else number
@@ -177,8 +177,8 @@ def load_table(source: Source, group: int | None = None) -> Table:
 
 
 def hash_source(source: Source) -> str:
-    """Compute the SHA-256 of a file's bytes; of a DataFrame, of the CSV file that `to_csv(index=False)` would
-    write. Raises DataError."""
+    """Compute the SHA-256 of a file's bytes; of a DataFrame, of the CSV file that
+    `to_csv(index=False)` would write. Raises DataError."""
     if isinstance(source, (str, os.PathLike)):
         try:
             with Path(source).open("rb") as file:
@@ -284,7 +284,7 @@ def _check_rows(
 
 
 def _find_starts(chunk: list[list[str]], line: int) -> NDArray[np.intp]:
-    """(m,) the lines on which rows begin, the first on `line`: a cell between quotes may have
+    """Find the lines (m,) on which rows begin, the first on `line`: a cell between quotes may have
     several."""
     spans = [1 + sum(len(LINE_BREAK.findall(cell)) for cell in row) for row in chunk]
     return np.asarray(line + np.cumsum([0, *spans[:-1]]), dtype=np.intp)
@@ -336,7 +336,7 @@ def _load_csv(path: Path) -> Table:
 
 
 def _load_parquet(path: Path, group: int | None) -> Table:
-    """All of a file, or one of its row groups."""
+    """Load all of a file, or one of its row groups."""
     import pyarrow as pa
 
     with _open_parquet(path) as file:
@@ -373,7 +373,7 @@ def _load_parquet(path: Path, group: int | None) -> Table:
 
 
 def parquet_errors() -> tuple[type[Exception], ...]:
-    """What pyarrow raises of a file that is no Parquet file, or a damaged one."""
+    """List what pyarrow raises of a file that is no Parquet file, or a damaged one."""
     import pyarrow.lib
 
     return (
@@ -389,7 +389,7 @@ def parquet_errors() -> tuple[type[Exception], ...]:
 
 @contextmanager
 def _open_parquet(path: Path) -> Iterator[Any]:
-    """A Parquet file; raises DataError where it, or what is read of it, is none."""
+    """Open a Parquet file; raises DataError where it, or what is read of it, is none."""
     import pyarrow.parquet as pq
 
     _check_file(path)
@@ -403,7 +403,8 @@ def _open_parquet(path: Path) -> Iterator[Any]:
 
 
 def count_row_groups(path: Path) -> tuple[int, ...]:
-    """Rows of every row group of a Parquet file; each can be read alone. Raises DataError."""
+    """Count the rows of every row group of a Parquet file; each can be read alone. Raises
+    DataError."""
     with _open_parquet(path) as file:
         return tuple(
             int(file.metadata.row_group(k).num_rows) for k in range(file.metadata.num_row_groups)
@@ -421,7 +422,8 @@ def _check_distinct(header: Sequence[str], where: Where) -> None:
 
 
 def rename_columns(table: Table, columns: Mapping[str, str]) -> Table:
-    """A table under the contract's names; `columns` maps these to its own. Raises DataError."""
+    """Rename a table's columns to the contract's names; `columns` maps these to its own. Raises
+    DataError."""
     for wanted, given in columns.items():
         if given not in table:
             raise table.where.refuse(

@@ -69,7 +69,7 @@ SPREADS, TURNS = ("sx", "sy", "sz"), ("srx", "sry", "srz")
 def refuse_other_units(
     table: Table, known: set[str], prismatic: Sequence[bool], gauged: bool
 ) -> None:
-    """Refuses a column of the table that a name of the contract has in another unit (`sx_um`,
+    """Refuse a column of the table that a name of the contract has in another unit (`sx_um`,
     `q1_grad`, `temperature_K`), or in other letters (`SX_mm`) where the contract's own is not
     there. `known`: the contract's names; `gauged`: whether rows have kinds, and `length_mm` and
     `s_mm` a meaning. Raises DataError."""
@@ -94,7 +94,7 @@ def refuse_other_units(
 def refuse_mapped_units(
     columns: Mapping[str, str], prismatic: Sequence[bool], where: Where
 ) -> None:
-    """Refuses a mapping of a contract's name to a column whose own name says another unit (`q1_rad
+    """Refuse a mapping of a contract's name to a column whose own name says another unit (`q1_rad
     = "J1_deg"`). Raises DataError."""
     for wanted, given in columns.items():
         stem, _, unit = wanted.rpartition("_")
@@ -134,8 +134,8 @@ def _refused(table: Table, name: str, right: str, factor: str) -> DataError:
 def _read_as(
     stem: str, unit: str, prismatic: Sequence[bool], gauged: bool
 ) -> tuple[str | None, str]:
-    """(the contract's name for a quantity `stem` in some `unit`, None for what is none, what to do
-    with its numbers)."""
+    """Return (the contract's name for a quantity `stem` in some `unit`, None for what is none, what
+    to do with its numbers)."""
     if stem == "temperature" and unit == "k":
         return "temperature_C", "Subtract 273.15"
     if stem == "temperature" and unit == "f":
@@ -153,8 +153,8 @@ def _read_as(
 def _units_of(
     stem: str, unit: str, prismatic: Sequence[bool], gauged: bool
 ) -> tuple[Mapping[str, float], str]:
-    """(units of a quantity, each in that which is read; the latter), nothing where it is none of
-    the contract's."""
+    """Return (units of a quantity, each in that which is read; the latter), nothing where it is
+    none of the contract's."""
     if JOINT.fullmatch(stem) and 1 <= int(stem[1:]) <= len(prismatic):
         slides = prismatic[int(stem[1:]) - 1]
         if unit in READING_UNITS[slides]:

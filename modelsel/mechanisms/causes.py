@@ -45,7 +45,7 @@ class State(Protocol):
     quantities)."""
 
     def value(self, name: str) -> Array:
-        """(m,) values of a name; raises KeyError for one the data do not have."""
+        """Return the values (m,) of a name; raises KeyError for one the data do not have."""
         ...
 
 
@@ -54,7 +54,7 @@ class Cause(ABC):
 
     @abstractmethod
     def of(self, state: State) -> Array | float:
-        """The cause at every row (m,), or one number where it is constant."""
+        """Evaluate the cause at every row (m,), or one number where it is constant."""
 
     @property
     @abstractmethod
@@ -63,7 +63,7 @@ class Cause(ABC):
 
     @abstractmethod
     def names(self) -> frozenset[str]:
-        """Names it needs from the state."""
+        """Return the names it needs from the state."""
 
     def __add__(self, other: Cause | float) -> Cause:
         summand = wrap(other)
@@ -211,7 +211,8 @@ class Combined(Cause):
 
 
 def _rank(cause: Cause) -> int:
-    """How tightly a cause's outermost operator binds; above all operators where it has none."""
+    """Rank how tightly a cause's outermost operator binds; above all operators where it has
+    none."""
     if isinstance(cause, Combined):
         return RANK[cause.operator]
     return len(RANK)

@@ -16,8 +16,8 @@ SOURCE = "Klimchik, Furet, Caro & Pashkevich 2015, elastostatic calibration"
 
 
 def find_bending_links(robot: Robot) -> tuple[int, ...]:
-    """Links (numbered by the joint that moves them) that carry a later joint, where gravity is
-    known."""
+    """Find the links (numbered by the joint that moves them) that carry a later joint, where
+    gravity is known."""
     gravity_joints = find_gravity_joints(robot)
     if not gravity_joints:
         return ()
@@ -26,8 +26,9 @@ def find_bending_links(robot: Robot) -> tuple[int, ...]:
 
 
 def weight_moment(frame: int, axis: str, body: int | None = None) -> Named:
-    """Moment of the weight beyond joint `frame` about that frame's x, y or z axis [N m]; of 1 kg at
-    the origin of a later frame alone (n+1: at the target) where `body` names it [N m/kg]."""
+    """Name the moment of the weight beyond joint `frame` about that frame's x, y or z axis [N m];
+    of 1 kg at the origin of a later frame alone (n+1: at the target) where `body` names it [N
+    m/kg]."""
     name = f"moment{frame}_{axis}"
     if axis == "z":
         name = f"torque{frame}"
@@ -38,7 +39,7 @@ def weight_moment(frame: int, axis: str, body: int | None = None) -> Named:
 
 
 def later_frames(robot: Robot, frame: int) -> range:
-    """Later frames where a mass may sit."""
+    """List the later frames where a mass may sit."""
     return range(frame + 1, robot.n + 2)
 
 
@@ -62,7 +63,8 @@ def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
 
 
 def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:
-    """Known masses, then (where several bodies hang on the joint) unknown ones."""
+    """List the choices of masses: known ones, then (where several bodies hang on the joint) unknown
+    ones."""
     if joint < robot.n:
         return (0, 1)
     return (0,)
@@ -107,7 +109,7 @@ def link_bending(robot: Robot, link: int, masses: int) -> Mechanism:
 
 
 def mass_choices_beyond(robot: Robot, link: int) -> tuple[int, ...]:
-    """`mass_choices` of the joint at the link's far end."""
+    """List the `mass_choices` of the joint at the link's far end."""
     joint = link + 1
     return mass_choices(robot, joint)
 

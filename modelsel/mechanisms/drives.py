@@ -39,8 +39,8 @@ def joint_axis(robot: Robot, joint: int) -> str:
 
 
 def wave_terms(joint: int, count: float, axis: str, symbol: str) -> tuple[Term, Term]:
-    """A wave of unknown phase: sine and cosine of `count` times the joint's angle at one place of
-    its frame."""
+    """Build a wave of unknown phase: sine and cosine of `count` times the joint's angle at one
+    place of its frame."""
     angle: Cause = q(joint)
     if count != 1:
         angle = float(count) * angle
@@ -118,7 +118,7 @@ COUPLING = (1e-5, 1e-2)  # rad/rad
 
 
 def wrist_joints(robot: Robot) -> tuple[int, ...]:
-    """The last two joints of an arm with three revolute wrist joints."""
+    """List the last two joints of an arm with three revolute wrist joints."""
     if robot.n < 5:
         return ()
     wrist = robot.joints[-3:]
@@ -178,7 +178,7 @@ def overshoot(robot: Robot, joint: int) -> Mechanism:
 
 
 def _side(robot: Robot, joint: int, symbol: str, sign: int) -> Term:
-    """A turn (or shift) of a joint by the direction of its last motion."""
+    """Build a turn (or shift) of a joint by the direction of its last motion."""
     axis = joint_axis(robot, joint)
     size = (2e-6, 5e-3)
     if axis == "tz":
@@ -189,7 +189,7 @@ def _side(robot: Robot, joint: int, symbol: str, sign: int) -> Term:
 
 
 def _last_move(robot: Robot, joint: int) -> Screw:
-    """A joint's own motion, by the size and direction of its last move."""
+    """Build a joint's own motion, by the size and direction of its last move."""
     axis = joint_axis(robot, joint)
     unit = robot.unit(joint)
     direction = Named(f"approach{joint}")

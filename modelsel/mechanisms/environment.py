@@ -22,7 +22,8 @@ STEPS = tuple(
 
 
 def _along(robot: Robot, vector: Array, frame: int, cause: Cause) -> tuple[Screw, ...]:
-    """Screws of a frame that shift it along a vector [mm] given in its axes, by the cause."""
+    """Build the screws of a frame that shift it along a vector [mm] given in its axes, by the
+    cause."""
     screws = []
     for a in range(3):
         length = float(vector[a])
@@ -34,13 +35,13 @@ def _along(robot: Robot, vector: Array, frame: int, cause: Cause) -> tuple[Screw
 
 
 def temperature_rise(reference: float = REFERENCE) -> Cause:
-    """Temperature, counted from the reference [°C]."""
+    """Return the temperature, counted from the reference [°C]."""
     temperature = Named(TEMPERATURE, "°C")
     return shifted(temperature, -reference)
 
 
 def find_references(cause: Cause) -> frozenset[float]:
-    """From which temperatures [°C] a cause counts: none where it does not look at any."""
+    """Find the temperatures [°C] from which a cause counts: none where it does not look at any."""
     match cause:
         case Combined("-", Named(name), Number(reference)) if name == TEMPERATURE:
             return frozenset((reference,))
@@ -56,8 +57,8 @@ def find_references(cause: Cause) -> frozenset[float]:
 
 
 def growth_screws(robot: Robot, link: int, reference: float = REFERENCE) -> tuple[Screw, ...]:
-    """Screws that lengthen link `link`: from joint `link` to the next frame (0: from frame 0 to
-    joint 1)."""
+    """Build the screws that lengthen link `link`: from joint `link` to the next frame (0: from
+    frame 0 to joint 1)."""
     before = robot.last
     if link < robot.n:
         before = robot.joints[link].before
@@ -74,7 +75,7 @@ def growth_screws(robot: Robot, link: int, reference: float = REFERENCE) -> tupl
 
 
 def growing_links(robot: Robot) -> tuple[int, ...]:
-    """Links with a length, after joint 1."""
+    """Find the links with a length, after joint 1."""
     links = range(1, robot.n + 1)
     return tuple(link for link in links if growth_screws(robot, link))
 
@@ -142,7 +143,8 @@ def tracker_drift(robot: Robot, knots: float) -> Mechanism:
 
 
 def step_after(at: float) -> Cause:
-    """0 before a moment of the campaign, 1 after it: its coefficient is the whole move."""
+    """Return a step, 0 before a moment of the campaign, 1 after it: its coefficient is the whole
+    move."""
     return (sign(PROGRESS - at) + 1.0) / 2.0
 
 
@@ -185,7 +187,7 @@ def tracker_bumped(robot: Robot, at: float) -> Mechanism:
 
 
 def _seen(robot: Robot) -> list[tuple[str, Cause]]:
-    """(axis of frame 1, coordinate of the nominal target along it): a scale about frame 0's
+    """List (axis of frame 1, coordinate of the nominal target along it): a scale about frame 0's
     origin."""
     rotation = robot.joints[0].before[:3, :3]
     out: list[tuple[str, Cause]] = []

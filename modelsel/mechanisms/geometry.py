@@ -22,7 +22,7 @@ SIZE = {
 
 
 def geometric(robot: Robot) -> Mechanism:
-    """The paper's a b c α β γ of frames 1…n and the target's a b c.
+    """Build the paper's a b c α β γ of frames 1…n and the target's a b c.
 
     The target comes first: an earlier term represents the later ones that depend on it, and b7 says
     in mm what γ6 would say in radians where the target is nearly on the last axis."""
@@ -58,8 +58,8 @@ def build_setup(
     orientation: bool,
     features: Sequence[Feature] = (),
 ) -> Mechanism:
-    """What the measuring set-up leaves open: target offsets, target orientation, the tracker's
-    placement(s), what is not known of the features that rows share.
+    """Build what the measuring set-up leaves open: target offsets, target orientation, the
+    tracker's placement(s), what is not known of the features that rows share.
 
     Several targets have an offset each; `groups` > 1 gives every group a placement of its own.
     """
@@ -95,7 +95,7 @@ def build_setup(
 
 
 def _number(feature: Feature, axis: str) -> str:
-    """What a feature's number is called: a place's coordinate, a plane's offset and tilts, a
+    """Name a feature's number: a place's coordinate, a plane's offset and tilts, a
     length."""
     if feature.kind != "plane":
         return axis.removeprefix("t")

@@ -15,14 +15,14 @@ BACKLASH = (2e-5, 2e-3)  # rad
 
 
 def upper_arm_lever(pair: ArmPair) -> Cause:
-    """Lever of the upper arm: cos(q2) on the paper's arm."""
+    """Return the lever of the upper arm: cos(q2) on the paper's arm."""
     angle = q(pair.upper)
     phase = pair.near_phase
     return cos(shifted(angle, phase))
 
 
 def forearm_lever(pair: ArmPair) -> Cause:
-    """Lever of the forearm: cos(q2+q3) on the paper's arm."""
+    """Return the lever of the forearm: cos(q2+q3) on the paper's arm."""
     upper = q(pair.upper)
     fore = q(pair.fore)
     angle = upper - fore
@@ -104,8 +104,8 @@ def backlash(robot: Robot, joint: int) -> Mechanism:
 
 
 def base_screws(robot: Robot, axis: int, cause: Cause) -> tuple[Screw, ...]:
-    """Screws of frame 1 that together turn the arm about axis 0, 1, 2 of frame 0 through its
-    origin, by the cause."""
+    """Build the screws of frame 1 that together turn the arm about axis 0, 1, 2 of frame 0 through
+    its origin, by the cause."""
     before = robot.joints[0].before
     R = before[:3, :3]
     x, y, z = before[:3, 3]

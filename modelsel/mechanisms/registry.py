@@ -44,7 +44,7 @@ Registry = Mapping[str, Entry]
 
 
 def build_thermal(reference: float = REFERENCE) -> Registry:
-    """What temperature does, counted from the reference [°C]."""
+    """Build the thermal mechanisms, counted from the reference [°C]."""
     return {
         "thermal-growth": PerJoint(
             partial(environment.thermal_growth, reference=reference), environment.growing_links
@@ -101,7 +101,7 @@ BUILTIN: Registry = {
 
 
 def set_reference(registry: Registry, reference: float) -> Registry:
-    """The registry with modelsel's own thermal mechanisms counted from a reference [°C]."""
+    """Return the registry with modelsel's own thermal mechanisms counted from a reference [°C]."""
     thermal = build_thermal(reference)
     counted = dict(registry)
     for name, entry in registry.items():
@@ -112,8 +112,8 @@ def set_reference(registry: Registry, reference: float) -> Registry:
 
 
 def build_faults(robot: Robot) -> tuple[Mechanism, ...]:
-    """Faults of the data that act as screws; naming offers them beside the mechanisms, under
-    `fault:` names."""
+    """Build the faults of the data that act as screws; naming offers them beside the mechanisms,
+    under `fault:` names."""
     return (
         drives.read_too_early(robot),
         *(environment.tracker_bumped(robot, at) for at in environment.STEPS),
@@ -230,7 +230,8 @@ def mechanism(name: str, robot: Robot, registry: Registry = BUILTIN) -> Mechanis
 
 
 def every(robot: Robot, registry: Registry = BUILTIN) -> tuple[Mechanism, ...]:
-    """Every mechanism that applies to the robot, one a joint and a constant where it has them."""
+    """Build every mechanism that applies to the robot, one a joint and a constant where it has
+    them."""
     mechanisms = list[Mechanism]()
     for name in registry:
         named = build_mechanisms(name, robot, registry)
@@ -241,8 +242,8 @@ def every(robot: Robot, registry: Registry = BUILTIN) -> tuple[Mechanism, ...]:
 def with_plugins(
     registry: Registry = BUILTIN, robot: Robot | None = None
 ) -> tuple[Registry, dict[str, str]]:
-    """The registry with every installed plug-in's entries, and what is wrong with those left out:
-    plug-ins that cannot be loaded, names that are taken, and entries that cannot be built for
+    """Return the registry with every installed plug-in's entries, and what is wrong with those left
+    out: plug-ins that cannot be loaded, names that are taken, and entries that cannot be built for
     `robot`, where one is given."""
     from importlib.metadata import entry_points
 

@@ -145,7 +145,7 @@ def ratio(top: str, bottom: str) -> str:
 
 
 def _unit_factors(unit: str) -> list[str]:
-    """Factors of a unit's part without a quotient, ones left out."""
+    """List the factors of a unit's part without a quotient, ones left out."""
     return [factor for factor in unit.split() if factor != "1"]
 
 
@@ -188,7 +188,7 @@ class Mechanism:
         return tuple(signs)
 
     def names(self) -> frozenset[str]:
-        """Names its causes need from the state."""
+        """Return the names its causes need from the state."""
         names = set[str]()
         for term in self.terms:
             for screw in term.screws:
